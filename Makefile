@@ -1,0 +1,32 @@
+# Two commands carry a newcomer: `make demo` and `make test`. Each sets everything up on a fresh clone.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: demo test check bench clean
+
+$(READY): pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+demo: $(READY)  ## identify a simulated actuator through real frames and bytes
+	$(BIN)/norton-bench identify rigs/sim-odrive.toml
+
+test: $(READY) check  ## everything CI runs
+	$(BIN)/pytest
+
+check: $(READY)  ## style, types, import floors
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(READY)  ## print the benchmarks' figures
+	$(BIN)/python benchmarks/zero_torque.py
+	$(BIN)/python benchmarks/simulation_speed.py
+	$(BIN)/python benchmarks/recording.py
+
+clean:
+	rm -rf $(VENV) runs .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
