@@ -1,0 +1,114 @@
+"""Bota Systems force-torque sensors on a serial line (binary format): one of their three torques.
+
+The sensor streams by itself. Torque is that which the actuator exerts on the load, times ``direction``.
+"""
+
+from math import inf
+from typing import Literal
+
+from pydantic import Field
+
+from drivers.codecs.bota import BAUD, FRAME_LENGTH, BotaFrame, BotaStream
+from drivers.errors import DeviceTimeoutError
+from drivers.inbox import Inbox
+from drivers.link import Link
+from drivers.options import DeviceOptions, parse_options
+from drivers.ports import SerialPort
+from drivers.readings import DeviceIdentity, TorqueReading
+from drivers.waiting import wait_until
+from drivers.wiring import DeviceSettings
+
+OPTION_UNITS = {"range": "N*m"}
+
+BITS_PER_BYTE = 10  # start, eight data bits, stop
+_CLOCK_WRAP_US = 1 << 32
+
+
+class BotaOptions(DeviceOptions):
+    """What a rig file may say of a Bota sensor."""
+
+    axis: Literal["x", "y", "z"] = Field("z", description="the sensor's axis that is the shaft's")
+    range_nm: float = Field(inf, alias="range", gt=0, description="the torque it can measure", examples=["2 N*m"])
+    baud: int = Field(BAUD, gt=0, description="the baud rate set in the sensor", examples=[BAUD])
+
+
+def open_torque_sensor(settings: DeviceSettings, link: Link) -> "BotaSensor":
+    """Raises WiringError for a wrong option, ConnectionFailedError for the port."""
+    options = parse_options(BotaOptions, settings)
+    return BotaSensor(settings, options, link.serial_port(settings, options.baud), link)
+
+
+class BotaSensor:
+    """One axis of torque. ``stream`` counts what was no frame."""
+
+    def __init__(self, settings: DeviceSettings, options: BotaOptions, port: SerialPort, link: Link) -> None:
+        self.role = settings.role
+        self.stream = BotaStream()
+        self._options = options
+        self._port = port
+        self._link = link
+        self._direction = settings.direction
+        self._last_ns = 0  # arrival of the last reading
+        self._byte_ns = BITS_PER_BYTE * 1e9 / options.baud
+        self._field = f"torque_{options.axis}_nm"
+        self._readings: Inbox[TorqueReading] = Inbox()
+        self._clock = _UnwrappedClock()
+        port.subscribe(self._on_bytes)
+
+    @property
+    def malformed(self) -> int:
+        """Stretches of bytes that began like a frame and were none."""
+        return self.stream.crc_errors
+
+    @property
+    def range_nm(self) -> float:
+        return self._options.range_nm
+
+    def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
+        """Wait for a frame: the sensor sends nothing else of itself while it streams."""
+        before = self._readings.count
+        if not wait_until(lambda: self._readings.count > before, self._link, timeout_s):
+            raise DeviceTimeoutError(
+                f"[{self.role}] Bota sensor on {self._port.name}: no frame in {timeout_s:g} s "
+                f"({self.stream.discarded_bytes} bytes that are none); check power, port and baud {self._options.baud}"
+            )
+        return DeviceIdentity(driver="bota", address=self._port.name)
+
+    def take_torque(self) -> list[TorqueReading]:
+        return self._readings.take()
+
+    def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
+        frames = self.stream.feed(data)
+        # Bytes come one by one: a frame was complete before those that followed it in the same chunk.
+        later_bytes = self.stream.pending_bytes + FRAME_LENGTH * len(frames)
+        for frame in frames:
+            later_bytes -= FRAME_LENGTH
+            # Adapters that pile bytes up hand them over closer together than they can have come.
+            self._last_ns = max(self._last_ns, arrival_ns - round(later_bytes * self._byte_ns))
+            self._readings.put(self._reading(frame, self._last_ns))
+
+    def _reading(self, frame: BotaFrame, arrival_ns: int) -> TorqueReading:
+        return TorqueReading(
+            sequence=self._readings.count,
+            arrival_ns=arrival_ns,
+            torque_nm=self._direction * float(getattr(frame, self._field)),
+            device_ns=self._clock.unwrap_ns(frame.timestamp_us),
+            valid=frame.status == 0 and frame.finite,
+        )
+
+
+class _UnwrappedClock:
+    """The sensor's 32-bit microseconds, which wrap after 72 minutes, as nanoseconds that go on."""
+
+    def __init__(self) -> None:
+        self._last_us: int | None = None
+        self._total_us = 0
+
+    def unwrap_ns(self, timestamp_us: int) -> int:
+        if self._last_us is None:
+            self._total_us = timestamp_us
+        else:
+            half = _CLOCK_WRAP_US // 2
+            self._total_us += (timestamp_us - self._last_us + half) % _CLOCK_WRAP_US - half
+        self._last_us = timestamp_us
+        return self._total_us * 1000

@@ -1,0 +1,78 @@
+"""The open ports of a bench, so that all of them are polled, tapped and closed as one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from drivers.backend import Backend
+from drivers.clock import Clock
+from drivers.errors import WiringError
+from drivers.ports import CanPort, SerialPort, Tap
+from drivers.wiring import CanBusSettings, DeviceSettings
+
+# How long a waiting driver lets pass between two looks at its ports.
+POLL_INTERVAL_NS = 1_000_000
+
+
+@dataclass
+class Link:
+    """Opens ports on first use and shares each between the devices on it.
+
+    ``keep_alive`` is called while a driver waits: drives that are already enabled want their watchdogs fed.
+    """
+
+    backend: Backend
+    buses: tuple[CanBusSettings, ...]
+    can_ports: dict[str, CanPort] = field(default_factory=dict)
+    serial_ports: dict[str, SerialPort] = field(default_factory=dict)
+    keep_alive: Callable[[], None] | None = None
+
+    @property
+    def clock(self) -> Clock:
+        return self.backend.clock
+
+    def can_port(self, device: DeviceSettings) -> CanPort:
+        """The bus a device is on. Raises WiringError where the rig names no such bus."""
+        settings = next((bus for bus in self.buses if bus.name == device.bus), None)
+        if settings is None:
+            known = ", ".join(bus.name for bus in self.buses) or "none"
+            raise WiringError(f"[{device.role}] bus = {device.bus!r} is not a bus of this rig (known: {known})")
+        if settings.name not in self.can_ports:
+            self.can_ports[settings.name] = self.backend.open_can(settings)
+        return self.can_ports[settings.name]
+
+    def serial_port(self, device: DeviceSettings, baud: int) -> SerialPort:
+        """The serial port a device is on. Raises WiringError where the rig names none."""
+        if device.port is None:
+            raise WiringError(f'[{device.role}] driver = {device.driver!r} needs a serial port: add port = "..."')
+        if device.port not in self.serial_ports:
+            self.serial_ports[device.port] = self.backend.open_serial(device.port, baud)
+        return self.serial_ports[device.port]
+
+    def poll(self) -> None:
+        """Hand on everything that has arrived anywhere. Raises ConnectionFailedError."""
+        for can_port in self.can_ports.values():
+            can_port.poll()
+        for serial_port in self.serial_ports.values():
+            serial_port.poll()
+
+    def wait(self, duration_ns: int = POLL_INTERVAL_NS) -> None:
+        """Let ``duration_ns`` pass, then poll: what a driver does while it waits for an answer."""
+        if self.keep_alive is not None:
+            self.keep_alive()
+        self.clock.wait_until_ns(self.clock.now_ns() + duration_ns)
+        self.poll()
+
+    def set_tap(self, tap: Tap | None) -> None:
+        """Send a copy of every frame and chunk, both ways, to ``tap``."""
+        for port in self._ports():
+            port.tap = tap
+
+    def close(self) -> None:
+        """Close every port; the backend's clock keeps running."""
+        for port in self._ports():
+            port.close()
+        self.can_ports.clear()
+        self.serial_ports.clear()
+
+    def _ports(self) -> list[CanPort | SerialPort]:
+        return [*self.can_ports.values(), *self.serial_ports.values()]

@@ -1,0 +1,41 @@
+"""The options of a device, as its driver declares them: checked in one place, complained about in one sentence.
+
+A driver module declares its options as a frozen pydantic model and names in ``OPTION_UNITS`` those that are quantities:
+a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the unit that ``OPTION_UNITS`` gives.
+"""
+
+from typing import TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from drivers.errors import WiringError
+from drivers.wiring import DeviceSettings
+
+
+class DeviceOptions(BaseModel):
+    """Base of every driver's options."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, populate_by_name=False)
+
+
+Options = TypeVar("Options", bound=DeviceOptions)
+
+
+def parse_options(model: type[Options], settings: DeviceSettings) -> Options:
+    """The options of ``settings``. Raises WiringError, in one sentence with the place, for the first mistake."""
+    try:
+        return model.model_validate(dict(settings.options))
+    except ValidationError as error:
+        raise WiringError(_sentence(error, model, settings)) from error
+
+
+def _sentence(error: ValidationError, model: type[DeviceOptions], settings: DeviceSettings) -> str:
+    mistake = error.errors()[0]
+    name = str(mistake["loc"][0]) if mistake["loc"] else "options"
+    hints = {field.alias or key: field.description or "" for key, field in model.model_fields.items()}
+    if mistake["type"] == "missing":
+        return f'[{settings.role}] driver = "{settings.driver}" needs {name}: {hints[name]}'
+    if mistake["type"] == "extra_forbidden":
+        return f'[{settings.role}] {name} is not an option of driver "{settings.driver}"; known: {", ".join(hints)}'
+    said = mistake["msg"].removeprefix("Value error, ")
+    return f"[{settings.role}] {name} = {mistake['input']!r}: {said[:1].lower()}{said[1:]} ({hints.get(name, '')})"

@@ -1,0 +1,85 @@
+"""What devices say, in SI units and the bench's own signs, each with its arrival time and sequence number.
+
+A reading is made once for each message that arrived; a repeated value in a new message is a new reading with the
+next sequence number, and a reading is never handed out twice.
+"""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+
+@dataclass(frozen=True, slots=True)
+class MotionReading:
+    """Shaft position and velocity from a drive's encoder."""
+
+    sequence: int
+    arrival_ns: int
+    position_rad: float
+    velocity_rad_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CurrentReading:
+    """Measured torque-producing current of a drive."""
+
+    sequence: int
+    arrival_ns: int
+    current_a: float
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueReading:
+    """Torque that the actuator exerts on the load, at the port.
+
+    ``device_ns`` is the sensor's own clock where it sends one (unwrapped, its epoch arbitrary), else None.
+    """
+
+    sequence: int
+    arrival_ns: int
+    torque_nm: float
+    device_ns: int | None = None
+    valid: bool = True
+
+
+class DriveState(Enum):
+    """Where a drive stands, whatever its maker calls it."""
+
+    UNKNOWN = "unknown"
+    IDLE = "idle"
+    ENABLED = "enabled"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, slots=True)
+class DriveStatus:
+    """The slow truth about a drive."""
+
+    state: DriveState
+    heartbeat_ns: int | None = None  # arrival of the last heartbeat
+    errors: tuple[str, ...] = ()  # in words
+    transistor_temperature_c: float = field(default=float("nan"))
+    motor_temperature_c: float = field(default=float("nan"))
+    bus_voltage_v: float = field(default=float("nan"))
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceIdentity:
+    """What a device says it is."""
+
+    driver: str
+    address: str  # e.g. "can0 node 1" or "/dev/ttyUSB0"
+    hardware: str = ""
+    firmware: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RawFrame:
+    """One CAN frame or one chunk of serial bytes as it crossed the wire, for the recording."""
+
+    stamp_ns: int
+    channel: str
+    sent: bool
+    data: bytes
+    arbitration_id: int = -1  # -1: serial bytes
+    extended: bool = False
+    remote: bool = False

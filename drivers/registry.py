@@ -1,0 +1,43 @@
+"""Finds drivers by the name a rig file gives them: listed without importing, loaded one at a time."""
+
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import Any, cast
+
+from drivers.backend import BackendFactory
+from drivers.devices import Amplifier, TorqueSensor
+from drivers.errors import WiringError
+from drivers.link import Link
+from drivers.wiring import DeviceSettings
+
+BACKENDS = "norton_bench.backends"
+AMPLIFIERS = "norton_bench.amplifiers"
+TORQUE_SENSORS = "norton_bench.torque_sensors"
+
+
+def names(group: str) -> list[str]:
+    """The installed names in a group, sorted; nothing is imported."""
+    return sorted({entry.name for entry in entry_points(group=group)})
+
+
+def load(group: str, name: str, *, asked_by: str) -> Any:
+    """Import what ``name`` stands for. Raises WiringError naming the known ones."""
+    for entry in entry_points(group=group, name=name):
+        return entry.load()
+    raise WiringError(f"{asked_by} = {name!r} is not installed; known: {', '.join(names(group)) or 'none'}")
+
+
+def load_backend(name: str) -> BackendFactory:
+    return cast(BackendFactory, load(BACKENDS, name, asked_by="backend"))
+
+
+def open_amplifier(settings: DeviceSettings, link: Link) -> Amplifier:
+    """Raises WiringError for an unknown driver or a wrong option, ConnectionFailedError for a port."""
+    factory = load(AMPLIFIERS, settings.driver, asked_by=f"[{settings.role}] driver")
+    return cast(Callable[[DeviceSettings, Link], Amplifier], factory)(settings, link)
+
+
+def open_torque_sensor(settings: DeviceSettings, link: Link) -> TorqueSensor:
+    """Raises WiringError for an unknown driver or a wrong option, ConnectionFailedError for a port."""
+    factory = load(TORQUE_SENSORS, settings.driver, asked_by=f"[{settings.role}] driver")
+    return cast(Callable[[DeviceSettings, Link], TorqueSensor], factory)(settings, link)

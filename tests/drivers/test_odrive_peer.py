@@ -1,0 +1,101 @@
+"""The ODrive driver meets a drive that nobody here wrote: the mock of the package odrive-can, over real sockets."""
+
+import os
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from itertools import pairwise
+
+import can
+import pytest
+
+from drivers.errors import DeviceError
+from drivers.hardware import HardwareBackend
+from drivers.link import Link
+from drivers.odrive import open_amplifier
+from drivers.readings import DriveState
+from drivers.wiring import CanBusSettings, DeviceSettings
+
+# A group and a port of this process's own: python-can's bus hears every group that is joined on the machine.
+GROUP = f"239.75.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
+UDP_PORT = 30_000 + os.getpid() % 2_000
+NODE = 3
+MOCK = f"""
+import can
+from odrive_can.mock import ODriveCANMock
+ODriveCANMock({NODE}, can.Bus({GROUP!r}, "udp_multicast", port={UDP_PORT})).start()
+"""
+pytestmark = pytest.mark.wall_time
+
+
+@contextmanager
+def mock_drive():
+    process = subprocess.Popen([sys.executable, "-c", MOCK], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """The mock knows no torque mode, no watchdog, and answers every question with zeros."""
+    backend = HardwareBackend()
+    link = Link(backend, (CanBusSettings("can0", "udp_multicast", GROUP, options={"port": UDP_PORT}),))
+    settings = DeviceSettings(
+        "actuator", "odrive", bus="can0", options={"node": NODE, "watchdog": 0.0, "heartbeat": 0.2}
+    )
+    with mock_drive():
+        amplifier = open_amplifier(settings, link)
+        deadline = time.monotonic() + 20
+        while amplifier.status().state is DriveState.UNKNOWN and time.monotonic() < deadline:
+            link.wait()
+        yield amplifier, link
+    link.close()
+
+
+def test_a_stranger_is_heard(drive):
+    amplifier, link = drive
+    link.wait(500_000_000)
+    status = amplifier.status()
+    assert (status.state, status.errors) == (DriveState.IDLE, ())
+    assert 0 <= link.clock.now_ns() - status.heartbeat_ns < amplifier.heartbeat_timeout_ns
+    readings = amplifier.take_motion()
+    assert len(readings) >= 3
+    intervals_ns = [b.arrival_ns - a.arrival_ns for a, b in pairwise(readings)]
+    assert 0.09e9 < sorted(intervals_ns)[len(intervals_ns) // 2] < 0.15e9  # it sends every 0.1 s
+    assert amplifier.malformed == 0
+
+
+def test_a_stranger_is_enabled_and_stopped(drive):
+    amplifier, link = drive
+    amplifier.enable(timeout_s=5)
+    assert amplifier.status().state is DriveState.ENABLED
+    amplifier.stop()
+    deadline = time.monotonic() + 5
+    while amplifier.status().state is not DriveState.IDLE and time.monotonic() < deadline:
+        link.wait()
+    assert amplifier.status().state is DriveState.IDLE
+
+
+def test_a_strangers_motion(drive):
+    amplifier, link = drive
+    with can.Bus(GROUP, "udp_multicast", port=UDP_PORT) as bus:
+        for command, data in ((0x0B, "0300000001000000"), (0x0C, "0000403f00000000")):  # position control, 0.75 turns
+            frame = can.Message(arbitration_id=NODE << 5 | command, data=bytes.fromhex(data), is_extended_id=False)
+            bus.send(frame)
+    deadline = time.monotonic() + 5
+    position_rad = 0.0
+    while abs(position_rad - 0.75 * 6.283185307) > 1e-6 and time.monotonic() < deadline:
+        link.wait()
+        for reading in amplifier.take_motion():
+            position_rad = reading.position_rad
+    assert position_rad == pytest.approx(0.75 * 6.283185307, abs=1e-6)
+
+
+def test_a_stranger_with_another_firmware_is_refused(drive):
+    amplifier, _ = drive
+    with pytest.raises(DeviceError, match=r"says it runs firmware 0\.0\.0; only 0\.6 is spoken here"):
+        amplifier.identify()

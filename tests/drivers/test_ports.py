@@ -1,0 +1,116 @@
+"""Ports and links: everything that arrives is handed on once, copied to the tap, and a lost port is told."""
+
+import can
+import pytest
+
+from drivers.errors import ConnectionFailedError, WiringError
+from drivers.inbox import CAPACITY, Inbox
+from drivers.readings import RawFrame
+from drivers.waiting import wait_until
+from drivers.wiring import DeviceSettings
+
+
+@pytest.fixture
+def link(world):
+    return world.link()
+
+
+@pytest.fixture
+def can_port(link, device):
+    return link.can_port(device("actuator", "odrive"))
+
+
+@pytest.fixture
+def serial_port(link, device):
+    return link.serial_port(device("torque_sensor", "bota"), 460_800)
+
+
+def test_ports_are_shared(link, device, can_port, serial_port):
+    assert link.can_port(device("load", "odrive")) is can_port
+    assert link.serial_port(device("torque_sensor", "bota"), 460_800) is serial_port
+
+
+def test_every_listener_gets_every_frame(world, link, can_port):
+    first, second = [], []
+    can_port.subscribe(lambda message, arrival_ns: first.append((message.arbitration_id, arrival_ns)))
+    can_port.subscribe(lambda message, arrival_ns: second.append(message.arbitration_id))
+    world.bus.arrive(1, b"\1")
+    world.bus.arrive(2, b"\2")
+    assert can_port.poll() == 2
+    assert first == [(1, world.clock.ns), (2, world.clock.ns)]
+    assert second == [1, 2]
+    assert can_port.poll() == 0
+
+
+def test_the_tap_sees_both_ways(world, link, can_port, serial_port):
+    seen: list[RawFrame] = []
+    link.set_tap(seen.append)
+    now_ns = world.clock.ns
+    can_port.send(0x21, b"\1\2")
+    can_port.send(0x22, b"", remote=True)
+    world.bus.arrive(0x123456, b"\3", extended=True)
+    world.line.arriving = b"abc"
+    link.poll()
+    serial_port.send(b"out")
+    assert seen == [
+        RawFrame(now_ns, "can0", True, b"\1\2", 0x21),
+        RawFrame(now_ns, "can0", True, b"", 0x22, remote=True),
+        RawFrame(now_ns, "can0", False, b"\3", 0x123456, extended=True),
+        RawFrame(now_ns, "fake", False, b"abc"),
+        RawFrame(now_ns, "fake", True, b"out"),
+    ]
+
+
+def test_error_frames_are_counted_and_not_handed_on(world, can_port):
+    got = []
+    can_port.subscribe(lambda message, arrival_ns: got.append(message))
+    world.bus.arriving.append(can.Message(is_error_frame=True))
+    can_port.poll()
+    assert (can_port.error_frames, got) == (1, [])
+
+
+@pytest.mark.parametrize("error", [can.CanOperationError("gone"), OSError("gone"), ValueError("gone")])
+def test_a_lost_bus_is_told(world, can_port, error):
+    def fail(timeout):
+        raise error
+
+    world.bus._recv_internal = fail
+    with pytest.raises(ConnectionFailedError, match=r"bus can0: lost \(gone\)"):
+        can_port.poll()
+
+
+def test_a_lost_line_is_told(world, serial_port):
+    def fail(*_):
+        raise OSError("gone")
+
+    world.line.arriving = b"x"
+    world.line.read = world.line.write = fail
+    with pytest.raises(ConnectionFailedError, match=r"port fake: lost \(gone\); check the cable"):
+        serial_port.poll()
+    with pytest.raises(ConnectionFailedError, match=r"port fake: cannot write"):
+        serial_port.send(b"x")
+
+
+def test_wiring_that_names_no_bus_or_port(link):
+    with pytest.raises(WiringError, match=r"\[load\] bus = 'can7' is not a bus of this rig \(known: can0\)"):
+        link.can_port(DeviceSettings("load", "odrive", bus="can7"))
+    with pytest.raises(WiringError, match=r"\[torque_sensor\] driver = 'bota' needs a serial port"):
+        link.serial_port(DeviceSettings("torque_sensor", "bota"), 460_800)
+
+
+def test_waiting_moves_time_and_keeps_others_alive(world, link, can_port):
+    kept, meant = [], []
+    link.keep_alive = lambda: kept.append(world.clock.ns)
+    start_ns = world.clock.ns
+    assert not wait_until(lambda: False, link, 0.01, meanwhile=lambda: meant.append(1))
+    assert world.clock.ns - start_ns == 10_000_000
+    assert len(kept) == len(meant) == 10
+    assert wait_until(lambda: True, link, 0.0)
+
+
+def test_an_inbox_that_nobody_empties_loses_the_oldest_and_shows_it():
+    inbox: Inbox[int] = Inbox()
+    for number in range(CAPACITY + 5):
+        inbox.put(number)
+    assert inbox.take() == list(range(5, CAPACITY + 5))
+    assert (inbox.count, inbox.take()) == (CAPACITY + 5, [])
