@@ -1,0 +1,41 @@
+"""Mounts the devices of a rig's wiring on the simulated plant."""
+
+from random import Random
+
+from drivers.errors import WiringError
+from drivers.wiring import DeviceSettings, Wiring
+from sim_backend.firmware import FIRMWARE
+from sim_backend.firmware.site import CRYSTAL_PPM, Site, Wires
+from sim_backend.plant import Plant
+from sim_backend.truth import Truth
+from sim_backend.world import World
+
+
+def build_world(wiring: Wiring, truth: Truth, place: str) -> World:
+    """The plant that ``wiring`` has devices for: a load that is described but not wired is not coupled.
+
+    Raises WiringError for a wired load whose true values are missing.
+    """
+    if wiring.load is not None and truth.load is None:
+        raise WiringError(f"{place}: [load] is wired but [simulated.load] is missing; describe the load machine there")
+    if wiring.load is None:
+        truth = truth.model_copy(update={"load": None})
+    return World(Plant(truth, truth.seed, wiring.shaft))
+
+
+def mount(world: World, wiring: Wiring, truth: Truth, wires: Wires) -> None:
+    """Start each device's firmware, plugged in with ``wires``. Raises WiringError for a driver nobody emulates."""
+    for settings in wiring.devices():
+        firmware = FIRMWARE.get(settings.driver)
+        if firmware is None:
+            known = ", ".join(sorted(FIRMWARE))
+            raise WiringError(
+                f"[{settings.role}] driver = {settings.driver!r} has no emulated device; the simulator knows {known}"
+            )
+        world.devices[settings.role] = firmware(_site(world, settings, wiring, truth, wires))
+
+
+def _site(world: World, settings: DeviceSettings, wiring: Wiring, truth: Truth, wires: Wires) -> Site:
+    # Seeded by role: adding a device leaves the others as they were.
+    random = Random(f"{truth.seed} {settings.role}")
+    return Site(settings, wiring, world, wires, truth, random, clock_ppm=random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM))

@@ -1,0 +1,102 @@
+"""The simulated backend: buses and ports into a simulated world, and the clock that makes it move."""
+
+from collections.abc import Mapping
+from random import Random
+from typing import Any
+
+import can
+
+from drivers.errors import ConnectionFailedError
+from drivers.ports import CanPort, SerialPort
+from drivers.wiring import CanBusSettings, Wiring
+from sim_backend.assembly import build_world, mount
+from sim_backend.buses import SimulatedBus, SimulatedCanWire, SimulatedLine, SimulatedSerialWire
+from sim_backend.firmware.site import Wires
+from sim_backend.plugs import CanPlug, SerialPlug
+from sim_backend.transport import Delay
+from sim_backend.truth import Truth, read_truth
+from sim_backend.world import World
+
+
+class SimulatedClock:
+    """Simulated time, from zero; waiting makes it pass, and everything happen that falls due."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def now_ns(self) -> int:
+        return self._world.now_ns
+
+    def wait_until_ns(self, deadline_ns: int) -> None:
+        self._world.advance(deadline_ns)
+
+
+class SimulatedBackend:
+    """See :class:`drivers.backend.Backend`. ``world`` is there for tests and benchmarks, which may know the truth."""
+
+    lock_step = True
+
+    def __init__(self, wiring: Wiring, truth: Truth, place: str) -> None:
+        self.world = build_world(wiring, truth, place)
+        self.clock = SimulatedClock(self.world)
+        self._truth = truth
+        self._can_wires: dict[str, SimulatedCanWire] = {}
+        self._serial_wires: dict[str, SimulatedSerialWire] = {}
+        self._ports: list[CanPort | SerialPort] = []
+        mount(self.world, wiring, truth, Wires(self._can_plug, self._serial_plug))
+
+    def open_can(self, settings: CanBusSettings) -> CanPort:
+        bus = SimulatedBus(settings.name, self.world, self._can_wire(settings.name))
+        port = CanPort(settings.name, bus, self.clock, _stamp_ns)
+        self._ports.append(port)
+        return port
+
+    def open_serial(self, port: str, baud: int) -> SerialPort:
+        wire = self._serial_wires.get(port)
+        if wire is None:
+            known = ", ".join(self._serial_wires) or "none"
+            raise ConnectionFailedError(f"port {port}: no simulated device is there (there is: {known})")
+        line = SimulatedLine(self.world, wire, baud)
+        serial_port = SerialPort(port, line, self.clock, line.arrival_ns)
+        self._ports.append(serial_port)
+        return serial_port
+
+    def close(self) -> None:
+        for port in self._ports:
+            port.close()
+        self._ports.clear()
+
+    def _can_wire(self, bus: str) -> SimulatedCanWire:
+        if bus not in self._can_wires:
+            transport = self._truth.transport
+            delays = [
+                Delay(transport.can_delay_ns, transport.can_jitter_ns, self._random(bus, direction))
+                for direction in ("to host", "to devices")
+            ]
+            self._can_wires[bus] = SimulatedCanWire(self.world, *delays)
+        return self._can_wires[bus]
+
+    def _can_plug(self, bus: str) -> CanPlug:
+        return CanPlug(self._can_wire(bus))
+
+    def _serial_plug(self, port: str) -> SerialPlug:
+        transport = self._truth.transport
+        delay = Delay(transport.serial_delay_ns, transport.serial_jitter_ns, self._random(port, "to host"))
+        self._serial_wires[port] = SimulatedSerialWire(self.world, delay)
+        return SerialPlug(self._serial_wires[port])
+
+    def _random(self, wire: str, direction: str) -> Random:
+        return Random(f"{self._truth.seed} {wire} {direction}")
+
+
+def _stamp_ns(message: can.Message) -> int:
+    # A float64 of seconds tells nanoseconds apart for the first hundred days of simulated time.
+    return round(message.timestamp * 1e9)
+
+
+def open_backend(wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | None, place: str) -> SimulatedBackend:
+    """A bench as ``wiring`` and the rig file's ``[simulated]`` describe it, at standstill at time zero.
+
+    Raises WiringError, with place and mend, for true values that are wrong or missing.
+    """
+    return SimulatedBackend(wiring, read_truth(simulated, seed=seed, place=place), place)

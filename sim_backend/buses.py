@@ -1,0 +1,146 @@
+"""Wires in simulated time: a CAN bus and a serial line whose far end is the emulated firmware.
+
+The host meets them as it meets hardware: a python-can bus and the part of pyserial's ``Serial`` that is used.
+"""
+
+from collections import deque
+from functools import partial
+
+import can
+from can.typechecking import CanFilters
+
+from sim_backend.plugs import CanPlug
+from sim_backend.transport import ByteStream, Delay
+from sim_backend.world import World
+
+Inbox = deque[tuple[int, can.Message]]
+
+
+class SimulatedCanWire:
+    """A CAN bus that carries frames with delay: each host that is open gets every frame of every device."""
+
+    def __init__(self, world: World, to_host: Delay, to_devices: Delay) -> None:
+        self._world = world
+        self._to_host_delay = to_host
+        self._to_devices_delay = to_devices
+        self._plugs: list[CanPlug] = []
+        self._inboxes: list[Inbox] = []
+
+    def attach(self, plug: CanPlug) -> None:
+        self._plugs.append(plug)
+
+    def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
+        arrival_ns = self._to_host_delay.arrival_ns(self._world.now_ns)
+        if not self._inboxes:
+            return
+        message = can.Message(arrival_ns * 1e-9, arbitration_id, extended, data=data)
+        for inbox in self._inboxes:
+            inbox.append((arrival_ns, message))
+
+    def to_devices(self, message: can.Message) -> None:
+        """Carry a host's frame to every device."""
+        arrival_ns = self._to_devices_delay.arrival_ns(self._world.now_ns)
+        self._world.at(arrival_ns, partial(self._deliver, message))
+
+    def open(self) -> Inbox:
+        """A new host on the bus: it hears what is sent from now on."""
+        inbox: Inbox = deque()
+        self._inboxes.append(inbox)
+        return inbox
+
+    def close(self, inbox: Inbox) -> None:
+        # By identity: two hosts that have heard nothing yet are equal, and still not the same.
+        self._inboxes = [other for other in self._inboxes if other is not inbox]
+
+    def _deliver(self, message: can.Message, stamp_ns: int) -> None:
+        for plug in self._plugs:
+            plug.deliver(message)
+
+
+class SimulatedBus(can.BusABC):
+    """The host's end of a simulated CAN bus. Time stamps of received frames are their arrival, to the nanosecond."""
+
+    def __init__(self, name: str, world: World, wire: SimulatedCanWire, can_filters: CanFilters | None = None) -> None:
+        self.channel_info = f"simulated {name}"
+        self._world = world
+        self._wire = wire
+        self._inbox = wire.open()
+        super().__init__(channel=name, can_filters=can_filters)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._wire.to_devices(msg)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """As python-can has it, but ``timeout`` is in simulated time, which passes while this waits.
+
+        Overridden whole, as python-can's own measures its timeout on the machine's clock.
+        """
+        world, inbox = self._world, self._inbox
+        deadline_ns = None if timeout is None else world.now_ns + round(timeout * 1e9)
+        while True:
+            while inbox and inbox[0][0] <= world.now_ns:
+                message = inbox.popleft()[1]
+                if self._filters is None or self._matches_filters(message):
+                    return message
+            if deadline_ns is not None and world.now_ns >= deadline_ns:
+                return None
+            world.advance(self._next_look_ns(deadline_ns))
+
+    def _next_look_ns(self, deadline_ns: int | None) -> int:
+        """The next instant at which there may be something to read; at the latest the deadline."""
+        instants = [self._world.next_event_ns, deadline_ns, self._inbox[0][0] if self._inbox else None]
+        # A world in which nothing is planned and nothing was sent would keep a caller waiting for ever.
+        return min((instant for instant in instants if instant is not None), default=self._world.now_ns + 1_000_000)
+
+    def shutdown(self) -> None:
+        if not self._is_shutdown:
+            self._wire.close(self._inbox)
+        super().shutdown()
+
+
+class SimulatedSerialWire:
+    """A serial line from one device; bytes sent while no host has it open are lost."""
+
+    def __init__(self, world: World, delay: Delay) -> None:
+        self._world = world
+        self._delay = delay
+        self._stream: ByteStream | None = None
+
+    def to_host(self, data: bytes) -> None:
+        if self._stream is not None:
+            self._stream.send(self._world.now_ns, data)
+
+    def open(self, baud: int) -> ByteStream:
+        """A host opens the line, with an empty input buffer."""
+        self._stream = ByteStream(baud, self._delay)
+        return self._stream
+
+    def close(self) -> None:
+        self._stream = None
+
+
+class SimulatedLine:
+    """The host's end of a simulated serial line, never blocking."""
+
+    def __init__(self, world: World, wire: SimulatedSerialWire, baud: int) -> None:
+        self._world = world
+        self._wire = wire
+        self._stream = wire.open(baud)
+
+    @property
+    def in_waiting(self) -> int:
+        return self._stream.waiting(self._world.now_ns)
+
+    def read(self, size: int = 1) -> bytes:
+        return self._stream.take(size, self._world.now_ns)
+
+    def write(self, data: bytes, /) -> int:
+        # The devices on serial lines only talk; their plugs drop what they are sent.
+        return len(data)
+
+    def arrival_ns(self) -> int:
+        """When the last byte read had arrived."""
+        return self._stream.last_arrival_ns
+
+    def close(self) -> None:
+        self._wire.close()

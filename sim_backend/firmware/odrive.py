@@ -1,0 +1,246 @@
+"""An ODrive axis, firmware 0.6, in torque control, as it behaves on CAN.
+
+Source: ODrive manual, "CAN Protocol" (messages, cyclic rates, watchdog fed by every frame to the axis), and the API
+reference, "ODrive.Axis", "ODrive.Error". Cyclic messages come at the rates a bench would configure: estimates at
+1 kHz, current at 100 Hz, the rest at 10 Hz. Only torque control with passed-through input is emulated.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import inf, isnan, nan, tau
+from typing import Protocol, cast
+
+import can
+
+from drivers.codecs import odrive
+from drivers.codecs.errors import CodecError
+from drivers.codecs.odrive import AxisState, Command
+from drivers.odrive import ODriveOptions
+from drivers.options import parse_options
+from sim_backend.firmware.heating import Heating
+from sim_backend.firmware.site import Site
+from sim_backend.firmware.watchdog import Watchdog
+from sim_backend.plant import Machine
+
+ENCODER_PERIOD_NS = 1_000_000
+IQ_PERIOD_NS = 10_000_000
+SLOW_PERIOD_NS = 100_000_000
+
+VERSION = odrive.Version(protocol=2, hardware=(4, 4, 58), firmware=(0, 6, 10))
+TORQUE_CONTROL = (odrive.ControlMode.TORQUE, odrive.InputMode.PASSTHROUGH)
+SUPPLY_V = 24.0
+WINDING_OHM = 0.1
+
+RESULT_SUCCESS = 0
+RESULT_DISARMED = 3
+RESULT_INVALID_STATE = 13
+
+ERROR_BAD_CONFIGURATION = 1 << 4
+ERROR_MISSING_INPUT = 1 << 6
+ERROR_INVERTER_TOO_HOT = 1 << 14
+
+
+class _Answer(Protocol):
+    def encode(self) -> bytes: ...
+
+
+class ODriveAxis:
+    """One axis and the machine it drives: the rig's actuator or its load."""
+
+    def __init__(self, site: Site) -> None:
+        options = parse_options(ODriveOptions, site.settings)
+        self.active_errors = 0
+        self.disarm_reason = 0
+        self.axis_state = AxisState.IDLE
+        self.heating = Heating()
+        self._result = RESULT_SUCCESS
+        self._mode: tuple[int, int] = (odrive.ControlMode.POSITION, odrive.InputMode.PASSTHROUGH)
+        self._input_nm = nan
+        self._limit_nm = inf
+        self._frozen: odrive.EncoderEstimates | None = None
+        self._plant = site.world.plant
+        self._machine = cast(Machine, site.settings.role)
+        self._amperes_per_nm = _amperes_per_nm(site)
+        self._watchdog = Watchdog(site.world, options, self._starve)
+        self._node = options.node
+        self._ids = {command: odrive.arbitration_id(options.node, command) for command in Command}
+        self._handlers = self._message_handlers()
+        self._getters = self._message_getters()
+        self._plug = site.can_plug()
+        self._plug.on_frame(self._receive)
+        self._start(site)
+
+    def fail(self, error_bits: int) -> None:
+        """Raise errors: an armed axis is disarmed, and stays so until the errors are cleared."""
+        self.active_errors |= error_bits
+        if self.axis_state == AxisState.CLOSED_LOOP_CONTROL:
+            self.disarm_reason = error_bits
+            self._go_idle(RESULT_DISARMED)
+
+    def freeze(self) -> None:
+        """From now on report the position and velocity of this instant."""
+        self._frozen = self._estimates()
+
+    def _start(self, site: Site) -> None:
+        site.cyclic(ENCODER_PERIOD_NS, self._send_estimates)
+        site.cyclic(IQ_PERIOD_NS, self._send_current)
+        for command in (Command.HEARTBEAT, Command.TEMPERATURE, Command.BUS_VOLTAGE_CURRENT):
+            site.cyclic(SLOW_PERIOD_NS, partial(self._send_cyclic, command))
+
+    # ---- what it says ----
+
+    def _message_getters(self) -> Mapping[int, Callable[[], _Answer]]:
+        return {
+            Command.VERSION: lambda: VERSION,
+            Command.HEARTBEAT: lambda: odrive.Heartbeat(self.active_errors, self.axis_state, self._result),
+            Command.ERROR: lambda: odrive.GetError(self.active_errors, self.disarm_reason),
+            Command.ENCODER_ESTIMATES: self._estimates,
+            Command.IQ: lambda: odrive.Iq(self._target_nm() * self._amperes_per_nm, self._measure_current_a()),
+            Command.TEMPERATURE: lambda: odrive.Temperature(self.heating.temperature_c, nan),
+            Command.BUS_VOLTAGE_CURRENT: lambda: odrive.BusVoltageCurrent(SUPPLY_V, self._supply_current_a()),
+            Command.TORQUES: lambda: odrive.Torques(
+                self._target_nm(), self._measure_current_a() / self._amperes_per_nm
+            ),
+        }
+
+    def _answer(self, command: int) -> None:
+        self._plug.send(self._ids[Command(command)], self._getters[command]().encode())
+
+    def _send_cyclic(self, command: int, _stamp_ns: int) -> None:
+        self._answer(command)
+
+    def _send_estimates(self, _stamp_ns: int) -> None:
+        self._plug.send(self._ids[Command.ENCODER_ESTIMATES], self._estimates().encode())
+
+    def _send_current(self, _stamp_ns: int) -> None:
+        self.heating.carry(self._plant.true_current_a(self._machine), IQ_PERIOD_NS * 1e-9)
+        if self.heating.too_hot:
+            self.fail(ERROR_INVERTER_TOO_HOT)
+        self._answer(Command.IQ)
+
+    def _estimates(self) -> odrive.EncoderEstimates:
+        if self._frozen is not None:
+            return self._frozen
+        plant, machine = self._plant, self._machine
+        return odrive.EncoderEstimates(
+            plant.encoder_position_rad(machine) / tau, plant.encoder_velocity_rad_s(machine) / tau
+        )
+
+    def _torques(self) -> odrive.Torques:
+        return odrive.Torques(self._target_nm(), self._measure_current_a() / self._amperes_per_nm)
+
+    def _measure_current_a(self) -> float:
+        return self._plant.current_a(self._machine)
+
+    def _supply_current_a(self) -> float:
+        """What the supply sees of the winding's losses."""
+        return WINDING_OHM * self._plant.true_current_a(self._machine) ** 2 / SUPPLY_V
+
+    # ---- what it does when told ----
+
+    def _message_handlers(self) -> Mapping[int, Callable[[bytearray], None]]:
+        return {
+            Command.ESTOP: lambda _: self.fail(odrive.ERROR_ESTOP),
+            Command.RX_SDO: self._access_parameter,
+            Command.SET_AXIS_STATE: lambda data: self._request(odrive.SetAxisState.decode(data).axis_state),
+            Command.SET_CONTROLLER_MODE: self._set_controller_mode,
+            Command.SET_INPUT_TORQUE: self._set_input_torque,
+            Command.SET_LIMITS: self._set_limits,
+            Command.CLEAR_ERRORS: self._clear_errors,
+        }
+
+    def _receive(self, message: can.Message) -> None:
+        node, command = odrive.split_id(message.arbitration_id)
+        if node != self._node or message.is_extended_id:
+            return
+        self._watchdog.feed()
+        if message.is_remote_frame:
+            if command in self._getters:
+                self._answer(command)
+            return
+        handler = self._handlers.get(command)
+        if handler is None:
+            return
+        try:
+            handler(message.data)
+        except CodecError:
+            return  # a frame too short for its command is not taken notice of
+
+    def _set_input_torque(self, data: bytearray) -> None:
+        try:
+            self._input_nm = odrive.SetInputTorque.decode(data).torque_nm
+        except CodecError:
+            self.fail(ERROR_MISSING_INPUT)  # a torque that is no number
+            return
+        self._drive()
+
+    def _set_limits(self, data: bytearray) -> None:
+        self._limit_nm = abs(odrive.SetLimits.decode(data).current_a) / self._amperes_per_nm
+        self._drive()
+
+    def _set_controller_mode(self, data: bytearray) -> None:
+        mode = odrive.SetControllerMode.decode(data)
+        self._mode = (mode.control_mode, mode.input_mode)
+        if self._armed and self._mode != TORQUE_CONTROL:
+            self.fail(ERROR_BAD_CONFIGURATION)
+
+    def _clear_errors(self, _data: bytearray) -> None:
+        self.active_errors = self.disarm_reason = 0
+
+    def _access_parameter(self, data: bytearray) -> None:
+        request = odrive.RxSdo.decode(data)
+        if request.opcode == odrive.SdoOpcode.WRITE:
+            self._watchdog.write(request.endpoint, request.value)
+            return
+        value = self._watchdog.read(request.endpoint)
+        if value is not None:
+            self._plug.send(self._ids[Command.TX_SDO], odrive.TxSdo(request.endpoint, value).encode())
+
+    def _starve(self) -> None:
+        if self._armed:
+            self.fail(odrive.ERROR_WATCHDOG)
+
+    def _request(self, state: int) -> None:
+        if state == AxisState.IDLE:
+            self._go_idle(RESULT_SUCCESS)
+        elif state == AxisState.CLOSED_LOOP_CONTROL:
+            self._close_loop()
+        else:
+            self._result = RESULT_INVALID_STATE
+
+    def _close_loop(self) -> None:
+        if self._mode != TORQUE_CONTROL:
+            self.active_errors |= ERROR_BAD_CONFIGURATION
+        elif isnan(self._input_nm):
+            self.active_errors |= ERROR_MISSING_INPUT
+        if self.active_errors:
+            self._result = RESULT_INVALID_STATE
+            return
+        self.axis_state = AxisState.CLOSED_LOOP_CONTROL
+        self.disarm_reason = 0
+        self._result = RESULT_SUCCESS
+        self._drive()
+
+    def _go_idle(self, result: int) -> None:
+        self.axis_state = AxisState.IDLE
+        self._result = result
+        self._plant.release(self._machine)
+
+    def _drive(self) -> None:
+        if self._armed:
+            self._plant.command(self._machine, self._target_nm())
+
+    def _target_nm(self) -> float:
+        if not self._armed:
+            return 0.0
+        return min(max(self._input_nm, -self._limit_nm), self._limit_nm)
+
+    @property
+    def _armed(self) -> bool:
+        return self.axis_state == AxisState.CLOSED_LOOP_CONTROL
+
+
+def _amperes_per_nm(site: Site) -> float:
+    """The drive's own idea of its motor: the current that it sets for each newton metre of input."""
+    machine = site.truth.actuator if site.settings.role == "actuator" else site.truth.load
+    return machine.motor.Ka if machine is not None else nan

@@ -1,0 +1,76 @@
+"""How long bytes travel: delay and jitter of one direction of a wire, on which nothing overtakes."""
+
+from collections import deque
+from random import Random
+
+BITS_PER_BYTE = 10  # start, eight data bits, stop
+
+
+class Delay:
+    """When a frame sent now arrives: ``delay_ns`` on average, uniformly within ± ``jitter_ns``, order preserved."""
+
+    def __init__(self, delay_ns: int, jitter_ns: int, random: Random) -> None:
+        self._least_ns = delay_ns - jitter_ns
+        self._spread_ns = 2 * jitter_ns
+        self._draw = random.random
+        self._last_ns = 0
+
+    def arrival_ns(self, sent_ns: int) -> int:
+        travel_ns = self._least_ns + round(self._spread_ns * self._draw())
+        self._last_ns = max(self._last_ns, sent_ns + max(0, travel_ns))
+        return self._last_ns
+
+
+class ByteStream:
+    """Bytes on a serial line: each takes ten bits of time, and the next can only follow the one before.
+
+    What was sent at once is a burst; bytes are handed out one burst at a time, so that each has its own arrival.
+    """
+
+    def __init__(self, baud: int, delay: Delay) -> None:
+        self._byte_ns = BITS_PER_BYTE * 1e9 / baud
+        self._delay = delay
+        self._free_ns = 0
+        self._bursts: deque[tuple[int, bytes]] = deque()  # when the first byte's time begins; the bytes
+        self._read = 0  # bytes already taken from the first burst
+        self.last_arrival_ns = 0
+
+    def send(self, sent_ns: int, data: bytes) -> None:
+        start_ns = max(self._free_ns, self._delay.arrival_ns(sent_ns))
+        self._free_ns = self._arrival_ns(start_ns, len(data))
+        self._bursts.append((start_ns, data))
+
+    def waiting(self, now_ns: int) -> int:
+        """How many bytes of the burst that comes next have arrived by ``now_ns``."""
+        if not self._bursts:
+            return 0
+        start_ns, data = self._bursts[0]
+        if now_ns < start_ns:
+            return 0
+        if now_ns >= self._arrival_ns(start_ns, len(data)):
+            return len(data) - self._read
+        return self._arrived(start_ns, now_ns) - self._read
+
+    def take(self, size: int, now_ns: int) -> bytes:
+        """Up to ``size`` of those bytes; ``last_arrival_ns`` then tells when the last of them arrived."""
+        size = min(size, self.waiting(now_ns))
+        if size <= 0:
+            return b""
+        start_ns, data = self._bursts[0]
+        first, self._read = self._read, self._read + size
+        self.last_arrival_ns = self._arrival_ns(start_ns, self._read)
+        taken = data[first : self._read]
+        if self._read == len(data):
+            self._bursts.popleft()
+            self._read = 0
+        return taken
+
+    def _arrival_ns(self, start_ns: int, count: int) -> int:
+        """When ``count`` bytes of a burst have arrived."""
+        return start_ns + round(count * self._byte_ns)
+
+    def _arrived(self, start_ns: int, now_ns: int) -> int:
+        """How many bytes of a burst have arrived by ``now_ns``."""
+        count = int((now_ns - start_ns) / self._byte_ns)
+        # Arrivals are rounded to nanoseconds: the next byte may be there although its time is not quite over.
+        return count + (self._arrival_ns(start_ns, count + 1) <= now_ns)
