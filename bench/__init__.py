@@ -1,0 +1,1 @@
+"""The experiment: control, guard, procedures, identification, recording, report."""

@@ -1,0 +1,89 @@
+"""The command line. Commands are named here and imported only when they run, so that ``--help`` is quick."""
+
+import sys
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+
+from cyclopts import App, CycloptsError, Parameter
+
+from bench.cli.exits import report_error
+from bench.errors import ExitCode
+
+DEBUG = "--debug"
+EPILOGUE = (
+    f"{DEBUG} anywhere shows the traceback of a failure. Exit codes: 0 done, 1 the experiment failed, 2 wrong usage or "
+    "file, 3 no connection, 4 a device did not answer, 5 safety stop, 130 interrupted."
+)
+
+COMMANDS = {
+    "identify": ("bench.cli.experiment:identify", "Identify the actuator of a rig with the standard session."),
+    "run": ("bench.cli.experiment:run", "Run a session file."),
+    "fit": ("bench.cli.recordings:fit", "Fit a recording again: parameters, network file and report."),
+    "report": ("bench.cli.recordings:report", "Write the report of a recording."),
+    "recover": ("bench.cli.recordings:recover", "Rescue a recording that was cut off."),
+    "export": ("bench.cli.recordings:export", "Write a recording as Parquet, CSV or MATLAB tables."),
+    "devices": ("bench.cli.check:devices", "List the serial ports and CAN adapters of this machine."),
+}
+GROUPS = {
+    "rig": (
+        "Look at a rig.",
+        {"check": ("bench.cli.check:check", "Open a rig's devices and say what is wrong. Moves nothing.")},
+    ),
+    "sim": (
+        "The simulator.",
+        {
+            "serve": ("bench.cli.simulator:serve", "Serve a rig's simulated devices on its own ports, in wall time."),
+            "truth": ("bench.cli.simulator:truth", "Print the true values of a simulated actuator."),
+        },
+    ),
+}
+
+
+def build_app() -> App:
+    """All commands, none of them imported."""
+    app = App(
+        name="norton-bench",
+        help="Find out what an actuator really is: identify its nonlinear Norton equivalent network.",
+        help_epilogue=EPILOGUE,
+        version=lambda: version("norton-bench"),
+        default_parameter=Parameter(negative=()),
+        suppress_keyboard_interrupt=False,
+        result_action="return_value",
+        exit_on_error=False,
+        print_error=False,
+    )
+    _register(app, COMMANDS)
+    for name, (help_text, commands) in GROUPS.items():
+        group = App(name=name, help=help_text)
+        _register(group, commands)
+        app.command(group)
+    return app
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code. Every error becomes sentences on stderr."""
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    debug = DEBUG in tokens
+    return run_safely(lambda: build_app()([token for token in tokens if token != DEBUG]), debug=debug)
+
+
+def run_safely(command: Callable[[], object], *, debug: bool) -> int:
+    """The command's own exit code, or that of the error it ended with."""
+    try:
+        result = command()
+    except CycloptsError as error:
+        return _usage(error)
+    except (Exception, KeyboardInterrupt) as error:
+        return report_error(error, debug=debug)
+    return int(result) if isinstance(result, int) else ExitCode.OK
+
+
+def _usage(error: CycloptsError) -> int:
+    text = " ".join(str(error).split())
+    print(f"{text} See norton-bench --help.", file=sys.stderr)
+    return ExitCode.USAGE
+
+
+def _register(app: App, commands: dict[str, tuple[str, str]]) -> None:
+    for name, (path, help_text) in commands.items():
+        app.command(path, name=name, help=help_text)

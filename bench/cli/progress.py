@@ -1,0 +1,84 @@
+"""A running session on stderr: a bar with the time left on a terminal, a line a step elsewhere."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+
+from bench.cli.output import Output
+from bench.identification.results import LiveEstimate
+from bench.models.parameters import Status
+from bench.records import Measured
+from bench.session.progress import Progress, Silent
+
+
+class Lines:
+    """One line a step."""
+
+    def __init__(self, output: Output) -> None:
+        self._output = output
+        self._steps: tuple[tuple[str, float], ...] = ()
+
+    def plan(self, steps: tuple[tuple[str, float], ...]) -> None:
+        self._steps = steps
+        total_s = sum(duration_s for _, duration_s in steps)
+        self._output.say(f"{len(steps)} steps, about {total_s:.0f} s of bench time")
+
+    def step(self, index: int, name: str) -> None:
+        self._output.say(f"[{index + 1}/{len(self._steps)}] {name}")
+
+    def part(self, measured: Measured, live: LiveEstimate) -> None: ...
+
+    def note(self, text: str) -> None:
+        self._output.say(text)
+
+
+class Terminal:
+    """A bar for the whole session; it says which step runs and how many parameters are known by now."""
+
+    def __init__(self, bars: Bars, tick_s: float) -> None:
+        self._bars = bars
+        self._tick_s = tick_s
+        self._steps: tuple[tuple[str, float], ...] = ()
+        self._task: TaskID | None = None
+
+    def plan(self, steps: tuple[tuple[str, float], ...]) -> None:
+        self._steps = steps
+        self._task = self._bars.add_task("preparing", total=sum(duration_s for _, duration_s in steps), known="")
+
+    def step(self, index: int, name: str) -> None:
+        if self._task is None:
+            return
+        before_s = sum(duration_s for _, duration_s in self._steps[:index])
+        self._bars.update(self._task, description=f"{index + 1}/{len(self._steps)} {name}", completed=before_s)
+
+    def part(self, measured: Measured, live: LiveEstimate) -> None:
+        if self._task is None:
+            return
+        valid = sum(estimate.status is Status.VALID for estimate in live.estimates)
+        known = f"{valid} of {len(live.estimates)} parameters known" if live.estimates else ""
+        self._bars.update(self._task, advance=len(measured.ticks) * self._tick_s, known=known)
+
+    def note(self, text: str) -> None:
+        self._bars.console.print(text, markup=False, highlight=False)
+
+
+@contextmanager
+def showing_progress(output: Output, tick_s: float) -> Iterator[Progress]:
+    """What to hand to a session, so that whoever sits there sees it run."""
+    if output.quiet:
+        yield Silent()
+    elif not sys.stderr.isatty():
+        yield Lines(output)
+    else:
+        columns = (
+            TextColumn("{task.description:<16}"),
+            BarColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[known]}"),
+        )
+        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+            yield Terminal(bars, tick_s)

@@ -1,0 +1,103 @@
+"""The result of an identification, for programs and for people."""
+
+from collections.abc import Iterable, Sequence
+from math import floor, isfinite, log10
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from bench.identification.results import FitResult, Validation
+from bench.models.parameters import BY_NAME, Estimate
+
+
+def identification(
+    fit: FitResult | None, validation: Validation | None, recording: Path, network: Path | None, report: Path | None
+) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {
+        "parameters": {estimate.name: parameter(estimate) for estimate in (fit.estimates if fit else ())},
+        "validation": None if validation is None else validation_figures(validation),
+        "verdict": list(fit.verdict) if fit else [],
+        "converged": bool(fit and fit.converged),
+        "recording": recording,
+        "network": network,
+        "report": report,
+    }
+
+
+def parameter(estimate: Estimate) -> dict[str, Any]:
+    return {
+        "value": float(estimate.value),
+        "std": float(estimate.std),
+        "unit": estimate.unit,
+        "status": estimate.status.value,
+    }
+
+
+def validation_figures(validation: Validation) -> dict[str, float]:
+    return {
+        "torque_rms_nm": float(validation.torque_rms_nm),
+        "torque_relative": float(validation.torque_relative),
+        "velocity_rms_rad_s": float(validation.velocity_rms_rad_s),
+        "velocity_relative": float(validation.velocity_relative),
+    }
+
+
+def summary(
+    fit: FitResult | None, validation: Validation | None, recording: Path, network: Path | None, report: Path | None
+) -> RenderableType:
+    """The same for a terminal: table, validation, verdict, and where the files lie."""
+    parts: list[RenderableType] = []
+    if fit is not None:
+        parts.append(parameter_table(fit.estimates))
+        parts += [f"· {remark}" for remark in fit.verdict]
+    if validation is not None:
+        parts.append(validation_sentence(validation))
+    parts.append(file_table((("recording", recording), ("network", network), ("report", report))))
+    return Group(*parts)
+
+
+def parameter_table(estimates: Iterable[Estimate]) -> Table:
+    """One row a parameter: symbol, name, value ± standard deviation, unit, status."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading, justify in (("", "left"), ("parameter", "left"), ("value", "right"), ("± std", "right")):
+        table.add_column(heading, justify="right" if justify == "right" else "left", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    table.add_column("status", no_wrap=True)
+    for estimate in estimates:
+        value, std = with_digits(estimate.value, estimate.std)
+        symbol = BY_NAME[estimate.name].symbol if estimate.name in BY_NAME else ""
+        table.add_row(symbol, estimate.name, value, std, estimate.unit, estimate.status.value)
+    return table
+
+
+def with_digits(value: float, std: float) -> tuple[str, str]:
+    """Value and deviation with the digits that the deviation's two leading ones leave meaning."""
+    if not isfinite(value):
+        return "–", "–"
+    if not isfinite(std) or std <= 0:
+        return f"{value:.4g}", "–"
+    scale = floor(log10(max(abs(value), std)))
+    exponent = 0 if -4 < scale < 5 else scale
+    decimals = max(0, exponent - floor(log10(std)) + 1)
+    suffix = f"e{exponent}" if exponent else ""
+    return f"{value / 10.0**exponent:.{decimals}f}{suffix}", f"{std / 10.0**exponent:.{decimals}f}{suffix}"
+
+
+def validation_sentence(validation: Validation) -> str:
+    return (
+        f"Unseen motion: torque predicted to {validation.torque_rms_nm:.3g} N*m rms "
+        f"({validation.torque_relative:.1%} of it), free velocity to {validation.velocity_rms_rad_s:.3g} rad/s rms "
+        f"({validation.velocity_relative:.1%})."
+    )
+
+
+def file_table(files: Sequence[tuple[str, Path | None]]) -> Table:
+    """Where the files lie."""
+    table = Table.grid(padding=(0, 2))
+    for name, path in files:
+        if path is not None:
+            table.add_row(name, str(path))
+    return table

@@ -1,0 +1,58 @@
+"""``sim serve`` and ``sim truth``: the simulator, found by its entry points so that the bench never knows it."""
+
+from typing import Any
+
+from bench.cli.arguments import Json, Quiet, RigFile, Seed
+from bench.cli.interrupt import operator_stop
+from bench.cli.output import Output
+
+SIMULATORS = "norton_bench.simulators"
+
+
+def serve(rig_file: RigFile, /, *, seed: Seed = None, quiet: Quiet = False) -> None:
+    """Serve the simulated devices on the rig's own bus and ports until Ctrl-C, for another process to meet."""
+    from bench.rig.load import load_rig  # noqa: PLC0415
+
+    rig = load_rig(rig_file, backend="simulated")
+    output = Output(quiet=quiet)
+    places = [bus.channel for bus in rig.wiring.buses]
+    places += [device.port for device in rig.wiring.devices() if device.port is not None]
+    with operator_stop() as stop_request:
+        _simulator("serve")(
+            rig.wiring,
+            rig.simulated,
+            seed=seed,
+            place=str(rig_file),
+            on_ready=lambda: output.say(f"serving {rig.name} on {', '.join(places)}; Ctrl-C ends it"),
+            stop=lambda: stop_request() is not None,
+        )
+
+
+def truth(rig_file: RigFile, /, *, seed: Seed = None, json: Json = False) -> None:
+    """Print the true values that the simulator has for the actuator, under the identifier's names."""
+    from bench.rig.load import load_rig  # noqa: PLC0415
+
+    rig = load_rig(rig_file, backend="simulated")
+    values = _simulator("true_parameters")(rig.simulated, seed=seed, place=str(rig_file), command_unit=rig.command.unit)
+    Output(json).result(
+        {"parameters": {name: {"value": value, "unit": unit} for name, (value, unit) in values.items()}},
+        truth_table(values),
+    )
+
+
+def truth_table(values: dict[str, tuple[float, str]]) -> Any:
+    """Name, value and unit, a row each."""
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("parameter", "true value", "unit"):
+        table.add_column(heading, justify="right" if heading == "true value" else "left", no_wrap=True)
+    for name, (value, unit) in values.items():
+        table.add_row(name, f"{value:.6g}", unit)
+    return table
+
+
+def _simulator(name: str) -> Any:
+    from drivers import registry  # noqa: PLC0415
+
+    return registry.load(SIMULATORS, name, asked_by="the simulator's part")

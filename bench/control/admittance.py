@@ -1,0 +1,159 @@
+"""The admittance law at the load drive: one call a tick turns a sample into the load torque that is wished.
+
+    M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port
+
+Zero torque and prescribed motion are its two ends. See ``docs/control.md``.
+"""
+
+from dataclasses import dataclass, field, replace
+from math import floor, nan
+
+import numpy as np
+
+from bench.control.calibration import LoadCalibration
+from bench.control.design import design_torque_loop, design_tracking
+from bench.control.dynamics import AMPLIFIER, POSITION, STATES, VELOCITY, FloatArray
+from bench.control.estimator import Estimator
+from bench.control.feed_forward import FeedForward
+from bench.control.observer import FREE as SEEN_FREE
+from bench.control.observer import LOAD as SEEN_LOAD
+from bench.control.reference import Reference, continued
+from bench.control.regulator import FREE, LOAD, WIDTH
+from bench.control.torque_loop import TorqueLoop
+from bench.control.virtual import VirtualBody
+from bench.sample import Sample, Target
+from bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance
+
+# The lightest virtual body that the load can act, over its own inertia; zero torque is another matter (no body at all).
+LEAST_MASS = 1.0
+# Contacts are taken to slide after so many of the load's own presliding lengths: the actuator's may be longer.
+SLIDING_LENGTHS = 30.0
+PLAY_COUNTS = 4.0  # this many encoder counts back are a turn
+
+
+@dataclass
+class AdmittanceController:
+    """Each tick: ``update`` (or ``observe`` while something else decides), then ``note_sent`` with what was sent.
+
+    Construction designs the gains and takes a second or two. Raises ExperimentError where no gains keep their margins.
+    """
+
+    calibration: LoadCalibration
+    tick_s: float
+    torque_limit_nm: float
+    _admittance: Admittance = field(default=ZERO_TORQUE, init=False)
+    _deciding: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        c = self.calibration
+        self._whole = floor(c.drive_delay_s / self.tick_s)
+        into_tick_s = c.drive_delay_s - self._whole * self.tick_s
+        tracking = design_tracking(c, self.tick_s)
+        self._regulator, self._estimator = tracking.regulator, Estimator(c, self.tick_s, tracking.observer)
+        self._loop = TorqueLoop(
+            design_torque_loop(c, tracking.observer, self.tick_s),
+            self.tick_s,
+            SLIDING_LENGTHS * c.coulomb_torque_nm / c.presliding_stiffness_nm_rad,
+            PLAY_COUNTS * c.position_resolution_rad,
+        )
+        self._feed = FeedForward(
+            c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, self._whole, self.torque_limit_nm
+        )
+        self._reference = Reference(
+            c.inertia_kgm2, self._estimator.friction_law, self.tick_s, self.lead_ticks, into_tick_s / self.tick_s
+        )
+        self._body = VirtualBody(ZERO_TORQUE, self.tick_s)
+        self._last_target = Target()
+
+    @property
+    def lead_ticks(self) -> int:
+        """How far ahead :meth:`update` wants to know the reference."""
+        return self._whole + 2
+
+    def begin(self, sample: Sample, admittance: Admittance) -> None:
+        """Take over without a bump: the command continues from the last one sent."""
+        if admittance not in (ZERO_TORQUE, PRESCRIBED_MOTION):
+            mass = max(admittance.mass_kgm2, LEAST_MASS * self.calibration.inertia_kgm2)
+            self._body = VirtualBody(replace(admittance, mass_kgm2=mass), self.tick_s)
+        self._admittance, self._deciding = admittance, False
+
+    def observe(self, sample: Sample) -> None:
+        """Keep watching while the load torque is decided elsewhere."""
+        self._estimator.sense(sample)
+        self._deciding = False
+
+    def update(self, sample: Sample, target: Target, ahead: Target | None = None) -> float:
+        """The load torque wished [N m]; NaN where a signal is missing or is no number.
+
+        ``target`` is the reference now, ``ahead`` that ``lead_ticks`` later; without it the reference is continued
+        along its last slope. Under zero torque the reference is the motion source as far as it is known beforehand:
+        its velocity and acceleration are used, its position means nothing.
+        """
+        if not self._estimator.sense(sample):
+            self._deciding = False
+            return nan
+        begins, self._deciding = not self._deciding, True
+        if self._admittance == ZERO_TORQUE:
+            wish_nm = self._zero_torque(sample, target, self._ahead(target, ahead, begins), begins)
+        elif self._admittance.rigid:
+            wish_nm = self._track(target, self._ahead(target, ahead, begins), begins)
+        else:
+            wish_nm = self._follow_body(target, begins)
+        self._last_target = target
+        return float(min(max(wish_nm, -self.torque_limit_nm), self.torque_limit_nm))
+
+    def note_sent(self, load_torque_nm: float) -> None:
+        """What the guard let through; once a tick, after ``update`` or ``observe``."""
+        if self._deciding:
+            self._feed.advance()
+        self._estimator.advance(load_torque_nm)
+
+    def _zero_torque(self, sample: Sample, target: Target, ahead: Target, begins: bool) -> float:
+        position_rad, velocity_rad_s = self._estimator.state[[POSITION, VELOCITY]].tolist()
+        motion = position_rad, velocity_rad_s - target.velocity_rad_s  # what is foreseen needs no damping
+        if begins:
+            self._loop.begin(sample.torque_nm, *motion)
+        continued_nm = self._fed_forward(ahead, 0.0, begins)
+        nothing_known = ahead.velocity_rad_s == 0.0 and ahead.acceleration_rad_s2 == 0.0
+        return continued_nm + self._loop.change_nm(sample.torque_nm, *motion, bold=nothing_known)
+
+    def _track(self, target: Target, ahead: Target, begins: bool) -> float:
+        continued_nm = self._fed_forward(ahead, self._estimator.contact_nm, begins)
+        in_flight = len(self._regulator.on_commands)
+        extra = self._estimator.commands[:in_flight] - self._feed.shares[1 : in_flight + 1]
+        deviation = self._deviation(target)
+        return float(continued_nm - self._regulator.on_state @ deviation - self._regulator.on_commands @ extra)
+
+    def _follow_body(self, target: Target, begins: bool) -> float:
+        if begins:
+            self._body.begin(*self._estimator.state[[POSITION, VELOCITY]].tolist())
+        body = self._body.step(self._estimator.torque_nm(), target)
+        return self._track(body, body, begins)
+
+    def _fed_forward(self, ahead: Target, contact_nm: float, begins: bool) -> float:
+        """The last command, changed as its feed-forward share changes."""
+        if begins:
+            self._reference.begin(ahead, contact_nm)
+        torque_nm = self._reference.torque_nm(ahead)
+        if begins:
+            self._feed.begin(torque_nm)
+        self._feed.ask(torque_nm)
+        return float(self._estimator.commands[0] + self._feed.shares[0] - self._feed.shares[1])
+
+    def _ahead(self, target: Target, ahead: Target | None, begins: bool) -> Target:
+        if ahead is not None:
+            return ahead
+        return continued(target, target if begins else self._last_target, self.lead_ticks, self.tick_s)
+
+    def _deviation(self, target: Target) -> FloatArray:
+        """From the reference, in the regulator's layout."""
+        x, deviation = self._estimator.state, np.empty(WIDTH)
+        deviation[:STATES] = x[:STATES]
+        deviation[POSITION] -= target.position_rad
+        deviation[VELOCITY] -= target.velocity_rad_s
+        deviation[AMPLIFIER] -= self._feed.torque_nm
+        deviation[FREE : FREE + 2] = x[SEEN_FREE : SEEN_FREE + 2]
+        deviation[FREE] -= target.acceleration_rad_s2
+        inertial_nm = self.calibration.inertia_kgm2 * target.acceleration_rad_s2
+        deviation[LOAD] = x[SEEN_LOAD] + self._feed.torque_nm - self._estimator.friction_nm() - inertial_nm
+        return deviation

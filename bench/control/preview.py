@@ -1,0 +1,46 @@
+"""Zero torque, seen coming: the motion source predicted from the network identified so far, as a segment's reference.
+
+The load then follows the free motion by feed-forward, and feedback of the torque closes what the prediction misses. A
+prediction drifts in position, which does no harm: under zero torque only its velocity and acceleration are used.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bench.control.calibration import LoadCalibration
+from bench.models.network import NortonNetwork
+from bench.segments import ZERO_TORQUE, FloatArray, LoadMode, Segment
+
+
+def with_preview(
+    segment: Segment,
+    network: NortonNetwork,
+    calibration: LoadCalibration,
+    command_delay_s: float,
+    tick_s: float,
+    *,
+    velocity_rad_s: float = 0.0,
+) -> Segment:
+    """``segment`` with the predicted free motion as its reference, or as it was where it does not impose zero torque.
+
+    ``command_delay_s`` is from sending the actuator's command to its acting, counted as the calibration counts the
+    load's; ``velocity_rad_s`` that of the shaft at the start. The controller itself looks ahead by what the load needs.
+    """
+    if segment.mode is not LoadMode.ADMITTANCE or segment.admittance != ZERO_TORQUE:
+        return segment
+    delay_s = command_delay_s - calibration.shift_s
+    position, velocity, acceleration = network.free_motion(segment.command, tick_s, velocity_rad_s=velocity_rad_s)
+    return replace(
+        segment,
+        position_rad=delayed(position, tick_s, delay_s),
+        velocity_rad_s=delayed(velocity, tick_s, delay_s),
+        acceleration_rad_s2=delayed(acceleration, tick_s, delay_s),
+        preview=True,
+    )
+
+
+def delayed(values: FloatArray, tick_s: float, delay_s: float) -> FloatArray:
+    """``values`` (ticks,) as they are ``delay_s`` later; before the first, the first."""
+    ticks = np.arange(len(values))
+    return np.asarray(np.interp(ticks - delay_s / tick_s, ticks, values), dtype=np.float64)

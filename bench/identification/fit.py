@@ -1,0 +1,263 @@
+"""The final fit of the Norton network, in impedance form and without an initial guess (paper, section IV.D).
+
+Torque under the measured motion is linear in gain, inertia, damping, Coulomb torque and presliding damping once the
+amplifier's bandwidth, the shape of the friction and two delays are given: see docs/identification.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.errors import ExperimentError
+from bench.identification.covariance import sandwich
+from bench.identification.current import fit_current
+from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Regression
+from bench.identification.results import FitResult, Trace
+from bench.identification.separable import FULL_BAND, Solution, limits, linear_solution, solve
+from bench.identification.signals import Port, Signals, signals
+from bench.models.network import NortonNetwork
+from bench.models.parameters import BY_NAME, Estimate, Status
+from bench.records import Measured
+from bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+
+PHYSICAL = (
+    "torque_gain",
+    "amplifier_bandwidth",
+    "inertia",
+    "viscous_damping",
+    "coulomb_torque",
+    "presliding_stiffness",
+    "presliding_damping",
+)
+# What no residual shows: discretisation, the encoder's counts in the friction's path, the instants of sending. Relative
+# deviations, measured on simulated benches with other true values (docs/identification.md).
+FLOOR = {
+    "torque_gain": 0.001,
+    "amplifier_bandwidth": 0.01,
+    "inertia": 0.003,
+    "viscous_damping": 0.005,
+    "coulomb_torque": 0.004,
+    "presliding_stiffness": 0.012,
+    "presliding_damping": 0.03,
+}
+DELAY_FLOOR_S = 1e-5
+# The command must explain this many times what nothing explains, or the port's torque sets no scale.
+LEAST_EVIDENCE = 5.0
+# An estimate less certain than this, relative to itself, is none.
+UNEXCITED_BEYOND = 0.5
+
+
+def fit(measured: Measured, *, command_unit: str, tick_s: float, use: Use = Use.IDENTIFY) -> FitResult:
+    """Fit the actuator to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit."""
+    return fit_signals(signals(measured, tick_s, use), command_unit=command_unit)
+
+
+def fit_signals(stretches: tuple[Signals, ...], *, command_unit: str, port: Port = Port.ACTUATOR) -> FitResult:
+    """The same, from signals that stand on one grid already. Raises ExperimentError where no command was given."""
+    if not any(np.any(stretch.command != 0.0) for stretch in stretches):
+        raise ExperimentError(f"the {port.value} was never commanded: nothing can be learned of its forward path")
+    measured = all(stretch.torque_nm is not None for stretch in stretches)
+    solution = solve(stretches, free_motion=not measured)
+    if port is Port.LOAD and (not measured or scale_evidence(solution) < LEAST_EVIDENCE):
+        raise ExperimentError(
+            "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
+            "actuator too, independently of the load, and see that the torque sensor works"
+        )
+    if measured and scale_evidence(solution) < LEAST_EVIDENCE:
+        solution = solve(stretches, free_motion=True)
+    return _result(stretches, solution, command_unit)
+
+
+def scale_evidence(solution: Solution) -> float:
+    """What only the command explains of the torque, over what nothing explains, both rms.
+
+    Next to nothing where the machine across the port is passive: it then answers the motion as this one does,
+    and the torque between them follows from the motion alone, whatever the command.
+    """
+    lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
+    alone = lag - linear_solution(others.T, lag) @ others.T
+    return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)) / np.sqrt(np.mean(solution.residual**2)))
+
+
+def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Values in the order of PHYSICAL, then the two delays, and their covariance, floor included: (9,), (9, 9).
+
+    From free motion they are per unit of torque gain, whose own value is then 1.
+    """
+    covariance = sandwich(solution.jacobian, solution.residual, time_s)
+    shape, columns = solution.shape, len(solution.linear)
+    linear, to_linear = _linear_in_torque(solution)
+    stiffness = linear[COULOMB] * shape.s_per_rad
+    ordered = np.array(
+        [linear[GAIN], shape.bandwidth_rad_s, *linear[INERTIA : COULOMB + 1], stiffness, linear[DAMPING],
+         shape.command_delay_s, shape.motion_delay_s]
+    )  # fmt: skip
+    # The gradient of each over (linear, then those of log β, log s, d_c, d_m that were free).
+    gradient = np.zeros((9, columns + len(solution.free)))
+    for row, column in ((0, GAIN), (2, INERTIA), (3, VISCOUS), (4, COULOMB), (6, DAMPING)):
+        gradient[row, :5] = to_linear[column]
+    gradient[5, :5] = shape.s_per_rad * to_linear[COULOMB]
+    slopes = {0: (1, shape.bandwidth_rad_s), 1: (5, stiffness), 2: (7, 1.0), 3: (8, 1.0)}
+    for position, unknown in enumerate(solution.free):
+        row, slope = slopes[unknown]
+        gradient[row, columns + position] = slope
+    floors = np.array([*(FLOOR[name] for name in PHYSICAL), 0.0, 0.0]) * np.abs(ordered)
+    floors[7:] = DELAY_FLOOR_S
+    return ordered, gradient @ covariance @ gradient.T + np.diag(floors**2)
+
+
+def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
+    """The five linear unknowns and their gradient over the five that were solved for: shapes (5,), (5, 5)."""
+    solved = solution.linear[:5]
+    if not solution.free_motion:
+        return solved, np.eye(5)
+    # Solved for: gain, B, τc and σ1 over the inertia. Wanted: all over the gain.
+    gain = solved[GAIN]
+    linear = solved / gain
+    linear[INERTIA] = 1.0 / gain
+    gradient = np.eye(5) / gain
+    gradient[:, GAIN] -= solved / gain**2
+    gradient[INERTIA] = 0.0
+    gradient[INERTIA, GAIN] = -1.0 / gain**2
+    return linear, gradient
+
+
+def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: str) -> FitResult:
+    regression = Regression.of(stretches, FULL_BAND, free_motion=solution.free_motion)
+    target, time_s = regression.target(), regression.time_s()
+    values, covariance = physical(solution, time_s)
+    deviations = np.sqrt(np.diag(covariance))
+    statuses = _statuses(solution, values, deviations, stretches[0].tick_s)
+    estimates = [
+        Estimate(name, float(value), float(std), BY_NAME[name].unit_for(command_unit), status)
+        for name, value, std, status in zip(PHYSICAL, values, deviations, statuses, strict=False)
+    ]
+    verdict: tuple[str, ...] = ()
+    current = (
+        None
+        if solution.free_motion
+        else fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
+    )
+    if current is not None:
+        estimates += current.estimates(command_unit, statuses[0])
+    network = network_of(estimates, command_unit, covariance[:7, :7])
+    if solution.free_motion:
+        verdict = (_ratio_sentence(estimates),)
+        network = replace(network, provenance={"scale": "free motion only: everything per unit of torque gain"})
+        estimates = [_without_scale(estimate) for estimate in estimates]
+    to_torque = values[PHYSICAL.index("inertia")] if solution.free_motion else 1.0
+    rms = float(np.sqrt(np.mean(solution.residual**2)))
+    return FitResult(
+        estimates=tuple(estimates),
+        network=network,
+        converged=solution.converged,
+        torque_rms_nm=rms * float(to_torque),
+        torque_relative=rms / float(np.sqrt(np.mean(target**2))),
+        samples=len(target),
+        command_delay_s=float(values[7] - values[8] if solution.free_motion else values[7]),
+        command_delay_std_s=float(deviations[7]),
+        motion_delay_s=float(values[8]),
+        motion_delay_std_s=float(deviations[8]),
+        trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
+        torque_bias_nm=_bias(solution, len(stretches)),
+        verdict=verdict + _verdict(estimates, current is not None, solution.converged),
+    )
+
+
+def _bias(solution: Solution, stretches: int) -> float:
+    """The mean of the bias's hats, which follow the five linear unknowns and each stretch's initial friction."""
+    return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + stretches :]))
+
+
+def _without_scale(estimate: Estimate) -> Estimate:
+    """No number where only a ratio is known; what is known on its own stays."""
+    if estimate.name == "amplifier_bandwidth" or estimate.status is not Status.VALID:
+        return estimate
+    return replace(estimate, value=float("nan"), std=float("nan"), status=Status.RATIO_ONLY)
+
+
+def _ratio_sentence(estimates: list[Estimate]) -> str:
+    known = [
+        f"{estimate.name.replace('_', ' ')} / torque gain = {estimate.value:.4g} ± {estimate.std:.1g}"
+        for estimate in estimates
+        if estimate.name not in ("torque_gain", "amplifier_bandwidth")
+    ]
+    return (
+        "Free motion alone: inertia, torque gain, damping and friction are known only up to a common factor; impose "
+        f"motion and measure torque to fix it. Known are {', '.join(known)} (per command unit)."
+    )
+
+
+def trace(stretches: tuple[Signals, ...], measured: FloatArray, predicted: FloatArray) -> Trace:
+    """Both on the whole grid, NaN where nothing was used. Inputs have one value for each usable instant."""
+    usable = np.concatenate([stretch.usable for stretch in stretches])
+    pair = np.full((2, usable.size), np.nan)
+    pair[0, usable], pair[1, usable] = measured, predicted
+    time_s = np.concatenate([stretch.time_s for stretch in stretches])
+    return Trace(time_s, pair[0], pair[1], "N*m")
+
+
+def _statuses(solution: Solution, values: FloatArray, deviations: FloatArray, tick_s: float) -> list[Status]:
+    at_bound = _at_bound(solution, tick_s)
+    statuses = []
+    for name, value, deviation in zip(PHYSICAL, values[:7], deviations[:7], strict=True):
+        if not solution.converged:
+            status = Status.NOT_CONVERGED
+        elif name in at_bound or (value < 0 and name not in ("torque_gain", "presliding_damping")):
+            status = Status.AT_BOUND
+        elif name == "torque_gain" and solution.free_motion:
+            status = Status.VALID
+        elif not deviation <= UNEXCITED_BEYOND * abs(value):
+            status = Status.UNEXCITED
+        else:
+            status = Status.VALID
+        statuses.append(status)
+    return statuses
+
+
+def _at_bound(solution: Solution, tick_s: float) -> set[str]:
+    low, high = limits(tick_s)
+    at, width = solution.shape.as_array(), high - low
+    held = (at - low < 1e-3 * width) | (high - at < 1e-3 * width)
+    names = ("amplifier_bandwidth", "presliding_stiffness")
+    return {name for name, hit in zip(names, held, strict=False) if hit}
+
+
+def network_of(estimates: Sequence[Estimate], command_unit: str, covariance: FloatArray | None = None) -> NortonNetwork:
+    """The network with these values; ``covariance`` is that of PHYSICAL."""
+    value = {estimate.name: estimate.value for estimate in estimates}
+    return NortonNetwork(
+        torque_gain=value["torque_gain"],
+        amplifier_bandwidth_rad_s=value["amplifier_bandwidth"],
+        inertia_kgm2=value["inertia"],
+        viscous_damping_nms_rad=value["viscous_damping"],
+        coulomb_torque_nm=value["coulomb_torque"],
+        presliding_stiffness_nm_rad=value["presliding_stiffness"],
+        presliding_damping_nms_rad=value["presliding_damping"],
+        command_unit=command_unit,
+        torque_constant=value.get("torque_constant"),
+        amplifier_gain=value.get("amplifier_gain"),
+        covariance_names=() if covariance is None else PHYSICAL,
+        covariance=() if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance),
+    )
+
+
+def _verdict(estimates: list[Estimate], has_current: bool, converged: bool) -> tuple[str, ...]:
+    """What the data cannot tell, in words."""
+    sentences = []
+    if not converged:
+        sentences.append("The fit did not converge: treat every number as provisional, and measure longer or faster.")
+    for status, what in (
+        (Status.UNEXCITED, "The data hardly excite {}: {} uncertain by more than half of the value."),
+        (Status.AT_BOUND, "At the edge of what was searched: {}; {} no estimate."),
+    ):
+        names = [estimate.name.replace("_", " ") for estimate in estimates if estimate.status is status]
+        if names:
+            sentences.append(what.format(", ".join(names), "it is" if len(names) == 1 else "they are"))
+    if not has_current:
+        sentences.append("Torque constant and amplifier gain are known only as a product: no current was measured.")
+    return tuple(sentences)

@@ -1,0 +1,58 @@
+"""Band-limited kernels: one low-pass that filters, differentiates, resamples and shifts.
+
+Every kernel is a Kaiser-windowed sinc, known as a function of continuous time, so that a signal is filtered,
+differentiated, resampled and shifted by a fraction of a sample in one and the same sum.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline, make_interp_spline
+
+FloatArray = npt.NDArray[np.float64]
+
+TABLE_PER_UNIT = 512
+KAISER_BETA = 8.0
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A low-pass with its first two derivatives, over ``|u| <= half_width`` in units of a sample; -6 dB at ``cutoff``
+    cycles a sample."""
+
+    cutoff: float
+    half_width: float
+
+    def spline(self) -> BSpline:
+        return _spline(self.cutoff, self.half_width)
+
+    def table(self) -> FloatArray:
+        """The kernel at TABLE_PER_UNIT points a sample, from 0 to ``half_width``."""
+        u = np.arange(round(self.half_width * TABLE_PER_UNIT) + 2) / TABLE_PER_UNIT
+        return np.where(u <= self.half_width, self.spline()(np.minimum(u, self.half_width)), 0.0)
+
+    def taps(self, offsets: FloatArray, derivative: int) -> FloatArray:
+        """Weights at ``offsets`` (samples, equally spaced) that give a signal's ``derivative`` at offset 0.
+
+        Exact on polynomials up to the derivative's order: constants, ramps and parabolas come out as they should,
+        however large a position has grown.
+        """
+        inside = np.abs(offsets) <= self.half_width
+        raw = self.spline()(np.clip(-offsets, -self.half_width, self.half_width), nu=derivative)
+        weights = np.where(inside, raw, 0.0) * (offsets[1] - offsets[0])
+        window = np.where(inside, np.maximum(1 - (offsets / self.half_width) ** 2, 0.0), 0.0)
+        powers = np.stack([offsets**order for order in range(derivative + 1)])
+        wanted = np.zeros(derivative + 1)
+        wanted[derivative] = float(max(derivative, 1))
+        # The smallest change that makes the moments exact.
+        correction = np.linalg.solve((powers * window) @ powers.T, wanted - powers @ weights)
+        return np.asarray(weights + window * (correction @ powers))
+
+
+@cache
+def _spline(cutoff: float, half_width: float) -> BSpline:
+    u = np.linspace(-half_width, half_width, round(2 * half_width * 64) + 1)
+    window = np.i0(KAISER_BETA * np.sqrt(np.maximum(1 - (u / half_width) ** 2, 0.0))) / np.i0(KAISER_BETA)
+    return make_interp_spline(u, 2 * cutoff * np.sinc(2 * cutoff * u) * window, k=5)

@@ -1,0 +1,88 @@
+"""The load drive, fitted as one fits an actuator: the torque sensor is the port of both.
+
+Its command is the load's torque command, its motion the load's, and the torque that it exerts on its side of the port
+is the opposite of what the sensor reads. With both encoders the sensor itself is a spring whose twist is measured.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.errors import ExperimentError
+from bench.identification.covariance import sandwich
+from bench.identification.fit import fit_signals
+from bench.identification.quantisation import resolution_rad
+from bench.identification.regression import STILL, Regression, Rows
+from bench.identification.results import FitResult
+from bench.identification.separable import FULL_BAND, linear_solution
+from bench.identification.signals import Port, Signals, signals
+from bench.records import Measured
+from bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+
+LOAD_COMMAND_UNIT = "N*m"
+DELAY_STEPS = 8
+# As FLOOR in fit: what no residual shows, relative.
+STIFFNESS_FLOOR = 0.01
+
+
+@dataclass(frozen=True)
+class LoadFit:
+    """The load's network and the torque sensor, as the controller's calibration needs them."""
+
+    result: FitResult
+    sensor_stiffness_nm_rad: float
+    sensor_stiffness_std_nm_rad: float
+    sensor_damping_nms_rad: float
+    torque_bias_nm: float
+    position_resolution_rad: float
+
+
+def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> LoadFit:
+    """Fit the load to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit."""
+    load = signals(measured, tick_s, use, Port.LOAD)
+    actuator = signals(measured, tick_s, use, Port.ACTUATOR)
+    if len(load) != len(actuator):
+        raise ExperimentError("one drive's readings were interrupted while the other's went on: repeat the calibration")
+    result = fit_signals(load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD)
+    stiffness, deviation, damping = _spring(load, actuator, result.motion_delay_s)
+    step_rad = resolution_rad(measured.load_motion["position_rad"])
+    return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad)
+
+
+def _spring(
+    load: tuple[Signals, ...], actuator: tuple[Signals, ...], load_delay_s: float
+) -> tuple[float, float, float]:
+    """Stiffness and its deviation, and damping, from twist against torque.
+
+    The twist is a few counts, so it is the noisy one, and is explained by the torque rather than the other way. The
+    actuator's encoder has a delay of its own: by how much its motion is to be moved is one more linear unknown,
+    solved for again and again.
+    """
+    regression = Regression.of(actuator, FULL_BAND)
+    torque, time_s = regression.target(), regression.time_s()
+    delay_s = load_delay_s
+    for _ in range(DELAY_STEPS):
+        pairs = zip(actuator, load, strict=True)
+        twist, rate, velocity = np.concatenate([_twist(a, b, load_delay_s, delay_s) for a, b in pairs], axis=1)
+        columns = np.stack([torque, -rate, np.ones(twist.size), -velocity])
+        solution = linear_solution(columns, twist)
+        compliance, relaxation_s, _, shift_s = solution
+        delay_s += float(np.clip(shift_s, -5e-4, 5e-4))
+    covariance = sandwich(columns.T, twist - solution @ columns, time_s)
+    stiffness = 1.0 / compliance
+    deviation = np.hypot(np.sqrt(covariance[0, 0]) * stiffness**2, STIFFNESS_FLOOR * stiffness)
+    return float(stiffness), float(deviation), float(relaxation_s * stiffness)
+
+
+def _twist(actuator: Signals, load: Signals, load_delay_s: float, actuator_delay_s: float) -> FloatArray:
+    """Twist, its rate and the actuator's velocity, filtered, where the actuator is usable: shape (3, samples)."""
+    first, second = Rows(actuator, FULL_BAND), Rows(load, FULL_BAND)
+    a = first.position(replace(STILL, motion_delay_s=actuator_delay_s))
+    b = second.position(replace(STILL, motion_delay_s=load_delay_s))
+    number = np.round((actuator.time_s - load.time_s[0]) / load.tick_s).astype(np.int64)
+    twist, rate = a - b[:, np.clip(number, 0, load.time_s.size - 1)]
+    usable = first.usable
+    return np.stack([twist - twist[usable][0], rate, a[1]])[:, usable]

@@ -1,0 +1,196 @@
+"""The compiled inner loops of the identification: resampling, filtering, the amplifier's lag, the friction's path."""
+
+from math import exp
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def resample(
+    times: FloatArray, values: FloatArray, period: float, grid: FloatArray, table: FloatArray, per_unit: int
+) -> FloatArray:
+    """Values at ``grid`` from readings at ``times`` (sorted), by the symmetric kernel in ``table``.
+
+    ``table`` holds the kernel at ``per_unit`` points a period. Sums run over differences from the nearest reading, so
+    that a position far from zero loses no digits.
+    """
+    reach = (table.size - 2) / per_unit
+    output = np.empty(grid.size)
+    first = 0
+    for k in range(grid.size):
+        while first < times.size - 1 and times[first] < grid[k] - reach * period:
+            first += 1
+        reference = values[min(first, times.size - 1)]
+        total, weighted = 0.0, 0.0
+        i = first
+        while i < times.size and times[i] <= grid[k] + reach * period:
+            at = abs(times[i] - grid[k]) / period * per_unit
+            index = int(at)
+            if index < table.size - 1:
+                weight = table[index] + (at - index) * (table[index + 1] - table[index])
+                total += weight
+                weighted += weight * (values[i] - reference)
+            i += 1
+        output[k] = reference + weighted / total if total > 0.2 else np.nan
+    return output
+
+
+@njit(cache=True, nogil=True)
+def filter_at(values: FloatArray, taps: FloatArray, first: int, stride: int, count: int) -> FloatArray:
+    """``out[q, k] = Σ_j taps[q, j] · values[first + k·stride + j]``, shape (q, count); the ends repeat."""
+    filters, length = taps.shape
+    output = np.empty((filters, count))
+    last = values.size - 1
+    for k in range(count):
+        start = first + k * stride
+        inside = start >= 0 and start + length - 1 <= last
+        for q in range(filters):
+            total = 0.0
+            if inside:
+                for j in range(length):
+                    total += taps[q, j] * values[start + j]
+            else:
+                for j in range(length):
+                    total += taps[q, j] * values[min(max(start + j, 0), last)]
+            output[q, k] = total
+    return output
+
+
+@njit(cache=True, nogil=True)
+def lag_of_held(sent: FloatArray, command: FloatArray, bandwidth: float, grid: FloatArray) -> FloatArray:
+    """A first-order lag of a command held from each instant in ``sent`` on, exactly, at the times in ``grid``.
+
+    Before the first instant the lag is taken as settled at the first command.
+    """
+    output = np.empty(grid.size)
+    state, held, now, event = command[0], command[0], grid[0], 0
+    for k in range(grid.size):
+        while event < sent.size and sent[event] <= grid[k]:
+            if sent[event] > now:
+                state = held + (state - held) * exp(-bandwidth * (sent[event] - now))
+                now = sent[event]
+            held = command[event]
+            event += 1
+        state = held + (state - held) * exp(-bandwidth * (grid[k] - now))
+        now = grid[k]
+        output[k] = state
+    return output
+
+
+@njit(cache=True, nogil=True)
+def friction_path(position: FloatArray, s: float) -> FloatArray:
+    """The sliding share h = s·φ of the Dahl friction along a path, shape (2, n), each in -1 .. 1.
+
+    Row 0 begins at h = 0; row 1 is what is left of an initial h = 1 (the flow is affine in h, so any other start is
+    row 0 plus its multiple of row 1).
+    """
+    output = np.empty((2, position.size))
+    h, left = 0.0, 1.0
+    output[0, 0], output[1, 0] = h, left
+    for k in range(1, position.size):
+        displacement = position[k] - position[k - 1]
+        kept = exp(-s * abs(displacement))
+        side = 1.0 if displacement > 0.0 else -1.0
+        h = side + (h - side) * kept
+        left *= kept
+        output[0, k], output[1, k] = h, left
+    return output
+
+
+@njit(cache=True, nogil=True)
+def smooth_within(readings: FloatArray, half_step: float, taps: FloatArray, rounds: int) -> FloatArray:
+    """Smoothed by the symmetric ``taps`` and put back within ± ``half_step`` of the readings, ``rounds`` times."""
+    reach = taps.size // 2
+    current = readings.copy()
+    smoothed = readings.copy()
+    for _ in range(rounds):
+        for k in range(reach, readings.size - reach):
+            total = taps[reach] * current[k]
+            for j in range(1, reach + 1):
+                total += taps[reach + j] * (current[k - j] + current[k + j])
+            smoothed[k] = min(max(total, readings[k] - half_step), readings[k] + half_step)
+        current, smoothed = smoothed, current
+    return current
+
+
+@njit(cache=True, nogil=True)
+def friction_bank(position: FloatArray, last: float, s: FloatArray, h: FloatArray) -> FloatArray:
+    """The sliding shares of many frictions along one path, shape (members, n), going on from ``h``, in place."""
+    output = np.empty((s.size, position.size))
+    for k in range(position.size):
+        displacement = position[k] - last
+        last = position[k]
+        side = 1.0 if displacement > 0.0 else -1.0
+        for member in range(s.size):
+            h[member] = side + (h[member] - side) * exp(-s[member] * abs(displacement))
+            output[member, k] = h[member]
+    return output
+
+
+@njit(cache=True, nogil=True)
+def lag_bank(
+    sent: FloatArray, command: FloatArray, bandwidth: FloatArray, grid: FloatArray, start: float, state: FloatArray
+) -> FloatArray:
+    """Many lags of one held command at ``grid``, shape (members, n), going on from ``state``, in place."""
+    output = np.empty((bandwidth.size, grid.size))
+    event, now = 0, start
+    held = command[0]
+    while event < sent.size and sent[event] <= now:
+        held = command[event]
+        event += 1
+    for k in range(grid.size):
+        while True:
+            to = grid[k]
+            arrived = event < sent.size and sent[event] <= grid[k]
+            if arrived:
+                to = sent[event]
+            for member in range(bandwidth.size):
+                state[member] = held + (state[member] - held) * exp(-bandwidth[member] * (to - now))
+            now = to
+            if not arrived:
+                break
+            held = command[event]
+            event += 1
+        output[:, k] = state
+    return output
+
+
+@njit(cache=True, nogil=True)
+def filter_many(values: FloatArray, taps: FloatArray, first: int, stride: int, count: int) -> FloatArray:
+    """Every filter on every row: shape (rows · filters, count), the filters of one row side by side."""
+    rows, filters = values.shape[0], taps.shape[0]
+    output = np.empty((rows * filters, count))
+    for row in range(rows):
+        for q in range(filters):
+            for k in range(count):
+                total = 0.0
+                for j in range(taps.shape[1]):
+                    total += taps[q, j] * values[row, first + k * stride + j]
+                output[row * filters + q, k] = total
+    return output
+
+
+@njit(cache=True, nogil=True)
+def count_readings(arrival: FloatArray, period: float, patience: int) -> FloatArray:
+    """Numbers of readings on their device's clock, from arrivals in seconds.
+
+    A lost reading delays all that follow, a late one only itself: only what ``patience`` readings share is a loss.
+    """
+    numbers = np.empty(arrival.size)
+    skipped, baseline = 0.0, arrival[0]
+    for k in range(arrival.size):
+        lag = np.inf
+        for j in range(k, min(k + patience, arrival.size)):
+            lag = min(lag, arrival[j] - (j + skipped) * period)
+        lost = round((lag - baseline) / period)
+        if k > 0 and lost > 0:
+            skipped += lost
+            lag -= lost * period
+        # The two clocks drift apart slowly, and the period is not known to the last digit.
+        baseline = lag if k == 0 else baseline + 0.02 * (lag - baseline)
+        numbers[k] = k + skipped
+    return numbers

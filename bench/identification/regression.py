@@ -1,0 +1,208 @@
+"""The impedance form as a regression: what is linear once lag, friction's shape and delays are given.
+
+    τ(t) = Km·Ka·lag_β(c)(t − d_c) − Im·ω̇ − B·ω − τc·h − σ1·ḣ/s − τc·h(0)·E + bias,   motion at t + d_m,  h = s·φ
+
+E is what is left of the friction's unknown initial state; it fades as the shaft turns. The same low-pass stands
+before every term, so it cancels.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.identification import loops
+from bench.identification.kernels import Kernel
+from bench.identification.signals import FINE, Signals
+
+FloatArray = npt.NDArray[np.float64]
+
+LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
+GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
+# Steps of the differences that stand for derivatives: relative, and of delays.
+SMALL = 0.01
+SMALL_S = 2e-5
+# The torque sensor's zero may wander this slowly.
+DRIFT_KNOT_S = 60.0
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The unknowns in which the regression is not linear. ``s`` is σ0/τc [1/rad]; positive delays mean later."""
+
+    bandwidth_rad_s: float
+    s_per_rad: float
+    command_delay_s: float
+    motion_delay_s: float
+
+    def as_array(self) -> FloatArray:
+        """(log β, log s, d_c, d_m)."""
+        return np.array(
+            [np.log(self.bandwidth_rad_s), np.log(self.s_per_rad), self.command_delay_s, self.motion_delay_s]
+        )
+
+    @classmethod
+    def of(cls, array: FloatArray) -> "Shape":
+        return cls(float(np.exp(array[0])), float(np.exp(array[1])), float(array[2]), float(array[3]))
+
+
+# Only its delays matter, and they are nil.
+STILL = Shape(1.0, 1.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of the regression at every ``stride``-th usable instant of one stretch."""
+
+    signals: Signals
+    kernel: Kernel
+    stride: int = 1
+
+    @property
+    def usable(self) -> npt.NDArray[np.bool_]:
+        return self.signals.usable[:: self.stride]
+
+    @property
+    def count(self) -> int:
+        return len(self.usable)
+
+    def torque(self, shift_s: float = 0.0) -> FloatArray:
+        """The filtered torque, ``shift_s`` later, shape (count,); zero where nothing measures it."""
+        torque = self.signals.torque_nm
+        return np.zeros(self.count) if torque is None else self.of_tick_signal(torque, shift_s)
+
+    def of_tick_signal(self, values: FloatArray, shift_s: float = 0.0) -> FloatArray:
+        """Any signal given at the ticks, filtered."""
+        shift = shift_s / self.signals.tick_s
+        reach = int(np.ceil(self.kernel.half_width + abs(shift)))
+        taps = self.kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)
+        return np.asarray(loops.filter_at(values, taps[None, :], -reach, self.stride, self.count)[0])
+
+    def lag(self, shape: Shape) -> FloatArray:
+        """The amplifier's lag of the command, per unit of gain: shape (2, count), with its rate."""
+        signals = self.signals
+        lag = loops.lag_of_held(signals.sent_s, signals.command, shape.bandwidth_rad_s, signals.fine_time_s)
+        return self._of_fine(lag, (0, 1), -shape.command_delay_s)
+
+    def kinematics(self, shape: Shape) -> FloatArray:
+        """ω and ω̇, shape (2, count)."""
+        return self._of_fine(self.signals.position_rad, (1, 2), shape.motion_delay_s)
+
+    def position(self, shape: Shape) -> FloatArray:
+        """θ and ω, shape (2, count)."""
+        return self._of_fine(self.signals.position_rad, (0, 1), shape.motion_delay_s)
+
+    def friction(self, shape: Shape) -> FloatArray:
+        """h, ḣ/s and E, shape (3, count)."""
+        path = loops.friction_path(self.signals.path_rad, shape.s_per_rad)
+        sliding = self._of_fine(path[0], (0, 1), shape.motion_delay_s)
+        left = self._of_fine(path[1], (0,), shape.motion_delay_s)
+        return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
+
+    def columns(self, shape: Shape) -> FloatArray:
+        """The five physical columns in the order of LINEAR, then E: shape (6, count)."""
+        velocity, acceleration = self.kinematics(shape)
+        h, rate, left = self.friction(shape)
+        return np.stack([self.lag(shape)[0], -acceleration, -velocity, -h, -rate, -left])
+
+    def _of_fine(self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float) -> FloatArray:
+        tick_s = self.signals.tick_s
+        reach = int(np.ceil(self.kernel.half_width + abs(shift_s) / tick_s)) * FINE
+        offsets = np.arange(-reach, reach + 1) / FINE - shift_s / tick_s
+        taps = np.stack([self.kernel.taps(offsets, order) / tick_s**order for order in derivatives])
+        return np.asarray(loops.filter_at(values, taps, -reach, self.stride * FINE, self.count))
+
+
+@dataclass(frozen=True)
+class Regression:
+    """All stretches together.
+
+    ``free_motion`` solves the same equation for ω̇ instead of τ, which stays sound as τ vanishes: linear unknowns are
+    then those of LINEAR over the inertia, and the inertia's column is -τ with the unknown 1/Im. It stands on the
+    motion's time: d_c is then relative to the motion, and d_m moves the torque.
+    """
+
+    rows: tuple[Rows, ...]
+    free_motion: bool = False
+
+    @classmethod
+    def of(
+        cls, stretches: tuple[Signals, ...], kernel: Kernel, stride: int = 1, *, free_motion: bool = False
+    ) -> "Regression":
+        return cls(tuple(Rows(stretch, kernel, stride) for stretch in stretches), free_motion)
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Which of (log β, log s, d_c, d_m) can be estimated: without torque only one delay has a meaning."""
+        measured = all(rows.signals.torque_nm is not None for rows in self.rows)
+        return (0, 1, 2, 3) if measured else (0, 1, 2)
+
+    def chosen(self, parts: list[FloatArray]) -> FloatArray:
+        """Parts of shape (..., count), one a stretch, cut to their usable instants and joined."""
+        cut = [part[..., rows.usable] for part, rows in zip(parts, self.rows, strict=True)]
+        return np.concatenate(cut, axis=-1)
+
+    def target(self) -> FloatArray:
+        """What the columns explain, shape (samples,)."""
+        if self.free_motion:
+            return self.chosen([rows.kinematics(STILL)[1] for rows in self.rows])
+        return self.chosen([rows.torque() for rows in self.rows])
+
+    def time_s(self) -> FloatArray:
+        return self.chosen([rows.signals.time_s[:: rows.stride] for rows in self.rows])
+
+    def segment(self) -> npt.NDArray[np.int64]:
+        parts = [rows.signals.segment[:: rows.stride][rows.usable] for rows in self.rows]
+        return np.concatenate(parts)
+
+    def columns(self, shape: Shape) -> FloatArray:
+        """Physical columns, then one of E for each stretch, then the bias: shape (5 + stretches + knots, samples)."""
+        parts = [rows.columns(self._on_own_time(shape)) for rows in self.rows]
+        physical = self.chosen([part[:5] for part in parts])
+        if self.free_motion:
+            physical[INERTIA] = -self._torque_at(shape.motion_delay_s)
+        initial = []
+        for index in range(len(parts)):
+            alone = [part[5] if k == index else np.zeros_like(part[5]) for k, part in enumerate(parts)]
+            initial.append(self.chosen(alone))
+        return np.concatenate([physical, np.stack(initial), self.bias()])
+
+    def _on_own_time(self, shape: Shape) -> Shape:
+        return replace(shape, motion_delay_s=0.0) if self.free_motion else shape
+
+    def _torque_at(self, delay_s: float) -> FloatArray:
+        """The torque that belongs to a motion whose readings come later by ``delay_s``."""
+        return self.chosen([rows.torque(-delay_s) for rows in self.rows])
+
+    def bias(self) -> FloatArray:
+        """The sensor's slowly wandering zero, as hats in time: shape (knots, samples)."""
+        time_s = self.time_s()
+        knots = np.linspace(time_s[0], time_s[-1], round((time_s[-1] - time_s[0]) / DRIFT_KNOT_S) + 2)
+        return np.stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
+
+    def jacobian(self, shape: Shape, columns: FloatArray, linear: FloatArray) -> FloatArray:
+        """Change of the prediction with (log β, log s, d_c, d_m), shape (4, samples)."""
+        at = self._on_own_time(shape)
+        other_lag = replace(at, bandwidth_rad_s=at.bandwidth_rad_s * np.exp(SMALL))
+        other_s = replace(at, s_per_rad=at.s_per_rad * np.exp(SMALL))
+        lag_rate = self.chosen([rows.lag(at)[1] for rows in self.rows])
+        lag = self.chosen([rows.lag(other_lag)[0] for rows in self.rows])
+        friction = -self.chosen([rows.friction(other_s)[:2] for rows in self.rows]) - columns[[COULOMB, DAMPING]]
+        return np.stack(
+            [
+                linear[GAIN] * (lag - columns[GAIN]) / SMALL,
+                linear[[COULOMB, DAMPING]] @ friction / SMALL,
+                -linear[GAIN] * lag_rate,
+                self._motion_slope(shape, columns, linear),
+            ]
+        )
+
+    def _motion_slope(self, shape: Shape, columns: FloatArray, linear: FloatArray) -> FloatArray:
+        """Change of the prediction with d_m, shape (samples,)."""
+        if self.free_motion:
+            later = -self._torque_at(shape.motion_delay_s + SMALL_S)
+            return np.asarray(linear[INERTIA] * (later - columns[INERTIA]) / SMALL_S)
+        moved = replace(shape, motion_delay_s=shape.motion_delay_s + SMALL_S)
+        parts = [np.concatenate([rows.kinematics(moved)[::-1], rows.friction(moved)[:2]]) for rows in self.rows]
+        change = -self.chosen(parts) - columns[INERTIA : DAMPING + 1]
+        return np.asarray(linear[INERTIA : DAMPING + 1] @ change / SMALL_S)

@@ -1,0 +1,231 @@
+"""From raw streams to one uniform grid: every signal at the same instants, each with its own clock undone.
+
+The grid has the tick's period and the torque stream's time (arrival less jitter, mean delay included). Command and
+motion have other delays; the fit estimates both relative to the torque.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.errors import ExperimentError
+from bench.identification.kernels import TABLE_PER_UNIT, Kernel
+from bench.identification.quantisation import moving, resolution_rad, unquantised
+from bench.identification.timing import nominal_period_s, sampled_at_s
+from bench.records import NO_DEVICE_TIME, Measured, Table
+from bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+# The motion is known this many times a tick: between its samples the friction's path is taken as straight.
+FINE = 4
+# Wide enough to leave everything below a quarter of the sampling rate as it is.
+INTERPOLATION = Kernel(cutoff=0.36, half_width=12.0)
+LONGEST_GAP_S = 0.05
+SHORTEST_STRETCH_TICKS = 100
+# Rows of a shaft that hardly moves are left out, unless little else would remain.
+LEAST_MOVING_SHARE = 0.1
+
+
+class Port(Enum):
+    """Whose port is looked at: the torque sensor is the boundary of both machines."""
+
+    ACTUATOR = "actuator"
+    LOAD = "load"
+
+
+@dataclass(frozen=True)
+class Signals:
+    """One stretch of time without gaps; arrays of shape (n,), but motions (n · FINE,) and commands (m,).
+
+    ``position_rad`` is as read, for velocity and acceleration (counting makes it noisy, but not wrong);
+    ``path_rad`` is smoothed within the encoder's counts, for friction, which minds every turning back.
+    ``usable`` marks what may be fitted; the rest is there because friction and amplifier remember it.
+    ``torque_nm`` and ``current`` are None where nothing measures them; current comes as it was read, for drives report
+    it more slowly than anything can be interpolated.
+    """
+
+    tick_s: float
+    origin_ns: int
+    time_s: FloatArray
+    position_rad: FloatArray
+    path_rad: FloatArray
+    sent_s: FloatArray
+    command: FloatArray
+    segment: IntArray
+    usable: BoolArray
+    torque_nm: FloatArray | None = None
+    current: "Stream | None" = None
+
+    @property
+    def fine_time_s(self) -> FloatArray:
+        """The instants of the motions."""
+        return np.asarray(self.time_s[0] + np.arange(self.position_rad.size) * (self.tick_s / FINE))
+
+
+def signals(measured: Measured, tick_s: float, use: Use, port: Port = Port.ACTUATOR) -> tuple[Signals, ...]:
+    """The stretches in which something may be fitted. Raises ExperimentError where nothing was measured."""
+    motion = measured.motion if port is Port.ACTUATOR else measured.load_motion
+    if not len(motion) or not len(measured.ticks):
+        raise ExperimentError(f"no motion of the {port.value} was recorded: run an experiment that moves it")
+    origin_ns = int(measured.ticks["tick_ns"][0])
+    streams = _streams(measured, motion, port, origin_ns)
+    stretches = [
+        _stretch(measured, streams, tick_s, use, port, origin_ns, start_s, end_s)
+        for start_s, end_s in _common_spans(measured, streams, origin_ns)
+        if end_s - start_s >= SHORTEST_STRETCH_TICKS * tick_s
+    ]
+    useful = tuple(stretch for stretch in stretches if stretch.usable.any())
+    if not useful:
+        raise ExperimentError(f'nothing was recorded to be used for "{use.value}": run the procedures that measure it')
+    return useful
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Readings with the instants at which they were taken [s]."""
+
+    time_s: FloatArray
+    value: FloatArray
+    period_s: float
+
+    def at(self, grid_s: FloatArray) -> FloatArray:
+        """Interpolated, band-limited; a straight line where readings are missing."""
+        from bench.identification import loops  # noqa: PLC0415  (compiled: slow to import)
+
+        time_s, value = self._filled()
+        table = INTERPOLATION.table()
+        return np.asarray(loops.resample(time_s, value, self.period_s, grid_s, table, TABLE_PER_UNIT))
+
+    def _filled(self) -> tuple[FloatArray, FloatArray]:
+        steps = np.diff(self.time_s)
+        gaps = np.flatnonzero((steps > 1.5 * self.period_s) & (steps < LONGEST_GAP_S))
+        if not gaps.size:
+            return self.time_s, self.value
+        missing = [
+            np.linspace(self.time_s[gap], self.time_s[gap + 1], round(steps[gap] / self.period_s) + 1)[1:-1]
+            for gap in gaps
+        ]
+        time_s = np.sort(np.concatenate([self.time_s, *missing]))
+        return time_s, np.interp(time_s, self.time_s, self.value)
+
+    def between(self, start_s: float, end_s: float) -> "Stream":
+        """The readings of a span."""
+        first, last = np.searchsorted(self.time_s, [start_s, end_s])
+        return replace(self, time_s=self.time_s[first:last], value=self.value[first:last])
+
+    def covers(self, grid_s: FloatArray) -> BoolArray:
+        """Where no reading is missing within the kernel's main lobe."""
+        gaps = np.flatnonzero(np.diff(self.time_s) > 1.5 * self.period_s)
+        covered = np.ones(grid_s.size, dtype=bool)
+        for gap in gaps:
+            reach = 3 * self.period_s
+            first, last = np.searchsorted(grid_s, [self.time_s[gap] - reach, self.time_s[gap + 1] + reach])
+            covered[first:last] = False
+        return covered
+
+
+def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int) -> dict[str, Stream]:
+    position = _stream(motion, "position_rad", None, origin_ns)
+    step_rad = resolution_rad(position.value)
+    smooth = unquantised(position.value, step_rad)
+    streams = {
+        "position": position,
+        "path": replace(position, value=smooth),
+        "moving": replace(position, value=moving(smooth, step_rad).astype(float)),
+    }
+    torque = measured.torque[measured.torque["valid"]]
+    if len(torque):
+        own = torque["device_ns"] if np.all(torque["device_ns"] != NO_DEVICE_TIME) else None
+        stream = _stream(torque, "torque_nm", own, origin_ns)
+        sign = 1.0 if port is Port.ACTUATOR else -1.0
+        streams["torque"] = replace(stream, value=sign * stream.value)
+    if len(measured.current) and port is Port.ACTUATOR:
+        streams["current"] = _stream(measured.current, "current_a", None, origin_ns)
+    return streams
+
+
+def _stream(table: Table, column: str, device_ns: IntArray | None, origin_ns: int) -> Stream:
+    time_s = sampled_at_s(table["arrival_ns"], device_ns, origin_ns)
+    order = np.concatenate([[True], np.diff(time_s) > 0])
+    value = np.ascontiguousarray(table[column], dtype=float)
+    return Stream(time_s[order], value[order], nominal_period_s(table["arrival_ns"]))
+
+
+def _common_spans(measured: Measured, streams: dict[str, Stream], origin_ns: int) -> list[tuple[float, float]]:
+    """Where ticks and streams all run without a long silence."""
+    runs = [(measured.ticks["tick_ns"] - origin_ns) * 1e-9]
+    runs += [stream.time_s for name, stream in streams.items() if name != "current"]
+    spans = [(-np.inf, np.inf)]
+    for times in runs:
+        breaks = np.flatnonzero(np.diff(times) > LONGEST_GAP_S)
+        starts, ends = times[np.concatenate([[0], breaks + 1])], times[np.concatenate([breaks, [-1]])]
+        spans = [
+            (max(a, start), min(b, end))
+            for a, b in spans
+            for start, end in zip(starts, ends, strict=True)
+            if max(a, start) < min(b, end)
+        ]
+    return spans
+
+
+def _stretch(
+    measured: Measured,
+    streams: dict[str, Stream],
+    tick_s: float,
+    use: Use,
+    port: Port,
+    origin_ns: int,
+    start_s: float,
+    end_s: float,
+) -> Signals:
+    # On whole ticks, so that grids of different machines fall on each other.
+    start_s = float(np.ceil(start_s / tick_s) * tick_s)
+    count = int((end_s - start_s) / tick_s)
+    time_s: FloatArray = np.asarray(start_s + np.arange(count) * tick_s, dtype=np.float64)
+    fine_s: FloatArray = np.asarray(start_s + np.arange(count * FINE) * (tick_s / FINE), dtype=np.float64)
+    covered = streams["position"].covers(time_s)
+    torque = streams.get("torque")
+    if torque is not None:
+        covered &= torque.covers(time_s)
+    edge = round(INTERPOLATION.half_width)
+    covered[:edge], covered[-edge:] = False, False
+    ticks = measured.ticks
+    sent_s = (ticks["tick_ns"] + ticks["lateness_ns"] - origin_ns) * 1e-9
+    chosen = (sent_s >= start_s - LONGEST_GAP_S) & (sent_s <= end_s)
+    column = "command" if port is Port.ACTUATOR else "load_torque_nm"
+    segment, in_use = _segments(measured, origin_ns, time_s, use)
+    usable = covered & in_use
+    well_known = usable & (np.interp(time_s, streams["moving"].time_s, streams["moving"].value) > 0.5)
+    # A clamped shaft never moves, and still tells its gain.
+    if np.count_nonzero(well_known) > LEAST_MOVING_SHARE * np.count_nonzero(usable):
+        usable = well_known
+    return Signals(
+        tick_s=tick_s,
+        origin_ns=origin_ns,
+        time_s=time_s,
+        position_rad=streams["position"].at(fine_s),
+        path_rad=streams["path"].at(fine_s),
+        sent_s=np.ascontiguousarray(sent_s[chosen]),
+        command=np.ascontiguousarray(ticks[column][chosen]),
+        segment=segment,
+        usable=usable,
+        torque_nm=None if torque is None else torque.at(time_s),
+        current=streams["current"].between(start_s, end_s) if "current" in streams else None,
+    )
+
+
+def _segments(measured: Measured, origin_ns: int, time_s: FloatArray, use: Use) -> tuple[IntArray, BoolArray]:
+    """The index of each instant's segment (-1: none), and whether that segment is for ``use``."""
+    index = np.full(time_s.size, -1, dtype=np.int64)
+    in_use = np.zeros(time_s.size, dtype=bool)
+    for segment in measured.segments:
+        span = [(segment.start_ns - origin_ns) * 1e-9, (segment.end_ns - origin_ns) * 1e-9]
+        first, last = np.searchsorted(time_s, span)
+        index[first:last] = segment.index
+        in_use[first:last] = segment.use is use
+    return index, in_use

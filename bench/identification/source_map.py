@@ -1,0 +1,101 @@
+"""The two static experiments, as measured: the motion source (free) and the Thévenin source (blocked), section IV.D."""
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.errors import ExperimentError
+from bench.identification.results import BlockedMap, SourceMap
+from bench.records import Measured, SegmentInfo, Table
+
+FloatArray = npt.NDArray[np.float64]
+
+# The last part of a dwell counts: before it the shaft still settles.
+SETTLED_SHARE = 0.5
+SHORTEST_DWELL_TICKS = 20
+# Dwells are averaged in this many blocks; the scatter of the blocks is that of correlated noise.
+BLOCKS = 5
+
+
+def source_map(measured: Measured) -> SourceMap:
+    """Steady free velocity against command, from the staircases. Raises ExperimentError where there is none."""
+    levels = []
+    for segment in measured.segments:
+        if segment.procedure != "free" or not segment.name.startswith("staircase"):
+            continue
+        before = _command_before(measured.ticks, segment)
+        for command, start_ns, end_ns in _dwells(measured.ticks, segment):
+            velocity = _slope(measured.motion, start_ns, end_ns)
+            if velocity is not None:
+                levels.append((command, *velocity, command >= before))
+            before = command
+    if not levels:
+        raise ExperimentError("no staircase was recorded: run the step 'free' to measure the static source map")
+    table = np.array(levels, dtype=float)
+    return SourceMap(table[:, 0], table[:, 1], table[:, 2], table[:, 3] > 0)
+
+
+def blocked_map(measured: Measured) -> BlockedMap:
+    """Torque at standstill against command, by the side of approach. Raises ExperimentError where there is none."""
+    levels = []
+    for segment in measured.segments:
+        if segment.procedure != "blocked" or not segment.name.startswith("hold"):
+            continue
+        ticks = measured.ticks[_rows(measured.ticks, "tick_ns", segment.start_ns, segment.end_ns)]
+        start_ns = round(segment.end_ns - SETTLED_SHARE * (segment.end_ns - segment.start_ns))
+        torque = measured.torque[_rows(measured.torque, "arrival_ns", start_ns, segment.end_ns)]
+        mean = _mean(torque["torque_nm"][torque["valid"]])
+        if mean is not None and len(ticks):
+            levels.append((float(np.median(ticks["command"])), *mean, "above" in segment.name))
+    if not levels:
+        raise ExperimentError("no held level was recorded: run the step 'blocked' to measure the Thévenin source")
+    table = np.array(levels, dtype=float)
+    return BlockedMap(table[:, 0], table[:, 1], table[:, 2], table[:, 3] > 0)
+
+
+def _rows(table: Table, key: str, start_ns: int, end_ns: int) -> slice:
+    first, last = np.searchsorted(table[key], [start_ns, end_ns])
+    return slice(int(first), int(last))
+
+
+def _command_before(ticks: Table, segment: SegmentInfo) -> float:
+    """The command from which the first level is reached, or would be by steps like the next one."""
+    rows = _rows(ticks, "tick_ns", segment.start_ns, segment.end_ns)
+    own = ticks["command"][rows]
+    earlier = ticks["command"][: rows.start][-1] if rows.start > 0 else own[0]
+    changed = own[own != own[0]]
+    if earlier != own[0] or not changed.size:
+        return float(earlier)
+    return float(own[0] - (changed[0] - own[0]))
+
+
+def _dwells(ticks: Table, segment: SegmentInfo) -> list[tuple[float, int, int]]:
+    """Each level with the settled part of its dwell."""
+    own = ticks[_rows(ticks, "tick_ns", segment.start_ns, segment.end_ns)]
+    edges = np.flatnonzero(np.diff(own["command"]) != 0) + 1
+    dwells = []
+    for part in np.split(own, edges):
+        if len(part) >= SHORTEST_DWELL_TICKS:
+            start_ns, end_ns = int(part["tick_ns"][0]), int(part["tick_ns"][-1])
+            dwells.append((float(part["command"][0]), round(end_ns - SETTLED_SHARE * (end_ns - start_ns)), end_ns))
+    return dwells
+
+
+def _slope(motion: Table, start_ns: int, end_ns: int) -> tuple[float, float] | None:
+    """Mean velocity over a span and its deviation, from positions: no drive's own filter stands in between."""
+    rows = motion[_rows(motion, "arrival_ns", start_ns, end_ns)]
+    if len(rows) < 4 * BLOCKS:
+        return None
+    time_s = (rows["arrival_ns"] - rows["arrival_ns"][0]) * 1e-9
+    slopes = [
+        np.polyfit(time_s[part], rows["position_rad"][part], 1)[0]
+        for part in np.array_split(np.arange(len(rows)), BLOCKS)
+    ]
+    whole = np.polyfit(time_s, rows["position_rad"], 1)[0]
+    return float(whole), float(np.std(slopes, ddof=1) / np.sqrt(BLOCKS))
+
+
+def _mean(values: FloatArray) -> tuple[float, float] | None:
+    if len(values) < 4 * BLOCKS:
+        return None
+    means = [float(np.mean(part)) for part in np.array_split(values, BLOCKS)]
+    return float(np.mean(values)), float(np.std(means, ddof=1) / np.sqrt(BLOCKS))

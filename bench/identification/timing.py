@@ -1,0 +1,98 @@
+"""When a stream's readings were taken, recovered from when they arrived.
+
+A device samples at regular instants of its own clock; transport adds a delay and a jitter. The instants are found by a
+robust fit of a slowly bending line of arrival against the device's own stamps, or, where it sends none, against a
+count of its readings in which losses are seen as gaps. The mean transport delay stays in: it is the same for
+all readings of a stream, and the fit estimates it.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+# Two clocks drift apart by parts in a million, and the drift itself changes over tens of seconds.
+KNOT_S = 20.0
+# After a silence longer than this many periods, the count of readings cannot be trusted and starts anew.
+LONGEST_COUNTED_GAP = 50
+# A stalled host hands over at most so many readings at once; later than that they were lost.
+LATE_READINGS = 40
+TRIMMED_ROUNDS = 4
+TRIMMED_AT = 3.0
+NORMAL_OF_MEDIAN_DEVIATION = 1.4826
+
+
+def nominal_period_s(arrival_ns: IntArray) -> float:
+    """The time between two readings [s]: the mean of the usual ones, for arrivals may be bunched."""
+    steps = np.diff(arrival_ns) * 1e-9
+    if not steps.size:
+        return float("nan")
+    span = _usual_span(arrival_ns)
+    return float(span if span > 0 else np.median(steps))
+
+
+def sampled_at_s(arrival_ns: IntArray, device_ns: IntArray | None, origin_ns: int) -> FloatArray:
+    """When each reading was taken plus the stream's mean delay [s since ``origin_ns``], shape (n,).
+
+    ``device_ns`` are the device's own stamps, or None where it sends none.
+    """
+    arrival_s = np.asarray((arrival_ns - origin_ns) * 1e-9, dtype=np.float64)
+    if arrival_ns.size < 8:
+        return arrival_s
+    if device_ns is not None:
+        return _on_host_clock(np.asarray((device_ns - device_ns[0]) * 1e-9, dtype=np.float64), arrival_s)
+    period_s = nominal_period_s(arrival_ns)
+    times_s = np.empty_like(arrival_s)
+    starts = np.flatnonzero(np.diff(arrival_s) > LONGEST_COUNTED_GAP * period_s) + 1
+    for part in np.split(np.arange(arrival_s.size), starts):
+        ticks = _count(arrival_s[part], period_s)
+        times_s[part] = _on_host_clock(ticks * period_s, arrival_s[part])
+    return times_s
+
+
+def _usual_span(arrival_ns: IntArray) -> float:
+    """The period from blocks of readings without a loss: the median over blocks of their mean step [s]."""
+    block = min(64, arrival_ns.size - 1)
+    spans = (arrival_ns[block:] - arrival_ns[:-block]) * 1e-9 / block
+    return float(np.median(spans))
+
+
+def _count(arrival_s: FloatArray, period_s: float) -> FloatArray:
+    """The number of each reading on its device's clock: neighbours one apart, or more where some were lost."""
+    from bench.identification import loops  # noqa: PLC0415  (compiled: slow to import)
+
+    return np.asarray(loops.count_readings(arrival_s, period_s, LATE_READINGS))
+
+
+def _on_host_clock(device_s: FloatArray, arrival_s: FloatArray) -> FloatArray:
+    """The device's time on the host's clock, by a robust piecewise linear fit of their difference."""
+    difference = arrival_s - device_s
+    knots = np.linspace(device_s[0], device_s[-1], max(2, round((device_s[-1] - device_s[0]) / KNOT_S) + 1))
+    weights = np.ones(device_s.size, dtype=bool)
+    fitted = difference
+    for _ in range(TRIMMED_ROUNDS):
+        fitted = _piecewise_line(device_s, difference, knots, weights)
+        residual = difference - fitted
+        centre = np.median(residual)
+        deviation = NORMAL_OF_MEDIAN_DEVIATION * np.median(np.abs(residual - centre))
+        weights = np.abs(residual - centre) <= TRIMMED_AT * deviation + 1e-9
+    return np.asarray(device_s + fitted)
+
+
+def _piecewise_line(x: FloatArray, y: FloatArray, knots: FloatArray, chosen: npt.NDArray[np.bool_]) -> FloatArray:
+    """Least squares line through hats at ``knots``, fitted on the chosen points, at all points."""
+    index = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    share = (x - knots[index]) / (knots[index + 1] - knots[index])
+    matrix = np.zeros((len(knots), len(knots)))
+    right = np.zeros(len(knots))
+    reference = float(np.mean(y[chosen]))
+    left, rest, target = index[chosen], share[chosen], y[chosen] - reference
+    for offset, weight in ((0, 1 - rest), (1, rest)):
+        np.add.at(right, left + offset, weight * target)
+        np.add.at(matrix, (left + offset, left + offset), weight * weight)
+    cross = (1 - rest) * rest
+    np.add.at(matrix, (left, left + 1), cross)
+    np.add.at(matrix, (left + 1, left), cross)
+    heights = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    return np.asarray(reference + heights[index] * (1 - share) + heights[index + 1] * share)

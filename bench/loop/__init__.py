@@ -1,0 +1,1 @@
+"""The tick: receive, align, control, guard, send, put away."""

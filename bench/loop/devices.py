@@ -1,0 +1,158 @@
+"""The devices of one bench as the loop handles them: opened, enabled, received from, sent to and stopped together."""
+
+from dataclasses import dataclass, field
+
+from bench.errors import ExperimentError
+from bench.loop.guard import Commands, DriveHealth
+from bench.rig.rig import Rig
+from drivers.backend import Backend
+from drivers.clock import Clock
+from drivers.devices import Amplifier, Device, TorqueSensor
+from drivers.link import Link
+from drivers.readings import CurrentReading, DriveState, MotionReading, TorqueReading
+from drivers.registry import open_amplifier, open_torque_sensor
+
+# A drive that was told to idle says so with its next heartbeat; waiting longer than this is pointless.
+IDLE_WITHIN_NS = 500_000_000
+# Streams that never begin are reported by name after this long.
+STREAMS_WITHIN_NS = 1_000_000_000
+
+
+@dataclass
+class Arrivals:
+    """What arrived since the last tick, oldest first."""
+
+    motion: list[MotionReading] = field(default_factory=list)
+    load_motion: list[MotionReading] = field(default_factory=list)
+    torque: list[TorqueReading] = field(default_factory=list)
+    current: list[CurrentReading] = field(default_factory=list)
+
+    def add(self, later: "Arrivals") -> None:
+        """What arrived after these."""
+        self.motion += later.motion
+        self.load_motion += later.load_motion
+        self.torque += later.torque
+        self.current += later.current
+
+
+@dataclass(frozen=True)
+class Devices:
+    """The actuator's amplifier and, where the rig has them, load drive and torque sensor."""
+
+    link: Link
+    actuator: Amplifier
+    load: Amplifier | None = None
+    torque_sensor: TorqueSensor | None = None
+
+    @property
+    def clock(self) -> Clock:
+        return self.link.clock
+
+    @property
+    def drives(self) -> tuple[Amplifier, ...]:
+        return (self.actuator,) if self.load is None else (self.actuator, self.load)
+
+    def all(self) -> tuple[Device, ...]:
+        """Every device that is there."""
+        return self.drives if self.torque_sensor is None else (*self.drives, self.torque_sensor)
+
+    def receive(self) -> Arrivals:
+        """Everything that has arrived. Raises ConnectionFailedError where a port is lost."""
+        self.link.poll()
+        load, sensor = self.load, self.torque_sensor
+        if load is not None:
+            load.take_current()
+        return Arrivals(
+            self.actuator.take_motion(),
+            [] if load is None else load.take_motion(),
+            [] if sensor is None else sensor.take_torque(),
+            self.actuator.take_current(),
+        )
+
+    def send(self, commands: Commands) -> None:
+        """Raises ConnectionFailedError."""
+        self.actuator.command_torque(commands.command)
+        if self.load is not None:
+            self.load.command_torque(commands.load_torque_nm)
+
+    def health(self) -> tuple[DriveHealth, ...]:
+        """The last word of every drive."""
+        return tuple(DriveHealth(drive.role, drive.status(), drive.heartbeat_timeout_ns) for drive in self.drives)
+
+    def enable(self) -> None:
+        """Close every drive's torque loop at zero torque. Raises DeviceError; the drives are then idle again."""
+        enabled: list[Amplifier] = []
+
+        def feed_watchdogs() -> None:
+            for drive in enabled:
+                drive.command_torque(0.0)
+
+        self.link.keep_alive = feed_watchdogs
+        try:
+            for drive in self.drives:
+                drive.enable()
+                enabled.append(drive)
+            feed_watchdogs()
+        except BaseException:
+            self.link.keep_alive = None
+            self.stop()
+            raise
+        self.link.keep_alive = None
+
+    def stop(self) -> tuple[str, ...]:
+        """Every drive to zero torque and idle, whatever state the bench is in. Returns complaints, never raises."""
+        for drive in self.drives:
+            drive.stop()
+        return self._await_idle()
+
+    def _await_idle(self) -> tuple[str, ...]:
+        deadline_ns = self.clock.now_ns() + IDLE_WITHIN_NS
+        while self.clock.now_ns() < deadline_ns:
+            if all(drive.status().state is not DriveState.ENABLED for drive in self.drives):
+                return ()
+            try:
+                self.link.wait()
+            except Exception as error:  # a stop must reach its end; the reason is reported
+                return (f"the drives were told to stop but cannot be heard: {error}",)
+        return tuple(
+            f"{drive.role} drive: told to idle, but still says that it is enabled: switch off its supply"
+            for drive in self.drives
+            if drive.status().state is DriveState.ENABLED
+        )
+
+    def await_streams(self) -> Arrivals:
+        """Let every stream begin; returns what arrived meanwhile. Raises ExperimentError naming those that do not."""
+        deadline_ns = self.clock.now_ns() + STREAMS_WITHIN_NS
+        arrived = self.receive()
+        while self._silent(arrived) and self.clock.now_ns() < deadline_ns:
+            self.link.wait()
+            arrived.add(self.receive())
+        if missing := self._silent(arrived):
+            raise ExperimentError(
+                f"no readings from: {', '.join(missing)}; check power, cable and the device's cyclic messages"
+            )
+        return arrived
+
+    def _silent(self, arrived: Arrivals) -> list[str]:
+        streams = (
+            ("actuator encoder", True, arrived.motion),
+            ("load encoder", self.load is not None, arrived.load_motion),
+            ("torque sensor", self.torque_sensor is not None, arrived.torque),
+        )
+        return [name for name, expected, readings in streams if expected and not readings]
+
+
+def open_devices(rig: Rig, backend: Backend) -> Devices:
+    """Open the rig's ports and drivers; nothing moves. Raises WiringError, ConnectionFailedError."""
+    wiring = rig.wiring
+    link = Link(backend, wiring.buses)
+    try:
+        return Devices(
+            link,
+            open_amplifier(wiring.actuator, link),
+            open_amplifier(wiring.load, link) if wiring.load is not None else None,
+            open_torque_sensor(wiring.torque_sensor, link) if wiring.torque_sensor is not None else None,
+        )
+    except BaseException:
+        link.close()
+        raise

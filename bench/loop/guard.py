@@ -1,0 +1,155 @@
+"""The last word before the wire. Independent of every controller and procedure, it fails closed: what it cannot judge,
+it stops. Once tripped it stays tripped."""
+
+from dataclasses import dataclass, field
+from enum import IntFlag
+from math import isfinite
+
+from bench.errors import SafetyStopError
+from bench.rig.rig import Limits
+from bench.sample import Sample
+from drivers.readings import DriveState, DriveStatus
+
+
+class Limited(IntFlag):
+    """What was clipped in a tick; clipping is no alarm, but it is recorded."""
+
+    COMMAND = 1
+    COMMAND_RATE = 2
+    LOAD_TORQUE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Commands:
+    """What goes to the drives: the actuator's command in its own unit, the load's torque, and what was clipped."""
+
+    command: float
+    load_torque_nm: float
+    limited: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class DriveHealth:
+    """A drive's last word, and how long its heartbeat may be silent."""
+
+    name: str
+    status: DriveStatus
+    heartbeat_timeout_ns: int
+
+
+@dataclass
+class Guard:
+    """Holds the limits of one rig.
+
+    ``has_load`` and ``has_torque_sensor`` say which signals must be there; ``command_limit`` is the greatest actuator
+    command, in its own unit.
+    """
+
+    limits: Limits
+    command_limit: float
+    tick_s: float
+    has_load: bool
+    has_torque_sensor: bool
+    tripped: str | None = field(default=None, init=False)
+    _last_command: float = field(default=0.0, init=False)
+    _home_rad: float | None = field(default=None, init=False)
+
+    def begin(self, sample: Sample) -> None:
+        """The drives were just enabled at zero. The position window is centred where the shaft first stood."""
+        self._last_command = 0.0
+        if self._home_rad is None and isfinite(sample.position_rad):
+            self._home_rad = sample.position_rad
+
+    def limit(self, wished: Commands, sample: Sample, drives: tuple[DriveHealth, ...]) -> Commands:
+        """``wished`` within its bounds. Raises SafetyStopError where the bench is not as it must be."""
+        if self.tripped is not None:
+            raise SafetyStopError(self.tripped)
+        self._check_wish(wished)
+        self._check_freshness(sample)
+        self._check_values(sample)
+        for drive in drives:
+            self._check_drive(drive, sample.tick_ns)
+        return self._clip(wished)
+
+    def trip(self, reason: str) -> SafetyStopError:
+        """Latch ``reason``; returns the error to raise."""
+        self.tripped = reason
+        return SafetyStopError(reason)
+
+    def _check_wish(self, wished: Commands) -> None:
+        if not (isfinite(wished.command) and isfinite(wished.load_torque_nm)):
+            raise self.trip(
+                f"the controller asked for command {wished.command} and load torque {wished.load_torque_nm} N m: "
+                "not a number, so nothing was sent"
+            )
+
+    def _check_freshness(self, sample: Sample) -> None:
+        self._check_age("actuator encoder", sample.motion_age_ns)
+        if self.has_load:
+            self._check_age("load encoder", sample.load_motion_age_ns)
+        if self.has_torque_sensor:
+            self._check_age("torque sensor", sample.torque_age_ns)
+
+    def _check_age(self, name: str, age_ns: int) -> None:
+        if age_ns < 0:
+            raise self.trip(f"{name}: no reading yet")
+        if age_ns > self.limits.stale_after_ns:
+            raise self.trip(
+                f"{name}: silent for {age_ns / 1e6:.1f} ms, more than [limits] stale_after = "
+                f"{self.limits.stale_after_ns / 1e6:g} ms"
+            )
+
+    def _check_values(self, sample: Sample) -> None:
+        self._check_bound("actuator velocity", sample.velocity_rad_s, self.limits.velocity_rad_s, "velocity", "rad/s")
+        if self._home_rad is None:
+            raise self.trip("actuator position: not a number when the drives were enabled")
+        travel_rad = sample.position_rad - self._home_rad
+        self._check_bound("travel from where the shaft stood", travel_rad, self.limits.position_rad, "position", "rad")
+        if self.has_load:
+            self._check_bound(
+                "load velocity", sample.load_velocity_rad_s, self.limits.velocity_rad_s, "velocity", "rad/s"
+            )
+            self._check_bound("load position", sample.load_position_rad, float("inf"), "position", "rad")
+        if self.has_torque_sensor:
+            self._check_bound("port torque", sample.torque_nm, self.limits.torque_nm, "torque", "N m")
+            power_w = sample.torque_nm * sample.velocity_rad_s
+            self._check_bound("port power", power_w, self.limits.power_w, "power", "W")
+
+    def _check_bound(self, name: str, value: float, bound: float, key: str, unit: str) -> None:
+        # Written so that NaN fails: a comparison with it is never true.
+        if not (isfinite(value) and abs(value) <= bound):
+            raise self.trip(f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}")
+
+    def _check_drive(self, drive: DriveHealth, tick_ns: int) -> None:
+        status = drive.status
+        if status.state is not DriveState.ENABLED:
+            words = "; ".join(status.errors) or "no reason given"
+            raise self.trip(f"{drive.name} drive: left its torque loop ({status.state.value}: {words})")
+        heartbeat_ns = status.heartbeat_ns
+        if heartbeat_ns is None or tick_ns - heartbeat_ns > drive.heartbeat_timeout_ns:
+            raise self.trip(f"{drive.name} drive: no heartbeat for {drive.heartbeat_timeout_ns / 1e6:g} ms")
+        for part, celsius in (
+            ("transistors", status.transistor_temperature_c),
+            ("motor", status.motor_temperature_c),
+        ):
+            # Drives that report no temperature leave NaN, which is no alarm; a hot one is.
+            if celsius > self.limits.temperature_c:
+                raise self.trip(
+                    f"{drive.name} drive: {part} at {celsius:.0f} °C, above [limits] temperature = "
+                    f"{self.limits.temperature_c:g} °C"
+                )
+
+    def _clip(self, wished: Commands) -> Commands:
+        limited = Limited(0)
+        command = min(max(wished.command, -self.command_limit), self.command_limit)
+        if command != wished.command:
+            limited |= Limited.COMMAND
+        step = self.limits.command_rate_per_s * self.tick_s
+        slewed = min(max(command, self._last_command - step), self._last_command + step)
+        if slewed != command:
+            limited |= Limited.COMMAND_RATE
+        load_nm = min(max(wished.load_torque_nm, -self.limits.load_torque_nm), self.limits.load_torque_nm)
+        if load_nm != wished.load_torque_nm:
+            limited |= Limited.LOAD_TORQUE
+        self._last_command = slewed
+        return Commands(slewed, load_nm, int(limited))

@@ -1,0 +1,86 @@
+"""What the load drive does in a segment: coast, follow a torque, or obey the admittance law."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from bench.control.admittance import AdmittanceController
+from bench.errors import RigError
+from bench.sample import Sample, Target
+from bench.segments import FloatArray, LoadMode, Segment
+
+AT_REST = Target()
+
+
+class LoadStrategy(Protocol):
+    """Asked once a tick; told what was really sent."""
+
+    def begin(self, sample: Sample) -> None: ...
+    def wish(self, sample: Sample, index: int) -> float:
+        """The load torque [N m] wished at tick ``index`` of the segment."""
+        ...
+
+    def note_sent(self, load_torque_nm: float) -> None: ...
+    def target(self, index: int) -> Target: ...
+
+
+@dataclass
+class OpenLoop:
+    """The segment's torque as it stands, or none. A controller that is there watches, so as to take over smoothly."""
+
+    segment: Segment
+    controller: AdmittanceController | None
+
+    def begin(self, sample: Sample) -> None:
+        """Nothing to prepare."""
+
+    def wish(self, sample: Sample, index: int) -> float:
+        if self.controller is not None:
+            self.controller.observe(sample)
+        return float(self.segment.load_torque_nm[index]) if self.segment.mode is LoadMode.TORQUE else 0.0
+
+    def note_sent(self, load_torque_nm: float) -> None:
+        if self.controller is not None:
+            self.controller.note_sent(load_torque_nm)
+
+    def target(self, index: int) -> Target:
+        return AT_REST
+
+
+@dataclass
+class Imposed:
+    """The admittance law about the segment's reference; ``base_rad`` is where that reference begins."""
+
+    segment: Segment
+    controller: AdmittanceController
+    base_rad: float
+
+    def begin(self, sample: Sample) -> None:
+        self.controller.begin(sample, self.segment.admittance)
+
+    def wish(self, sample: Sample, index: int) -> float:
+        ahead = min(index + self.controller.lead_ticks, self.segment.ticks - 1)
+        return self.controller.update(sample, self.target(index), self.target(ahead))
+
+    def note_sent(self, load_torque_nm: float) -> None:
+        self.controller.note_sent(load_torque_nm)
+
+    def target(self, index: int) -> Target:
+        segment = self.segment
+        return Target(
+            self.base_rad + _at(segment.position_rad, index),
+            _at(segment.velocity_rad_s, index),
+            _at(segment.acceleration_rad_s2, index),
+        )
+
+
+def _at(values: FloatArray, index: int) -> float:
+    return float(values[index]) if len(values) else 0.0
+
+
+def strategy_for(segment: Segment, controller: AdmittanceController | None, base_rad: float) -> LoadStrategy:
+    """Raises RigError for an admittance segment without a calibrated load."""
+    if segment.mode is not LoadMode.ADMITTANCE:
+        return OpenLoop(segment, controller)
+    if controller is None:
+        raise RigError(f"{segment.procedure}: needs a calibrated load drive; run the step 'calibrate' before it")
+    return Imposed(segment, controller, base_rad)

@@ -1,0 +1,181 @@
+"""The loop: one tick is one straight line, and leaving it, however that happens, leaves the drives idle."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import nan
+
+from bench.control.admittance import AdmittanceController
+from bench.errors import BenchError, OperatorStopError
+from bench.loop.alignment import Alignment
+from bench.loop.devices import Arrivals, Devices
+from bench.loop.guard import Commands, DriveHealth, Guard
+from bench.loop.load_strategy import LoadStrategy, strategy_for
+from bench.loop.outbox import Outbox
+from bench.records import Measured, SegmentInfo, join
+from bench.sample import Sample, Target
+from bench.segments import LoadMode, Segment
+from drivers.errors import DeviceError
+
+
+def never_stop() -> str | None:
+    """No operator is there to stop anything."""
+    return None
+
+
+@dataclass
+class Loop:
+    """Runs segments on enabled devices.
+
+    ``stop_request`` is asked every tick and returns the operator's reason to stop, or None. ``controller`` is needed
+    for segments in admittance mode, and watches all others so that it takes over without a bump.
+    """
+
+    devices: Devices
+    guard: Guard
+    outbox: Outbox
+    alignment: Alignment
+    tick_ns: int
+    stop_request: Callable[[], str | None] = never_stop
+    controller: AdmittanceController | None = None
+    skipped_ticks: int = field(default=0, init=False)
+    _next_ns: int = field(default=0, init=False)
+    _segments: int = field(default=0, init=False)
+    _reference_rad: float | None = field(default=None, init=False)  # where the last imposed motion ended
+    _position_rad: float = field(default=nan, init=False)
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Drives enabled inside, idle outside, whatever happens in between. Raises DeviceError, ExperimentError."""
+        begun = self.devices.await_streams()
+        self._sample(self.devices.clock.now_ns(), begun)
+        self.devices.enable()
+        try:
+            self._start()
+            yield
+        except (BenchError, DeviceError) as error:
+            self.outbox.put_event(self.devices.clock.now_ns(), "stop", str(error))
+            raise
+        finally:
+            for complaint in self.devices.stop():
+                self.outbox.put_event(self.devices.clock.now_ns(), "drive", complaint)
+            self.outbox.hand_on()
+
+    def run(self, segment: Segment) -> Measured:
+        """Run one segment; returns what was measured in it.
+
+        Raises SafetyStopError, OperatorStopError, ConnectionFailedError; :meth:`running` then idles the drives.
+        """
+        base_rad = self._position_rad if self._reference_rad is None else self._reference_rad
+        strategy = strategy_for(segment, self.controller, base_rad)
+        self._next_ns = max(self._next_ns, self.devices.clock.now_ns())
+        start_ns, index, done = self._next_ns, 0, False
+        parts: list[Measured] = []
+        try:
+            while index < segment.ticks and not done:
+                sample, full = self._tick(segment, strategy, index)
+                done = abs(sample.velocity_rad_s) >= segment.stop_at_velocity_rad_s
+                index += 1 + self._skip_missed()
+                if full:
+                    parts.append(self.outbox.hand_on(self._info(segment, start_ns)))
+        finally:
+            parts.append(self.outbox.hand_on(self._info(segment, start_ns)))
+            self._segments += 1
+        rigid = segment.mode is LoadMode.ADMITTANCE and segment.admittance.rigid
+        self._reference_rad = strategy.target(segment.ticks - 1).position_rad if rigid else None
+        return join(parts)
+
+    def _start(self) -> None:
+        now_ns = self.devices.clock.now_ns()
+        sample = self._sample(now_ns, self.devices.receive())
+        self.guard.begin(sample)
+        self._position_rad, self._reference_rad = sample.load_position_rad, None
+        self._next_ns = now_ns + self.tick_ns
+
+    def _tick(self, segment: Segment, strategy: LoadStrategy, index: int) -> tuple[Sample, bool]:
+        clock = self.devices.clock
+        deadline_ns = self._next_ns
+        clock.wait_until_ns(deadline_ns)
+        now_ns = clock.now_ns()
+        arrivals = self.devices.receive()
+        sample = self._sample(now_ns, arrivals)
+        if index == 0:
+            strategy.begin(sample)
+        wish = Commands(float(segment.command[index]), strategy.wish(sample, index))
+        self._obey_operator()
+        drives = self.devices.health()
+        commands = self.guard.limit(wish, sample, drives)
+        self.devices.send(commands)
+        strategy.note_sent(commands.load_torque_nm)
+        self._position_rad = sample.load_position_rad
+        self._next_ns = deadline_ns + self.tick_ns
+        row = self._row(deadline_ns, now_ns, sample, wish, commands, strategy.target(index), drives)
+        return sample, self.outbox.put(row, arrivals)
+
+    def _sample(self, now_ns: int, arrivals: Arrivals) -> Sample:
+        return self.alignment.update(now_ns, arrivals.motion, arrivals.load_motion, arrivals.torque)
+
+    def _obey_operator(self) -> None:
+        reason = self.stop_request()
+        if reason is not None:
+            raise OperatorStopError(f"stopped by the operator: {reason}")
+
+    def _skip_missed(self) -> int:
+        """Ticks whose whole period has passed are skipped, never made up for; a long stall is a reason to stop."""
+        missed = (self.devices.clock.now_ns() - self._next_ns) // self.tick_ns
+        if missed <= 0:
+            return 0
+        self.skipped_ticks += missed
+        self._next_ns += missed * self.tick_ns
+        stall_ns = missed * self.tick_ns
+        if stall_ns > self.guard.limits.stall_after_ns:
+            raise self.guard.trip(
+                f"the loop stood still for {stall_ns / 1e6:.0f} ms, more than stall_after = "
+                f"{self.guard.limits.stall_after_ns / 1e6:g} ms"
+            )
+        return missed
+
+    def _info(self, segment: Segment, start_ns: int) -> SegmentInfo:
+        return SegmentInfo(
+            self._segments,
+            segment.procedure,
+            segment.name,
+            segment.use,
+            segment.mode.value,
+            start_ns,
+            self._next_ns,
+            segment.preview,
+        )
+
+    def _row(
+        self,
+        deadline_ns: int,
+        now_ns: int,
+        sample: Sample,
+        wish: Commands,
+        commands: Commands,
+        target: Target,
+        drives: tuple[DriveHealth, ...],
+    ) -> tuple[float, ...]:
+        return (
+            deadline_ns,
+            now_ns - deadline_ns,
+            self.devices.clock.now_ns() - now_ns,
+            self._segments,
+            commands.command,
+            wish.load_torque_nm,
+            commands.load_torque_nm,
+            sample.torque_nm,
+            sample.torque_age_ns,
+            sample.position_rad,
+            sample.velocity_rad_s,
+            sample.motion_age_ns,
+            sample.load_position_rad,
+            sample.load_velocity_rad_s,
+            sample.load_motion_age_ns,
+            target.position_rad,
+            target.velocity_rad_s,
+            drives[0].status.transistor_temperature_c,
+            drives[1].status.transistor_temperature_c if len(drives) > 1 else nan,
+            commands.limited,
+        )

@@ -1,0 +1,73 @@
+"""Where every tick leaves what it saw and did. Handed on in parts, after the tick's commands were sent."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bench.loop.devices import Arrivals
+from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Event, Measured, SegmentInfo
+from drivers.readings import MotionReading, RawFrame, TorqueReading
+
+Consumer = Callable[[Measured], None]
+
+# Parts of 100 ms: what a crash may lose, and what the live identifier digests at a time.
+PART_TICKS = 100
+
+
+@dataclass
+class Outbox:
+    """Collects rows and readings; every ``part_ticks`` ticks it hands one part to each consumer, in order.
+
+    Consumers must return quickly: whoever needs time takes the part elsewhere (a queue, a process).
+    """
+
+    consumers: Sequence[Consumer] = ()
+    part_ticks: int = PART_TICKS
+    _rows: list[tuple[float, ...]] = field(default_factory=list, init=False)
+    _arrivals: Arrivals = field(default_factory=Arrivals, init=False)
+    _events: list[Event] = field(default_factory=list, init=False)
+    _frames: list[RawFrame] = field(default_factory=list, init=False)
+
+    def put(self, row: tuple[float, ...], arrivals: Arrivals) -> bool:
+        """Keep one tick's row (in the order of TICK) and what arrived; True once a part is full."""
+        self._rows.append(row)
+        self._arrivals.add(arrivals)
+        return len(self._rows) >= self.part_ticks
+
+    def put_frame(self, frame: RawFrame) -> None:
+        self._frames.append(frame)
+
+    def put_event(self, stamp_ns: int, kind: str, text: str) -> None:
+        self._events.append(Event(stamp_ns, kind, text))
+
+    def hand_on(self, segment: SegmentInfo | None = None) -> Measured:
+        """Give what has been collected to the consumers; returns it too. ``segment`` is what it belongs to so far."""
+        part = Measured(
+            ticks=np.array(self._rows, TICK),
+            motion=_motion_table(self._arrivals.motion),
+            load_motion=_motion_table(self._arrivals.load_motion),
+            torque=_torque_table(self._arrivals.torque),
+            current=np.array([(r.arrival_ns, r.sequence, r.current_a) for r in self._arrivals.current], CURRENT),
+            segments=() if segment is None else (segment,),
+            events=tuple(self._events),
+            frames=tuple(self._frames),
+        )
+        self._rows, self._arrivals, self._events, self._frames = [], Arrivals(), [], []
+        for consumer in self.consumers:
+            consumer(part)
+        return part
+
+
+def _motion_table(readings: list[MotionReading]) -> np.ndarray:
+    return np.array([(r.arrival_ns, r.sequence, r.position_rad, r.velocity_rad_s) for r in readings], MOTION)
+
+
+def _torque_table(readings: list[TorqueReading]) -> np.ndarray:
+    return np.array(
+        [
+            (r.arrival_ns, NO_DEVICE_TIME if r.device_ns is None else r.device_ns, r.sequence, r.torque_nm, r.valid)
+            for r in readings
+        ],
+        TORQUE,
+    )

@@ -1,0 +1,1 @@
+"""Actuators as the paper writes them: equations and parameters, no integrators."""

@@ -1,0 +1,133 @@
+"""The bench's own integration of the identified network, compiled: small steps, but none of the simulator's.
+
+Between two ticks the command is held. Over one step the amplifier's lag is integrated exactly and the friction
+contact by its exact flow over the displacement, φ⁺ = ±1/s + (φ ∓ 1/s) exp(−s |Δθ|) with s = σ0/τc; the momentum
+balance is the implicit midpoint rule. Friction grows monotonically with the mean velocity of a step, so that equation
+has exactly one root and the step is stable and dissipative at any length.
+"""
+
+from math import exp
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+
+NEWTON_STEPS = 30
+# A root is good enough when the mean velocity of a step is known to this [rad/s].
+VELOCITY_TOLERANCE = 1e-10
+
+
+@njit(cache=True, nogil=True)
+def dahl_flow(phi: float, displacement: float, s: float) -> float:
+    """The Dahl state after a displacement [rad], exactly."""
+    if displacement > 0.0:
+        return 1.0 / s + (phi - 1.0 / s) * exp(-s * displacement)
+    if displacement < 0.0:
+        return -1.0 / s + (phi + 1.0 / s) * exp(s * displacement)
+    return phi
+
+
+@njit(cache=True, nogil=True)
+def mean_velocity(
+    torque: float,
+    velocity: float,
+    phi: float,
+    step_s: float,
+    inertia: float,
+    viscous: float,
+    s: float,
+    sigma_0: float,
+    sigma_1: float,
+) -> float:
+    """The mean velocity of a step [rad/s]: the root of the momentum balance, by Newton held inside a bracket."""
+    # Friction is bounded by its two asymptotes, which bracket the root.
+    inertial = 2.0 * inertia / step_s
+    friction_bound = sigma_0 / s + 2.0 * sigma_1 / (s * step_s)
+    free = (inertial * velocity + torque) / (inertial + viscous)
+    low = free - friction_bound / (inertial + viscous)
+    high = free + friction_bound / (inertial + viscous)
+    guess = min(max(velocity, low), high)
+    for _ in range(NEWTON_STEPS):
+        displacement = guess * step_s
+        after = dahl_flow(phi, displacement, s)
+        friction = 0.5 * sigma_0 * (phi + after) + sigma_1 * (after - phi) / step_s
+        balance = inertial * (guess - velocity) + viscous * guess + friction - torque
+        if balance > 0.0:
+            high = guess
+        else:
+            low = guess
+        side = 1.0 if displacement > 0.0 or (displacement == 0.0 and balance < 0.0) else -1.0
+        compliance = (1.0 - side * s * phi) * exp(-s * abs(displacement))
+        slope = inertial + viscous + (0.5 * sigma_0 * step_s + sigma_1) * compliance
+        step = balance / slope
+        following = guess - step
+        if following <= low or following >= high:
+            following = 0.5 * (low + high)
+        if abs(following - guess) < VELOCITY_TOLERANCE:
+            return following
+        guess = following
+    return guess
+
+
+@njit(cache=True, nogil=True)
+def free_motion(
+    command: FloatArray,
+    tick_s: float,
+    substeps: int,
+    gain: float,
+    bandwidth: float,
+    inertia: float,
+    viscous: float,
+    s: float,
+    sigma_0: float,
+    sigma_1: float,
+    start: FloatArray,
+) -> FloatArray:
+    """Position, velocity and acceleration at every tick, shape (3, n), under no port torque.
+
+    ``start`` is position, velocity, motor torque and Dahl state before the first command acts.
+    """
+    step_s = tick_s / substeps
+    decay = exp(-bandwidth * step_s)
+    mean_decay = (1.0 - decay) / (bandwidth * step_s)
+    position, velocity, motor, phi = start
+    motion = np.empty((3, command.size))
+    for k in range(command.size):
+        asked = gain * command[k]
+        friction = sigma_0 * phi + sigma_1 * (velocity - s * abs(velocity) * phi)
+        motion[0, k] = position
+        motion[1, k] = velocity
+        motion[2, k] = (motor - friction - viscous * velocity) / inertia
+        for _ in range(substeps):
+            torque = asked + (motor - asked) * mean_decay
+            mean = mean_velocity(torque, velocity, phi, step_s, inertia, viscous, s, sigma_0, sigma_1)
+            phi = dahl_flow(phi, mean * step_s, s)
+            position += mean * step_s
+            velocity = 2.0 * mean - velocity
+            motor = asked + (motor - asked) * decay
+    return motion
+
+
+@njit(cache=True, nogil=True)
+def lagged(command: FloatArray, decay: float, start: float) -> FloatArray:
+    """A first-order lag of a held command, exactly, at the ticks at which each command is given."""
+    output = np.empty(command.size)
+    state = start
+    for k in range(command.size):
+        output[k] = state
+        state = command[k] + (state - command[k]) * decay
+    return output
+
+
+@njit(cache=True, nogil=True)
+def dahl_path(position: FloatArray, s: float, start: float) -> FloatArray:
+    """The Dahl state [rad] along sampled positions taken as monotone between samples."""
+    state = np.empty(position.size)
+    phi = start
+    state[0] = phi
+    for k in range(1, position.size):
+        phi = dahl_flow(phi, position[k] - position[k - 1], s)
+        state[k] = phi
+    return state

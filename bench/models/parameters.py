@@ -1,0 +1,57 @@
+"""The one table of parameters: feeds the identifier, the screen, the report and the files."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the torque motor with Dahl friction (paper, section IV.D).
+
+    ``unit`` may hold ``{command}``, which stands for the unit of the actuator's command.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+
+    def unit_for(self, command_unit: str) -> str:
+        """The unit with the command's own put in: for a command in N*m a torque gain is in N*m/(N*m)."""
+        return self.unit.replace("{command}", command_unit)
+
+
+PARAMETERS = (
+    Parameter("torque_gain", "Km·Ka", "N*m/({command})", "shaft torque per unit of command"),
+    Parameter("amplifier_bandwidth", "β", "rad/s", "bandwidth of the amplifier's first-order lag"),
+    Parameter("inertia", "Im", "kg*m^2", "inertia of everything on the actuator's side of the port"),
+    Parameter("viscous_damping", "B", "N*m*s/rad", "torque per velocity"),
+    Parameter("coulomb_torque", "τc", "N*m", "friction in steady sliding"),
+    Parameter("presliding_stiffness", "σ0", "N*m/rad", "stiffness of the friction contact before it slides"),
+    Parameter("presliding_damping", "σ1", "N*m*s/rad", "damping of the friction contact before it slides"),
+    Parameter("torque_constant", "Km", "N*m/A", "shaft torque per ampere (only where current is measured)"),
+    Parameter("amplifier_gain", "Ka", "A/({command})", "current per unit of command (only where current is measured)"),
+)
+BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+
+
+class Status(Enum):
+    """What may be done with an estimate."""
+
+    UNEXCITED = "unexcited"  # the data so far say nothing of it
+    LEARNING = "learning"  # they say something, not yet enough
+    VALID = "valid"
+    AT_BOUND = "at bound"  # pushed against the edge of what was searched: not an estimate
+    RATIO_ONLY = "ratio only"  # known only up to a common factor
+    NOT_CONVERGED = "not converged"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One estimated parameter: value ± std in ``unit``; where ``status`` is valid, value ± 1.96 std covers 95 %."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+    status: Status

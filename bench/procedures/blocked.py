@@ -1,0 +1,89 @@
+"""The port held still: the Thévenin experiment, whose answer depends on how the shaft came to rest (section IV.D)."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from bench.errors import RigError
+from bench.procedures.knowledge import Knowledge, Plan
+from bench.procedures.makers import coasting, imposed
+from bench.procedures.options import BlockedOptions
+from bench.procedures.waves import Motion, from_velocity, hold, ramp
+from bench.records import Measured
+from bench.rig.rig import Rig
+from bench.segments import Use
+
+APPROACH_S = 0.5
+STOP_S = 0.1
+# Slow, but fast enough to slide: this share of the velocity limit.
+APPROACH_SHARE = 0.03
+# Each level is reached twice, from either side.
+SIDES = (("above", 1.0), ("below", -1.0))
+
+
+@dataclass(frozen=True)
+class BlockedProcedure:
+    """Each command level is held while the shaft comes slowly to rest from above and from below.
+
+    A shaft that is clamped from the start can only be loaded, so the levels are stepped through in both directions.
+    """
+
+    options: BlockedOptions = field(default_factory=BlockedOptions)
+    name: ClassVar[str] = "blocked"
+
+    def require(self, rig: Rig) -> None:
+        if rig.wiring.torque_sensor is None:
+            raise RigError(
+                f"{rig.place}: step 'blocked' needs a torque sensor at the port; add a [torque_sensor] section"
+            )
+        if rig.wiring.load is None and rig.wiring.shaft != "clamped":
+            raise RigError(
+                f"{rig.place}: step 'blocked' needs something that holds the shaft; "
+                'add a [load] section, or clamp the shaft and say [rig] shaft = "clamped"'
+            )
+
+    def duration_s(self, rig: Rig) -> float:
+        approach = 0.0 if rig.wiring.load is None else APPROACH_S + STOP_S
+        return 2 * self.options.levels * (approach + self.options.hold_s)
+
+    def plan(self, known: Knowledge) -> Plan:
+        low, high = known.span()
+        levels = np.linspace(low, high, self.options.levels)
+        return self._clamped(known, levels) if known.rig.wiring.load is None else self._driven(known, levels)
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        return known
+
+    def _driven(self, known: Knowledge, levels: np.ndarray) -> Plan:
+        speed_rad_s = APPROACH_SHARE * known.rig.limits.velocity_rad_s
+        before = 0.0
+        for level in levels:
+            for side, sign in SIDES:
+                approach = self._approach(known, sign * speed_rad_s)
+                command = hold(level, APPROACH_S + STOP_S, known.tick_s)
+                settle = ramp(before, level, STOP_S, known.tick_s)
+                command[: len(settle)] = settle
+                yield imposed(self.name, f"approach from {side}", Use.IDENTIFY, command, approach)
+                yield imposed(
+                    self.name, f"hold from {side}", Use.IDENTIFY, hold(level, self.options.hold_s, known.tick_s)
+                )
+                before = level
+        yield imposed(self.name, "release", Use.PREPARE, ramp(before, 0.0, STOP_S, known.tick_s))
+
+    def _clamped(self, known: Knowledge, levels: np.ndarray) -> Plan:
+        before = 0.0
+        for side, sequence in (("below", levels), ("above", levels[::-1])):
+            for level in sequence:
+                yield coasting(self.name, "load", Use.IDENTIFY, ramp(before, level, STOP_S, known.tick_s))
+                yield coasting(
+                    self.name, f"hold from {side}", Use.IDENTIFY, hold(level, self.options.hold_s, known.tick_s)
+                )
+                before = level
+        yield coasting(self.name, "release", Use.IDENTIFY, ramp(before, 0.0, STOP_S, known.tick_s))
+
+    def _approach(self, known: Knowledge, speed_rad_s: float) -> Motion:
+        tick_s = known.tick_s
+        start = ramp(0.0, speed_rad_s, STOP_S, tick_s)
+        cruise = hold(speed_rad_s, APPROACH_S - STOP_S, tick_s)
+        return from_velocity(np.concatenate([start, cruise, ramp(speed_rad_s, 0.0, STOP_S, tick_s)]), tick_s)

@@ -1,0 +1,110 @@
+"""The load drive and the torque sensor, measured by the bench itself: all that the controller is tuned from."""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from bench.control.calibration import LoadCalibration
+from bench.errors import ExperimentError
+from bench.identification.load import LoadFit, fit_load
+from bench.procedures.knowledge import Knowledge, Plan, require_load
+from bench.procedures.makers import coasting, pushed
+from bench.procedures.options import CalibrateOptions
+from bench.procedures.tare import greatest_load_torque
+from bench.procedures.waves import growth, hold, multisine
+from bench.records import Measured
+from bench.rig.rig import Rig
+from bench.segments import FloatArray, Use
+
+SEARCH_S = 4.0
+REST_S = 0.4
+PIECE_S = 2.0
+# The shaft should reach this share of the velocity limit. Friction makes speed grow faster than torque, and a
+# multisine's later peaks may be higher: so each piece is scaled by what the last one did.
+SPEED_SHARE = 0.4
+BACK_OFF = 0.3
+GREATEST_STEP = 1.5
+
+
+@dataclass(frozen=True)
+class CalibrateProcedure:
+    """Shakes the shaft from both ends, and fits the load as one fits an actuator."""
+
+    options: CalibrateOptions = field(default_factory=CalibrateOptions)
+    name: ClassVar[str] = "calibrate"
+
+    def require(self, rig: Rig) -> None:
+        require_load(rig, self.name, "to calibrate")
+
+    def duration_s(self, rig: Rig) -> float:
+        return SEARCH_S + self._pieces() * PIECE_S + 2 * REST_S
+
+    def plan(self, known: Knowledge) -> Plan:
+        tick_s = known.tick_s
+        fast_rad_s = SPEED_SHARE * known.rig.limits.velocity_rad_s
+        envelope = growth(1.0, SEARCH_S, tick_s)
+        torque_nm, command = self._shake(known.rig, SEARCH_S, seed=11)
+        measured = yield pushed(
+            self.name,
+            "search",
+            Use.PREPARE,
+            envelope * torque_nm,
+            envelope * command,
+            stop_at_velocity_rad_s=fast_rad_s,
+        )
+        share = BACK_OFF * float(envelope[len(measured.ticks) - 1])
+        yield coasting(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
+        for piece in range(self._pieces()):
+            torque_nm, command = self._shake(known.rig, PIECE_S, seed=13 + 2 * piece)
+            measured = yield pushed(self.name, "shake", Use.CALIBRATE, share * torque_nm, share * command)
+            peak_rad_s = float(np.max(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0))
+            share *= float(np.clip(fast_rad_s / max(peak_rad_s, 1e-9), 0.5, GREATEST_STEP))
+        yield coasting(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
+
+    def _pieces(self) -> int:
+        return max(1, round(self.options.duration_s / PIECE_S))
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        if known.tare is None:
+            raise ExperimentError("calibrate: needs the noise at rest; run the step 'tare' before it")
+        fit = fit_load(measured, tick_s=known.tick_s)
+        if not fit.result.converged:
+            raise ExperimentError("calibrate: the load's fit did not converge; " + "; ".join(fit.result.verdict))
+        return replace(known, calibration=calibration_from(fit, known))
+
+    def _shake(self, rig: Rig, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
+        """Load torque and actuator command, as great as the rig allows.
+
+        Both, each in its own way: were the actuator passive, the port torque would be a function of the motion alone,
+        and no fit could tell the load's inertia and friction from the actuator's.
+        """
+        low_hz, high_hz = 1.0, 0.2 / rig.tick_s
+        load, actuator = (
+            multisine(duration_s, rig.tick_s, low_hz=low_hz, high_hz=high_hz, seed=each, slope=-0.25)
+            for each in (seed, seed + 1)
+        )
+        return greatest_load_torque(rig) * load, rig.command.limit * actuator
+
+
+def calibration_from(fit: LoadFit, known: Knowledge) -> LoadCalibration:
+    """What the controller needs, from the fit and the tare."""
+    network, tare = fit.result.network, known.tare
+    assert tare is not None
+    return LoadCalibration(
+        torque_gain=network.torque_gain,
+        amplifier_bandwidth_rad_s=network.amplifier_bandwidth_rad_s,
+        inertia_kgm2=network.inertia_kgm2,
+        viscous_damping_nms_rad=max(network.viscous_damping_nms_rad, 0.0),
+        coulomb_torque_nm=network.coulomb_torque_nm,
+        presliding_stiffness_nm_rad=network.presliding_stiffness_nm_rad,
+        presliding_damping_nms_rad=max(network.presliding_damping_nms_rad, 0.0),
+        command_delay_s=fit.result.command_delay_s,
+        measurement_delay_s=0.0,
+        motion_delay_s=fit.result.motion_delay_s,
+        sensor_stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
+        sensor_damping_nms_rad=fit.sensor_damping_nms_rad,
+        torque_noise_nm=tare.torque_noise_nm,
+        torque_bias_nm=fit.torque_bias_nm,
+        position_resolution_rad=fit.position_resolution_rad,
+    )

@@ -1,0 +1,84 @@
+"""Prescribed motion: the impedance is what answers when the port is moved off the source's motion (section IV.B.1)."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from bench.procedures.free import command_multisine
+from bench.procedures.knowledge import Knowledge, Plan, require_load
+from bench.procedures.makers import imposed
+from bench.procedures.options import ImposedOptions
+from bench.procedures.waves import Motion, hold, multisine_motion, ramp, sine_motion, velocity_steps
+from bench.records import Measured
+from bench.rig.rig import Rig
+from bench.segments import Use
+
+CHANGE_S = 0.15
+DWELL_S = 0.35
+REST_S = 0.3
+LOOP_HZ = 4.0
+LOOP_CYCLES = 4
+LOOP_AMPLITUDES_RAD = (0.5e-3, 1.5e-3, 5e-3, 15e-3, 50e-3)
+# Above this the velocity's spectrum falls with frequency, so that acceleration, and with it torque, stays bounded.
+HIGHEST_HZ = 60.0
+# The load drive may spend this share of its torque on accelerating the two inertias.
+TORQUE_SHARE = 0.4
+
+
+@dataclass(frozen=True)
+class ImposedProcedure:
+    """A grid of velocities and commands, presliding loops, and a multisine motion under a multisine command."""
+
+    options: ImposedOptions = field(default_factory=ImposedOptions)
+    name: ClassVar[str] = "imposed"
+
+    def require(self, rig: Rig) -> None:
+        require_load(rig, self.name, "to impose motion")
+
+    def duration_s(self, rig: Rig) -> float:
+        grid = self.options.commands * (len(self.velocities_rad_s(rig)) + 1) * (CHANGE_S + DWELL_S)
+        loops = len(LOOP_AMPLITUDES_RAD) * LOOP_CYCLES / LOOP_HZ
+        return grid + loops + self.options.duration_s + REST_S
+
+    def velocities_rad_s(self, rig: Rig) -> np.ndarray:
+        """The grid's velocities, in an order that takes the shaft back and forth."""
+        if self.options.velocities_rad_s:
+            return np.array(self.options.velocities_rad_s)
+        greatest = self.options.amplitude * rig.limits.velocity_rad_s
+        return greatest * np.array([0.1, -0.1, 0.4, -0.4, 1.0, -1.0])
+
+    def plan(self, known: Knowledge) -> Plan:
+        tick_s = known.tick_s
+        low, high = known.span()
+        steps = velocity_steps(self.velocities_rad_s(known.rig), CHANGE_S, DWELL_S, tick_s)
+        ticks = len(steps.velocity_rad_s)
+        for level in np.linspace(low, high, self.options.commands):
+            command = np.full(ticks, level)
+            rise = ramp(0.0, level, CHANGE_S, tick_s)
+            command[: len(rise)], command[-len(rise) :] = rise, rise[::-1]
+            yield imposed(self.name, f"grid {level:+.3g}", Use.IDENTIFY, command, steps)
+        for amplitude_rad in LOOP_AMPLITUDES_RAD:
+            loop = sine_motion(amplitude_rad, LOOP_HZ, LOOP_CYCLES, tick_s)
+            command = np.zeros(len(loop.position_rad))
+            yield imposed(self.name, f"loop {amplitude_rad * 1e3:g} mrad", Use.IDENTIFY, command, loop)
+        motion = imposed_multisine(known, self.options.amplitude, self.options.duration_s, seed=3)
+        command = command_multisine(known, (low, high), self.options.duration_s, seed=4)
+        yield imposed(self.name, "multisine", Use.IDENTIFY, command, motion)
+        yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        return known
+
+
+def imposed_multisine(known: Knowledge, amplitude: float, duration_s: float, seed: int) -> Motion:
+    """A multisine motion as large as the velocity limit's share ``amplitude`` and the load's torque allow."""
+    motion = multisine_motion(duration_s, known.tick_s, low_hz=0.3, high_hz=HIGHEST_HZ, seed=seed, slope=-0.6)
+    factor = amplitude * known.rig.limits.velocity_rad_s
+    if known.calibration is not None:
+        # The actuator's inertia is not known yet: allow for as much again as the load's.
+        inertia_kgm2 = 2 * known.calibration.inertia_kgm2
+        torque_nm = inertia_kgm2 * float(np.max(np.abs(motion.acceleration_rad_s2)))
+        available_nm = TORQUE_SHARE * min(known.rig.limits.load_torque_nm, known.rig.limits.torque_nm)
+        factor = min(factor, available_nm / torque_nm)
+    return motion.scaled(factor)

@@ -1,0 +1,84 @@
+"""What the experiment has learned so far, handed from procedure to procedure."""
+
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol
+
+from bench.control.calibration import LoadCalibration
+from bench.errors import RigError
+from bench.identification.results import LiveEstimate
+from bench.records import Measured
+from bench.rig.rig import Rig
+from bench.segments import Segment
+
+
+@dataclass(frozen=True)
+class Tare:
+    """The bench at rest. Ages are of the newest reading when a tick sees it, medians."""
+
+    torque_bias_nm: float
+    torque_noise_nm: float
+    torque_age_s: float
+    motion_age_s: float
+    load_motion_age_s: float
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """All that procedures may build on; None where nothing has been learned yet.
+
+    ``command_span`` holds the commands, negative and positive, at which the free actuator reached the velocity asked.
+    """
+
+    rig: Rig
+    tare: Tare | None = None
+    calibration: LoadCalibration | None = None
+    command_span: tuple[float, float] | None = None
+    live: LiveEstimate = field(default_factory=lambda: LiveEstimate(0))
+
+    @property
+    def tick_s(self) -> float:
+        return self.rig.tick_s
+
+    def span(self) -> tuple[float, float]:
+        """The commands to work between: what was found free, else what the rig allows at most."""
+        limit = self.rig.command.limit
+        return self.command_span if self.command_span is not None else (-limit, limit)
+
+
+Plan = Generator[Segment, Measured, None]
+
+
+class Procedure(Protocol):
+    """One step of an experiment: refuses what the rig cannot do, asks for segments, and concludes from what came."""
+
+    name: ClassVar[str]
+
+    def require(self, rig: Rig) -> None:
+        """Raises RigError, with the reason, before anything moves."""
+        ...
+
+    def duration_s(self, rig: Rig) -> float:
+        """About how long it takes [s of bench time]."""
+        ...
+
+    def plan(self, known: Knowledge) -> Plan:
+        """Yields segments; each is answered with what was measured in it. Must not dawdle between them."""
+        ...
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        """What is known afterwards. Called with the drives idle, so it may take its time."""
+        ...
+
+
+def require_load(rig: Rig, name: str, why: str) -> None:
+    """Raises RigError where the rig has no load drive, or no torque sensor for it to act upon."""
+    if rig.wiring.load is None:
+        raise RigError(
+            f"{rig.place}: step '{name}' needs a load drive {why}; add a [load] section or leave the step out"
+        )
+    if rig.wiring.torque_sensor is None:
+        raise RigError(
+            f"{rig.place}: step '{name}' needs a torque sensor at the port; "
+            "add a [torque_sensor] section or leave the step out"
+        )

@@ -1,0 +1,56 @@
+"""What may be asked of each procedure. Amplitudes are fractions of the rig's velocity limit."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TareOptions:
+    """Bias and noise at rest."""
+
+    duration_s: float = 2.0
+
+
+@dataclass(frozen=True)
+class CalibrateOptions:
+    """The load drive's own dynamics."""
+
+    duration_s: float = 8.0
+
+
+@dataclass(frozen=True)
+class FreeOptions:
+    """Zero torque at the port: a staircase of ``levels`` commands from both sides, then a multisine command."""
+
+    amplitude: float = 0.6
+    levels: int = 11
+    dwell_s: float = 0.4  # on each level of the staircase
+    duration_s: float = 12.0  # of the multisine
+
+
+@dataclass(frozen=True)
+class BlockedOptions:
+    """The shaft held: torque against command, standstill reached from either side."""
+
+    levels: int = 5
+    hold_s: float = 0.5
+
+
+@dataclass(frozen=True)
+class ImposedOptions:
+    """Imposed motion: a grid of velocities and commands, then a multisine motion under a multisine command."""
+
+    amplitude: float = 0.5
+    velocities_rad_s: tuple[float, ...] = ()  # of the grid; empty: chosen from ``amplitude``
+    commands: int = 3  # levels of the grid
+    duration_s: float = 20.0  # of the multisines
+
+
+@dataclass(frozen=True)
+class ValidateOptions:
+    """Command and motion that no fit has seen."""
+
+    duration_s: float = 8.0
+    seed: int = 7
+
+
+Options = TareOptions | CalibrateOptions | FreeOptions | BlockedOptions | ImposedOptions | ValidateOptions

@@ -1,0 +1,131 @@
+"""Excitations, known ahead tick by tick: multisines, staircases and smooth motions."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from bench.segments import FloatArray
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A reference motion; arrays of shape (ticks,), position beginning at 0."""
+
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+
+    def scaled(self, factor: float) -> "Motion":
+        return Motion(self.position_rad * factor, self.velocity_rad_s * factor, self.acceleration_rad_s2 * factor)
+
+
+def ticks_in(duration_s: float, tick_s: float) -> int:
+    """At least one tick."""
+    return max(1, round(duration_s / tick_s))
+
+
+def hold(value: float, duration_s: float, tick_s: float) -> FloatArray:
+    """The same value throughout."""
+    return np.full(ticks_in(duration_s, tick_s), value)
+
+
+def ramp(start: float, stop: float, duration_s: float, tick_s: float) -> FloatArray:
+    """From ``start`` to ``stop`` along half a cosine: no step at either end."""
+    phase = np.arange(1, ticks_in(duration_s, tick_s) + 1) / ticks_in(duration_s, tick_s)
+    return start + (stop - start) * 0.5 * (1 - np.cos(np.pi * phase))
+
+
+def growth(limit: float, duration_s: float, tick_s: float, *, decades: float = 2.0) -> FloatArray:
+    """From ``limit`` / 10^decades up to ``limit``, by the same factor every second.
+
+    A search by growth overshoots by a fixed share of what it finds, however small that is.
+    """
+    return limit * np.logspace(-decades, 0.0, ticks_in(duration_s, tick_s))
+
+
+def staircase(levels: FloatArray, dwell_s: float, tick_s: float) -> FloatArray:
+    """Each level held for ``dwell_s``."""
+    return np.repeat(levels, ticks_in(dwell_s, tick_s))
+
+
+def multisine(
+    duration_s: float, tick_s: float, *, low_hz: float, high_hz: float, seed: int, slope: float = 0.0, lines: int = 60
+) -> FloatArray:
+    """A random-phase multisine with peak 1 that begins and ends at zero; shape (ticks,).
+
+    ``lines`` frequencies, evenly spread over the logarithm of frequency, with amplitudes ~ frequency^slope.
+    """
+    time_s = np.arange(ticks_in(duration_s, tick_s)) * tick_s
+    frequency, amplitude, phase = _lines(low_hz, high_hz, seed, slope, lines)
+    wave = amplitude @ np.sin(2 * np.pi * np.outer(frequency, time_s) + phase[:, None])
+    wave = wave * _window(time_s, duration_s)[0]
+    return wave / np.max(np.abs(wave))
+
+
+def multisine_motion(
+    duration_s: float, tick_s: float, *, low_hz: float, high_hz: float, seed: int, slope: float = 0.0, lines: int = 40
+) -> Motion:
+    """A multisine motion with a peak velocity of 1 rad/s; ``slope`` shapes the velocity's spectrum."""
+    time_s = np.arange(ticks_in(duration_s, tick_s)) * tick_s
+    frequency, amplitude, phase = _lines(low_hz, high_hz, seed, slope, lines)
+    omega = 2 * np.pi * frequency
+    angle = np.outer(omega, time_s) + phase[:, None]
+    position = (amplitude / omega) @ np.sin(angle)
+    velocity = amplitude @ np.cos(angle)
+    acceleration = -(amplitude * omega) @ np.sin(angle)
+    # The window multiplies the position; product rule, so that the three stay exact derivatives of each other.
+    w, w1, w2 = _window(time_s, duration_s)
+    motion = Motion(w * position, w1 * position + w * velocity, w2 * position + 2 * w1 * velocity + w * acceleration)
+    return motion.scaled(1.0 / np.max(np.abs(motion.velocity_rad_s)))
+
+
+def velocity_steps(velocities_rad_s: FloatArray, change_s: float, dwell_s: float, tick_s: float) -> Motion:
+    """From rest through each velocity, held for ``dwell_s``, and back to rest, changing along half cosines."""
+    stops = np.concatenate([[0.0], velocities_rad_s, [0.0]])
+    velocity = np.concatenate(
+        [
+            np.concatenate([ramp(before, after, change_s, tick_s), hold(after, dwell_s, tick_s)])
+            for before, after in pairwise(stops)
+        ]
+    )
+    return from_velocity(velocity, tick_s)
+
+
+def sine_motion(amplitude_rad: float, frequency_hz: float, cycles: int, tick_s: float) -> Motion:
+    """``cycles`` of a sine that fades in over the first and out over the last cycle."""
+    duration_s = cycles / frequency_hz
+    time_s = np.arange(ticks_in(duration_s, tick_s)) * tick_s
+    omega = 2 * np.pi * frequency_hz
+    w, w1, w2 = _window(time_s, duration_s, fade_s=1 / frequency_hz)
+    position = amplitude_rad * np.sin(omega * time_s)
+    velocity = amplitude_rad * omega * np.cos(omega * time_s)
+    acceleration = -(omega**2) * position
+    return Motion(w * position, w1 * position + w * velocity, w2 * position + 2 * w1 * velocity + w * acceleration)
+
+
+def from_velocity(velocity_rad_s: FloatArray, tick_s: float) -> Motion:
+    """The motion with this velocity (trapezoidal integral, central derivative)."""
+    middle = 0.5 * (velocity_rad_s[1:] + velocity_rad_s[:-1]) * tick_s
+    return Motion(np.concatenate([[0.0], np.cumsum(middle)]), velocity_rad_s, np.gradient(velocity_rad_s, tick_s))
+
+
+def _lines(low_hz: float, high_hz: float, seed: int, slope: float, count: int) -> tuple[FloatArray, ...]:
+    random = np.random.default_rng(seed)
+    # Jittered within its share of the band: no line is a harmonic of another, whose distortion it would hide.
+    edges = np.geomspace(low_hz, high_hz, count + 1)
+    frequency = edges[:-1] * (edges[1:] / edges[:-1]) ** random.random(count)
+    return frequency, (frequency / low_hz) ** slope, random.uniform(0, 2 * np.pi, count)
+
+
+def _window(time_s: FloatArray, duration_s: float, fade_s: float = 0.25) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A window that rises and falls as 10p³ − 15p⁴ + 6p⁵ over ``fade_s``, with its first two derivatives."""
+    fade_s = min(fade_s, duration_s / 2)
+    rising, falling = time_s / fade_s, (duration_s - time_s) / fade_s
+    p = np.clip(np.minimum(rising, falling), 0.0, 1.0)
+    sign = np.where(rising <= falling, 1.0, -1.0)
+    inside = p < 1.0
+    value = p**3 * (10 - 15 * p + 6 * p**2)
+    first = np.where(inside, sign * 30 * p**2 * (1 - p) ** 2 / fade_s, 0.0)
+    second = np.where(inside, 60 * p * (1 - p) * (1 - 2 * p) / fade_s**2, 0.0)
+    return value, first, second

@@ -1,0 +1,36 @@
+"""What a report is made of."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
+from bench.models.network import NortonNetwork
+from bench.recording.contents import RecordedEstimates
+from bench.records import Measured
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """Everything a report may show; a part that is missing leaves its section out.
+
+    ``metadata`` tells where the data come from (names as in the recording: "command_unit", "seed", "rig_file", ...).
+    """
+
+    rig_name: str
+    rig_text: str = ""
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    fit: FitResult | None = None
+    validation: Validation | None = None
+    source_map: SourceMap | None = None
+    blocked_map: BlockedMap | None = None
+    live: Sequence[LiveEstimate | RecordedEstimates] = ()
+    measured: Measured | None = None
+    notes: Sequence[str] = ()
+
+    @property
+    def command_unit(self) -> str:
+        return self.metadata.get("command_unit", "")
+
+    @property
+    def network(self) -> NortonNetwork | None:
+        return self.fit.network if self.fit is not None else None

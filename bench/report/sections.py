@@ -1,0 +1,228 @@
+"""The sections of a report, each from the data that it needs, or left out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bench.loop.guard import Limited
+from bench.records import Table
+from bench.report.data import ReportData
+from bench.report.figures_fit import live_figure, residual_figure, validation_figure
+from bench.report.figures_network import blocked_figure, impedance_figure, source_map_figure
+from bench.report.figures_timing import timing_figure
+from bench.report.loops import bench_time_s, presliding_loops, sliding_samples
+from bench.report.streams import StreamQuality, stream_qualities
+from bench.report.svg import svg
+from bench.report.words import number, percent, pretty_unit, with_deviation
+
+
+@dataclass(frozen=True)
+class Facts:
+    """A small table: its head and its rows, all text."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, sentences, pictures and tables; ``figures`` are (SVG, caption)."""
+
+    name: str  # the anchor
+    title: str
+    sentences: tuple[str, ...] = ()
+    figures: tuple[tuple[str, str], ...] = ()
+    tables: tuple[Facts, ...] = field(default=())
+
+
+def sections(data: ReportData) -> list[Section]:
+    """Those for which there are data, in the order of the page."""
+    made = [make(data) for make in MAKERS]
+    return [section for section in made if section is not None]
+
+
+def source_section(data: ReportData) -> Section | None:
+    if data.source_map is None and data.network is None:
+        return None
+    caption = (
+        "Steady velocity with no torque at the port, against command. Where the command is too weak for friction "
+        "the shaft rests; outside, the velocity follows in two straight branches. Bars are 95 % intervals."
+    )
+    picture = svg(source_map_figure(data.source_map, data.network, data.command_unit), "source", caption)
+    sentences = []
+    if data.network is not None:
+        unit = pretty_unit(data.command_unit)
+        low, high = (f"{number(threshold, 3)} {unit}".strip() for threshold in data.network.thresholds)
+        sentences = [f"The shaft rests for commands between {low} and {high}; beyond, it turns."]
+    return Section("source", "The motion source", tuple(sentences), ((picture, caption),))
+
+
+def impedance_section(data: ReportData) -> Section | None:
+    if data.fit is None or data.measured is None:
+        return None
+    network = data.fit.network
+    deflection_rad = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
+    loops = presliding_loops(data.measured, data.fit.trace, deflection_rad)
+    sliding = sliding_samples(data.measured, data.fit.trace)
+    if not loops and sliding is None:
+        return None
+    caption = (
+        "Torque that the actuator exerts while the bench prescribes its motion. Left alone at one command, "
+        "each straight line on the right is the viscous branch, shifted by friction on either side of rest."
+    )
+    sentence = f"Friction's contact deflects by {number(1e3 * deflection_rad, 3)} mrad before it slides (τc/σ0)."
+    picture = svg(impedance_figure(loops, sliding), "impedance", caption)
+    return Section("impedance", "The impedance", (sentence,), ((picture, caption),))
+
+
+def blocked_section(data: ReportData) -> Section | None:
+    if data.blocked_map is None or not np.isfinite(data.blocked_map.torque_nm).any():
+        return None
+    caption = (
+        "Torque at standstill against command. One command gives different torques, by how the shaft came to rest: "
+        "friction leaves ±τc open, so the blocked port does not determine a source."
+    )
+    picture = svg(blocked_figure(data.blocked_map, data.network, data.command_unit), "blocked", caption)
+    return Section("blocked", "The blocked port", (), ((picture, caption),))
+
+
+def fit_section(data: ReportData) -> Section | None:
+    fit = data.fit
+    if fit is None:
+        return None
+    residual = fit.trace.measured - fit.trace.predicted
+    caption = (
+        "What the fit leaves of the torque. A residual that remembers itself is structure that the model lacks "
+        "(cogging, say); the deviations in the table above allow for it."
+    )
+    delays = "; ".join(
+        f"{name} {with_deviation(1e3 * delay_s, 1e3 * std_s)} ms"
+        for name, delay_s, std_s in (
+            ("command", fit.command_delay_s, fit.command_delay_std_s),
+            ("motion", fit.motion_delay_s, fit.motion_delay_std_s),
+        )
+    )
+    sentences = (
+        f"The fit {'converged' if fit.converged else 'did not converge'} on {fit.samples:,} samples.".replace(",", " "),
+        f"Torque residual {number(1e3 * fit.torque_rms_nm, 3)} mN·m rms, {percent(fit.torque_relative)} of the torque.",
+        f"Delays relative to the torque stream: {delays}.",
+    )
+    figures = ((svg(residual_figure(fit.trace), "residuals", caption), caption),) if np.isfinite(residual).any() else ()
+    return Section("fit", "The fit", sentences, figures)
+
+
+def validation_section(data: ReportData) -> Section | None:
+    checked = data.validation
+    if checked is None:
+        return None
+    sentences = (
+        f"Torque under unseen motion: {number(1e3 * checked.torque_rms_nm, 3)} mN·m rms off, "
+        f"{percent(checked.torque_relative)} of the torque.",
+        f"Free velocity under an unseen command: {number(checked.velocity_rms_rad_s, 3)} rad/s rms off, "
+        f"{percent(checked.velocity_relative)} of the velocity.",
+    )
+    figures = []
+    for trace, what, caption in (
+        (checked.torque, "torque", "Torque at the port, measured and predicted from the measured motion."),
+        (checked.velocity, "velocity", "Free velocity, measured and predicted from the command alone."),
+    ):
+        if np.isfinite(trace.measured).any():
+            figures.append((svg(validation_figure(trace, what), f"validation-{what}", caption), caption))
+    return Section("validation", "Motion that no fit has seen", sentences, tuple(figures))
+
+
+def live_section(data: ReportData) -> Section | None:
+    if not any(state.estimates for state in data.live) or data.measured is None:
+        return None
+    time_s = bench_time_s(data.measured, [state.stamp_ns for state in data.live])
+    caption = (
+        "The live estimates while the bench was running, with their 95 % bands; the line is the final fit. The scale "
+        "is that of the last two thirds, so that the beginning may lie outside."
+    )
+    return Section(
+        "live", "How it was learnt", (), ((svg(live_figure(data.live, time_s, data.fit), "live", caption), caption),)
+    )
+
+
+def timing_section(data: ReportData) -> Section | None:
+    if data.measured is None or not len(data.measured.ticks):
+        return None
+    ticks = data.measured.ticks
+    qualities = stream_qualities(data.measured)
+    caption = "How late ticks began, how long each took, and how old the signals were that it acted on."
+    return Section(
+        "timing",
+        "Time kept, readings lost",
+        (_punctuality(ticks), _clipping(ticks)),
+        ((svg(timing_figure(ticks), "timing", caption), caption),),
+        (_stream_table(qualities),) if qualities else (),
+    )
+
+
+def events_section(data: ReportData) -> Section | None:
+    if data.measured is None or not data.measured.events:
+        return None
+    told = [event for event in data.measured.events if event.kind != "segment"]
+    times_s = bench_time_s(data.measured, [event.stamp_ns for event in told])
+    rows = tuple((f"{time_s:.3f}", event.kind, event.text) for time_s, event in zip(times_s, told, strict=True))
+    if not rows:
+        return None
+    return Section("events", "What happened", tables=(Facts(("bench time [s]", "kind", "what"), rows),))
+
+
+def _punctuality(ticks: Table) -> str:
+    late_us = ticks["lateness_ns"] * 1e-3
+    duration_s = (ticks["tick_ns"][-1] - ticks["tick_ns"][0]) * 1e-9
+    count = f"{len(ticks):,} ticks in {duration_s:.1f} s of bench time".replace(",", " ")
+    if late_us.max() <= 0:
+        return f"{count}; none was late."
+    median, tail, most = (number(float(late), 3) for late in np.percentile(late_us, (50, 99.9, 100)))
+    return f"{count}; a tick began {median} µs late at the median, {tail} µs at 99.9 %, {most} µs at most."
+
+
+def _clipping(ticks: Table) -> str:
+    counts = {limit: int(np.count_nonzero(ticks["limited"] & limit.value)) for limit in Limited}
+    clipped = [f"{limit.name.lower().replace('_', ' ')} in {n}" for limit, n in counts.items() if n and limit.name]
+    return f"The guard clipped {', '.join(clipped)} ticks." if clipped else "The guard had nothing to clip."
+
+
+def _stream_table(qualities: list[StreamQuality]) -> Facts:
+    head = (
+        "stream",
+        "rate [Hz]",
+        "expected",
+        "lost",
+        "unchanged",
+        "longest gap [ms]",
+        "age, median [ms]",
+        "age, most [ms]",
+    )
+    return Facts(
+        head,
+        tuple(
+            (
+                quality.name,
+                number(quality.rate_hz, 5),
+                str(quality.expected),
+                str(quality.lost),
+                str(quality.unchanged),
+                number(quality.longest_gap_ms, 3),
+                number(quality.age_median_ms, 3),
+                number(quality.age_greatest_ms, 3),
+            )
+            for quality in qualities
+        ),
+    )
+
+
+MAKERS: tuple[Callable[[ReportData], Section | None], ...] = (
+    source_section,
+    impedance_section,
+    validation_section,
+    fit_section,
+    blocked_section,
+    live_section,
+    timing_section,
+    events_section,
+)

@@ -1,0 +1,1 @@
+"""What a rig file says, validated and in SI."""

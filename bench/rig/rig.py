@@ -1,0 +1,53 @@
+"""A bench as the rest of the program sees it: plain frozen data in SI units."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any
+
+from drivers.wiring import Wiring
+
+
+@dataclass(frozen=True)
+class Command:
+    """The actuator's command: its unit as written in the rig file, and the greatest magnitude allowed."""
+
+    unit: str
+    limit: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the guard holds. ``inf`` stands for unlimited."""
+
+    torque_nm: float
+    velocity_rad_s: float
+    stale_after_ns: int
+    stall_after_ns: int = 50_000_000  # the loop itself standing still
+    load_torque_nm: float = inf  # greatest load command
+    position_rad: float = inf  # half-width of the window about the shaft's position at the start
+    power_w: float = inf
+    temperature_c: float = inf
+    command_rate_per_s: float = inf
+
+
+@dataclass(frozen=True)
+class Rig:
+    """One bench. ``place`` is the file it came from, ``text`` that file's content, for provenance."""
+
+    name: str
+    backend: str
+    wiring: Wiring
+    command: Command
+    limits: Limits
+    simulated: Mapping[str, Any] = field(default_factory=dict)
+    place: str = ""
+    text: str = ""
+
+    @property
+    def tick_ns(self) -> int:
+        return self.wiring.tick_ns
+
+    @property
+    def tick_s(self) -> float:
+        return self.wiring.tick_ns * 1e-9

@@ -1,0 +1,36 @@
+"""What the controller and the guard see at one tick: the newest of every signal, with its age."""
+
+from dataclasses import dataclass
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """The newest value of every signal at ``tick_ns``; NaN and an age of -1 where nothing has arrived yet.
+
+    ``torque_nm`` is what the actuator exerts on the load, tared. ``*_new`` says whether a reading arrived since the
+    last tick: a repeat is not a measurement.
+    """
+
+    tick_ns: int
+    torque_nm: float = NAN
+    torque_age_ns: int = -1
+    torque_new: bool = False
+    position_rad: float = NAN
+    velocity_rad_s: float = NAN
+    motion_age_ns: int = -1
+    motion_new: bool = False
+    load_position_rad: float = NAN
+    load_velocity_rad_s: float = NAN
+    load_motion_age_ns: int = -1
+    load_motion_new: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where the admittance law's reference stands at one tick (absolute position of the load shaft)."""
+
+    position_rad: float = 0.0
+    velocity_rad_s: float = 0.0
+    acceleration_rad_s2: float = 0.0

@@ -1,0 +1,71 @@
+"""What a procedure asks of the loop: a stretch of time with everything known ahead, tick by tick."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class LoadMode(Enum):
+    """What the load drive does during a segment."""
+
+    UNDRIVEN = "undriven"  # zero load torque: the load coasts
+    TORQUE = "torque"  # open loop: ``load_torque_nm`` as it stands
+    ADMITTANCE = "admittance"  # the admittance law below
+
+
+@dataclass(frozen=True)
+class Admittance:
+    """The virtual dynamics imposed at the port: M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port.
+
+    All zero asks for zero torque: the controller takes the least mass and damping that its calibration allows.
+    ``rigid`` asks for prescribed motion: the greatest stiffness that its calibration allows.
+    """
+
+    mass_kgm2: float = 0.0
+    damping_nms_rad: float = 0.0
+    stiffness_nm_rad: float = 0.0
+    rigid: bool = False
+
+
+ZERO_TORQUE = Admittance()
+PRESCRIBED_MOTION = Admittance(rigid=True)
+
+
+class Use(Enum):
+    """What a segment's samples may be used for."""
+
+    PREPARE = "prepare"  # approach, settling: recorded, not fitted
+    TARE = "tare"
+    CALIBRATE = "calibrate"  # the load's own dynamics
+    IDENTIFY = "identify"
+    VALIDATE = "validate"  # never fitted
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One stretch of the experiment; every array has shape (ticks,).
+
+    ``position_rad`` is relative to where the load stands when the segment begins. ``preview`` says that the reference
+    motion is the free motion predicted from the network identified so far, to be fed forward under zero torque.
+    """
+
+    procedure: str
+    name: str
+    use: Use
+    command: FloatArray  # actuator command, in its own unit
+    mode: LoadMode = LoadMode.UNDRIVEN
+    admittance: Admittance = ZERO_TORQUE
+    position_rad: FloatArray = field(default_factory=lambda: np.empty(0))
+    velocity_rad_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    acceleration_rad_s2: FloatArray = field(default_factory=lambda: np.empty(0))
+    load_torque_nm: FloatArray = field(default_factory=lambda: np.empty(0))
+    preview: bool = False
+    stop_at_velocity_rad_s: float = float("inf")  # end early, without alarm, once |actuator velocity| reaches this
+
+    @property
+    def ticks(self) -> int:
+        return len(self.command)

@@ -1,0 +1,83 @@
+"""What follows from a recording: the fit, its validation, the maps, the network file and the report."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.errors import UsageError
+from bench.identification.fit import fit
+from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
+from bench.identification.source_map import blocked_map, source_map
+from bench.identification.validation import validate
+from bench.recording.contents import RecordedEstimates, Recording
+from bench.recording.reader import read_recording
+from bench.records import Measured
+from bench.report.render import ReportData, write_report
+from bench.segments import Use
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """None where the session measured nothing that could tell."""
+
+    fit: FitResult | None = None
+    validation: Validation | None = None
+    source_map: SourceMap | None = None
+    blocked_map: BlockedMap | None = None
+    network: Path | None = None
+    report: Path | None = None
+
+
+def conclude(
+    measured: Measured,
+    *,
+    rig_text: str,
+    metadata: Mapping[str, str],
+    live: Sequence[LiveEstimate | RecordedEstimates],
+    recording: Path,
+    out: Path,
+) -> Conclusion:
+    """Fit, validate and report what ``measured`` holds, into the folder ``out``."""
+    uses = {segment.use for segment in measured.segments}
+    if Use.IDENTIFY not in uses:
+        return Conclusion()
+    tick_s = float(metadata["tick_s"])
+    result = fit(measured, command_unit=metadata["command_unit"], tick_s=tick_s)
+    checked = validate(result, measured, tick_s=tick_s) if Use.VALIDATE in uses else None
+    names = {segment.name for segment in measured.segments}
+    static = source_map(measured) if any(name.startswith("staircase") for name in names) else None
+    blocked = blocked_map(measured) if any(name.startswith("hold") for name in names) else None
+    network = out / f"{recording.stem}.network.json"
+    result.network.with_provenance({**metadata, "recording": recording.name}).save(network)
+    data = ReportData(
+        rig_name=metadata["rig"],
+        rig_text=rig_text,
+        metadata={**metadata, "recording": recording.name},
+        fit=result,
+        validation=checked,
+        source_map=static,
+        blocked_map=blocked,
+        live=tuple(live),
+        measured=measured,
+    )
+    report = write_report(out / f"{recording.stem}.report.html", data)
+    return Conclusion(result, checked, static, blocked, network, report)
+
+
+def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, Conclusion]:
+    """The same, from a recording alone. Raises UsageError for a file that cannot be read or holds nothing to fit."""
+    recording = read_recording(path, raw_frames=False)
+    for key in ("rig", "command_unit", "tick_s"):
+        if key not in recording.metadata:
+            raise UsageError(f"{path}: its metadata lack '{key}'; it was not recorded by norton-bench")
+    conclusion = conclude(
+        recording.measured,
+        rig_text=recording.rig_text,
+        metadata=recording.metadata,
+        live=recording.live,
+        recording=path,
+        out=out if out is not None else path.parent,
+    )
+    if conclusion.fit is None:
+        raise UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")
+    return recording, conclusion

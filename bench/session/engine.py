@@ -1,0 +1,146 @@
+"""A session from beginning to end: check, open, run step by step, put away, conclude."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from bench.control.admittance import AdmittanceController
+from bench.identification.results import LiveEstimate
+from bench.loop.alignment import Alignment
+from bench.loop.devices import Devices, open_devices
+from bench.loop.guard import Guard
+from bench.loop.loop import Loop, never_stop
+from bench.loop.outbox import Outbox
+from bench.procedures.carry_out import carry_out
+from bench.procedures.catalogue import make_procedures
+from bench.procedures.knowledge import Knowledge, Procedure
+from bench.recording.recorder import Recorder
+from bench.records import Measured, join
+from bench.rig.rig import Rig
+from bench.session.conclusion import Conclusion, conclude
+from bench.session.live_feed import InlineFeed, LiveFeed, ProcessFeed
+from bench.session.progress import Progress, Silent
+from bench.session.provenance import provenance
+from bench.session.schema import Session
+from drivers.backend import Backend
+from drivers.registry import load_backend
+
+# In lock step nothing is late while the recorder catches up.
+LOCK_STEP_PATIENCE_S = 30.0
+
+
+@dataclass(frozen=True)
+class SessionResult:
+    """What a session leaves behind."""
+
+    recording: Path
+    conclusion: Conclusion
+    knowledge: Knowledge
+    measured: Measured
+
+
+@dataclass
+class _Run:
+    """One session under way."""
+
+    rig: Rig
+    loop: Loop
+    feed: LiveFeed
+    knowledge: Knowledge
+    progress: Progress
+    recorder: Recorder
+    parts: list[Measured] = field(default_factory=list)
+    live: list[LiveEstimate] = field(default_factory=list)
+
+    def take(self, part: Measured) -> None:
+        """One part from the loop: recorder first, then the live identifier, then whoever watches."""
+        self.recorder.put(part)
+        self.feed(part)
+        self.parts.append(part.without_frames())
+        if not self.live or self.feed.latest.stamp_ns > self.live[-1].stamp_ns:
+            self.live.append(self.feed.latest)
+            self.recorder.put_estimate(self.feed.latest)
+        self.progress.part(part, self.feed.latest)
+
+    def step(self, procedure: Procedure) -> None:
+        """Carry out one procedure and let loop and controller adopt what it found."""
+        self.knowledge = carry_out(procedure, replace(self.knowledge, live=self.feed.latest), self.loop)
+        self._adopt()
+
+    def _adopt(self) -> None:
+        known, loop = self.knowledge, self.loop
+        if known.tare is not None:
+            loop.alignment.torque_bias_nm = known.tare.torque_bias_nm
+        if known.calibration is not None:
+            loop.alignment.torque_bias_nm = known.calibration.torque_bias_nm
+            if loop.controller is None or loop.controller.calibration != known.calibration:
+                loop.controller = AdmittanceController(known.calibration, known.tick_s, self.rig.limits.load_torque_nm)
+
+
+def run_session(
+    rig: Rig,
+    session: Session,
+    *,
+    out: Path,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    stop_request: Callable[[], str | None] = never_stop,
+) -> SessionResult:
+    """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
+
+    Raises RigError and UsageError before anything moves; DeviceError, SafetyStopError, OperatorStopError and
+    ExperimentError afterwards, with the drives idle and all that was measured in the recording.
+    """
+    progress = progress or Silent()
+    procedures = make_procedures([(step.do, step.options) for step in session.steps], rig, place=session.place)
+    progress.plan(tuple((procedure.name, procedure.duration_s(rig)) for procedure in procedures))
+    backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
+    with ExitStack() as stack:
+        stack.callback(backend.close)
+        devices = open_devices(rig, backend)
+        stack.callback(devices.link.close)
+        metadata = provenance(rig, session, seed, [device.identify() for device in devices.all()])
+        recorder = stack.enter_context(
+            Recorder(
+                out / f"{rig.name}.mcap",
+                rig_text=rig.text,
+                metadata=metadata,
+                patience_s=LOCK_STEP_PATIENCE_S if backend.lock_step else 0.0,
+            )
+        )
+        run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
+        for index, procedure in enumerate(procedures):
+            progress.step(index, procedure.name)
+            run.step(procedure)
+    measured = join(run.parts)
+    conclusion = conclude(
+        measured, rig_text=rig.text, metadata=metadata, live=run.live, recording=recorder.path, out=out
+    )
+    return SessionResult(recorder.path, conclusion, run.knowledge, measured)
+
+
+@contextmanager
+def _running(
+    rig: Rig,
+    devices: Devices,
+    backend: Backend,
+    recorder: Recorder,
+    progress: Progress,
+    stop_request: Callable[[], str | None],
+) -> Iterator[_Run]:
+    outbox = Outbox()
+    devices.link.set_tap(outbox.put_frame)
+    guard = Guard(
+        rig.limits, rig.command.limit, rig.tick_s, devices.load is not None, devices.torque_sensor is not None
+    )
+    loop = Loop(devices, guard, outbox, Alignment(), rig.tick_ns, stop_request)
+    feed = (InlineFeed if backend.lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
+    run = _Run(rig, loop, feed, Knowledge(rig), progress, recorder)
+    outbox.consumers = (run.take,)
+    try:
+        yield run
+    finally:
+        feed.close()
+        if feed.dropped:
+            progress.note(f"{feed.dropped} parts were not digested live; the final fit has them all")

@@ -1,0 +1,80 @@
+"""The live identifier as a consumer of the loop's parts: in line where time waits for it, else in its own process."""
+
+import multiprocessing
+import queue
+from contextlib import suppress
+from dataclasses import replace
+from multiprocessing.queues import Queue
+from typing import Protocol
+
+from bench.identification.live import LiveIdentifier
+from bench.identification.results import LiveEstimate
+from bench.records import Measured
+
+# Ten seconds of parts: a worker that is further behind loses parts, and says so, rather than holding up the loop.
+GREATEST_BACKLOG = 100
+
+
+class LiveFeed(Protocol):
+    """Takes parts, offers the newest estimate."""
+
+    latest: LiveEstimate
+    dropped: int
+
+    def __call__(self, part: Measured) -> None: ...
+    def close(self) -> None: ...
+
+
+class InlineFeed:
+    """For lock-step runs: the same parts give the same estimates at the same ticks, every time."""
+
+    def __init__(self, command_unit: str, tick_s: float) -> None:
+        self.latest = LiveEstimate(0)
+        self.dropped = 0
+        self._identifier = LiveIdentifier(command_unit, tick_s)
+
+    def __call__(self, part: Measured) -> None:
+        self.latest = self._identifier.update(part)
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class ProcessFeed:
+    """For wall time: the identifier runs on another core and can never delay a tick."""
+
+    def __init__(self, command_unit: str, tick_s: float) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.latest = LiveEstimate(0)
+        self.dropped = 0
+        self._parts: Queue[Measured | None] = context.Queue(GREATEST_BACKLOG)
+        self._estimates: Queue[LiveEstimate] = context.Queue()
+        self._worker = context.Process(
+            target=_identify, args=(command_unit, tick_s, self._parts, self._estimates), daemon=True
+        )
+        self._worker.start()
+
+    def __call__(self, part: Measured) -> None:
+        try:
+            self._parts.put_nowait(replace(part, frames=(), events=()))
+        except queue.Full:
+            self.dropped += 1
+        with suppress(queue.Empty):
+            while True:
+                self.latest = self._estimates.get_nowait()
+
+    def close(self) -> None:
+        """End the worker; whatever it has not digested is left."""
+        self._parts.cancel_join_thread()
+        self._worker.terminate()
+        self._worker.join()
+        for channel in (self._parts, self._estimates):
+            channel.close()
+
+
+def _identify(
+    command_unit: str, tick_s: float, parts: "Queue[Measured | None]", estimates: "Queue[LiveEstimate]"
+) -> None:
+    identifier = LiveIdentifier(command_unit, tick_s)
+    while (part := parts.get()) is not None:
+        estimates.put(identifier.update(part))

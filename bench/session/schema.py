@@ -1,0 +1,170 @@
+"""Session files: which procedures run, in which order, with which options; ``docs/session-file.md`` explains them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from bench.errors import UsageError
+from bench.procedures.options import (
+    BlockedOptions,
+    CalibrateOptions,
+    FreeOptions,
+    ImposedOptions,
+    Options,
+    TareOptions,
+    ValidateOptions,
+)
+from bench.rig.files import parse_toml, read_text
+from bench.rig.mistakes import Mistakes, nearest, toml
+from bench.rig.rig import Rig
+from bench.units import parse_quantity, parse_range, quantity_in
+
+
+@dataclass(frozen=True)
+class Step:
+    """One procedure to run: its name and its options."""
+
+    do: str
+    options: Options
+
+
+@dataclass(frozen=True)
+class Session:
+    """What to do, in order. ``place`` names where it came from; ``rig`` is the rig file, if the session names one."""
+
+    steps: tuple[Step, ...]
+    place: str
+    rig: Path | None = None
+    seed: int | None = None
+    text: str = ""
+
+
+def _velocities(written: object) -> tuple[float, ...]:
+    """A range "-40:8:40 rad/s" or a list of quantities, in rad/s."""
+    if written == []:
+        raise ValueError('names no velocity; write "-40:8:40 rad/s", or leave the key out')
+    if isinstance(written, list):
+        return tuple(parse_quantity(each, "rad/s") for each in written)
+    return parse_range(written, "rad/s")
+
+
+Seconds = Annotated[float, quantity_in("s")]
+Fraction = Annotated[float, quantity_in("")]
+
+
+class StepModel(BaseModel):
+    """Base of every step's options; fields are named as in :mod:`bench.procedures.options`."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
+
+
+class _Tare(StepModel):
+    duration_s: Seconds = Field(TareOptions.duration_s, alias="duration", ge=0.5, examples=["2 s"])
+
+
+class _Calibrate(StepModel):
+    duration_s: Seconds = Field(CalibrateOptions.duration_s, alias="duration", ge=2, examples=["8 s"])
+
+
+class _Free(StepModel):
+    amplitude: Fraction = Field(FreeOptions.amplitude, gt=0, le=1, examples=["60 %"])
+    levels: int = Field(FreeOptions.levels, ge=3, examples=[11])
+    dwell_s: Seconds = Field(FreeOptions.dwell_s, alias="dwell", ge=0.1, examples=["400 ms"])
+    duration_s: Seconds = Field(FreeOptions.duration_s, alias="duration", ge=1, examples=["12 s"])
+
+
+class _Blocked(StepModel):
+    levels: int = Field(BlockedOptions.levels, ge=2, examples=[5])
+    hold_s: Seconds = Field(BlockedOptions.hold_s, alias="hold", ge=0.1, examples=["500 ms"])
+
+
+class _Imposed(StepModel):
+    amplitude: Fraction = Field(ImposedOptions.amplitude, gt=0, le=1, examples=["50 %"])
+    velocities_rad_s: Annotated[tuple[float, ...], BeforeValidator(_velocities)] = Field(
+        ImposedOptions.velocities_rad_s, alias="velocities", examples=["-40:8:40 rad/s"]
+    )
+    commands: int = Field(ImposedOptions.commands, ge=1, examples=[3])
+    duration_s: Seconds = Field(ImposedOptions.duration_s, alias="duration", ge=1, examples=["20 s"])
+
+
+class _Validate(StepModel):
+    duration_s: Seconds = Field(ValidateOptions.duration_s, alias="duration", ge=1, examples=["8 s"])
+    seed: int = Field(ValidateOptions.seed, ge=0, examples=[7])
+
+
+STEPS: Mapping[str, tuple[type[StepModel], type[Options]]] = {
+    "tare": (_Tare, TareOptions),
+    "calibrate": (_Calibrate, CalibrateOptions),
+    "free": (_Free, FreeOptions),
+    "blocked": (_Blocked, BlockedOptions),
+    "imposed": (_Imposed, ImposedOptions),
+    "validate": (_Validate, ValidateOptions),
+}
+
+
+class _File(BaseModel):
+    """The file's own keys."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
+
+    rig: str | None = Field(None, examples=["../rigs/sim-odrive.toml"])
+    seed: int | None = Field(None, ge=0, examples=[1])
+    step: list[Any]
+
+
+def load_session(path: str | Path) -> Session:
+    """The session that the file describes. Raises UsageError: one line a mistake, each with its place and the mend."""
+    path = Path(path)
+    return parse_session(read_text(path, "session file"), place=str(path))
+
+
+def parse_session(text: str, *, place: str) -> Session:
+    """As :func:`load_session`, from the file's content."""
+    mistakes = Mistakes(place)
+    written = parse_toml(text, place)
+    steps = written.get("step")
+    if not isinstance(steps, list) or not steps:
+        mistakes.add("[[step]]", 'there is no step; add a section [[step]], in double brackets, with do = "tare"')
+        steps = []
+    head = mistakes.read(_File, {**written, "step": steps}, "")
+    read = [_step(table, number, mistakes) for number, table in enumerate(steps, 1)]
+    mistakes.raise_as(UsageError)
+    assert head is not None
+    rig = None if head.rig is None else Path(place).parent / head.rig
+    return Session(tuple(step for step in read if step is not None), place, rig, head.seed, text)
+
+
+def _step(table: object, number: int, mistakes: Mistakes) -> Step | None:
+    where = f"step {number}"
+    if not isinstance(table, dict):
+        mistakes.add(f"[{where}]", f"is a section, not {toml(table)}; write [[step]] on a line of its own")
+        return None
+    do = table.get("do")
+    if do is None:
+        mistakes.add(f"[{where}] do", f"is missing; add do = ... (one of {', '.join(STEPS)})")
+        return None
+    if not isinstance(do, str) or do not in STEPS:
+        mistakes.add(f"[{where}] do", f"{toml(do)} is not a procedure; {nearest(str(do), STEPS)}")
+        return None
+    model, options = STEPS[do]
+    rest = {key: value for key, value in table.items() if key != "do"}
+    section = mistakes.read(model, rest, f"{where}, {do}")
+    return None if section is None else Step(do, options(**section.model_dump(exclude_unset=True)))
+
+
+def standard_session(rig: Rig | None = None) -> Session:
+    """The built-in session of ``identify``: everything that ``rig`` can perform, or everything there is."""
+    able = STEPS if rig is None else [name for name in STEPS if _performs(rig, name)]
+    return Session(tuple(Step(name, STEPS[name][1]()) for name in able), "the standard session")
+
+
+def _performs(rig: Rig, name: str) -> bool:
+    wiring = rig.wiring
+    if wiring.load is not None or name == "tare":
+        return True
+    if name == "blocked":
+        return wiring.shaft == "clamped" and wiring.torque_sensor is not None
+    return name in ("free", "validate") and wiring.shaft == "free"

@@ -1,0 +1,70 @@
+"""A loop on the simulated backend, for tests that need the real path but not a whole session."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from bench.loop.alignment import Alignment
+from bench.loop.devices import Devices, open_devices
+from bench.loop.guard import Guard
+from bench.loop.loop import Loop
+from bench.loop.outbox import Outbox
+from bench.records import Measured
+from bench.rig.rig import Rig
+from drivers.codecs.odrive import AxisState
+from drivers.registry import load_backend
+from sim_backend.backend import SimulatedBackend
+from sim_backend.firmware.bota import BotaSensor
+from sim_backend.firmware.odrive import ODriveAxis
+
+
+@dataclass
+class Bench:
+    """``parts`` collects everything that the loop hands on."""
+
+    rig: Rig
+    backend: SimulatedBackend
+    devices: Devices
+    loop: Loop
+    parts: list[Measured]
+
+    def after(self, delay_s: float, fault: Callable[[], None]) -> None:
+        """Let ``fault`` happen in the simulated world ``delay_s`` from now."""
+        self.backend.world.at(self.backend.world.now_ns + round(delay_s * 1e9), lambda _now: fault())
+
+    def cut(self, role: str) -> None:
+        """Pull a device's plug."""
+        self.backend.world.wires[role].cut()
+
+    def axis(self, role: str) -> ODriveAxis:
+        device = self.backend.world.devices[role]
+        assert isinstance(device, ODriveAxis)
+        return device
+
+    def force_torque(self, torque_nm: float) -> None:
+        sensor = self.backend.world.devices["torque_sensor"]
+        assert isinstance(sensor, BotaSensor)
+        sensor.signal.force(torque_nm)
+
+    def armed(self) -> list[str]:
+        """Roles of the drives whose firmware still closes the torque loop."""
+        roles = ("actuator", "load")
+        return [role for role in roles if self.axis(role).axis_state == AxisState.CLOSED_LOOP_CONTROL]
+
+
+@contextmanager
+def opened(rig: Rig, seed: int = 1) -> Iterator[Bench]:
+    """Devices and loop of ``rig``, closed again afterwards."""
+    backend = load_backend("simulated")(rig.wiring, rig.simulated, seed=seed, place=rig.place)
+    assert isinstance(backend, SimulatedBackend)
+    devices, parts = open_devices(rig, backend), list[Measured]()
+    guard = Guard(
+        rig.limits, rig.command.limit, rig.tick_s, devices.load is not None, devices.torque_sensor is not None
+    )
+    try:
+        yield Bench(
+            rig, backend, devices, Loop(devices, guard, Outbox((parts.append,)), Alignment(), rig.tick_ns), parts
+        )
+    finally:
+        devices.link.close()
+        backend.close()

@@ -1,0 +1,204 @@
+"""The commands: what they need, what they say, what they end with."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bench.cli import app
+from bench.cli.exits import exit_code_of
+from bench.errors import BenchError, ExitCode, ExperimentError, OperatorStopError, RigError, SafetyStopError, UsageError
+from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
+
+ROOT = Path(__file__).parents[3]
+RIG = ROOT / "rigs" / "sim-odrive.toml"
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def run(*arguments: object) -> tuple[int, str, str]:
+        code = app.main([str(each) for each in arguments])
+        streams = capsys.readouterr()
+        return code, streams.out, streams.err
+
+    return run
+
+
+def program(*arguments: object) -> subprocess.CompletedProcess[str]:
+    code = "import sys; from bench.cli.app import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["identify", "--help"], ["sim", "--help"], ["sim", "truth", "--help"]]
+)
+def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
+    code = (
+        "import sys; from bench.cli.app import main; main(sys.argv[1:]);"
+        "heavy = 'numba textual matplotlib pyarrow sim_backend scipy numpy pint can filterpy'.split();"
+        "print([name for name in heavy if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert "Usage: norton-bench" in done.stdout
+    assert done.stderr.strip() == "[]"
+
+
+def test_help_names_every_command(run: Run) -> None:
+    code, out, _ = run("--help")
+    assert code == ExitCode.OK
+    assert all(name in out for name in (*app.COMMANDS, *app.GROUPS, "--debug", "130"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["identfy"], "identify"),
+        (["identify"], "RIG"),
+        (["identify", RIG, "--sed", "3"], "--seed"),
+        (["identify", RIG, "--seed", "three"], "three"),
+        (["export", "x.mcap", "--format", "xls"], "parquet"),
+        (["identify", "rigs/none.toml"], "no such rig file"),
+        (["run", "sessions/none.toml"], "no such session file"),
+        (["sim", "truth", "rigs/none.toml"], "no such rig file"),
+        (["sim", "serve", "rigs/none.toml"], "no such rig file"),
+        (["rig", "check", "rigs/none.toml"], "no such rig file"),
+        (["rig", "check", RIG, "--backend", "hardwear"], 'did you mean "hardware"?'),
+        (["recover", "none.mcap"], "none.mcap"),
+        (["export", "none.mcap"], "none.mcap"),
+    ],
+)
+def test_wrong_usage_is_one_sentence_and_exit_code_2(
+    run: Run, arguments: list[object], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    code, out, err = run(*arguments)
+    assert code == ExitCode.USAGE
+    assert out == ""
+    assert said in err
+    assert len(err.splitlines()) == 1
+
+
+def test_every_mistake_of_a_rig_file_is_a_line(run: Run, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG.read_text().replace("stale_after", "stale_aftr").replace('"80 rad/s"', '"80 Hz"'))
+    code, out, err = run("identify", rig, "--json")
+    assert (code, out) == (ExitCode.USAGE, "")
+    assert sorted(line.split(": ")[1] for line in err.splitlines()) == ["[limits] stale_aftr", "[limits] velocity"]
+
+
+def test_as_a_program_too() -> None:
+    done = program("identify", "rigs/none.toml")
+    assert done.returncode == ExitCode.USAGE
+    assert done.stdout == ""
+    assert done.stderr.splitlines() == [line for line in done.stderr.splitlines() if "no such rig file" in line]
+
+
+def test_a_session_without_a_rig_says_how_to_name_one(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text('[[step]]\ndo = "tare"\n')
+    code, _, err = run("run", tmp_path / "s.toml")
+    assert code == ExitCode.USAGE
+    assert 'add rig = "../rigs/my-rig.toml", or give --rig' in err
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_anything_moves(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    code, _, err = run("identify", RIG, "--out", tmp_path / "file" / "runs")
+    assert code == ExitCode.USAGE
+    assert "choose another with --out" in err
+
+
+def test_an_unplugged_rig_ends_with_the_connection_or_the_timeout_code(run: Run, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    text = (
+        RIG.read_text().replace('"udp_multicast"', '"virtual"').replace("/tmp/norton-bench/bota", str(tmp_path / "no"))
+    )
+    rig.write_text(text)
+    code, out, err = run("rig", "check", rig, "--backend", "hardware", "--json")
+    assert code == ExitCode.TIMEOUT  # of the first that is wrong: the actuator's drive is on a bus with nobody
+    assert [device["problems"] != [] for device in json.loads(out)["devices"]] == [True, True, True]
+    assert len(err.splitlines()) == 3
+
+
+def test_the_simulated_rig_is_all_right(run: Run) -> None:
+    code, out, err = run("rig", "check", RIG, "--json")
+    assert (code, err) == (ExitCode.OK, "")
+    actuator, load, sensor = json.loads(out)["devices"]
+    assert actuator["firmware"].startswith("0.6")
+    assert actuator["streams"]["motion"]["rate_hz"] == pytest.approx(1000, rel=0.01)
+    assert load["streams"]["motion"]["readings"] == pytest.approx(1000, abs=10)
+    assert 0 < sensor["streams"]["torque"]["age_s"] < 2e-3
+
+
+def test_the_rig_check_for_people_names_devices_and_streams(run: Run) -> None:
+    code, out, _ = run("rig", "check", RIG)
+    assert code == ExitCode.OK
+    assert all(word in out for word in ("actuator: odrive", "torque_sensor: bota", "motion", "1000 Hz"))
+
+
+def test_readings_slower_than_they_may_be_are_told(run: Run, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG.read_text().replace('"1 kHz"', '"5 kHz"').replace('"5 ms"', '"0.5 ms"'))
+    code, _, err = run("rig", "check", rig)
+    assert code == ExitCode.EXPERIMENT_FAILED
+    assert "[actuator] motion readings come at 1000 Hz with gaps of up to 1." in err
+
+
+def test_the_truth_is_what_the_rig_file_says(run: Run) -> None:
+    code, out, _ = run("sim", "truth", RIG, "--json")
+    assert code == ExitCode.OK
+    parameters = json.loads(out)["parameters"]
+    assert parameters["inertia"] == {"value": pytest.approx(5e-5), "unit": "kg*m^2"}
+    assert parameters["torque_gain"]["value"] == pytest.approx(18 * 0.05)
+    assert "amplifier_bandwidth" in run("sim", "truth", RIG)[1]
+
+
+def test_devices_are_listed(run: Run) -> None:
+    code, out, _ = run("devices", "--json")
+    assert code == ExitCode.OK
+    assert all(set(port) == {"kind", "channel", "description"} for port in json.loads(out)["ports"])
+
+
+def test_an_unexpected_failure_is_a_sentence_and_a_traceback_only_on_demand(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.cli.check.check_data", lambda checks: 1 / 0)
+    code, _, err = run("rig", "check", RIG)
+    assert code == ExitCode.EXPERIMENT_FAILED
+    assert len(err.splitlines()) == 1
+    assert "ZeroDivisionError" in err
+    assert "--debug" in err
+    assert "Traceback" in run("rig", "check", RIG, "--debug")[2]
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (BenchError("x"), 1),
+        (ExperimentError("x"), 1),
+        (UsageError("x"), 2),
+        (RigError("x"), 2),
+        (WiringError("x"), 2),
+        (ConnectionFailedError("x"), 3),
+        (DeviceTimeoutError("x"), 4),
+        (DeviceError("x"), 1),
+        (SafetyStopError("x"), 5),
+        (OperatorStopError("x"), 130),
+        (KeyboardInterrupt(), 130),
+        (ValueError("x"), 1),
+    ],
+)
+def test_every_error_has_its_exit_code(error: BaseException, code: int, capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        raise error
+
+    assert exit_code_of(error) == code
+    assert app.run_safely(fail, debug=False) == code
+    assert len(capsys.readouterr().err.splitlines()) == 1

@@ -1,0 +1,181 @@
+"""``identify`` and ``run`` around the engine: what it is given, and what is done with what it returns or raises."""
+
+import json
+import os
+import signal
+import sys
+import types
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.cli import app
+from bench.cli.arguments import run_folder
+from bench.cli.interrupt import operator_stop
+from bench.cli.output import Output
+from bench.cli.progress import Lines, showing_progress
+from bench.errors import ExitCode, SafetyStopError
+from bench.identification.results import FitResult, LiveEstimate, Trace
+from bench.models.network import NortonNetwork
+from bench.models.parameters import Estimate, Status
+from bench.records import Measured
+from bench.session.schema import STEPS
+
+ROOT = Path(__file__).parents[3]
+RIG = ROOT / "rigs" / "sim-odrive.toml"
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    fit: FitResult | None = None
+    validation: None = None
+    network: Path | None = None
+    report: Path | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    recording: Path
+    conclusion: Conclusion
+
+
+class Engine:
+    """Stands where the engine would: notes what it was asked, does what it was told."""
+
+    def __init__(self, fit: FitResult) -> None:
+        self.fit = fit
+        self.error: Exception | None = None
+        self.asked: dict[str, Any] = {}
+
+    def run_session(self, rig: Any, session: Any, **asked: Any) -> Result:
+        self.asked = {"rig": rig, "session": session, **asked}
+        recording = asked["out"] / "r.mcap"
+        recording.write_text("")
+        asked["progress"].plan((("tare", 2.0),))
+        asked["progress"].step(0, "tare")
+        asked["progress"].part(Measured(), LiveEstimate(0))
+        asked["progress"].note("a remark")
+        if self.error is not None:
+            raise self.error
+        return Result(recording, Conclusion(self.fit))
+
+
+@pytest.fixture
+def engine(monkeypatch: pytest.MonkeyPatch) -> Engine:
+    trace = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
+    estimate = Estimate("inertia", 5e-5, 1e-7, "kg*m^2", Status.VALID)
+    network = object.__new__(NortonNetwork)  # not looked into
+    engine = Engine(FitResult((estimate,), network, True, 0.0, 0.0, 1, 0.0, 0.0, 0.0, 0.0, trace))
+    module = types.ModuleType("bench.session.engine")
+    module.run_session = engine.run_session  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "bench.session.engine", module)
+    return engine
+
+
+def test_identify_runs_the_standard_session_and_prints_json(
+    engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = app.main(["identify", str(RIG), "--seed", "7", "--out", str(tmp_path / "new"), "--json"])
+    streams = capsys.readouterr()
+    assert code == ExitCode.OK
+    assert json.loads(streams.out)["parameters"]["inertia"]["std"] == 1e-7
+    assert [step.do for step in engine.asked["session"].steps] == list(STEPS)
+    assert (engine.asked["seed"], engine.asked["rig"].backend) == (7, "simulated")
+    assert engine.asked["out"] == tmp_path / "new"
+    assert "[1/1] tare" in streams.err
+    assert "a remark" in streams.err
+
+
+def test_quiet_is_quiet(engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert app.main(["identify", str(RIG), "--out", str(tmp_path), "--quiet"]) == ExitCode.OK
+    streams = capsys.readouterr()
+    assert streams.err == ""
+    assert "inertia" in streams.out
+
+
+def test_run_takes_rig_and_seed_from_the_session_unless_told(engine: Engine, tmp_path: Path) -> None:
+    session = tmp_path / "s.toml"
+    session.write_text(f'rig = "{RIG}"\nseed = 3\n[[step]]\ndo = "tare"\n')
+    assert app.main(["run", str(session), "--out", str(tmp_path)]) == ExitCode.OK
+    assert (engine.asked["rig"].name, engine.asked["seed"]) == ("sim-odrive", 3)
+    other = ROOT / "rigs" / "sim-dbc.toml"
+    arguments = [
+        "run",
+        str(session),
+        "--rig",
+        str(other),
+        "--seed",
+        "0",
+        "--backend",
+        "hardware",
+        "--out",
+        str(tmp_path),
+    ]
+    assert app.main(arguments) == ExitCode.OK
+    assert (engine.asked["rig"].name, engine.asked["seed"]) == ("sim-dbc", 0)
+    assert engine.asked["rig"].backend == "hardware"
+
+
+def test_a_safety_stop_keeps_its_code_and_says_where_the_data_are(
+    engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "older.mcap").write_text("")
+    engine.error = SafetyStopError("torque beyond its limit")
+    code = app.main(["identify", str(RIG), "--out", str(tmp_path), "--json"])
+    streams = capsys.readouterr()
+    assert (code, streams.out) == (ExitCode.SAFETY_STOP, "")
+    assert "torque beyond its limit" in streams.err
+    assert str(tmp_path / "r.mcap") in streams.err
+    assert "older.mcap" not in streams.err
+
+
+def test_a_fit_that_did_not_converge_is_a_failure(
+    engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    engine.fit = replace(engine.fit, converged=False)
+    code = app.main(["identify", str(RIG), "--out", str(tmp_path), "--json"])
+    streams = capsys.readouterr()
+    assert code == ExitCode.EXPERIMENT_FAILED
+    assert json.loads(streams.out)["converged"] is False
+    assert "did not converge" in streams.err
+
+
+def test_runs_go_to_a_folder_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = run_folder(None, "bench-3")
+    assert folder.parent == Path("runs")
+    assert folder.name.endswith("-bench-3")
+    assert folder.is_dir()
+
+
+def test_the_first_interrupt_asks_and_the_second_ends() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with operator_stop() as stop_request:
+        assert stop_request() is None
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop_request() == "stopped by the operator"
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_progress_says_how_long_it_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = Lines(Output())
+    lines.plan((("tare", 2.0), ("free", 10.0)))
+    lines.step(1, "free")
+    assert capsys.readouterr().err.splitlines() == ["2 steps, about 12 s of bench time", "[2/2] free"]
+
+
+def test_progress_on_a_terminal_draws_a_bar(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with showing_progress(Output(), tick_s=1e-3) as progress:
+        progress.plan((("free", 1.0),))
+        progress.step(0, "free")
+        progress.part(Measured(), LiveEstimate(1, (Estimate("inertia", 1.0, 0.1, "kg*m^2", Status.VALID),)))
+        progress.note("a remark")
+    assert "a remark" in capsys.readouterr().err

@@ -1,0 +1,137 @@
+"""What the command line prints: JSON for programs, tables for people."""
+
+import json
+from io import StringIO
+from math import inf, nan
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console, RenderableType
+
+from bench.cli.output import Output, to_json
+from bench.cli.results import identification, parameter_table, summary, with_digits
+from bench.identification.results import FitResult, Trace, Validation
+from bench.models.network import NortonNetwork
+from bench.models.parameters import Estimate, Status
+
+TRACE = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
+VALIDATION = Validation(1.5e-3, 0.012, 0.2, 0.034, TRACE, TRACE)
+ESTIMATES = (
+    Estimate("torque_gain", 0.9004, 0.0012, "N*m/(N*m)", Status.VALID),
+    Estimate("inertia", 5.003e-5, 1.2e-7, "kg*m^2", Status.VALID),
+    Estimate("presliding_damping", nan, nan, "N*m*s/rad", Status.UNEXCITED),
+)
+
+
+@pytest.fixture
+def fit() -> FitResult:
+    network = object.__new__(NortonNetwork)  # not looked into
+    return FitResult(
+        ESTIMATES, network, True, 1e-3, 0.01, 1000, 0.0, 0.0, 0.0, 0.0, TRACE, ("free motion tells ratios",)
+    )
+
+
+def shown(renderable: RenderableType) -> str:
+    console = Console(width=100, record=True, file=StringIO())
+    console.print(renderable)
+    return console.export_text()
+
+
+FILES = (Path("runs/a/r.mcap"), Path("runs/a/r.network.json"), Path("runs/a/r.report.html"))
+
+
+def test_json_has_the_documented_shape(fit: FitResult) -> None:
+    data = json.loads(to_json(identification(fit, VALIDATION, *FILES)))
+    assert data["parameters"]["torque_gain"] == {
+        "value": 0.9004,
+        "std": 0.0012,
+        "unit": "N*m/(N*m)",
+        "status": "valid",
+    }
+    assert data["parameters"]["presliding_damping"]["value"] is None  # JSON knows no NaN
+    assert data["parameters"]["presliding_damping"]["status"] == "unexcited"
+    assert data["validation"] == {
+        "torque_rms_nm": 1.5e-3,
+        "torque_relative": 0.012,
+        "velocity_rms_rad_s": 0.2,
+        "velocity_relative": 0.034,
+    }
+    assert data["verdict"] == ["free motion tells ratios"]
+    assert data["converged"] is True
+    assert (data["recording"], data["network"], data["report"]) == tuple(map(str, FILES))
+
+
+def test_json_of_a_session_that_told_nothing() -> None:
+    data = json.loads(to_json(identification(None, None, FILES[0], None, None)))
+    assert data["parameters"] == {}
+    assert data["validation"] is data["network"] is data["report"] is None
+
+
+def test_the_summary_names_parameters_verdict_and_files(fit: FitResult) -> None:
+    text = shown(summary(fit, VALIDATION, *FILES))
+    row = next(line for line in text.splitlines() if "inertia" in line)
+    assert row.split() == ["Im", "inertia", "5.003e-5", "0.012e-5", "kg*m^2", "valid"]
+    assert "Km·Ka" in text
+    assert "free motion tells ratios" in text
+    assert "1.2%" in text
+    assert all(str(path) in text for path in FILES)
+
+
+def test_a_table_of_nothing_has_its_headings() -> None:
+    assert "parameter" in shown(parameter_table(()))
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "written"),
+    [
+        (0.90042, 0.0012, ("0.9004", "0.0012")),
+        (600.4, 12.0, ("600", "12")),
+        (12.345, 0.5, ("12.35", "0.50")),
+        (5.0031e-5, 1.2e-7, ("5.003e-5", "0.012e-5")),
+        (-2.5e6, 1e4, ("-2.500e6", "0.010e6")),
+        (0.0, 0.1, ("0.00", "0.10")),
+        (1.0, inf, ("1", "–")),
+        (1.0, 0.0, ("1", "–")),
+        (nan, 1.0, ("–", "–")),
+    ],
+)
+def test_digits_follow_the_deviation(value: float, std: float, written: tuple[str, str]) -> None:
+    assert with_digits(value, std) == written
+
+
+@given(st.floats(-1e9, 1e9), st.floats(1e-9, 1e3))
+def test_what_is_written_is_true_within_a_tenth_of_the_deviation(value: float, relative: float) -> None:
+    std = max(abs(value), 1e-9) * relative
+    written, deviation = with_digits(value, std)
+    assert abs(float(written) - value) <= 0.051 * std
+    assert abs(float(deviation) - std) <= 0.051 * std
+
+
+@given(
+    st.recursive(
+        st.floats() | st.text() | st.integers(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)
+    )
+)
+def test_any_result_is_strict_json(data: object) -> None:
+    json.loads(to_json(data), parse_constant=pytest.fail)
+
+
+def test_data_go_to_stdout_and_remarks_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+    output = Output(json=True)
+    output.say("working")
+    output.result({"a": 1}, "for people")
+    streams = capsys.readouterr()
+    assert json.loads(streams.out) == {"a": 1}
+    assert streams.err == "working\n"
+
+
+def test_people_get_the_words_unbroken(capsys: pytest.CaptureFixture[str]) -> None:
+    path = "/a/very/long/path/" + "x" * 200
+    Output(quiet=True).result({}, path)
+    Output(quiet=True).say("never heard")
+    streams = capsys.readouterr()
+    assert streams.out == f"{path}\n"
+    assert streams.err == ""

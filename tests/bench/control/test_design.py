@@ -1,0 +1,119 @@
+"""Gains keep their margins on benches other than the calibrated one, or there are none and somebody says so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.control import design
+from bench.control.calibration import LoadCalibration
+from bench.control.design import design_torque_loop, design_tracking, nominal_bench
+from bench.control.observer import holds_at_any_age
+from bench.control.robustness import margins, torque_control, tracking_control
+from bench.errors import ExperimentError
+from tests.bench.control.plant import PlantSettings
+
+TICK_S = 1e-3
+CALIBRATION = replace(PlantSettings().calibration(), actuator_inertia_kgm2=5e-5)
+
+
+def scales() -> st.SearchStrategy[float]:
+    return st.floats(-1.0, 1.0).map(lambda power: 2.0**power)
+
+
+@st.composite
+def calibrations(draw: st.DrawFn) -> LoadCalibration:
+    """The demonstration rig, everything between half and twice its value; sensors from 50 to 1000 N m/rad."""
+    c = CALIBRATION
+    return replace(
+        c,
+        amplifier_bandwidth_rad_s=c.amplifier_bandwidth_rad_s * draw(scales()),
+        inertia_kgm2=c.inertia_kgm2 * draw(scales()),
+        coulomb_torque_nm=c.coulomb_torque_nm * draw(scales()),
+        presliding_stiffness_nm_rad=c.presliding_stiffness_nm_rad * draw(scales()),
+        presliding_damping_nms_rad=c.presliding_damping_nms_rad * draw(scales()),
+        sensor_stiffness_nm_rad=draw(st.floats(50.0, 1000.0)),
+        sensor_damping_nms_rad=c.sensor_damping_nms_rad * draw(scales()),
+        command_delay_s=draw(st.floats(1e-4, 1.3e-3)),
+        measurement_delay_s=draw(st.floats(0.0, 6e-4)),
+        motion_delay_s=draw(st.floats(-5e-4, 6e-4)),
+        actuator_inertia_kgm2=draw(st.one_of(st.none(), scales().map(lambda scale: 5e-5 * scale))),
+    )
+
+
+@settings(max_examples=8, deadline=None)
+@given(calibrations(), st.floats(0.95, 1.08), st.floats(-0.4, 0.4), st.floats(0.85, 1.15))
+def test_stable_on_a_bench_that_the_calibration_missed(
+    calibration: LoadCalibration, gain: float, late_ticks: float, stiffness: float
+) -> None:
+    tracking = design_tracking(calibration, TICK_S)
+    gains = design_torque_loop(calibration, tracking.observer, TICK_S)
+    nominal = nominal_bench(calibration, TICK_S)
+    bench = replace(
+        nominal,
+        gain=gain * nominal.gain,
+        command_delay_s=max(nominal.command_delay_s + late_ticks * TICK_S, 0.0),
+        stiffness_nm_rad=stiffness * nominal.stiffness_nm_rad,
+    )
+    loop = torque_control(tracking.observer, gains.proportional, gains.integral_per_s, gains.damping_nms_rad, TICK_S)
+    assert margins(bench, loop, TICK_S).stable
+    assert margins(bench, tracking_control(tracking.observer, tracking.regulator), TICK_S).stable
+
+
+@pytest.mark.parametrize("stiffness", [50.0, 200.0, 1000.0])
+def test_margins_across_calibration_errors(stiffness: float) -> None:
+    """Gain 10 % up, half a tick later, a third more inertia: at least 2 of gain margin, 26° of phase margin."""
+    calibration = replace(CALIBRATION, sensor_stiffness_nm_rad=stiffness)
+    tracking = design_tracking(calibration, TICK_S)
+    gains = design_torque_loop(calibration, tracking.observer, TICK_S)
+    bench = nominal_bench(calibration, TICK_S)
+    boosted = torque_control(
+        tracking.observer, gains.boost * gains.proportional, gains.boost * gains.integral_per_s, 0.0, TICK_S
+    )
+    for missed in (
+        replace(bench, gain=1.1 * bench.gain),
+        replace(bench, command_delay_s=bench.command_delay_s + 0.5 * TICK_S),
+        replace(bench, actuator_inertia_kgm2=1.33 * bench.actuator_inertia_kgm2),
+    ):
+        assert margins(missed, boosted, TICK_S).within(2.2)
+
+
+def test_the_observer_holds_whatever_the_age_of_readings() -> None:
+    tracking = design_tracking(CALIBRATION, TICK_S)
+    bench = nominal_bench(CALIBRATION, TICK_S)
+    assert holds_at_any_age(tracking.observer, bench, TICK_S)
+    eager = replace(tracking.observer, gain=4.0 * tracking.observer.gain)
+    assert not holds_at_any_age(eager, bench, TICK_S)
+
+
+def test_too_bold_a_gain_is_seen_to_be_unstable() -> None:
+    tracking = design_tracking(CALIBRATION, TICK_S)
+    bold = torque_control(tracking.observer, 10.0, 10_000.0, 0.0, TICK_S)
+    assert not margins(nominal_bench(CALIBRATION, TICK_S), bold, TICK_S).stable
+
+
+def test_sensitivity_of_a_weak_loop_is_that_of_its_continuous_model() -> None:
+    """S = 1/(1 − L) with L in continuous time at a frequency far below the tick's."""
+    bench = replace(
+        nominal_bench(CALIBRATION, TICK_S), actuator_inertia_kgm2=1.0, stiffness_nm_rad=2e4, damping_nms_rad=5.0
+    )
+    tracking = design_tracking(CALIBRATION, TICK_S)
+    integral = 150.0
+    found = margins(bench, torque_control(tracking.observer, 0.0, integral, 0.0, TICK_S), TICK_S)
+    omega = np.geomspace(10.0, 1500.0, 2000)
+    s = 1j * omega
+    # Holding the command adds half a tick; summing up to the newest reading takes half a tick away.
+    delay_s = bench.command_delay_s + bench.torque_delay_s
+    # The wall takes all of the load's torque below its resonance: τ = −T.
+    loop = -integral / s * bench.gain / (1 + s / bench.bandwidth_rad_s) * np.exp(-s * delay_s)
+    assert found.sensitivity == pytest.approx(np.max(1 / np.abs(1 - loop)), rel=0.02)
+
+
+def test_no_margins_no_gains_but_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    observer = design_tracking(CALIBRATION, TICK_S).observer
+    monkeypatch.setattr(design, "TORQUE_SENSITIVITY", 1.0)
+    late = replace(CALIBRATION, command_delay_s=0.0042)
+    with pytest.raises(ExperimentError, match=r"calibrate the load again.*4\.20 ms"):
+        design_torque_loop(late, observer, TICK_S)

@@ -1,0 +1,183 @@
+"""The controller's parts, each against something that is not ours."""
+
+from dataclasses import replace
+from math import exp
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from bench.control import core
+from bench.control.design import TorqueGains, nominal_bench
+from bench.control.dynamics import COMMAND, look_back, sampled
+from bench.control.feed_forward import FeedForward
+from bench.control.preview import delayed, with_preview
+from bench.control.reference import continued
+from bench.control.torque_loop import TorqueLoop
+from bench.control.virtual import VirtualBody
+from bench.errors import ExperimentError
+from bench.sample import Target
+from bench.segments import PRESCRIBED_MOTION, Admittance, LoadMode, Segment, Use
+from tests.bench.control.plant import PlantSettings
+from tests.bench.control.runs import network_of
+
+TICK_S = 1e-3
+SETTINGS = PlantSettings()
+CALIBRATION = SETTINGS.calibration()
+
+
+@given(st.floats(-0.008, 0.008), st.floats(-0.02, 0.02), st.floats(1.0, 50.0))
+def test_the_contact_slides_as_dahl_has_it(force: float, displacement: float, stiffness: float) -> None:
+    coulomb = 0.008
+    slid = core.slide(force, displacement, coulomb, stiffness)
+    sign = np.sign(displacement)
+    flow = solve_ivp(
+        lambda _x, f: stiffness * (1 - sign * f / coulomb) * sign,
+        (0, abs(displacement)),
+        [force],
+        rtol=1e-9,
+        atol=1e-12,
+    )
+    assert slid == pytest.approx(flow.y[0, -1], abs=1e-8)
+    assert abs(slid) <= coulomb * (1 + 1e-12)
+
+
+@given(st.floats(0.0, 2.5e-3), st.floats(0.05, 0.95))
+def test_the_sampled_bench_is_the_continuous_one(delay_s: float, share: float) -> None:
+    """A command changes once, on its way for ``delay_s``; the state within a later tick against scipy."""
+    a, b = replace(nominal_bench(CALIBRATION, TICK_S), damping_nms_rad=0.05).matrices()
+    model = sampled(a, b, TICK_S, delay_s)
+    commands = [0.0] * (model.whole + 1) + [0.1, 0.1, -0.05, -0.05]
+    state = np.zeros(5)
+    ticks = 3
+    for tick in range(ticks):
+        before, now = commands[tick], commands[tick + 1]
+        state = model.flow(TICK_S) @ np.concatenate([state, [before, now, 0.0, 0.0]])
+    inputs = [commands[ticks], commands[ticks + 1], 0.0, 0.0]
+    state = model.flow(share * TICK_S) @ np.concatenate([state, inputs])
+
+    def rates(t: float, x: np.ndarray) -> np.ndarray:
+        sent = int(np.floor((t - model.fraction_s) / TICK_S))
+        return a @ x + b[:, COMMAND] * commands[max(sent + 1, 0)]
+
+    exact = solve_ivp(rates, (0.0, (ticks + share) * TICK_S), np.zeros(5), max_step=1e-5, rtol=1e-6, atol=1e-12).y[
+        :, -1
+    ]
+    assert state == pytest.approx(exact, rel=0.02, abs=1e-7)
+
+
+@given(st.floats(0.0, 4e-3))
+def test_looking_back_finds_the_instant(delay_s: float) -> None:
+    back, after_s = look_back(delay_s, TICK_S)
+    assert back >= 1
+    assert -1e-9 <= after_s <= TICK_S
+    assert back * TICK_S - after_s == pytest.approx(delay_s, abs=1e-11)
+
+
+@given(st.floats(200.0, 2000.0), st.floats(0.0, 0.99), st.integers(0, 2), st.integers(1, 10**6))
+def test_feed_forward_makes_the_amplifier_deliver(bandwidth: float, share: float, whole: int, seed: int) -> None:
+    """A lagging amplifier, fed what was asked for, has the wanted torque whenever the next command arrives."""
+    feed = FeedForward(0.9, bandwidth, TICK_S, share * TICK_S, whole, limit_nm=1e6)
+    wanted = np.cumsum(np.random.default_rng(seed).normal(0, 0.01, 40))
+    feed.begin(0.0)
+    delivered = 0.0
+    for torque_nm in wanted:
+        feed.ask(torque_nm)
+        delivered += (1 - exp(-bandwidth * TICK_S)) * (0.9 * feed.shares[0] - delivered)
+        assert delivered == pytest.approx(torque_nm, abs=1e-9)
+        feed.advance()
+
+
+def test_a_virtual_body_answers_a_step_as_in_the_textbook() -> None:
+    law = Admittance(mass_kgm2=2e-4, damping_nms_rad=2e-3, stiffness_nm_rad=0.1)
+    body = VirtualBody(law, 1e-5)
+    body.begin(0.0, 0.0)
+    positions = np.array([body.step(0.02, Target()).position_rad for _ in range(20_000)])
+    omega, zeta = np.sqrt(0.1 / 2e-4), 2e-3 / (2 * np.sqrt(0.1 * 2e-4))
+    t = 1e-5 * np.arange(1, 20_001)
+    damped = omega * np.sqrt(1 - zeta**2)
+    closed = 0.2 * (1 - np.exp(-zeta * omega * t) * (np.cos(damped * t) + zeta * omega / damped * np.sin(damped * t)))
+    assert np.max(np.abs(positions - closed)) < 2e-4
+
+
+@given(st.floats(0, 1e4), st.floats(0, 1e5))
+def test_a_virtual_body_is_stable_however_stiff(damping: float, stiffness: float) -> None:
+    body = VirtualBody(Admittance(1e-4, damping, stiffness), TICK_S)
+    body.begin(1.0, 0.0)
+    assert max(abs(body.step(0.0, Target()).position_rad) for _ in range(200)) <= 1.0 + 1e-9
+
+
+def test_the_torque_loop_is_bold_only_once_the_shaft_has_slid() -> None:
+    loop = TorqueLoop(TorqueGains(0.0, 100.0, 3.0, 0.0), TICK_S, turn_rad=0.01, play_rad=1e-4)
+    loop.begin(0.0, 0.0, 0.0)
+    loop._torque_nm = 0.01
+    at_rest = loop.change_nm(0.01, 0.0, 0.0, bold=True)
+    sliding = loop.change_nm(0.01, 1.0, 0.0, bold=True)
+    foreseen = loop.change_nm(0.01, 1.0, 0.0, bold=False)
+    noise = loop.change_nm(0.01, 1.0 - 5e-5, 0.0, bold=True)
+    turned = loop.change_nm(0.01, 1.0 - 2e-4, 0.0, bold=True)
+    assert (at_rest, sliding, foreseen) == pytest.approx((1e-3, 3e-3, 1e-3))
+    assert noise == pytest.approx(3e-3)
+    assert turned == pytest.approx(1e-3, rel=0.05)
+
+
+def test_the_torque_loop_damps_only_what_sticks() -> None:
+    loop = TorqueLoop(TorqueGains(0.0, 0.0, 1.0, 0.02), TICK_S, turn_rad=0.01, play_rad=1e-4)
+    loop.begin(0.0, 0.0, 0.0)
+    assert loop.change_nm(0.0, 0.0, 1.0, bold=True) == pytest.approx(-0.02)
+    assert loop.change_nm(0.0, 1.0, 1.0, bold=True) == pytest.approx(0.02, abs=1e-9)
+
+
+def test_an_unknown_future_goes_on_along_its_slope() -> None:
+    before, now = Target(0.0, 0.0, 10.0), Target(0.0, 1.0, 12.0)
+    ahead = continued(now, before, 2, TICK_S)
+    assert ahead.acceleration_rad_s2 == pytest.approx(16.0)
+    assert ahead.velocity_rad_s == pytest.approx(1.0 + 2e-3 * 14.0)
+
+
+def test_preview_is_the_free_motion_when_the_command_takes_effect() -> None:
+    network = network_of(SETTINGS, 0.0)
+    command = 0.2 * np.sin(0.03 * np.arange(500))
+    segment = Segment("free", "sine", Use.IDENTIFY, command, LoadMode.ADMITTANCE)
+    seen = with_preview(segment, network, CALIBRATION, 2e-3, TICK_S)
+    velocity = network.free_motion(command, TICK_S)[1]
+    assert seen.velocity_rad_s[2:] == pytest.approx(velocity[:-2])
+    assert seen.preview
+
+
+@pytest.mark.parametrize(
+    "segment",
+    [
+        Segment("free", "coast", Use.IDENTIFY, np.zeros(3)),
+        Segment("imposed", "grid", Use.IDENTIFY, np.zeros(3), LoadMode.ADMITTANCE, PRESCRIBED_MOTION),
+    ],
+)
+def test_preview_leaves_other_segments_alone(segment: Segment) -> None:
+    assert with_preview(segment, network_of(SETTINGS, 0.0), CALIBRATION, 0.0, TICK_S) is segment
+
+
+def test_a_delay_of_part_of_a_tick_is_interpolated() -> None:
+    assert delayed(np.array([0.0, 1.0, 2.0]), TICK_S, 0.5e-3) == pytest.approx([0.0, 0.5, 1.5])
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "word"),
+    [
+        ("inertia_kgm2", 0.0, "inertia_kgm2 is 0"),
+        ("torque_noise_nm", float("nan"), "is nan"),
+        ("torque_gain", -0.9, "direction"),
+    ],
+)
+def test_an_impossible_calibration_is_refused(field: str, value: float, word: str) -> None:
+    with pytest.raises(ExperimentError, match=word):
+        replace(CALIBRATION, **{field: value})
+
+
+def test_only_relative_delays_matter() -> None:
+    """Counted from the torque reading, or as they are: the same once in the controller's frame, but for the origin."""
+    counted = replace(CALIBRATION, command_delay_s=6.5e-4, measurement_delay_s=0.0, motion_delay_s=-1.5e-4)
+    assert counted.position_delay_s == pytest.approx(0.0)
+    assert counted.torque_delay_s - counted.position_delay_s == pytest.approx(1.5e-4)
+    assert counted.drive_delay_s + counted.torque_delay_s == pytest.approx(6.5e-4)

@@ -1,0 +1,28 @@
+"""One experiment, simulated once for all tests of a module run."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.identification.fit import fit
+from tests.bench.identification import synthetic
+
+
+@pytest.fixture(scope="session")
+def experiment():
+    return synthetic.experiment(1)
+
+
+@pytest.fixture(scope="session")
+def result(experiment):
+    return fit(experiment, command_unit="N*m", tick_s=synthetic.TICK_S)
+
+
+@pytest.fixture(scope="session")
+def without_torque(experiment):
+    return replace(experiment, torque=experiment.torque[:0])
+
+
+def truth_of(factors):
+    return synthetic.Truth(*(synthetic.Truth().array() * np.asarray(factors)))

@@ -1,0 +1,143 @@
+"""The final fit, from nothing, on a bench that shares no code with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.errors import ExperimentError
+from bench.identification.fit import fit
+from bench.identification.load import fit_load
+from bench.models.parameters import Status
+from tests.bench.identification import synthetic
+from tests.bench.identification.synthetic import LOAD, NAMES, TICK_S, Bench, Truth
+
+LOOSE = ("amplifier_bandwidth", "presliding_damping")
+
+
+def errors(result, truth):
+    return {name: result.estimate(name).value / getattr(truth, name) - 1 for name in NAMES}
+
+
+def deviates(result, truth):
+    return np.array([(result.estimate(n).value - getattr(truth, n)) / result.estimate(n).std for n in NAMES])
+
+
+def within_targets(result, truth):
+    return all(abs(error) < (0.15 if name in LOOSE else 0.03) for name, error in errors(result, truth).items())
+
+
+def test_every_parameter_is_found(result):
+    assert result.converged
+    assert within_targets(result, Truth()), errors(result, Truth())
+    assert np.all(np.abs(deviates(result, Truth())) < 3)
+    assert all(estimate.status is Status.VALID for estimate in result.estimates)
+    assert result.verdict == ()
+
+
+def test_current_tells_torque_constant_and_gain_apart(result):
+    truth = Truth()
+    for name in ("torque_constant", "amplifier_gain"):
+        estimate = result.estimate(name)
+        assert abs(estimate.value - getattr(truth, name)) < 3 * estimate.std
+        assert estimate.std < 0.01 * estimate.value
+
+
+def test_a_drive_that_reports_its_current_slowly_will_do(experiment):
+    """ODrive sends it every 10 ms: far too slowly to be interpolated."""
+    result = fit(replace(experiment, current=experiment.current[::10]), command_unit="N*m", tick_s=TICK_S)
+    estimate = result.estimate("torque_constant")
+    assert abs(estimate.value - Truth().torque_constant) < 3 * estimate.std
+    assert estimate.std < 0.01 * estimate.value
+
+
+def test_delays_are_relative_to_the_torque(result):
+    # Transport: 0.25 ms to the drive, 0.25 ms for its encoder, 1.16 ms for the torque; the devices' own phases, up to
+    # half a tick either way of what is drawn here, are in the stamps and cancel.
+    assert result.command_delay_s == pytest.approx(0.25e-3 + 1.16e-3, abs=4e-5)
+    assert result.motion_delay_s == pytest.approx(0.25e-3 - 1.16e-3, abs=4e-5)
+
+
+def test_the_residual_is_noise(result):
+    # 1 mN·m of white noise in the fit's band (0.36 of it), and 0.3 mN·m of cogging.
+    assert 0.5e-3 < result.torque_rms_nm < 0.75e-3
+    assert np.nanstd(result.trace.measured - result.trace.predicted) == pytest.approx(result.torque_rms_nm, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", [21, 22, 23])
+def test_other_true_values_are_found_as_well(seed):
+    """Any factor between 0.5 and 2 on every true value: nothing in the identifier knows them."""
+    factors = 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)
+    truth = Truth(*(Truth().array() * factors))
+    result = fit(synthetic.experiment(seed, truth), command_unit="N*m", tick_s=TICK_S)
+    assert within_targets(result, truth), errors(result, truth)
+    # 95 of 100 within 3 deviations is the promise; of 7, one outside by a little has a chance in three.
+    assert np.all(np.abs(deviates(result, truth)) < 4.5)
+
+
+def test_a_sensor_without_a_clock_of_its_own_will_do():
+    measured = synthetic.experiment(2, bench=Bench(device_clock=False), free=False, blocked=False)
+    result = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    assert within_targets(result, Truth()), errors(result, Truth())
+
+
+def test_lost_readings_do_no_harm(experiment):
+    keep = np.random.default_rng(0).random(len(experiment.motion)) > 0.002
+    keep_torque = np.random.default_rng(1).random(len(experiment.torque)) > 0.002
+    measured = replace(experiment, motion=experiment.motion[keep], torque=experiment.torque[keep_torque])
+    result = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    assert within_targets(result, Truth()), errors(result, Truth())
+
+
+def test_free_motion_alone_gives_ratios_and_says_so(without_torque):
+    """A shaft that is really free: no load, no sensor."""
+    bench = Bench(load=Truth(1.0, 1000.0, 1e-7, 1e-8, 1e-7, 1e-3, 1e-9), stiffness=20.0, damping=1e-3)
+    measured = synthetic.experiment(3, bench=bench, blocked=False, imposed=False)
+    result = fit(replace(measured, torque=measured.torque[:0]), command_unit="N*m", tick_s=TICK_S)
+    truth = Truth()
+    for name in ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_stiffness"):
+        assert result.estimate(name).status is Status.RATIO_ONLY
+        assert np.isnan(result.estimate(name).value)
+    assert "common factor" in result.verdict[0]
+    network, gain = result.network, truth.torque_gain
+    assert network.torque_gain == 1.0
+    assert network.viscous_damping_nms_rad * gain == pytest.approx(truth.viscous_damping, rel=0.03)
+    assert network.coulomb_torque_nm * gain == pytest.approx(truth.coulomb_torque, rel=0.03)
+    assert network.inertia_kgm2 * gain == pytest.approx(truth.inertia, rel=0.05)
+    assert network.amplifier_bandwidth_rad_s == pytest.approx(truth.amplifier_bandwidth, rel=0.15)
+
+
+def test_zero_torque_sets_no_scale():
+    measured = synthetic.experiment(1, blocked=False, imposed=False)
+    result = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    assert result.estimate("inertia").status is Status.RATIO_ONLY
+
+
+def test_an_actuator_that_was_never_commanded_is_refused(experiment):
+    ticks = experiment.ticks.copy()
+    ticks["command"] = 0.0
+    with pytest.raises(ExperimentError, match="never commanded"):
+        fit(replace(experiment, ticks=ticks), command_unit="N*m", tick_s=TICK_S)
+
+
+def test_nothing_measured_is_refused(experiment):
+    with pytest.raises(ExperimentError, match="no motion"):
+        fit(replace(experiment, motion=experiment.motion[:0]), command_unit="N*m", tick_s=TICK_S)
+    with pytest.raises(ExperimentError, match='"identify"'):
+        fit(synthetic.calibration(1), command_unit="N*m", tick_s=TICK_S)
+
+
+def test_the_load_is_fitted_by_the_same_core():
+    found = fit_load(synthetic.calibration(1), TICK_S)
+    for name in ("torque_gain", "inertia", "coulomb_torque"):
+        assert found.result.estimate(name).value == pytest.approx(getattr(LOAD, name), rel=0.03)
+    assert found.sensor_stiffness_nm_rad == pytest.approx(200, abs=3 * found.sensor_stiffness_std_nm_rad)
+    assert found.torque_bias_nm == pytest.approx(3e-3, abs=3e-4)
+    assert found.sensor_damping_nms_rad == pytest.approx(0.01, abs=0.005)
+    assert found.position_resolution_rad == pytest.approx(2 * np.pi / 131072, rel=1e-3)
+
+
+def test_a_load_shaken_against_an_idle_actuator_tells_nothing():
+    """The idle actuator answers the motion as the load does: the torque between them sets no scale."""
+    with pytest.raises(ExperimentError, match="command the actuator too"):
+        fit_load(synthetic.calibration(1, share=0.0), TICK_S)

@@ -1,0 +1,70 @@
+"""Prediction of the unseen, and the static maps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.errors import ExperimentError
+from bench.identification.source_map import blocked_map, source_map
+from bench.identification.validation import validate
+from tests.bench.identification import synthetic
+from tests.bench.identification.synthetic import TICK_S, Bench, Truth
+
+
+@pytest.fixture(scope="module")
+def free_shaft():
+    """A load so light that what control leaves over at the port cannot matter."""
+    return Bench(load=Truth(1.0, 1000.0, 1e-7, 1e-8, 1e-7, 1e-3, 1e-9), stiffness=20.0, damping=1e-3)
+
+
+def test_unseen_torque_is_predicted_to_the_noise(result):
+    validation = validate(result, synthetic.validation(9), tick_s=TICK_S)
+    assert validation.torque_rms_nm < 0.8e-3
+    assert validation.torque_relative < 0.06
+
+
+def test_a_wrong_network_shows(result):
+    wrong = replace(result, network=replace(result.network, inertia_kgm2=1.2 * result.network.inertia_kgm2))
+    right = validate(result, synthetic.validation(9), tick_s=TICK_S)
+    assert validate(wrong, synthetic.validation(9), tick_s=TICK_S).torque_rms_nm > 1.5 * right.torque_rms_nm
+
+
+def test_unseen_free_motion_is_predicted(result, free_shaft):
+    measured = synthetic.validation(9, bench=free_shaft)
+    validation = validate(result, measured, tick_s=TICK_S)
+    assert validation.velocity_relative < 0.06
+    assert validation.velocity.unit == "rad/s"
+
+
+def test_without_unseen_segments_it_refuses(experiment, result):
+    with pytest.raises(ExperimentError, match="validate"):
+        validate(result, experiment, tick_s=TICK_S)
+
+
+def test_the_source_map_shows_the_three_branches(free_shaft):
+    measured = synthetic.experiment(4, bench=free_shaft, blocked=False, imposed=False)
+    found, truth = source_map(measured), Truth()
+    torque = truth.torque_gain * found.command
+    expected = np.sign(torque) * np.maximum(np.abs(torque) - truth.coulomb_torque, 0) / truth.viscous_damping
+    assert len(found.command) == 22
+    assert found.rising.sum() == 11
+    # Cogging of 0.3 mN·m over 1 mN·m·s/rad leaves 0.3 rad/s of doubt next to the threshold.
+    assert np.all(np.abs(found.velocity_rad_s - expected) < 0.35 + 4 * found.velocity_std_rad_s)
+
+
+def test_the_blocked_map_shows_the_ambiguity_of_friction(experiment):
+    """Section IV.D: the torque at standstill differs by 2 τc between the two sides of approach."""
+    found, truth = blocked_map(experiment), Truth()
+    above = found.torque_nm[found.from_above]
+    below = found.torque_nm[~found.from_above]
+    assert below - above == pytest.approx(np.full(5, 2 * truth.coulomb_torque), abs=3e-3)
+    assert np.polyfit(found.command, found.torque_nm, 1)[0] == pytest.approx(truth.torque_gain, rel=0.02)
+
+
+def test_maps_refuse_what_was_not_measured():
+    measured = synthetic.calibration(1)
+    with pytest.raises(ExperimentError, match="staircase"):
+        source_map(measured)
+    with pytest.raises(ExperimentError, match="held level"):
+        blocked_map(measured)

@@ -1,0 +1,35 @@
+"""Ages count from arrival; a repeat is not a new measurement."""
+
+from math import isnan
+
+from bench.loop.alignment import Alignment
+from drivers.readings import MotionReading, TorqueReading
+
+
+def test_nothing_has_arrived_yet() -> None:
+    sample = Alignment().update(1_000, [], [], [])
+    assert isnan(sample.torque_nm)
+    assert (sample.torque_age_ns, sample.motion_age_ns, sample.load_motion_age_ns) == (-1, -1, -1)
+
+
+def test_age_grows_from_arrival_while_nothing_new_comes() -> None:
+    alignment = Alignment()
+    first = alignment.update(1_000, [MotionReading(1, 400, 1.0, 2.0)], [], [])
+    second = alignment.update(2_000, [], [], [])
+    assert (first.motion_age_ns, first.motion_new) == (600, True)
+    assert (second.motion_age_ns, second.motion_new) == (1_600, False)
+    assert second.position_rad == 1.0
+
+
+def test_the_newest_of_several_counts_and_torque_is_tared() -> None:
+    alignment = Alignment(torque_bias_nm=0.5)
+    sample = alignment.update(1_000, [], [], [TorqueReading(1, 100, 1.0), TorqueReading(2, 900, 2.0)])
+    assert (sample.torque_nm, sample.torque_age_ns) == (1.5, 100)
+
+
+def test_an_invalid_torque_is_no_number() -> None:
+    assert isnan(Alignment().update(1_000, [], [], [TorqueReading(1, 900, 2.0, valid=False)]).torque_nm)
+
+
+def test_what_arrives_while_the_tick_is_reading_is_not_from_the_future() -> None:
+    assert Alignment().update(1_000, [MotionReading(1, 1_200, 1.0, 2.0)], [], []).motion_age_ns == 0

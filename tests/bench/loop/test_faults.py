@@ -1,0 +1,156 @@
+"""Faults injected into the simulated world: each is noticed by its guard, and each ends with both drives idle."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from math import nan
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.errors import BenchError, OperatorStopError, SafetyStopError
+from bench.procedures.makers import coasting, pushed
+from bench.rig.load import load_rig
+from bench.segments import Segment, Use
+from drivers.errors import ConnectionFailedError, DeviceError
+from drivers.readings import DriveState
+from tests.bench.bench_in_simulation import Bench, opened
+
+RIG = Path(__file__).parents[3] / "rigs" / "sim-odrive.toml"
+WATCHDOG_NS = 100_000_000
+
+
+MakeBench = Callable[..., Bench]
+
+
+@pytest.fixture
+def make_bench() -> Iterator[MakeBench]:
+    with ExitStack() as stack:
+        rig = load_rig(RIG)
+        yield lambda **limits: stack.enter_context(opened(replace(rig, limits=replace(rig.limits, **limits))))
+
+
+def resting(duration_s: float = 1.0) -> Segment:
+    return coasting("test", "rest", Use.PREPARE, np.zeros(round(duration_s * 1e3)))
+
+
+def pushing(torque_nm: float, duration_s: float = 1.0) -> Segment:
+    return pushed("test", "push", Use.PREPARE, np.full(round(duration_s * 1e3), torque_nm))
+
+
+def run(bench: Bench, segment: Segment) -> None:
+    with bench.loop.running():
+        bench.loop.run(segment)
+
+
+def test_an_undisturbed_segment_ends_with_idle_drives_and_every_tick_put_away(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    run(bench, resting())
+    assert bench.armed() == []
+    assert all(drive.status().state is DriveState.IDLE for drive in bench.devices.drives)
+    assert sum(len(part.ticks) for part in bench.parts) == 1000
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (lambda b: b.cut("torque_sensor"), "torque sensor: silent"),
+        (lambda b: b.cut("actuator"), "actuator encoder: silent"),
+        (lambda b: b.cut("load"), "load encoder: silent"),
+        (lambda b: b.axis("actuator").fail(0x0200_0000), "actuator drive: left its torque loop"),
+        (lambda b: b.axis("load").fail(0x0200_0000), "load drive: left its torque loop"),
+        (lambda b: b.force_torque(1.5), "port torque"),
+        (lambda b: b.force_torque(nan), "port torque"),
+    ],
+)
+def test_a_fault_stops_everything(make_bench: MakeBench, fault: Callable[[Bench], None], words: str) -> None:
+    bench = make_bench()
+    bench.after(0.3, lambda: fault(bench))
+    with pytest.raises(SafetyStopError, match=words):
+        run(bench, resting())
+    bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS)
+    assert bench.armed() == []
+
+
+@pytest.mark.parametrize(
+    ("limits", "segment", "words"),
+    [
+        ({"velocity_rad_s": 5.0}, pushing(0.2), "velocity"),
+        ({"position_rad": 0.5}, pushing(0.2), "travel"),
+        ({"torque_nm": 0.02}, pushing(0.3), "port torque"),
+        ({"power_w": 0.05}, pushing(0.3), "port power"),
+        ({"temperature_c": 20.0}, resting(), "above .limits. temperature"),
+        ({"stale_after_ns": 10_000}, resting(), "silent"),
+    ],
+)
+def test_each_limit_is_held_on_the_moving_bench(
+    make_bench: MakeBench, limits: dict[str, float], segment: Segment, words: str
+) -> None:
+    bench = make_bench(**limits)
+    with pytest.raises(SafetyStopError, match=words):
+        run(bench, segment)
+    assert bench.armed() == []
+
+
+def test_a_command_that_is_no_number_never_reaches_the_wire(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    segment = coasting("test", "broken", Use.PREPARE, np.array([0.0, 0.01, nan]))
+    with pytest.raises(SafetyStopError, match="not a number"):
+        run(bench, segment)
+    assert bench.armed() == []
+    assert np.isfinite(bench.parts[-1].ticks["command"]).all()
+
+
+def test_the_operator_stops_within_a_tick(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    pressed_ns = bench.backend.clock.now_ns() + 600_000_000
+    bench.loop.stop_request = lambda: "space" if bench.backend.clock.now_ns() >= pressed_ns else None
+    with pytest.raises(OperatorStopError, match="space"):
+        run(bench, pushing(0.05))
+    last_ns = max(int(part.ticks["tick_ns"][-1]) for part in bench.parts if len(part.ticks))
+    assert last_ns < pressed_ns + bench.rig.tick_ns
+    assert bench.armed() == []
+
+
+def test_a_host_that_dies_leaves_the_drives_to_their_watchdogs(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    bench.devices.await_streams()
+    bench.devices.enable()
+    assert bench.armed() == ["actuator", "load"]
+    bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS + bench.rig.tick_ns)
+    assert bench.armed() == []
+
+
+def test_a_bug_in_the_experiment_leaves_the_drives_idle_too(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    segment = replace(resting(0.1), command=np.array(["not a command"]))
+    with pytest.raises(ValueError, match="could not convert"):
+        run(bench, segment)
+    assert bench.armed() == []
+
+
+def test_a_lost_bus_is_a_connection_error_and_the_watchdogs_do_the_rest(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    port = next(iter(bench.devices.link.can_ports.values()))
+
+    def unplug() -> None:
+        def gone(*_: object, **__: object) -> None:
+            raise OSError("No such device")
+
+        port.bus.recv = gone  # type: ignore[assignment,method-assign]
+        port.bus.send = gone  # type: ignore[assignment,method-assign]
+
+    bench.after(0.3, unplug)
+    with pytest.raises(ConnectionFailedError, match="can0"):
+        run(bench, resting())
+    bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS)
+    assert bench.armed() == []
+
+
+def test_a_device_that_is_missing_is_named_before_anything_moves(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    bench.cut("torque_sensor")
+    with pytest.raises((BenchError, DeviceError), match="torque sensor"):
+        run(bench, resting())
+    assert bench.armed() == []

@@ -1,0 +1,141 @@
+"""Every line of the guard is tripped, and a healthy bench passes it untouched."""
+
+from dataclasses import replace
+from math import inf, isfinite, nan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.errors import SafetyStopError
+from bench.loop.guard import Commands, DriveHealth, Guard, Limited
+from bench.rig.rig import Limits
+from bench.sample import Sample
+from drivers.readings import DriveState, DriveStatus
+
+LIMITS = Limits(
+    torque_nm=1.0,
+    velocity_rad_s=80.0,
+    stale_after_ns=5_000_000,
+    load_torque_nm=0.8,
+    position_rad=10.0,
+    power_w=20.0,
+    temperature_c=80.0,
+    command_rate_per_s=100.0,
+)
+NOW_NS = 1_000_000_000
+SAMPLE = Sample(
+    NOW_NS,
+    torque_nm=0.1,
+    torque_age_ns=500_000,
+    torque_new=True,
+    position_rad=3.0,
+    velocity_rad_s=10.0,
+    motion_age_ns=500_000,
+    motion_new=True,
+    load_position_rad=3.0,
+    load_velocity_rad_s=10.0,
+    load_motion_age_ns=500_000,
+    load_motion_new=True,
+)
+STATUS = DriveStatus(DriveState.ENABLED, heartbeat_ns=NOW_NS - 50_000_000, transistor_temperature_c=30.0)
+ACTUATOR = DriveHealth("actuator", STATUS, 300_000_000)
+LOAD = DriveHealth("load", STATUS, 300_000_000)
+WISH = Commands(0.05, 0.1)
+
+
+def guard(limits: Limits = LIMITS, *, has_load: bool = True, has_torque_sensor: bool = True) -> Guard:
+    made = Guard(limits, 0.5, 1e-3, has_load, has_torque_sensor)
+    made.begin(replace(SAMPLE, position_rad=2.0))
+    return made
+
+
+def test_a_healthy_bench_passes_untouched() -> None:
+    assert guard().limit(WISH, SAMPLE, (ACTUATOR, LOAD)) == WISH
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"torque_nm": 1.01}, "port torque"),
+        ({"torque_nm": -1.01}, "port torque"),
+        ({"torque_nm": nan}, "port torque"),
+        ({"velocity_rad_s": 80.1}, "actuator velocity"),
+        ({"velocity_rad_s": -80.1}, "actuator velocity"),
+        ({"velocity_rad_s": nan}, "actuator velocity"),
+        ({"load_velocity_rad_s": 81.0}, "load velocity"),
+        ({"load_velocity_rad_s": nan}, "load velocity"),
+        ({"load_position_rad": nan}, "load position"),
+        ({"position_rad": 12.1}, "travel"),
+        ({"position_rad": -8.1}, "travel"),
+        ({"position_rad": nan}, "travel"),
+        ({"torque_nm": 0.9, "velocity_rad_s": 30.0}, "port power"),
+        ({"torque_nm": 0.9, "velocity_rad_s": -30.0}, "port power"),
+        ({"torque_age_ns": 5_000_001}, "torque sensor: silent"),
+        ({"motion_age_ns": 5_000_001}, "actuator encoder: silent"),
+        ({"load_motion_age_ns": 5_000_001}, "load encoder: silent"),
+        ({"torque_age_ns": -1}, "torque sensor: no reading"),
+        ({"motion_age_ns": -1}, "actuator encoder: no reading"),
+        ({"load_motion_age_ns": -1}, "load encoder: no reading"),
+    ],
+)
+def test_each_limit_trips_latches_and_names_itself(change: dict[str, float], words: str) -> None:
+    gate = guard()
+    with pytest.raises(SafetyStopError, match=words):
+        gate.limit(WISH, replace(SAMPLE, **change), (ACTUATOR, LOAD))
+    with pytest.raises(SafetyStopError, match=words):  # a sample that is well again changes nothing
+        gate.limit(WISH, SAMPLE, (ACTUATOR, LOAD))
+
+
+@pytest.mark.parametrize("name", ["actuator", "load"])
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (replace(STATUS, state=DriveState.IDLE), "left its torque loop"),
+        (replace(STATUS, state=DriveState.UNKNOWN), "left its torque loop"),
+        (replace(STATUS, state=DriveState.FAULT, errors=("watchdog timer expired",)), "watchdog timer expired"),
+        (replace(STATUS, heartbeat_ns=NOW_NS - 300_000_001), "no heartbeat"),
+        (replace(STATUS, heartbeat_ns=None), "no heartbeat"),
+        (replace(STATUS, transistor_temperature_c=80.5), "transistors at"),
+        (replace(STATUS, motor_temperature_c=95.0), "motor at"),
+    ],
+)
+def test_each_drive_is_watched(name: str, status: DriveStatus, words: str) -> None:
+    ill = DriveHealth(name, status, 300_000_000)
+    drives = (ill, LOAD) if name == "actuator" else (ACTUATOR, ill)
+    with pytest.raises(SafetyStopError, match=f"{name} drive.*{words}"):
+        guard().limit(WISH, SAMPLE, drives)
+
+
+@pytest.mark.parametrize("wish", [Commands(nan, 0.0), Commands(0.0, nan), Commands(inf, 0.0), Commands(0.0, -inf)])
+def test_a_wish_that_is_no_number_is_never_sent(wish: Commands) -> None:
+    with pytest.raises(SafetyStopError, match="not a number"):
+        guard().limit(wish, SAMPLE, (ACTUATOR, LOAD))
+
+
+def test_a_guard_that_never_began_stops_at_once() -> None:
+    with pytest.raises(SafetyStopError, match="position"):
+        Guard(LIMITS, 0.5, 1e-3, True, True).limit(WISH, SAMPLE, (ACTUATOR, LOAD))
+
+
+def test_what_the_rig_lacks_is_not_missed() -> None:
+    bare = Sample(NOW_NS, position_rad=2.0, velocity_rad_s=1.0, motion_age_ns=0)
+    gate = guard(has_load=False, has_torque_sensor=False)
+    assert gate.limit(Commands(0.05, 0.0), bare, (ACTUATOR,)) == Commands(0.05, 0.0)
+
+
+number = st.floats(-1e6, 1e6)
+
+
+@given(st.lists(st.tuples(number, number), min_size=1, max_size=20))
+def test_what_passes_is_within_every_bound(wishes: list[tuple[float, float]]) -> None:
+    gate, last = guard(), 0.0
+    for command, load_nm in wishes:
+        passed = gate.limit(Commands(command, load_nm), SAMPLE, (ACTUATOR, LOAD))
+        assert abs(passed.command) <= 0.5
+        assert abs(passed.load_torque_nm) <= LIMITS.load_torque_nm
+        assert abs(passed.command - last) <= LIMITS.command_rate_per_s * 1e-3 + 1e-12
+        assert isfinite(passed.command)
+        assert bool(passed.limited & Limited.LOAD_TORQUE) == (passed.load_torque_nm != load_nm)
+        assert bool(passed.limited & (Limited.COMMAND | Limited.COMMAND_RATE)) == (passed.command != command)
+        last = passed.command

@@ -1,0 +1,131 @@
+"""Procedures refuse what the rig cannot do before anything moves, and ask for nothing beyond its limits."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.errors import ExperimentError, RigError, UsageError
+from bench.procedures.blocked import BlockedProcedure
+from bench.procedures.calibrate import CalibrateProcedure
+from bench.procedures.carry_out import carry_out
+from bench.procedures.catalogue import CATALOGUE, make_procedures
+from bench.procedures.free import FreeProcedure
+from bench.procedures.imposed import ImposedProcedure
+from bench.procedures.knowledge import Knowledge, Procedure
+from bench.procedures.options import TareOptions
+from bench.procedures.tare import TareProcedure
+from bench.procedures.validate import ValidateProcedure
+from bench.records import Measured
+from bench.rig.load import load_rig
+from bench.rig.rig import Rig
+from bench.segments import LoadMode, Segment
+from tests.bench.bench_in_simulation import opened
+
+RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
+ALL: tuple[Procedure, ...] = (
+    TareProcedure(),
+    CalibrateProcedure(),
+    FreeProcedure(),
+    BlockedProcedure(),
+    ImposedProcedure(),
+    ValidateProcedure(),
+)
+
+
+def rig_without(*sections: str, shaft: str = "free") -> Rig:
+    return replace(RIG, wiring=replace(RIG.wiring, shaft=shaft, **dict.fromkeys(sections)))
+
+
+@pytest.mark.parametrize(
+    ("procedure", "rig", "words"),
+    [
+        (CalibrateProcedure(), rig_without("load"), "needs a load drive"),
+        (ImposedProcedure(), rig_without("load"), "needs a load drive"),
+        (ImposedProcedure(), rig_without("torque_sensor"), "needs a torque sensor"),
+        (BlockedProcedure(), rig_without("load"), "holds the shaft"),
+        (BlockedProcedure(), rig_without("torque_sensor"), "needs a torque sensor"),
+        (FreeProcedure(), rig_without("load", shaft="clamped"), "shaft that can turn"),
+        (FreeProcedure(), rig_without("torque_sensor"), "needs a torque sensor"),
+    ],
+)
+def test_what_the_rig_lacks_is_refused_in_a_sentence(procedure: Procedure, rig: Rig, words: str) -> None:
+    with pytest.raises(RigError, match=words):
+        procedure.require(rig)
+
+
+@pytest.mark.parametrize(
+    ("procedure", "rig"),
+    [
+        (FreeProcedure(), rig_without("load", "torque_sensor")),
+        (BlockedProcedure(), rig_without("load", shaft="clamped")),
+        *((procedure, RIG) for procedure in ALL),
+    ],
+)
+def test_what_the_rig_can_do_is_accepted(procedure: Procedure, rig: Rig) -> None:
+    procedure.require(rig)
+
+
+def test_steps_that_build_on_others_must_follow_them() -> None:
+    with pytest.raises(UsageError, match="step 1 'free' builds on 'calibrate'"):
+        make_procedures([("free", FreeProcedure().options)], RIG, place="s.toml")
+    made = make_procedures([(name, entry.make().options) for name, entry in CATALOGUE.items()], RIG, place="s.toml")
+    assert [procedure.name for procedure in made] == list(CATALOGUE)
+
+
+def played(procedure: Procedure, known: Knowledge) -> list[Segment]:
+    """The procedure's segments, each answered as by a bench on which nothing ever moves."""
+    segments: list[Segment] = []
+    plan = procedure.plan(known)
+    segment = next(plan)
+    while True:
+        segments.append(segment)
+        ticks = np.zeros(segment.ticks, Measured().ticks.dtype)
+        ticks["command"] = segment.command
+        try:
+            segment = plan.send(Measured(ticks=ticks))
+        except StopIteration:
+            return segments
+
+
+@pytest.mark.parametrize("procedure", ALL[1:], ids=lambda procedure: procedure.name)
+def test_no_segment_asks_for_more_than_the_rig_allows(procedure: Procedure) -> None:
+    limits = RIG.limits
+    for segment in played(procedure, Knowledge(RIG)):
+        assert np.max(np.abs(segment.command)) <= RIG.command.limit
+        assert np.max(np.abs(segment.velocity_rad_s), initial=0.0) <= limits.velocity_rad_s
+        assert np.max(np.abs(segment.load_torque_nm), initial=0.0) <= min(limits.load_torque_nm, limits.torque_nm)
+        if segment.mode is LoadMode.ADMITTANCE and segment.admittance.rigid:
+            assert len(segment.position_rad) == len(segment.acceleration_rad_s2) == segment.ticks
+
+
+@pytest.mark.parametrize("procedure", ALL[1:], ids=lambda procedure: procedure.name)
+def test_the_announced_duration_is_about_right(procedure: Procedure) -> None:
+    taken_s = sum(segment.ticks for segment in played(procedure, Knowledge(RIG))) * RIG.tick_s
+    assert taken_s == pytest.approx(procedure.duration_s(RIG), rel=0.2)
+
+
+def test_a_shaft_that_never_turns_is_named() -> None:
+    with pytest.raises(ExperimentError, match="did not turn"):
+        played(TareProcedure(), Knowledge(RIG))
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [("load", "reverse .load. direction"), ("torque_sensor", "reverse .torque_sensor. direction")],
+)
+def test_a_wrong_sign_in_the_rig_file_is_found_and_named(section: str, words: str) -> None:
+    device = getattr(RIG.wiring, section)
+    wrong = replace(RIG, wiring=replace(RIG.wiring, **{section: replace(device, direction=-device.direction)}))
+    with opened(wrong) as bench, pytest.raises(ExperimentError, match=words):
+        carry_out(TareProcedure(TareOptions(0.5)), Knowledge(wrong), bench.loop)
+
+
+def test_tare_finds_bias_and_noise() -> None:
+    with opened(RIG) as bench:
+        known = carry_out(TareProcedure(TareOptions(1.0)), Knowledge(RIG), bench.loop)
+    assert known.tare is not None
+    # The rig's simulated sensor: 1 mN·m of noise; bias 3 mN·m; a thousand samples.
+    assert known.tare.torque_noise_nm == pytest.approx(1e-3, rel=0.1)
+    assert known.tare.torque_bias_nm == pytest.approx(3e-3, abs=4e-3 / np.sqrt(1000))

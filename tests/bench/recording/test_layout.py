@@ -1,0 +1,82 @@
+"""Our bulk encoding against the protobuf library, which knows nothing of it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.recording import frames
+from bench.recording.layout import HEADER, Layout, fields_of, table_from, varint
+from bench.recording.schemas import layout_in, message_class, schema_bytes
+from bench.recording.streams import RAW_MESSAGE, STREAMS, raw_fields
+from bench.recording.wire import Frames
+from bench.records import TICK
+from drivers.readings import RawFrame
+
+INTEGERS = st.integers(-(2**63), 2**63 - 1)
+
+
+@pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream.table)
+@given(data=st.data())
+def test_rows_are_what_protobuf_reads(stream, data) -> None:
+    row = np.zeros(1, stream.dtype)
+    for name in stream.dtype.names:
+        info = {"i8": INTEGERS, "i4": st.integers(-(2**31), 2**31 - 1), "u4": st.integers(0, 2**32 - 1)}
+        kind = stream.dtype[name].str.lstrip("<|")
+        choice = info.get(kind, st.booleans() if kind == "b1" else st.floats(width=64))
+        row[name] = data.draw(choice) if name != stream.stamp else abs(data.draw(INTEGERS) // 2)
+    records = Layout(fields_of(stream.dtype)).encode(row, channel=3, first_sequence=9, stamp=stream.stamp)
+    message = message_class(stream.message).FromString(records.tobytes()[HEADER.itemsize :])
+    for name in stream.dtype.names:
+        np.testing.assert_equal(getattr(message, name), row[name][0].item())
+    assert (records["chan"][0], records["seq"][0], records["log"][0]) == (3, 9, row[stream.stamp][0])
+
+
+@pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream.table)
+def test_a_layout_is_read_back_from_its_own_schema(stream) -> None:
+    described = layout_in(schema_bytes(stream.message), f"norton_bench.{stream.message}")
+    assert described == Layout(fields_of(stream.dtype))
+
+
+@given(length=st.integers(0, 20_000), content=st.data())
+def test_raw_frames_of_any_length(length: int, content) -> None:
+    data = bytes(content.draw(st.integers(0, 255)) for _ in range(min(length, 3))).ljust(length, b"\xa5")
+    frame = RawFrame(12345, "can0", True, data, 0x1FFFFFFF, True, False)
+    (rows,) = frames.encode(Frames.of((frame,)), lambda name: 7, 41)
+    message = message_class(RAW_MESSAGE).FromString(rows.tobytes()[HEADER.itemsize :])
+    assert (message.stamp_ns, message.data, message.arbitration_id) == (12345, data, 0x1FFFFFFF)
+    assert (message.sent, message.extended, message.remote) == (True, True, False)
+    assert frames.length_of(rows.dtype.itemsize) == length
+    again = frames.raw_layout(length).decode(rows.tobytes())
+    assert frames.decode([("can0", again)]) == (frame,)
+
+
+@given(st.integers(0, 2**40))
+def test_varint_holds_the_value_in_sevens(value: int) -> None:
+    encoded = varint(value)
+    assert sum((byte & 0x7F) << 7 * place for place, byte in enumerate(encoded)) == value
+    assert [bool(byte & 0x80) for byte in encoded] == [True] * (len(encoded) - 1) + [False]
+
+
+def test_no_frame_size_is_taken_for_another() -> None:
+    sizes = [Layout(raw_fields(length)).record.itemsize for length in range(400)]
+    assert [frames.length_of(size) for size in sizes] == list(range(400))
+    with pytest.raises(ValueError, match="length"):
+        frames.length_of(sizes[127] + 1)  # 128 bytes need a longer length: this size cannot be
+
+
+def test_messages_of_another_layout_are_refused() -> None:
+    layout = Layout(fields_of(TICK))
+    record = bytearray(layout.encode(np.zeros(1, TICK), channel=1, first_sequence=0, stamp="tick_ns").tobytes())
+    with pytest.raises(ValueError, match="length"):
+        layout.decode(bytes(record[:-1]))
+    record[HEADER.itemsize] ^= 0xFF
+    with pytest.raises(ValueError, match="fields"):
+        layout.decode(bytes(record))
+
+
+def test_a_column_that_an_older_file_lacks_is_unknown() -> None:
+    older = np.array([(5, 1.5)], [("tick_ns", "i8"), ("command", "f8")])
+    table = table_from(older, TICK)
+    assert (table["tick_ns"][0], table["command"][0], table["segment"][0]) == (5, 1.5, 0)
+    assert np.isnan(table["torque_nm"][0])

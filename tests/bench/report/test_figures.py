@@ -1,0 +1,65 @@
+"""What the pictures are made from, and what they draw."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bench.identification.results import Trace
+from bench.report.data import ReportData
+from bench.report.figures_fit import autocorrelation, close_up
+from bench.report.figures_network import source_map_figure
+from bench.report.loops import presliding_loops, sliding_samples
+from bench.report.svg import style
+
+
+def test_small_loops_are_cut_out_by_their_segments(full: ReportData) -> None:
+    loops = presliding_loops(full.measured, full.fit.trace, deflection_rad=2e-3)
+    assert [round(1e3 * np.ptp(loop.position_rad), 1) for loop in loops] == [10.0, 3.0, 1.0]
+    assert all(abs(loop.position_rad.max() + loop.position_rad.min()) < 1e-12 for loop in loops)
+    assert all(len(loop.measured_nm) == 1000 for loop in loops)
+
+
+def test_loops_that_mostly_slide_are_left_out(full: ReportData) -> None:
+    assert len(presliding_loops(full.measured, full.fit.trace, deflection_rad=2e-4)) == 1
+
+
+def test_only_steady_velocities_stand_for_the_viscous_branch(full: ReportData) -> None:
+    sliding = sliding_samples(full.measured, full.fit.trace)
+    asked = np.array([0.0, 6.0, -6.0, 24.0, -24.0, 48.0, -48.0])
+    off = np.min(np.abs(sliding.velocity_rad_s[:, None] - asked), axis=1)
+    assert np.mean(off < 0.1) > 0.98
+    assert {float(v) for v in np.round(sliding.velocity_rad_s) if v in asked} == set(asked.tolist())
+
+
+def test_no_grid_gives_no_cloud(full: ReportData) -> None:
+    assert sliding_samples(replace(full.measured, segments=()), full.fit.trace) is None
+
+
+def test_autocorrelation_of_a_known_process() -> None:
+    """A first-order process forgets by a fixed factor a sample; the estimate's deviation is about 1/sqrt(n)."""
+    rng = np.random.default_rng(0)
+    noise, values = rng.normal(size=100_000), np.zeros(100_000)
+    for k in range(1, len(values)):
+        values[k] = 0.8 * values[k - 1] + noise[k]
+    found = autocorrelation(values, 20)
+    assert found[0] == 1.0
+    np.testing.assert_allclose(found, 0.8 ** np.arange(21), atol=5 * 3 / np.sqrt(len(values)))
+
+
+def test_the_close_up_is_where_most_happens() -> None:
+    values = np.zeros(5000)
+    values[3000:3400] = 1.0
+    chosen = close_up(Trace(np.arange(5000.0), values, values, "N*m"))
+    assert chosen[0] <= 3000
+    assert chosen[-1] >= 3399
+
+
+def test_the_source_is_drawn_with_its_corners(full: ReportData) -> None:
+    with style():
+        (axes,) = source_map_figure(full.source_map, full.network, "N*m").axes
+    line = axes.get_lines()[0]
+    command, velocity = line.get_data()
+    low, high = full.network.thresholds
+    assert {low, high} <= set(command)
+    np.testing.assert_allclose(velocity[(command >= low) & (command <= high)], 0.0, atol=1e-9)
+    np.testing.assert_allclose(velocity[-1], (0.9 * 0.08 - 0.02) / 1e-3)

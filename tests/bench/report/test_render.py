@@ -1,0 +1,120 @@
+import re
+from dataclasses import fields, replace
+from html.parser import HTMLParser
+
+import pytest
+
+from bench.errors import ExperimentError
+from bench.report.data import ReportData
+from bench.report.render import render, write_report
+
+SECTIONS = [
+    "parameters",
+    "source",
+    "impedance",
+    "validation",
+    "fit",
+    "blocked",
+    "live",
+    "timing",
+    "events",
+    "provenance",
+]
+
+
+class Outline(HTMLParser):
+    """What a browser would make of the page: section anchors, and everything it would have to fetch."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.sections: list[str] = []
+        self.fetched: list[str] = []
+        self.pictures = 0
+        self.text = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        known = dict(attrs)
+        if tag == "section":
+            self.sections.append(known.get("id") or "")
+        self.pictures += tag == "svg"
+        self.fetched += [value or "" for name, value in attrs if name in ("src", "href", "data", "xlink:href")]
+        if tag in ("script", "link", "iframe", "image", "img"):
+            self.fetched.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def page_of_all(full: ReportData) -> str:
+    return render(full)
+
+
+def test_everything_known_shows_every_section(page_of_all: str) -> None:
+    page = Outline(page_of_all)
+    assert page.sections == SECTIONS
+    assert page.pictures == 8
+
+
+def test_the_same_data_give_the_same_bytes(full: ReportData, page_of_all: str, tmp_path) -> None:
+    written = write_report(tmp_path / "a" / "r.html", full).read_bytes()
+    assert written == page_of_all.encode()
+    assert len(written) < 2_000_000
+
+
+def test_nothing_is_fetched_from_anywhere(page_of_all: str) -> None:
+    text = page_of_all
+    assert [place for place in Outline(text).fetched if not place.startswith("#")] == []
+    without_namespaces = re.sub(r'xmlns(:\w+)?="[^"]*"', "", text)
+    assert not re.search(r"https?:|@import|url\((?!#)", without_namespaces)
+
+
+def test_no_stand_in_colour_is_left(page_of_all: str) -> None:
+    assert "#0a00" not in page_of_all
+
+
+@pytest.mark.parametrize("missing", [f.name for f in fields(ReportData) if f.name not in ("rig_name", "rig_text")])
+def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
+    empty = ReportData(full.rig_name)
+    page = Outline(render(replace(full, **{missing: getattr(empty, missing)})))
+    gone = {
+        "fit": {"fit", "impedance"},
+        "validation": {"validation"},
+        "blocked_map": {"blocked"},
+        "live": {"live"},
+        "measured": {"timing", "events", "impedance", "live"},
+    }
+    assert set(SECTIONS) - set(page.sections) == gone.get(missing, set())
+
+
+def test_a_rig_alone_still_gives_a_page() -> None:
+    page = Outline(render(ReportData("bare")))
+    assert page.sections == ["parameters", "provenance"]
+    assert "Nothing was fitted" in page.text
+
+
+def test_unknown_numbers_are_dashes(without_numbers: ReportData) -> None:
+    page = Outline(render(without_numbers))
+    assert "nan" not in page.text.lower().split()
+    assert "did not converge" in page.text
+
+
+def test_what_the_data_cannot_tell_is_said(page_of_all: str) -> None:
+    text = Outline(page_of_all).text
+    assert "known only as a product" in text
+    assert "The staircase was cut short." in text
+    assert "unexcited" in text
+
+
+def test_text_from_outside_is_escaped(full: ReportData) -> None:
+    text = render(replace(full, rig_name="<b>x</b>"))
+    assert "<b>x</b>" not in text
+    assert "<a rig>" not in text
+    assert "<removed>" not in text
+
+
+def test_a_report_that_cannot_be_written_says_so(full: ReportData, tmp_path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ExperimentError, match="cannot write the report"):
+        write_report(tmp_path / "file" / "r.html", ReportData("bare"))

@@ -1,0 +1,70 @@
+import re
+from math import inf, nan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.report.words import in_prefixed_unit, interval, number, percent, pretty_unit, with_deviation
+
+_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
+
+
+def read_back(text: str) -> float:
+    """The number that a reader takes from the text."""
+    mantissa, _, exponent = text.translate(_DIGITS).partition("·10")
+    return float(mantissa) * 10.0 ** int(exponent or 0)
+
+
+@given(st.floats(1e-12, 1e12), st.booleans(), st.integers(2, 6))
+def test_a_number_is_read_back_to_its_digits(size: float, negative: bool, digits: int) -> None:
+    value = -size if negative else size
+    assert read_back(number(value, digits)) == pytest.approx(value, rel=0.51 * 10 ** (1 - digits))
+
+
+@given(st.floats(1e-9, 1e6), st.floats(1e-5, 0.5))
+def test_value_and_deviation_are_read_back(value: float, share: float) -> None:
+    text = with_deviation(value, value * share)
+    mean, deviation, power = re.fullmatch(r"\(?(\S+) ± ([\d.]+)\)?(·10\S+)?", text).groups()
+    assert read_back(mean + (power or "")) == pytest.approx(value, abs=0.06 * value * share)
+    assert read_back(deviation + (power or "")) == pytest.approx(value * share, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (5.002e-5, 1.3e-7, "(5.002 ± 0.013)·10⁻⁵"),
+        (600.0, 2.4, "600.0 ± 2.4"),
+        (-0.9, 0.0036, "−0.9000 ± 0.0036"),
+        (123.0, 400.0, "123 ± 400"),
+        (0.02, inf, "0.02000"),
+        (nan, 1.0, "–"),
+        (0.0, 0.1, "0.00 ± 0.10"),
+    ],
+)
+def test_how_values_are_written(value: float, std: float, text: str) -> None:
+    assert with_deviation(value, std) == text
+
+
+def test_the_interval_is_the_normal_one() -> None:
+    assert interval(10.0, 1.0) == "8.0 … 12.0"
+    assert interval(5e-5, 1e-6) == "(4.80 … 5.20)·10⁻⁵"
+    assert interval(1.0, nan) == "–"
+
+
+@pytest.mark.parametrize(
+    ("unit", "pretty"),
+    [("N*m*s/rad", "N·m·s/rad"), ("kg*m^2", "kg·m²"), ("N*m/(N*m)", ""), ("N*m/(V)", "N·m/(V)"), ("rad/s", "rad/s")],
+)
+def test_units_with_their_proper_signs(unit: str, pretty: str) -> None:
+    assert pretty_unit(unit) == pretty
+
+
+def test_small_values_get_a_prefix() -> None:
+    assert in_prefixed_unit(0.003, "N*m") == (1e3, "mN·m")
+    assert in_prefixed_unit(3.0, "N*m") == (1.0, "N·m")
+    assert in_prefixed_unit(0.0, "rad/s") == (1.0, "rad/s")
+
+
+def test_percent_of_the_unknown_is_a_dash() -> None:
+    assert (percent(0.0134), percent(nan)) == ("1.3 %", "–")

@@ -1,0 +1,51 @@
+"""What the documentation shows must work as it stands, and must name everything there is."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from bench.rig.driver_options import declared_by
+from bench.rig.load import parse_rig
+from bench.rig.mistakes import keys_of
+from bench.rig.schema import BusSection, LimitsSection, RigSection
+from bench.session.schema import STEPS, parse_session
+from drivers import registry
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+def shown_in(document: str) -> str:
+    (block,) = re.findall(r"```toml\n(.*?)```", (DOCS / document).read_text(), re.DOTALL)
+    return str(block)
+
+
+def test_the_rig_shown_is_right() -> None:
+    assert parse_rig(shown_in("rig-file.md"), place="docs").name == "dyno-2"
+
+
+def test_the_session_shown_is_right() -> None:
+    assert len(parse_session(shown_in("session-file.md"), place="docs").steps) == 5
+
+
+@pytest.mark.parametrize("model", [RigSection, BusSection, LimitsSection])
+def test_every_key_of_a_rig_file_is_explained(model: type) -> None:
+    text = (DOCS / "rig-file.md").read_text()
+    assert [key for key in keys_of(model) if f"`{key}`" not in text] == []
+
+
+@pytest.mark.parametrize("group", [registry.AMPLIFIERS, registry.TORQUE_SENSORS])
+def test_every_option_of_a_driver_is_explained(group: str) -> None:
+    rows = (DOCS / "rig-file.md").read_text().splitlines()
+    for driver in registry.names(group):
+        (row,) = [row for row in rows if row.startswith(f"| `{driver}` |")]
+        model = declared_by(group, driver).model
+        assert model is not None
+        assert [key for key in keys_of(model) if f"`{key}`" not in row] == []
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_every_option_of_a_step_is_explained(name: str) -> None:
+    (row,) = [row for row in (DOCS / "session-file.md").read_text().splitlines() if row.startswith(f"| `{name}` |")]
+    model, _ = STEPS[name]
+    assert [key for key in keys_of(model) if f"`{key}" not in row] == []
