@@ -1,0 +1,28 @@
+"""Run the standard session from Python, on the simulated bench, and look at what came of it.
+
+python examples/identify.py
+"""
+
+from pathlib import Path
+from tempfile import mkdtemp
+
+from bench.rig.load import load_rig
+from bench.session.engine import run_session
+from bench.session.schema import standard_session
+
+
+def main() -> None:
+    rig = load_rig(Path(__file__).parent.parent / "rigs" / "sim-odrive.toml")
+    result = run_session(rig, standard_session(rig), out=Path(mkdtemp(prefix="norton-bench-")), seed=1)
+    fit = result.conclusion.fit
+    assert fit is not None
+    for estimate in fit.estimates:
+        print(
+            f"{estimate.name:22} {estimate.value:10.4g} ± {estimate.std:.2g} {estimate.unit} ({estimate.status.value})"
+        )
+    print(f"what the data cannot tell: {'; '.join(fit.verdict) or 'nothing was asked that they cannot'}")
+    print(f"recording {result.recording}\nnetwork   {result.conclusion.network}\nreport    {result.conclusion.report}")
+
+
+if __name__ == "__main__":
+    main()
