@@ -130,7 +130,7 @@ class Stream:
 
 
 def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int) -> dict[str, Stream]:
-    position = _stream(motion, "position_rad", None, origin_ns)
+    position = stream_of(motion, "position_rad", origin_ns)
     step_rad = resolution_rad(position.value)
     smooth = unquantised(position.value, step_rad)
     streams = {
@@ -140,17 +140,19 @@ def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int) -> d
     }
     torque = measured.torque[measured.torque["valid"]]
     if len(torque):
-        own = torque["device_ns"] if np.all(torque["device_ns"] != NO_DEVICE_TIME) else None
-        stream = _stream(torque, "torque_nm", own, origin_ns)
+        stream = stream_of(torque, "torque_nm", origin_ns)
         sign = 1.0 if port is Port.ACTUATOR else -1.0
         streams["torque"] = replace(stream, value=sign * stream.value)
     if len(measured.current) and port is Port.ACTUATOR:
-        streams["current"] = _stream(measured.current, "current_a", None, origin_ns)
+        streams["current"] = stream_of(measured.current, "current_a", origin_ns)
     return streams
 
 
-def _stream(table: Table, column: str, device_ns: IntArray | None, origin_ns: int) -> Stream:
-    time_s = sampled_at_s(table["arrival_ns"], device_ns, origin_ns)
+def stream_of(table: Table, column: str, origin_ns: int) -> Stream:
+    """One column of a table of readings, by the device's own clock where it sends its time."""
+    own = table["device_ns"] if "device_ns" in (table.dtype.names or ()) else None
+    stamped = own is not None and bool(np.all(own != NO_DEVICE_TIME))
+    time_s = sampled_at_s(table["arrival_ns"], own if stamped else None, origin_ns)
     order = np.concatenate([[True], np.diff(time_s) > 0])
     value = np.ascontiguousarray(table[column], dtype=float)
     return Stream(time_s[order], value[order], nominal_period_s(table["arrival_ns"]))

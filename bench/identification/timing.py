@@ -18,6 +18,7 @@ KNOT_S = 20.0
 LONGEST_COUNTED_GAP = 50
 # A stalled host hands over at most so many readings at once; later than that they were lost.
 LATE_READINGS = 40
+FEW_READINGS = 8
 TRIMMED_ROUNDS = 4
 TRIMMED_AT = 3.0
 NORMAL_OF_MEDIAN_DEVIATION = 1.4826
@@ -38,8 +39,6 @@ def sampled_at_s(arrival_ns: IntArray, device_ns: IntArray | None, origin_ns: in
     ``device_ns`` are the device's own stamps, or None where it sends none.
     """
     arrival_s = np.asarray((arrival_ns - origin_ns) * 1e-9, dtype=np.float64)
-    if arrival_ns.size < 8:
-        return arrival_s
     if device_ns is not None:
         return _on_host_clock(np.asarray((device_ns - device_ns[0]) * 1e-9, dtype=np.float64), arrival_s)
     period_s = nominal_period_s(arrival_ns)
@@ -66,7 +65,12 @@ def _count(arrival_s: FloatArray, period_s: float) -> FloatArray:
 
 
 def _on_host_clock(device_s: FloatArray, arrival_s: FloatArray) -> FloatArray:
-    """The device's time on the host's clock, by a robust piecewise linear fit of their difference."""
+    """The device's time on the host's clock, by a robust piecewise linear fit of their difference.
+
+    A few readings alone tell no more than when they arrived.
+    """
+    if arrival_s.size < FEW_READINGS:
+        return arrival_s
     difference = arrival_s - device_s
     knots = np.linspace(device_s[0], device_s[-1], max(2, round((device_s[-1] - device_s[0]) / KNOT_S) + 1))
     weights = np.ones(device_s.size, dtype=bool)

@@ -7,7 +7,10 @@ import numpy as np
 
 from bench.control.calibration import LoadCalibration
 from bench.errors import ExperimentError
+from bench.identification.fit import fit_signals
 from bench.identification.load import LoadFit, fit_load
+from bench.identification.results import FitResult
+from bench.identification.signals import Port, signals
 from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import coasting, pushed
 from bench.procedures.options import CalibrateOptions
@@ -59,7 +62,7 @@ class CalibrateProcedure:
             torque_nm, command = self._shake(known.rig, PIECE_S, seed=13 + 2 * piece)
             measured = yield pushed(self.name, "shake", Use.CALIBRATE, share * torque_nm, share * command)
             peak_rad_s = float(np.max(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0))
-            share *= float(np.clip(fast_rad_s / max(peak_rad_s, 1e-9), 0.5, GREATEST_STEP))
+            share = min(share * float(np.clip(fast_rad_s / max(peak_rad_s, 1e-9), 0.5, GREATEST_STEP)), 1.0)
         yield coasting(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
 
     def _pieces(self) -> int:
@@ -71,7 +74,9 @@ class CalibrateProcedure:
         fit = fit_load(measured, tick_s=known.tick_s)
         if not fit.result.converged:
             raise ExperimentError("calibrate: the load's fit did not converge; " + "; ".join(fit.result.verdict))
-        return replace(known, calibration=calibration_from(fit, known))
+        shaken = signals(measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
+        actuator = fit_signals(shaken, command_unit=known.rig.command.unit)
+        return replace(known, calibration=calibration_from(fit, actuator, known), actuator=actuator)
 
     def _shake(self, rig: Rig, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
         """Load torque and actuator command, as great as the rig allows.
@@ -87,8 +92,8 @@ class CalibrateProcedure:
         return greatest_load_torque(rig) * load, rig.command.limit * actuator
 
 
-def calibration_from(fit: LoadFit, known: Knowledge) -> LoadCalibration:
-    """What the controller needs, from the fit and the tare."""
+def calibration_from(fit: LoadFit, actuator: FitResult, known: Knowledge) -> LoadCalibration:
+    """What the controller needs, from the fits and the tare."""
     network, tare = fit.result.network, known.tare
     assert tare is not None
     return LoadCalibration(
@@ -107,4 +112,5 @@ def calibration_from(fit: LoadFit, known: Knowledge) -> LoadCalibration:
         torque_noise_nm=tare.torque_noise_nm,
         torque_bias_nm=fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
+        actuator_inertia_kgm2=actuator.network.inertia_kgm2 if actuator.converged else None,
     )

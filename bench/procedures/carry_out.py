@@ -1,21 +1,33 @@
 """A procedure and a loop brought together."""
 
+from collections.abc import Callable
+
 from bench.loop.loop import Loop
 from bench.procedures.knowledge import Knowledge, Procedure
 from bench.records import Measured, join
+from bench.segments import Segment
+
+# Given a segment and the velocity [rad/s] at which it finds the shaft, the segment with what can be foreseen of it.
+Foresight = Callable[[Segment, float], Segment]
 
 
-def carry_out(procedure: Procedure, known: Knowledge, loop: Loop) -> Knowledge:
+def as_it_is(segment: Segment, _velocity_rad_s: float) -> Segment:
+    """Nothing is foreseen."""
+    return segment
+
+
+def carry_out(procedure: Procedure, known: Knowledge, loop: Loop, foresee: Foresight = as_it_is) -> Knowledge:
     """Run one procedure with the drives enabled, then, with the drives idle, draw what follows from it.
 
     Raises SafetyStopError, OperatorStopError, DeviceError, ExperimentError; the drives are idle then, too.
     """
     measured: list[Measured] = []
+    plan = procedure.plan(known)
+    segment, velocity_rad_s = next(plan, None), 0.0
     with loop.running():
-        plan = procedure.plan(known)
-        segment = next(plan, None)
         while segment is not None:
-            measured.append(loop.run(segment))
+            measured.append(loop.run(foresee(segment, velocity_rad_s)))
+            velocity_rad_s = float(measured[-1].ticks["velocity_rad_s"][-1])
             try:
                 segment = plan.send(measured[-1])
             except StopIteration:

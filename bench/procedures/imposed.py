@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from bench.errors import RigError
 from bench.procedures.free import command_multisine
 from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import imposed
@@ -22,6 +23,8 @@ LOOP_CYCLES = 4
 LOOP_AMPLITUDES_RAD = (0.5e-3, 1.5e-3, 5e-3, 15e-3, 50e-3)
 # Above this the velocity's spectrum falls with frequency, so that acceleration, and with it torque, stays bounded.
 HIGHEST_HZ = 60.0
+# The grid may reach this share of the velocity limit: the shaft overshoots a little.
+VELOCITY_SHARE = 0.9
 # The load drive may spend this share of its torque on accelerating the two inertias.
 TORQUE_SHARE = 0.4
 
@@ -35,6 +38,13 @@ class ImposedProcedure:
 
     def require(self, rig: Rig) -> None:
         require_load(rig, self.name, "to impose motion")
+        asked_rad_s = max((abs(each) for each in self.options.velocities_rad_s), default=0.0)
+        if asked_rad_s > VELOCITY_SHARE * rig.limits.velocity_rad_s:
+            raise RigError(
+                f"{rig.place}: step 'imposed' asks for {asked_rad_s:g} rad/s, but [limits] velocity = "
+                f"{rig.limits.velocity_rad_s:g} rad/s leaves room for {VELOCITY_SHARE:.0%} of itself; "
+                "lower `velocities` in the session or raise the limit"
+            )
 
     def duration_s(self, rig: Rig) -> float:
         grid = self.options.commands * (len(self.velocities_rad_s(rig)) + 1) * (CHANGE_S + DWELL_S)

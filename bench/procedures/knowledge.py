@@ -1,12 +1,12 @@
 """What the experiment has learned so far, handed from procedure to procedure."""
 
 from collections.abc import Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 from bench.control.calibration import LoadCalibration
 from bench.errors import RigError
-from bench.identification.results import LiveEstimate
+from bench.identification.results import FitResult
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import Segment
@@ -27,14 +27,15 @@ class Tare:
 class Knowledge:
     """All that procedures may build on; None where nothing has been learned yet.
 
+    ``actuator`` is its first fit, from being shaken in the calibration: good enough to tune by, not a result.
     ``command_span`` holds the commands, negative and positive, at which the free actuator reached the velocity asked.
     """
 
     rig: Rig
     tare: Tare | None = None
     calibration: LoadCalibration | None = None
+    actuator: FitResult | None = None
     command_span: tuple[float, float] | None = None
-    live: LiveEstimate = field(default_factory=lambda: LiveEstimate(0))
 
     @property
     def tick_s(self) -> float:

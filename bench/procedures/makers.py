@@ -44,17 +44,11 @@ def zero_torque(
     command: FloatArray,
     rig: Rig,
     *,
-    preview: Motion | None = None,
     stop_at_velocity_rad_s: float = UNENDING,
 ) -> Segment:
-    """Zero torque at the port: imposed by the load drive, or by there being nothing on the shaft.
-
-    ``preview`` is the free motion to expect, where it can be predicted.
-    """
+    """Zero torque at the port: imposed by the load drive, or by there being nothing on the shaft."""
     if rig.wiring.load is None:
         return coasting(procedure, name, use, command, stop_at_velocity_rad_s=stop_at_velocity_rad_s)
-    still = np.empty(0)
-    reference = preview if preview is not None else Motion(still, still, still)
     return Segment(
         procedure,
         name,
@@ -62,10 +56,6 @@ def zero_torque(
         command,
         LoadMode.ADMITTANCE,
         ZERO_TORQUE,
-        reference.position_rad,
-        reference.velocity_rad_s,
-        reference.acceleration_rad_s2,
-        preview=preview is not None,
         stop_at_velocity_rad_s=stop_at_velocity_rad_s,
     )
 

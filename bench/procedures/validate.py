@@ -3,16 +3,15 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from bench.control.preview import predicted_free_motion
 from bench.procedures.free import command_multisine
 from bench.procedures.imposed import imposed_multisine
 from bench.procedures.knowledge import Knowledge, Plan
 from bench.procedures.makers import imposed, zero_torque
 from bench.procedures.options import ValidateOptions
-from bench.procedures.waves import Motion, hold
+from bench.procedures.waves import hold
 from bench.records import Measured
 from bench.rig.rig import Rig
-from bench.segments import FloatArray, Use
+from bench.segments import Use
 
 REST_S = 0.4
 IMPOSED_AMPLITUDE = 0.4
@@ -36,8 +35,7 @@ class ValidateProcedure:
         seed, tick_s, rig = self.options.seed, known.tick_s, known.rig
         if rig.wiring.load is not None or rig.wiring.shaft == "free":
             command = command_multisine(known, known.span(), self.options.duration_s, seed)
-            preview = preview_of(known, command)
-            yield zero_torque(self.name, "free multisine", Use.VALIDATE, command, rig, preview=preview)
+            yield zero_torque(self.name, "free multisine", Use.VALIDATE, command, rig)
             yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
         if rig.wiring.load is not None:
             motion = imposed_multisine(known, IMPOSED_AMPLITUDE, self.options.duration_s, seed + 1)
@@ -47,10 +45,3 @@ class ValidateProcedure:
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known
-
-
-def preview_of(known: Knowledge, command: FloatArray) -> Motion | None:
-    """The free motion to expect, once the live estimate is valid and there is a load drive to follow it."""
-    if known.live.network is None or known.calibration is None:
-        return None
-    return Motion(*predicted_free_motion(known.live.network, known.calibration, command, known.tick_s))

@@ -56,18 +56,18 @@ def multisine(
 
     ``lines`` frequencies, evenly spread over the logarithm of frequency, with amplitudes ~ frequency^slope.
     """
-    time_s = np.arange(ticks_in(duration_s, tick_s)) * tick_s
+    time_s = _instants(duration_s, tick_s)
     frequency, amplitude, phase = _lines(low_hz, high_hz, seed, slope, lines)
     wave = amplitude @ np.sin(2 * np.pi * np.outer(frequency, time_s) + phase[:, None])
     wave = wave * _window(time_s, duration_s)[0]
-    return wave / np.max(np.abs(wave))
+    return np.asarray(wave / np.max(np.abs(wave)), dtype=np.float64)
 
 
 def multisine_motion(
     duration_s: float, tick_s: float, *, low_hz: float, high_hz: float, seed: int, slope: float = 0.0, lines: int = 40
 ) -> Motion:
     """A multisine motion with a peak velocity of 1 rad/s; ``slope`` shapes the velocity's spectrum."""
-    time_s = np.arange(ticks_in(duration_s, tick_s)) * tick_s
+    time_s = _instants(duration_s, tick_s)
     frequency, amplitude, phase = _lines(low_hz, high_hz, seed, slope, lines)
     omega = 2 * np.pi * frequency
     angle = np.outer(omega, time_s) + phase[:, None]
@@ -95,7 +95,7 @@ def velocity_steps(velocities_rad_s: FloatArray, change_s: float, dwell_s: float
 def sine_motion(amplitude_rad: float, frequency_hz: float, cycles: int, tick_s: float) -> Motion:
     """``cycles`` of a sine that fades in over the first and out over the last cycle."""
     duration_s = cycles / frequency_hz
-    time_s = np.arange(ticks_in(duration_s, tick_s)) * tick_s
+    time_s = _instants(duration_s, tick_s)
     omega = 2 * np.pi * frequency_hz
     w, w1, w2 = _window(time_s, duration_s, fade_s=1 / frequency_hz)
     position = amplitude_rad * np.sin(omega * time_s)
@@ -108,6 +108,10 @@ def from_velocity(velocity_rad_s: FloatArray, tick_s: float) -> Motion:
     """The motion with this velocity (trapezoidal integral, central derivative)."""
     middle = 0.5 * (velocity_rad_s[1:] + velocity_rad_s[:-1]) * tick_s
     return Motion(np.concatenate([[0.0], np.cumsum(middle)]), velocity_rad_s, np.gradient(velocity_rad_s, tick_s))
+
+
+def _instants(duration_s: float, tick_s: float) -> FloatArray:
+    return np.asarray(np.arange(ticks_in(duration_s, tick_s)) * tick_s, dtype=np.float64)
 
 
 def _lines(low_hz: float, high_hz: float, seed: int, slope: float, count: int) -> tuple[FloatArray, ...]:

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.control.admittance import AdmittanceController
+from bench.control.preview import with_preview
 from bench.identification.results import LiveEstimate
 from bench.loop.alignment import Alignment
 from bench.loop.devices import Devices, open_devices
@@ -18,6 +19,7 @@ from bench.procedures.knowledge import Knowledge, Procedure
 from bench.recording.recorder import Recorder
 from bench.records import Measured, join
 from bench.rig.rig import Rig
+from bench.segments import Segment
 from bench.session.conclusion import Conclusion, conclude
 from bench.session.live_feed import InlineFeed, LiveFeed, ProcessFeed
 from bench.session.progress import Progress, Silent
@@ -65,8 +67,16 @@ class _Run:
 
     def step(self, procedure: Procedure) -> None:
         """Carry out one procedure and let loop and controller adopt what it found."""
-        self.knowledge = carry_out(procedure, replace(self.knowledge, live=self.feed.latest), self.loop)
+        self.knowledge = carry_out(procedure, self.knowledge, self.loop, self._foresee)
         self._adopt()
+
+    def _foresee(self, segment: Segment, velocity_rad_s: float) -> Segment:
+        """The free motion to expect under zero torque, once the live estimate is valid."""
+        known, network = self.knowledge, self.feed.latest.network
+        if network is None or known.calibration is None or known.actuator is None:
+            return segment
+        delay_s, tick_s = known.actuator.command_delay_s, known.tick_s
+        return with_preview(segment, network, known.calibration, delay_s, tick_s, velocity_rad_s=velocity_rad_s)
 
     def _adopt(self) -> None:
         known, loop = self.knowledge, self.loop

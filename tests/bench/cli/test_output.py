@@ -28,10 +28,9 @@ ESTIMATES = (
 
 @pytest.fixture
 def fit() -> FitResult:
-    network = object.__new__(NortonNetwork)  # not looked into
-    return FitResult(
-        ESTIMATES, network, True, 1e-3, 0.01, 1000, 0.0, 0.0, 0.0, 0.0, TRACE, ("free motion tells ratios",)
-    )
+    network = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")
+    verdict = ("free motion tells ratios",)
+    return FitResult(ESTIMATES, network, True, 1e-3, 0.01, 1000, 0.0, 0.0, 0.0, 0.0, TRACE, verdict=verdict)
 
 
 def shown(renderable: RenderableType) -> str:

@@ -57,3 +57,9 @@ def test_a_pause_of_the_stream_starts_the_count_anew():
     taken_s = np.concatenate([np.arange(2000) * 1e-3, 10.0003 + np.arange(2000) * 1e-3])
     found_s = sampled_at_s(arrivals(taken_s, rng), None, 0)
     assert np.max(np.abs(found_s - taken_s - 4e-4)) < 2e-5
+
+
+def test_a_lonely_reading_after_a_pause_keeps_its_arrival():
+    arrival_ns = np.concatenate([np.arange(2000), [12_000]]) * 1_000_000
+    found_s = sampled_at_s(arrival_ns, None, 0)
+    assert found_s[-1] == 12.0
