@@ -1,12 +1,11 @@
 """What the controller and the guard see at one tick: the newest of every signal, with its age."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 NAN = float("nan")
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(NamedTuple):
     """The newest value of every signal at ``tick_ns``; NaN and an age of -1 where nothing has arrived yet.
 
     ``torque_nm`` is what the actuator exerts on the load, tared. ``*_new`` says whether a reading arrived since the
@@ -27,8 +26,7 @@ class Sample:
     load_motion_new: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
+class Target(NamedTuple):
     """Where the admittance law's reference stands at one tick (absolute position of the load shaft)."""
 
     position_rad: float = 0.0

@@ -1,15 +1,16 @@
 """What devices say, in SI units and the bench's own signs, each with its arrival time and sequence number.
 
 A reading is made once for each message that arrived; a repeated value in a new message is a new reading with the
-next sequence number, and a reading is never handed out twice.
+next sequence number, and a reading is never handed out twice. What is made thousands of times a second is a named
+tuple, at a third of a frozen dataclass's cost.
 """
 
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class MotionReading:
+class MotionReading(NamedTuple):
     """Shaft position and velocity from a drive's encoder."""
 
     sequence: int
@@ -18,8 +19,7 @@ class MotionReading:
     velocity_rad_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class CurrentReading:
+class CurrentReading(NamedTuple):
     """Measured torque-producing current of a drive."""
 
     sequence: int
@@ -27,8 +27,7 @@ class CurrentReading:
     current_a: float
 
 
-@dataclass(frozen=True, slots=True)
-class TorqueReading:
+class TorqueReading(NamedTuple):
     """Torque that the actuator exerts on the load, at the port.
 
     ``device_ns`` is the sensor's own clock where it sends one (unwrapped, its epoch arbitrary), else None.
@@ -72,8 +71,7 @@ class DeviceIdentity:
     firmware: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class RawFrame:
+class RawFrame(NamedTuple):
     """One CAN frame or one chunk of serial bytes as it crossed the wire, for the recording."""
 
     stamp_ns: int

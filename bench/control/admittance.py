@@ -10,6 +10,7 @@ from math import floor, nan
 
 import numpy as np
 
+from bench.control import core
 from bench.control.calibration import LoadCalibration
 from bench.control.design import design_torque_loop, design_tracking
 from bench.control.dynamics import AMPLIFIER, POSITION, STATES, VELOCITY, FloatArray
@@ -63,6 +64,8 @@ class AdmittanceController:
             c.inertia_kgm2, self._estimator.friction_law, self.tick_s, self.lead_ticks, into_tick_s / self.tick_s
         )
         self._body = VirtualBody(ZERO_TORQUE, self.tick_s)
+        self._deviations = np.zeros(WIDTH)
+        self._track(Target(), Target(), begins=True)  # compiles, which would take too long in the loop
         self._last_target = Target()
 
     @property
@@ -119,10 +122,12 @@ class AdmittanceController:
 
     def _track(self, target: Target, ahead: Target, begins: bool) -> float:
         continued_nm = self._fed_forward(ahead, self._estimator.contact_nm, begins)
-        in_flight = len(self._regulator.on_commands)
-        extra = self._estimator.commands[:in_flight] - self._feed.shares[1 : in_flight + 1]
-        deviation = self._deviation(target)
-        return float(continued_nm - self._regulator.on_state @ deviation - self._regulator.on_commands @ extra)
+        gains = self._regulator
+        return continued_nm - float(
+            core.feedback(
+                self._deviation(target), self._estimator.commands, self._feed.shares, gains.on_state, gains.on_commands
+            )
+        )
 
     def _follow_body(self, target: Target, begins: bool) -> float:
         if begins:
@@ -147,7 +152,7 @@ class AdmittanceController:
 
     def _deviation(self, target: Target) -> FloatArray:
         """From the reference, in the regulator's layout."""
-        x, deviation = self._estimator.state, np.empty(WIDTH)
+        x, deviation = self._estimator.state, self._deviations
         deviation[:STATES] = x[:STATES]
         deviation[POSITION] -= target.position_rad
         deviation[VELOCITY] -= target.velocity_rad_s

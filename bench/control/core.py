@@ -48,6 +48,17 @@ def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type:
 
 
 @njit(cache=True, nogil=True)
+def sense(states, inputs, contact, readings, delays, fresh, tick, rows, gain, law, position):  # type: ignore[no-untyped-def]
+    """Take in one tick's readings, and let the contact slide by what the shaft has turned (at row ``position``).
+
+    ``contact`` is its force and the position up to which that holds.
+    """
+    correct(states, inputs, readings, delays, fresh, tick, rows, gain)
+    contact[0] = slide(contact[0], states[0, position] - contact[1], law[1], law[2])
+    contact[1] = states[0, position]
+
+
+@njit(cache=True, nogil=True)
 def predict(states, inputs, step):  # type: ignore[no-untyped-def]
     """Move every state one tick on, under ``inputs[0]``."""
     width = states.shape[1]
@@ -61,3 +72,31 @@ def predict(states, inputs, step):  # type: ignore[no-untyped-def]
         states[age] = states[age - 1]
         inputs[age] = inputs[age - 1]
     states[0] = new
+
+
+@njit(cache=True, nogil=True)
+def put_first(values, newest):  # type: ignore[no-untyped-def]
+    """Move ``values`` one place on, ``newest`` to the front."""
+    for i in range(values.size - 1, 0, -1):
+        values[i] = values[i - 1]
+    values[0] = newest
+
+
+@njit(cache=True, nogil=True)
+def advance(states, inputs, contact, commands, command, law, step, velocity):  # type: ignore[no-untyped-def]
+    """Let one tick pass with ``command`` sent; the last two of ``commands`` are those that act in it."""
+    put_first(commands, command)
+    inputs[0, 0], inputs[0, 1] = commands[-1], commands[-2]
+    inputs[0, 2] = -friction(contact[0], states[0, velocity], law)
+    predict(states, inputs, step)
+
+
+@njit(cache=True, nogil=True)
+def feedback(deviation, commands, shares, on_state, on_commands):  # type: ignore[no-untyped-def]
+    """Gains times deviations, those of the commands from their feed-forward shares included."""
+    total = 0.0
+    for i in range(deviation.size):
+        total += on_state[i] * deviation[i]
+    for i in range(on_commands.size):
+        total += on_commands[i] * (commands[i] - shares[i + 1])
+    return total

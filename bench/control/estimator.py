@@ -16,15 +16,13 @@ from bench.sample import Sample
 class Estimator:
     """Once a tick :meth:`sense`, then :meth:`advance` with the command that was sent.
 
-    ``state`` is laid out as :mod:`bench.control.observer` says; ``contact_nm`` is the force of the load's friction
-    contact; ``commands`` holds what was sent, the last one first.
+    ``state`` is laid out as :mod:`bench.control.observer` says; ``commands`` holds what was sent, the last one first.
     """
 
     calibration: LoadCalibration
     tick_s: float
     observer: Observer
     commands: FloatArray = field(init=False)
-    contact_nm: float = field(default=0.0, init=False)
     seen: bool = field(default=False, init=False)  # whether every signal has arrived at least once
 
     def __post_init__(self) -> None:
@@ -38,19 +36,24 @@ class Estimator:
             ]
         )
         self._torque_delay_s, self._position_delay_s = c.torque_delay_s, c.position_delay_s
-        self._compile()
+        self._contact = np.zeros(2)  # its force [N m], and the load's position [rad] at which it was that
         self._states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))
         self.commands = np.zeros(self.observer.whole + 2)
-        self._turned_to, self.contact_nm, self.seen = 0.0, 0.0, False
+        self._compile()
 
     @property
     def state(self) -> FloatArray:
         newest: FloatArray = self._states[0]
         return newest
 
+    @property
+    def contact_nm(self) -> float:
+        """The force of the load's friction contact."""
+        return float(self._contact[0])
+
     def friction_nm(self) -> float:
         """The load's friction now, viscous part included."""
-        return float(core.friction(self.contact_nm, self.state[VELOCITY], self.friction_law))
+        return float(core.friction(self._contact[0], self._states[0, VELOCITY], self.friction_law))
 
     def torque_nm(self) -> float:
         """The port torque now."""
@@ -60,7 +63,7 @@ class Estimator:
     def sense(self, sample: Sample) -> bool:
         """Take in what arrived; False where a signal is missing or is no number (the state then stays as it is)."""
         readings = (sample.torque_nm, sample.load_position_rad, sample.position_rad)
-        if not all(isfinite(reading) for reading in readings):
+        if not isfinite(sum(readings)):
             return False
         if not self.seen:
             self._settle(sample)
@@ -70,37 +73,49 @@ class Estimator:
             self._position_delay_s + 1e-9 * sample.motion_age_ns,
         )
         fresh = (sample.torque_new, sample.load_motion_new, sample.motion_new)
-        observer = self.observer
-        core.correct(self._states, self._inputs, readings, delays, fresh, self.tick_s, observer.rows, observer.gain)
-        turned = self.state[POSITION] - self._turned_to
-        law = self.friction_law
-        self.contact_nm = core.slide(self.contact_nm, turned, law[1], law[2])
-        self._turned_to = self.state[POSITION]
+        core.sense(
+            self._states,
+            self._inputs,
+            self._contact,
+            readings,
+            delays,
+            fresh,
+            self.tick_s,
+            self.observer.rows,
+            self.observer.gain,
+            self.friction_law,
+            POSITION,
+        )
         return True
 
     def advance(self, command_nm: float) -> None:
         """Let one tick pass with ``command_nm`` on its way to the load."""
-        self.commands[1:] = self.commands[:-1]
-        self.commands[0] = command_nm
         if not self.seen:
+            core.put_first(self.commands, command_nm)
             return
-        whole = self.observer.whole
-        self._inputs[0] = self.commands[whole + 1], self.commands[whole], -self.friction_nm()
-        core.predict(self._states, self._inputs, self.observer.step)
+        core.advance(
+            self._states,
+            self._inputs,
+            self._contact,
+            self.commands,
+            command_nm,
+            self.friction_law,
+            self.observer.step,
+            VELOCITY,
+        )
 
     def _compile(self) -> None:
-        """Before the loop runs: compiling takes seconds."""
-        past = self.observer.past
-        self._states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))
-        self.commands, self._turned_to = np.zeros(self.observer.whole + 2), 0.0
+        """Before the loop runs: compiling takes seconds. Leaves everything at zero, and nothing seen."""
+        self.advance(0.0)
         self.sense(Sample(0, 0.0, 0, True, 0.0, 0.0, 0, True, 0.0, 0.0, 0, True))
         self.advance(0.0)
+        self.seen = False
 
     def _settle(self, sample: Sample) -> None:
         """Begin at rest where the readings are."""
         twist = sample.torque_nm / self.calibration.sensor_stiffness_nm_rad
         self._states[:] = 0.0
-        self._states[:, POSITION] = self._turned_to = sample.load_position_rad
+        self._states[:, POSITION] = self._contact[1] = sample.load_position_rad
         if isfinite(sample.load_velocity_rad_s):
             self._states[:, VELOCITY] = sample.load_velocity_rad_s
             self._states[:, POSITION] -= sample.load_velocity_rad_s * self.tick_s * np.arange(len(self._states))

@@ -5,6 +5,7 @@ from math import exp
 
 import numpy as np
 
+from bench.control import core
 from bench.control.dynamics import FloatArray
 
 
@@ -27,6 +28,11 @@ class FeedForward:
 
     def __post_init__(self) -> None:
         self.shares: FloatArray = np.zeros(self.whole + 2)
+        # What stays of a difference over a tick, over its part before a command arrives, and over that after.
+        self._stays, self._stays_before, self._stays_after = (
+            exp(-self.bandwidth_rad_s * lasts_s)
+            for lasts_s in (self.tick_s, self.fraction_s, self.tick_s - self.fraction_s)
+        )
 
     def begin(self, torque_nm: float) -> None:
         """As if ``torque_nm`` had been asked for all along."""
@@ -35,17 +41,16 @@ class FeedForward:
 
     def ask(self, torque_nm: float) -> None:
         """Find this tick's share, so that the torque is there when the next command arrives."""
-        stays = exp(-self.bandwidth_rad_s * self.tick_s)
-        share = (torque_nm - stays * self._arriving_nm) / ((1 - stays) * self.gain)
-        self.shares[0] = self._clipped(share)
-        self._arriving_nm += (1 - stays) * (self.gain * float(self.shares[0]) - self._arriving_nm)
+        stays = self._stays
+        share = self._clipped((torque_nm - stays * self._arriving_nm) / ((1 - stays) * self.gain))
+        self.shares[0] = share
+        self._arriving_nm += (1 - stays) * (self.gain * share - self._arriving_nm)
 
     def advance(self) -> None:
         """Let one tick pass."""
-        for command, lasts_s in ((self.whole + 1, self.fraction_s), (self.whole, self.tick_s - self.fraction_s)):
-            share = self.gain * float(self.shares[command])
-            self.torque_nm += (1 - exp(-self.bandwidth_rad_s * lasts_s)) * (share - self.torque_nm)
-        self.shares[1:] = self.shares[:-1]
+        for command, stays in ((self.whole + 1, self._stays_before), (self.whole, self._stays_after)):
+            self.torque_nm += (1 - stays) * (self.gain * float(self.shares[command]) - self.torque_nm)
+        core.put_first(self.shares, self.shares[0])
 
     def _clipped(self, command_nm: float) -> float:
         return min(max(command_nm, -self.limit_nm), self.limit_nm)

@@ -30,8 +30,7 @@ class Kernel:
 
     def table(self) -> FloatArray:
         """The kernel at TABLE_PER_UNIT points a sample, from 0 to ``half_width``."""
-        u = np.arange(round(self.half_width * TABLE_PER_UNIT) + 2) / TABLE_PER_UNIT
-        return np.where(u <= self.half_width, self.spline()(np.minimum(u, self.half_width)), 0.0)
+        return _table(self)
 
     def taps(self, offsets: FloatArray, derivative: int) -> FloatArray:
         """Weights at ``offsets`` (samples, equally spaced) that give a signal's ``derivative`` at offset 0.
@@ -49,6 +48,12 @@ class Kernel:
         # The smallest change that makes the moments exact.
         correction = np.linalg.solve((powers * window) @ powers.T, wanted - powers @ weights)
         return np.asarray(weights + window * (correction @ powers))
+
+
+@cache
+def _table(kernel: Kernel) -> FloatArray:
+    u = np.arange(round(kernel.half_width * TABLE_PER_UNIT) + 2) / TABLE_PER_UNIT
+    return np.where(u <= kernel.half_width, kernel.spline()(np.minimum(u, kernel.half_width)), 0.0)
 
 
 @cache

@@ -142,8 +142,8 @@ def lagrange(nodes: FloatArray, at: float, count: int) -> FloatArray:
     """Weights of polynomial interpolation between the ``count`` nodes around ``at``; zero elsewhere."""
     first = int(np.clip(np.searchsorted(nodes, at) - count // 2, 0, nodes.size - count))
     near = nodes[first : first + count]
+    factors = (at - near) / (near[:, None] - near + np.eye(count))
+    np.fill_diagonal(factors, 1.0)
     weights = np.zeros(nodes.size)
-    for k in range(count):
-        others = np.delete(near, k)
-        weights[first + k] = float(np.prod((at - others) / (near[k] - others)))
+    weights[first : first + count] = factors.prod(axis=1)
     return weights

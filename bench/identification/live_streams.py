@@ -16,6 +16,8 @@ WINDOW_S = 1.5
 # The grid ends this much before the newest reading: the reach of interpolation, and room for smoothing to settle.
 MARGIN_S = 0.06
 FIRST_AFTER_S = 0.4
+# Parts are digested together until they make up this much: every piece costs the same, however short.
+PIECE_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -39,11 +41,16 @@ class LiveStreams:
     origin_ns: int | None = None
     parts: list[Measured] = field(default_factory=list)
     resolution: float = 0.0
+    _waiting_ticks: int = field(default=0, init=False)
     _next_s: float = field(default=float("-inf"), init=False)
 
     def add(self, part: Measured) -> Piece | None:
         """The grid as far as it can be known now; None where nothing new can be."""
         self.parts.append(part)
+        self._waiting_ticks += len(part.ticks)
+        if self._waiting_ticks * self.tick_s < PIECE_S:
+            return None
+        self._waiting_ticks = 0
         motion, torque, ticks = (self._joined(name) for name in ("motion", "torque", "ticks"))
         torque = torque[torque["valid"]]
         if not len(motion) or not len(torque) or not len(ticks):

@@ -90,13 +90,13 @@ def _piecewise_line(x: FloatArray, y: FloatArray, knots: FloatArray, chosen: npt
     share = (x - knots[index]) / (knots[index + 1] - knots[index])
     matrix = np.zeros((len(knots), len(knots)))
     right = np.zeros(len(knots))
+    count = len(knots) - 1
     reference = float(np.mean(y[chosen]))
     left, rest, target = index[chosen], share[chosen], y[chosen] - reference
+    at = np.arange(count)
     for offset, weight in ((0, 1 - rest), (1, rest)):
-        np.add.at(right, left + offset, weight * target)
-        np.add.at(matrix, (left + offset, left + offset), weight * weight)
-    cross = (1 - rest) * rest
-    np.add.at(matrix, (left, left + 1), cross)
-    np.add.at(matrix, (left + 1, left), cross)
+        right[at + offset] += np.bincount(left, weight * target, count)
+        matrix[at + offset, at + offset] += np.bincount(left, weight * weight, count)
+    matrix[at, at + 1] = matrix[at + 1, at] = np.bincount(left, (1 - rest) * rest, count)
     heights = np.linalg.lstsq(matrix, right, rcond=None)[0]
     return np.asarray(reference + heights[index] * (1 - share) + heights[index + 1] * share)

@@ -4,6 +4,7 @@ it stops. Once tripped it stays tripped."""
 from dataclasses import dataclass, field
 from enum import IntFlag
 from math import isfinite
+from typing import NamedTuple
 
 from bench.errors import SafetyStopError
 from bench.rig.rig import Limits
@@ -19,8 +20,7 @@ class Limited(IntFlag):
     LOAD_TORQUE = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Commands:
+class Commands(NamedTuple):
     """What goes to the drives: the actuator's command in its own unit, the load's torque, and what was clipped."""
 
     command: float
@@ -28,8 +28,7 @@ class Commands:
     limited: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class DriveHealth:
+class DriveHealth(NamedTuple):
     """A drive's last word, and how long its heartbeat may be silent."""
 
     name: str

@@ -77,9 +77,9 @@ class Loop:
                 done = abs(sample.velocity_rad_s) >= segment.stop_at_velocity_rad_s
                 index += 1 + self._skip_missed()
                 if full:
-                    parts.append(self.outbox.hand_on(self._info(segment, start_ns)))
+                    parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
         finally:
-            parts.append(self.outbox.hand_on(self._info(segment, start_ns)))
+            parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
             self._segments += 1
         rigid = segment.mode is LoadMode.ADMITTANCE and segment.admittance.rigid
         self._reference_rad = strategy.target(segment.ticks - 1).position_rad if rigid else None

@@ -137,7 +137,7 @@ def test_taking_over_continues_from_what_was_sent(admittance: Admittance) -> Non
 def test_nan_in_gives_nan_out_and_leaves_no_trace(signal: str) -> None:
     plant, controller = warmed_up(PlantSettings(), calibrated(PlantSettings()))
     controller.begin(plant.sample(), ZERO_TORQUE)
-    assert isnan(controller.update(replace(plant.sample(), **{signal: nan}), REST, REST))
+    assert isnan(controller.update(plant.sample()._replace(**{signal: nan}), REST, REST))
     controller.note_sent(0.0)
     plant.step(0.0, 0.0)
     assert abs(controller.update(plant.sample(), REST, REST)) < 0.02
@@ -146,7 +146,7 @@ def test_nan_in_gives_nan_out_and_leaves_no_trace(signal: str) -> None:
 def test_wishes_stay_within_the_limit() -> None:
     plant, controller = warmed_up(PlantSettings(), calibrated(PlantSettings()))
     controller.begin(plant.sample(), ZERO_TORQUE)
-    sample = replace(plant.sample(), torque_nm=1e3)
+    sample = plant.sample()._replace(torque_nm=1e3)
     assert controller.update(sample, REST, REST) == controller.torque_limit_nm
 
 
