@@ -14,7 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 # Clocks are followed over this long a window.
 WINDOW_S = 1.5
 # The grid ends this much before the newest reading: the reach of interpolation, and room for smoothing to settle.
-MARGIN_S = 0.06
+MARGIN_S = 0.12
 FIRST_AFTER_S = 0.4
 # Parts are digested together until they make up this much: every piece costs the same, however short.
 PIECE_S = 0.5

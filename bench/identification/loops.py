@@ -102,22 +102,6 @@ def friction_path(position: FloatArray, s: float) -> FloatArray:
 
 
 @njit(cache=True, nogil=True)
-def smooth_within(readings: FloatArray, half_step: float, taps: FloatArray, rounds: int) -> FloatArray:
-    """Smoothed by the symmetric ``taps`` and put back within ± ``half_step`` of the readings, ``rounds`` times."""
-    reach = taps.size // 2
-    current = readings.copy()
-    smoothed = readings.copy()
-    for _ in range(rounds):
-        for k in range(reach, readings.size - reach):
-            total = taps[reach] * current[k]
-            for j in range(1, reach + 1):
-                total += taps[reach + j] * (current[k - j] + current[k + j])
-            smoothed[k] = min(max(total, readings[k] - half_step), readings[k] + half_step)
-        current, smoothed = smoothed, current
-    return current
-
-
-@njit(cache=True, nogil=True)
 def friction_bank(position: FloatArray, last: float, s: FloatArray, h: FloatArray) -> FloatArray:
     """The sliding shares of many frictions along one path, shape (members, n), going on from ``h``, in place."""
     output = np.empty((s.size, position.size))

@@ -1,23 +1,26 @@
 """Undoing an encoder's counts: a smooth motion that agrees with every reading.
 
 A count only says that the shaft is somewhere within one step. Taken literally, a shaft at rest on the edge of two
-counts seems to travel back and forth, and its friction to slide. The motion is found by turns: smooth it, then put it
-back inside the steps that were read (projection onto two convex sets); whatever the smoothing does, the
-result is never further from the truth than one step.
+counts seems to travel back and forth, and its friction to slide. So every stretch is smoothed as heavily as its counts
+allow: by the longest low-pass whose result stays inside the steps that were read. The result never leaves them.
 """
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from bench.identification.kernels import Kernel
 
 FloatArray = npt.NDArray[np.float64]
 
-# In cycles a reading. Faster motion than this shows only where it exceeds one step. Narrower, or more often, and small
-# loops are flattened (friction seems softer); wider, and counts remain as travel (it seems stiffer).
-SMOOTH = Kernel(cutoff=0.02, half_width=24.0)
-ROUNDS = 1
+# From the gentlest to the heaviest; cutoffs in cycles a reading.
+LEVELS = (Kernel(0.12, 6.0), Kernel(0.05, 12.0), Kernel(0.02, 24.0), Kernel(0.01, 48.0), Kernel(0.005, 80.0))
+REACH = round(LEVELS[-1].half_width)
+# A low-pass that leaves the steps is not trusted within this share of its half-width either.
+DOUBTED_SHARE = 0.3
+AT_REST_STEPS = 1.5
+# From one level to the next within so many readings.
+BLEND = 4
 # A shaft that moves less than so many counts within so many readings is as good as stuck.
 MOVING_COUNTS = 8
 MOVING_WITHIN = 31
@@ -48,16 +51,33 @@ def moving(path_rad: FloatArray, step_rad: float) -> npt.NDArray[np.bool_]:
     """Where the path leaves the counts behind, shape (n,): elsewhere they do not tell what friction holds."""
     if step_rad == 0.0:
         return np.ones(path_rad.size, dtype=bool)
-    travelled = maximum_filter1d(path_rad, MOVING_WITHIN) - minimum_filter1d(path_rad, MOVING_WITHIN)
-    return np.asarray(travelled > MOVING_COUNTS * step_rad)
+    return np.asarray(_travelled(path_rad, MOVING_WITHIN) > MOVING_COUNTS * step_rad)
 
 
 def unquantised(position_rad: FloatArray, step_rad: float) -> FloatArray:
     """A smooth motion within ± half a step of the readings, shape (n,)."""
-    from bench.identification import loops  # noqa: PLC0415  (compiled: slow to import)
-
-    if step_rad == 0.0 or position_rad.size < 2 * SMOOTH.half_width:
+    if step_rad == 0.0 or position_rad.size <= 2 * REACH:
         return position_rad
-    reach = int(SMOOTH.half_width)
-    taps = SMOOTH.taps(np.arange(-reach, reach + 1, dtype=float), 0)
-    return np.asarray(loops.smooth_within(position_rad, 0.5 * step_rad, taps, ROUNDS))
+    half_rad, path = 0.5 * step_rad, position_rad
+    # At rest on the edge of two counts the readings change at random, and only the edge itself fits both.
+    rests = _travelled(position_rad, 2 * REACH + 1) < AT_REST_STEPS * step_rad
+    for level in LEVELS:
+        smooth = _smoothed(position_rad, level)
+        doubted = round(DOUBTED_SHARE * level.half_width) + BLEND
+        outside = (np.abs(smooth - position_rad) > half_rad) & ~rests
+        outside = maximum_filter1d(outside, 2 * doubted + 1)
+        trust = uniform_filter1d(1.0 - outside, 2 * BLEND + 1)
+        path = path + trust * (smooth - path)
+    return np.clip(path, position_rad - half_rad, position_rad + half_rad)
+
+
+def _travelled(path_rad: FloatArray, within: int) -> FloatArray:
+    """The range of the path within so many readings around each."""
+    return np.asarray(maximum_filter1d(path_rad, within) - minimum_filter1d(path_rad, within), dtype=np.float64)
+
+
+def _smoothed(values: FloatArray, level: Kernel) -> FloatArray:
+    reach = round(level.half_width)
+    taps = level.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
+    padded = np.pad(values, reach, mode="reflect", reflect_type="odd")
+    return np.asarray(np.convolve(padded, taps, mode="valid"), dtype=np.float64)

@@ -48,8 +48,9 @@ def test_slow_motion_is_known_better_than_a_count():
     assert error < 0.6 * plain
 
 
-def test_a_shaft_at_rest_on_an_edge_does_not_travel():
+@pytest.mark.parametrize("spread", [0.02, 0.05, 0.2])
+def test_a_shaft_at_rest_on_an_edge_does_not_travel(spread):
     rng = np.random.default_rng(3)
-    readings = read(STEP * (5 + 0.05 * rng.standard_normal(2000)))
+    readings = read(STEP * (5 + spread * rng.standard_normal(2000)))
     travelled = np.abs(np.diff(readings)).sum()
     assert np.abs(np.diff(unquantised(readings, STEP)))[100:-100].sum() < 0.1 * travelled
