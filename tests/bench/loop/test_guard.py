@@ -46,7 +46,7 @@ WISH = Commands(0.05, 0.1)
 
 def guard(limits: Limits = LIMITS, *, has_load: bool = True, has_torque_sensor: bool = True) -> Guard:
     made = Guard(limits, 0.5, 1e-3, has_load, has_torque_sensor)
-    made.begin(replace(SAMPLE, position_rad=2.0))
+    made.begin(SAMPLE._replace(position_rad=2.0))
     return made
 
 
@@ -82,7 +82,7 @@ def test_a_healthy_bench_passes_untouched() -> None:
 def test_each_limit_trips_latches_and_names_itself(change: dict[str, float], words: str) -> None:
     gate = guard()
     with pytest.raises(SafetyStopError, match=words):
-        gate.limit(WISH, replace(SAMPLE, **change), (ACTUATOR, LOAD))
+        gate.limit(WISH, SAMPLE._replace(**change), (ACTUATOR, LOAD))
     with pytest.raises(SafetyStopError, match=words):  # a sample that is well again changes nothing
         gate.limit(WISH, SAMPLE, (ACTUATOR, LOAD))
 
