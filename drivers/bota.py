@@ -50,7 +50,7 @@ class BotaSensor:
         self._direction = settings.direction
         self._last_ns = 0  # arrival of the last reading
         self._byte_ns = BITS_PER_BYTE * 1e9 / options.baud
-        self._field = f"torque_{options.axis}_nm"
+        self._field = BotaFrame._fields.index(f"torque_{options.axis}_nm")
         self._readings: Inbox[TorqueReading] = Inbox()
         self._clock = _UnwrappedClock()
         port.subscribe(self._on_bytes)
@@ -79,21 +79,24 @@ class BotaSensor:
 
     def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
         frames = self.stream.feed(data)
+        if not frames:
+            return
         # Bytes come one by one: a frame was complete before those that followed it in the same chunk.
         later_bytes = self.stream.pending_bytes + FRAME_LENGTH * len(frames)
         for frame in frames:
             later_bytes -= FRAME_LENGTH
             # Adapters that pile bytes up hand them over closer together than they can have come.
-            self._last_ns = max(self._last_ns, arrival_ns - round(later_bytes * self._byte_ns))
+            complete_ns = arrival_ns - round(later_bytes * self._byte_ns)
+            self._last_ns = max(self._last_ns, complete_ns)
             self._readings.put(self._reading(frame, self._last_ns))
 
     def _reading(self, frame: BotaFrame, arrival_ns: int) -> TorqueReading:
         return TorqueReading(
-            sequence=self._readings.count,
-            arrival_ns=arrival_ns,
-            torque_nm=self._direction * float(getattr(frame, self._field)),
-            device_ns=self._clock.unwrap_ns(frame.timestamp_us),
-            valid=frame.status == 0 and frame.finite,
+            self._readings.count,
+            arrival_ns,
+            self._direction * frame[self._field],
+            self._clock.unwrap_ns(frame.timestamp_us),
+            frame.status == 0 and frame.finite,
         )
 
 

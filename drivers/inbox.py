@@ -1,6 +1,5 @@
 """Where a driver keeps its readings until they are taken."""
 
-from collections import deque
 from typing import Generic, TypeVar
 
 Reading = TypeVar("Reading")
@@ -14,14 +13,15 @@ class Inbox(Generic[Reading]):
 
     def __init__(self) -> None:
         self.count = 0
-        self._waiting: deque[Reading] = deque(maxlen=CAPACITY)
+        self._waiting: list[Reading] = []
 
     def put(self, reading: Reading) -> None:
         self.count += 1
+        if len(self._waiting) >= CAPACITY:
+            del self._waiting[0]
         self._waiting.append(reading)
 
     def take(self) -> list[Reading]:
         """What was put since the last call."""
-        taken = list(self._waiting)
-        self._waiting.clear()
+        taken, self._waiting = self._waiting, []
         return taken

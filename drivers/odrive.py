@@ -94,7 +94,9 @@ class ODrive:
         self.options = options
         self.malformed = 0
         self.parameters: dict[int, bytes] = {}  # endpoint -> value, as answered
+        self.heartbeat_timeout_ns = round(_HEARTBEATS_MISSED * options.heartbeat_s * 1e9)
         self._direction = settings.direction
+        self._rad_per_turn = settings.direction * TURN_RAD
         self._port = port
         self._link = link
         self._versions: Inbox[protocol.Version] = Inbox()
@@ -158,7 +160,7 @@ class ODrive:
     def command_torque(self, torque_nm: float) -> None:
         """Command a torque [N m], which also feeds the watchdog. Raises ConnectionFailedError, DeviceError."""
         try:
-            payload = protocol.SetInputTorque(self._direction * torque_nm).encode()
+            payload = protocol.torque_value(self._direction * torque_nm)
         except CodecError as error:
             raise DeviceError(f"{self.place}: cannot command a torque of {torque_nm} N*m") from error
         self._port.send(self._torque_id, payload)
@@ -181,10 +183,6 @@ class ODrive:
                 bus_voltage_v=self._bus_voltage_v,
             )
         return self._status
-
-    @property
-    def heartbeat_timeout_ns(self) -> int:
-        return round(_HEARTBEATS_MISSED * self.options.heartbeat_s * 1e9)
 
     @property
     def position_resolution_rad(self) -> float:
@@ -288,14 +286,10 @@ class ODrive:
             self.malformed += 1
 
     def _on_encoder_estimates(self, data: bytearray, arrival_ns: int) -> None:
-        estimates = protocol.EncoderEstimates.decode(data)
-        self._position_rev = estimates.position_rev
-        scale = self._direction * TURN_RAD
-        self._motion.put(
-            MotionReading(
-                self._motion.count, arrival_ns, scale * estimates.position_rev, scale * estimates.velocity_rev_s
-            )
-        )
+        position_rev, velocity_rev_s = protocol.estimates_of(data)
+        self._position_rev = position_rev
+        scale, motion = self._rad_per_turn, self._motion
+        motion.put(MotionReading(motion.count, arrival_ns, scale * position_rev, scale * velocity_rev_s))
 
     def _on_iq(self, data: bytearray, arrival_ns: int) -> None:
         measured_a = protocol.Iq.decode(data).measured_a

@@ -4,7 +4,6 @@ The host meets them as it meets hardware: a python-can bus and the part of pyser
 """
 
 from collections import deque
-from functools import partial
 
 import can
 from can.typechecking import CanFilters
@@ -25,6 +24,7 @@ class SimulatedCanWire:
         self._to_devices_delay = to_devices
         self._plugs: list[CanPlug] = []
         self._inboxes: list[Inbox] = []
+        self._underway: deque[can.Message] = deque()  # to the devices; nothing overtakes
 
     def attach(self, plug: CanPlug) -> None:
         self._plugs.append(plug)
@@ -40,7 +40,8 @@ class SimulatedCanWire:
     def to_devices(self, message: can.Message) -> None:
         """Carry a host's frame to every device."""
         arrival_ns = self._to_devices_delay.arrival_ns(self._world.now_ns)
-        self._world.at(arrival_ns, partial(self._deliver, message))
+        self._underway.append(message)
+        self._world.at(arrival_ns, self._deliver)
 
     def open(self) -> Inbox:
         """A new host on the bus: it hears what is sent from now on."""
@@ -52,7 +53,8 @@ class SimulatedCanWire:
         # By identity: two hosts that have heard nothing yet are equal, and still not the same.
         self._inboxes = [other for other in self._inboxes if other is not inbox]
 
-    def _deliver(self, message: can.Message, stamp_ns: int) -> None:
+    def _deliver(self, _stamp_ns: int) -> None:
+        message = self._underway.popleft()
         for plug in self._plugs:
             plug.deliver(message)
 
@@ -75,16 +77,22 @@ class SimulatedBus(can.BusABC):
 
         Overridden whole, as python-can's own measures its timeout on the machine's clock.
         """
-        world, inbox = self._world, self._inbox
+        inbox, now_ns = self._inbox, self._world.now_ns
+        while inbox and inbox[0][0] <= now_ns:
+            message = inbox.popleft()[1]
+            if self._filters is None or self._matches_filters(message):
+                return message
+        return None if timeout == 0 else self._wait(timeout)
+
+    def _wait(self, timeout: float | None) -> can.Message | None:
+        world = self._world
         deadline_ns = None if timeout is None else world.now_ns + round(timeout * 1e9)
-        while True:
-            while inbox and inbox[0][0] <= world.now_ns:
-                message = inbox.popleft()[1]
-                if self._filters is None or self._matches_filters(message):
-                    return message
-            if deadline_ns is not None and world.now_ns >= deadline_ns:
-                return None
+        while deadline_ns is None or world.now_ns < deadline_ns:
             world.advance(self._next_look_ns(deadline_ns))
+            message = self.recv(0)
+            if message is not None:
+                return message
+        return None
 
     def _next_look_ns(self, deadline_ns: int | None) -> int:
         """The next instant at which there may be something to read; at the latest the deadline."""

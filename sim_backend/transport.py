@@ -1,5 +1,6 @@
 """How long bytes travel: delay and jitter of one direction of a wire, on which nothing overtakes."""
 
+from bisect import bisect_right
 from collections import deque
 from random import Random
 
@@ -17,8 +18,11 @@ class Delay:
 
     def arrival_ns(self, sent_ns: int) -> int:
         travel_ns = self._least_ns + round(self._spread_ns * self._draw())
-        self._last_ns = max(self._last_ns, sent_ns + max(0, travel_ns))
-        return self._last_ns
+        arrival_ns = sent_ns + travel_ns if travel_ns > 0 else sent_ns
+        if arrival_ns < self._last_ns:
+            return self._last_ns
+        self._last_ns = arrival_ns
+        return arrival_ns
 
 
 class ByteStream:
@@ -30,14 +34,19 @@ class ByteStream:
     def __init__(self, baud: int, delay: Delay) -> None:
         self._byte_ns = BITS_PER_BYTE * 1e9 / baud
         self._delay = delay
+        self._after_ns: list[int] = []  # when a burst's first, second, ... byte has arrived, after its time began
         self._free_ns = 0
         self._bursts: deque[tuple[int, bytes]] = deque()  # when the first byte's time begins; the bytes
         self._read = 0  # bytes already taken from the first burst
         self.last_arrival_ns = 0
 
     def send(self, sent_ns: int, data: bytes) -> None:
+        if not data:
+            return
+        while len(self._after_ns) < len(data):
+            self._after_ns.append(round((len(self._after_ns) + 1) * self._byte_ns))
         start_ns = max(self._free_ns, self._delay.arrival_ns(sent_ns))
-        self._free_ns = self._arrival_ns(start_ns, len(data))
+        self._free_ns = start_ns + self._after_ns[len(data) - 1]
         self._bursts.append((start_ns, data))
 
     def waiting(self, now_ns: int) -> int:
@@ -45,11 +54,7 @@ class ByteStream:
         if not self._bursts:
             return 0
         start_ns, data = self._bursts[0]
-        if now_ns < start_ns:
-            return 0
-        if now_ns >= self._arrival_ns(start_ns, len(data)):
-            return len(data) - self._read
-        return self._arrived(start_ns, now_ns) - self._read
+        return bisect_right(self._after_ns, now_ns - start_ns, 0, len(data)) - self._read
 
     def take(self, size: int, now_ns: int) -> bytes:
         """Up to ``size`` of those bytes; ``last_arrival_ns`` then tells when the last of them arrived."""
@@ -58,19 +63,9 @@ class ByteStream:
             return b""
         start_ns, data = self._bursts[0]
         first, self._read = self._read, self._read + size
-        self.last_arrival_ns = self._arrival_ns(start_ns, self._read)
+        self.last_arrival_ns = start_ns + self._after_ns[self._read - 1]
         taken = data[first : self._read]
         if self._read == len(data):
             self._bursts.popleft()
             self._read = 0
         return taken
-
-    def _arrival_ns(self, start_ns: int, count: int) -> int:
-        """When ``count`` bytes of a burst have arrived."""
-        return start_ns + round(count * self._byte_ns)
-
-    def _arrived(self, start_ns: int, now_ns: int) -> int:
-        """How many bytes of a burst have arrived by ``now_ns``."""
-        count = int((now_ns - start_ns) / self._byte_ns)
-        # Arrivals are rounded to nanoseconds: the next byte may be there although its time is not quite over.
-        return count + (self._arrival_ns(start_ns, count + 1) <= now_ns)

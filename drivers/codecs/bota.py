@@ -6,10 +6,9 @@ maker's published serial driver. Nothing marks the frame's start but the byte 0x
 so that only a matching CRC tells a frame.
 """
 
-from dataclasses import dataclass
 from math import isfinite
 from struct import Struct
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 from drivers.codecs.crc import crc16_x25
 from drivers.codecs.errors import CodecError
@@ -30,8 +29,7 @@ _CRC = Struct("<H")
 _FRAME = Struct("<xH6fIfH")
 
 
-@dataclass(frozen=True, slots=True)
-class BotaFrame:
+class BotaFrame(NamedTuple):
     """One sample: status bits, forces [N], torques [N m], the sensor's clock [µs, wraps at 2^32], temperature."""
 
     status: int
@@ -47,17 +45,7 @@ class BotaFrame:
     def encode(self) -> bytes:
         """The 37 bytes. Raises CodecError where a value does not fit its field."""
         try:
-            payload = _PAYLOAD.pack(
-                self.status,
-                self.force_x_n,
-                self.force_y_n,
-                self.force_z_n,
-                self.torque_x_nm,
-                self.torque_y_nm,
-                self.torque_z_nm,
-                self.timestamp_us,
-                self.temperature_c,
-            )
+            payload = _PAYLOAD.pack(*self)
         except (OverflowError, ValueError) as error:
             raise CodecError(f"Bota frame: {error}") from error
         return b"\xaa" + payload + _CRC.pack(crc16_x25(payload))
@@ -106,7 +94,7 @@ class BotaStream:
         while (start := self._next_header(start)) + FRAME_LENGTH <= len(buffer):
             *fields, crc = _FRAME.unpack_from(buffer, start)
             if crc16_x25(buffer[start + 1 : start + FRAME_LENGTH - 2]) == crc:
-                frames.append(BotaFrame(*fields))
+                frames.append(BotaFrame._make(fields))
                 start += FRAME_LENGTH
             else:
                 # A frame may begin inside what was taken for one: give up one byte only.
@@ -119,6 +107,8 @@ class BotaStream:
     def _next_header(self, start: int) -> int:
         """The next place where a frame may begin (the buffer's end where there is none)."""
         found = self._buffer.find(HEADER, start)
+        if found == start:
+            return start
         if found < 0:
             found = len(self._buffer)
         self.discarded_bytes += found - start

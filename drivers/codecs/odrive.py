@@ -127,13 +127,49 @@ def _two_finite(data: bytes | bytearray, message: str) -> tuple[float, float]:
     return first, second
 
 
-def _pack_f32(layout: Struct, message: str, *values: float) -> bytes:
-    if not all(map(isfinite, values)):
+def _pack_one(layout: Struct, message: str, value: float) -> bytes:
+    if not isfinite(value):
         raise CodecError(f"{message}: not a finite number")
     try:
-        return layout.pack(*values)
+        return layout.pack(value)
     except OverflowError as error:
         raise CodecError(f"{message}: beyond the range of a 32-bit float") from error
+
+
+def _pack_two(message: str, first: float, second: float) -> bytes:
+    if not (isfinite(first) and isfinite(second)):
+        raise CodecError(f"{message}: not a finite number")
+    try:
+        return _TWO_F32.pack(first, second)
+    except OverflowError as error:
+        raise CodecError(f"{message}: beyond the range of a 32-bit float") from error
+
+
+# What crosses the wire every millisecond can be had without an object made of it: two numbers, or one.
+
+
+def estimates_value(position_rev: float, velocity_rev_s: float) -> bytes:
+    """The payload of :class:`EncoderEstimates`."""
+    return _pack_two("encoder estimates", position_rev, velocity_rev_s)
+
+
+def estimates_of(data: bytes | bytearray) -> tuple[float, float]:
+    """Position [turns] and velocity [turns/s] in the payload of :class:`EncoderEstimates`."""
+    return _two_finite(data, "encoder estimates")
+
+
+def torque_value(torque_nm: float) -> bytes:
+    """The payload of :class:`SetInputTorque`."""
+    return _pack_one(_PADDED_F32, "torque", torque_nm)
+
+
+def torque_of(data: bytes | bytearray) -> float:
+    """The torque [N m] in the payload of :class:`SetInputTorque`."""
+    _check_length(data, 4, "torque")
+    torque_nm: float = _ONE_F32.unpack_from(data)[0]
+    if not isfinite(torque_nm):
+        raise CodecError("torque: not a finite number")
+    return torque_nm
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +245,7 @@ class GetError:
 
 def f32_value(number: float) -> bytes:
     """The four value bytes of a float parameter."""
-    return _pack_f32(_ONE_F32, "parameter", number)
+    return _pack_one(_ONE_F32, "parameter", number)
 
 
 def f32_of(value: bytes) -> float:
@@ -289,11 +325,11 @@ class EncoderEstimates:
     velocity_rev_s: float
 
     def encode(self) -> bytes:
-        return _pack_f32(_TWO_F32, "encoder estimates", self.position_rev, self.velocity_rev_s)
+        return estimates_value(self.position_rev, self.velocity_rev_s)
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        return cls(*_two_finite(data, "encoder estimates"))
+        return cls(*estimates_of(data))
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,15 +357,11 @@ class SetInputTorque:
     torque_nm: float
 
     def encode(self) -> bytes:
-        return _pack_f32(_PADDED_F32, "torque", self.torque_nm)
+        return torque_value(self.torque_nm)
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 4, "torque")
-        (torque_nm,) = _ONE_F32.unpack_from(data)
-        if not isfinite(torque_nm):
-            raise CodecError("torque: not a finite number")
-        return cls(torque_nm)
+        return cls(torque_of(data))
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,7 +373,7 @@ class SetLimits:
     current_a: float
 
     def encode(self) -> bytes:
-        return _pack_f32(_TWO_F32, "limits", self.velocity_rev_s, self.current_a)
+        return _pack_two("limits", self.velocity_rev_s, self.current_a)
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
@@ -357,7 +389,7 @@ class Iq:
     measured_a: float
 
     def encode(self) -> bytes:
-        return _pack_f32(_TWO_F32, "current", self.setpoint_a, self.measured_a)
+        return _pack_two("current", self.setpoint_a, self.measured_a)
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
@@ -390,7 +422,7 @@ class BusVoltageCurrent:
     current_a: float
 
     def encode(self) -> bytes:
-        return _pack_f32(_TWO_F32, "bus voltage", self.voltage_v, self.current_a)
+        return _pack_two("bus voltage", self.voltage_v, self.current_a)
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
@@ -421,7 +453,7 @@ class Torques:
     estimate_nm: float
 
     def encode(self) -> bytes:
-        return _pack_f32(_TWO_F32, "torques", self.target_nm, self.estimate_nm)
+        return _pack_two("torques", self.target_nm, self.estimate_nm)
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:

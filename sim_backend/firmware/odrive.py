@@ -57,13 +57,14 @@ class ODriveAxis:
         self._mode: tuple[int, int] = (odrive.ControlMode.POSITION, odrive.InputMode.PASSTHROUGH)
         self._input_nm = nan
         self._limit_nm = inf
-        self._frozen: odrive.EncoderEstimates | None = None
+        self._frozen: tuple[float, float] | None = None
         self._plant = site.world.plant
         self._machine = cast(Machine, site.settings.role)
         self._amperes_per_nm = _amperes_per_nm(site)
         self._watchdog = Watchdog(site.world, options, self._starve)
         self._node = options.node
         self._ids = {command: odrive.arbitration_id(options.node, command) for command in Command}
+        self._estimates_id = self._ids[Command.ENCODER_ESTIMATES]
         self._handlers = self._message_handlers()
         self._getters = self._message_getters()
         self._plug = site.can_plug()
@@ -94,7 +95,7 @@ class ODriveAxis:
             Command.VERSION: lambda: VERSION,
             Command.HEARTBEAT: lambda: odrive.Heartbeat(self.active_errors, self.axis_state, self._result),
             Command.ERROR: lambda: odrive.GetError(self.active_errors, self.disarm_reason),
-            Command.ENCODER_ESTIMATES: self._estimates,
+            Command.ENCODER_ESTIMATES: lambda: odrive.EncoderEstimates(*self._estimates()),
             Command.IQ: lambda: odrive.Iq(self._target_nm() * self._amperes_per_nm, self._measure_current_a()),
             Command.TEMPERATURE: lambda: odrive.Temperature(self.heating.temperature_c, nan),
             Command.BUS_VOLTAGE_CURRENT: lambda: odrive.BusVoltageCurrent(SUPPLY_V, self._supply_current_a()),
@@ -110,7 +111,7 @@ class ODriveAxis:
         self._answer(command)
 
     def _send_estimates(self, _stamp_ns: int) -> None:
-        self._plug.send(self._ids[Command.ENCODER_ESTIMATES], self._estimates().encode())
+        self._plug.send(self._estimates_id, odrive.estimates_value(*self._estimates()))
 
     def _send_current(self, _stamp_ns: int) -> None:
         self.heating.carry(self._plant.true_current_a(self._machine), IQ_PERIOD_NS * 1e-9)
@@ -118,16 +119,12 @@ class ODriveAxis:
             self.fail(ERROR_INVERTER_TOO_HOT)
         self._answer(Command.IQ)
 
-    def _estimates(self) -> odrive.EncoderEstimates:
+    def _estimates(self) -> tuple[float, float]:
+        """Position [turns] and velocity [turns/s]."""
         if self._frozen is not None:
             return self._frozen
         plant, machine = self._plant, self._machine
-        return odrive.EncoderEstimates(
-            plant.encoder_position_rad(machine) / tau, plant.encoder_velocity_rad_s(machine) / tau
-        )
-
-    def _torques(self) -> odrive.Torques:
-        return odrive.Torques(self._target_nm(), self._measure_current_a() / self._amperes_per_nm)
+        return plant.encoder_position_rad(machine) / tau, plant.encoder_velocity_rad_s(machine) / tau
 
     def _measure_current_a(self) -> float:
         return self._plant.current_a(self._machine)
@@ -150,9 +147,9 @@ class ODriveAxis:
         }
 
     def _receive(self, message: can.Message) -> None:
-        node, command = odrive.split_id(message.arbitration_id)
-        if node != self._node or message.is_extended_id:
+        if message.arbitration_id >> 5 != self._node or message.is_extended_id:
             return
+        _, command = odrive.split_id(message.arbitration_id)
         self._watchdog.feed()
         if message.is_remote_frame:
             if command in self._getters:
@@ -168,7 +165,7 @@ class ODriveAxis:
 
     def _set_input_torque(self, data: bytearray) -> None:
         try:
-            self._input_nm = odrive.SetInputTorque.decode(data).torque_nm
+            self._input_nm = odrive.torque_of(data)
         except CodecError:
             self.fail(ERROR_MISSING_INPUT)  # a torque that is no number
             return
@@ -233,7 +230,10 @@ class ODriveAxis:
     def _target_nm(self) -> float:
         if not self._armed:
             return 0.0
-        return min(max(self._input_nm, -self._limit_nm), self._limit_nm)
+        input_nm, limit_nm = self._input_nm, self._limit_nm
+        if -limit_nm <= input_nm <= limit_nm:
+            return input_nm
+        return min(max(input_nm, -limit_nm), limit_nm)
 
     @property
     def _armed(self) -> bool:
