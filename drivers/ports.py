@@ -48,13 +48,8 @@ class CanPort:
 
     def send(self, arbitration_id: int, data: bytes, *, extended: bool = False, remote: bool = False) -> None:
         """Put one frame on the bus. Raises ConnectionFailedError where the transport refuses it."""
-        message = can.Message(
-            arbitration_id=arbitration_id,
-            data=None if remote else data,
-            dlc=8 if remote else None,
-            is_extended_id=extended,
-            is_remote_frame=remote,
-        )
+        # Positions: stamp, identifier, extended, remote, error frame, channel, length.
+        message = can.Message(0.0, arbitration_id, extended, remote, False, None, 8 if remote else len(data), data)
         try:
             self.bus.send(message)
         except (can.CanError, OSError) as error:
@@ -66,10 +61,10 @@ class CanPort:
 
     def poll(self) -> int:
         """Hand on every frame that has arrived; returns how many. Raises ConnectionFailedError for a lost bus."""
-        count = 0
+        count, receive = 0, self.bus.recv
         while True:
             try:
-                message = self.bus.recv(0)
+                message = receive(0)
             except (can.CanError, OSError, ValueError) as error:
                 raise ConnectionFailedError(f"bus {self.name}: lost ({error}); check adapter and cable") from error
             if message is None:

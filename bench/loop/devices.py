@@ -1,6 +1,7 @@
 """The devices of one bench as the loop handles them: opened, enabled, received from, sent to and stopped together."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from bench.errors import ExperimentError
 from bench.loop.guard import Commands, DriveHealth
@@ -18,7 +19,7 @@ IDLE_WITHIN_NS = 500_000_000
 STREAMS_WITHIN_NS = 1_000_000_000
 
 
-@dataclass
+@dataclass(slots=True)
 class Arrivals:
     """What arrived since the last tick, oldest first."""
 
@@ -48,7 +49,7 @@ class Devices:
     def clock(self) -> Clock:
         return self.link.clock
 
-    @property
+    @cached_property
     def drives(self) -> tuple[Amplifier, ...]:
         return (self.actuator,) if self.load is None else (self.actuator, self.load)
 
@@ -77,7 +78,7 @@ class Devices:
 
     def health(self) -> tuple[DriveHealth, ...]:
         """The last word of every drive."""
-        return tuple(DriveHealth(drive.role, drive.status(), drive.heartbeat_timeout_ns) for drive in self.drives)
+        return tuple([DriveHealth(drive.role, drive.status(), drive.heartbeat_timeout_ns) for drive in self.drives])
 
     def enable(self) -> None:
         """Close every drive's torque loop at zero torque. Raises DeviceError; the drives are then idle again."""

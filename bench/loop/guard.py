@@ -139,7 +139,7 @@ class Guard:
                 )
 
     def _clip(self, wished: Commands) -> Commands:
-        limited = Limited(0)
+        limited = 0
         command = min(max(wished.command, -self.command_limit), self.command_limit)
         if command != wished.command:
             limited |= Limited.COMMAND

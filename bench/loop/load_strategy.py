@@ -60,17 +60,26 @@ class Imposed:
         self._velocity_rad_s = self.segment.velocity_rad_s.tolist()
         self._acceleration_rad_s2 = self.segment.acceleration_rad_s2.tolist()
         self._last = len(self._position_rad) - 1
+        self._lead_ticks = self.controller.lead_ticks
+        self._now = self._made(0)
+        self._now_index = 0
 
     def begin(self, sample: Sample) -> None:
         self.controller.begin(sample, self.segment.admittance)
 
     def wish(self, sample: Sample, index: int) -> float:
-        return self.controller.update(sample, self.target(index), self.target(index + self.controller.lead_ticks))
+        return self.controller.update(sample, self.target(index), self._made(index + self._lead_ticks))
 
     def note_sent(self, load_torque_nm: float) -> None:
         self.controller.note_sent(load_torque_nm)
 
     def target(self, index: int) -> Target:
+        # Asked for twice a tick.
+        if index != self._now_index:
+            self._now, self._now_index = self._made(index), index
+        return self._now
+
+    def _made(self, index: int) -> Target:
         if self._last < 0:
             return Target(self.base_rad)
         at = min(index, self._last)

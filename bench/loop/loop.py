@@ -44,6 +44,9 @@ class Loop:
     _reference_rad: float | None = field(default=None, init=False)  # where the last imposed motion ended
     _position_rad: float = field(default=nan, init=False)
 
+    def __post_init__(self) -> None:
+        self._clock = self.devices.clock
+
     @contextmanager
     def running(self) -> Iterator[None]:
         """Drives enabled inside, idle outside, whatever happens in between. Raises DeviceError, ExperimentError."""
@@ -69,12 +72,13 @@ class Loop:
         base_rad = self._position_rad if self._reference_rad is None else self._reference_rad
         strategy = strategy_for(segment, self.controller, base_rad)
         self._next_ns = max(self._next_ns, self.devices.clock.now_ns())
+        commands, stop_at_rad_s = segment.command.astype(float).tolist(), segment.stop_at_velocity_rad_s
         start_ns, index, done = self._next_ns, 0, False
         parts: list[Measured] = []
         try:
-            while index < segment.ticks and not done:
-                sample, full = self._tick(segment, strategy, index)
-                done = abs(sample.velocity_rad_s) >= segment.stop_at_velocity_rad_s
+            while index < len(commands) and not done:
+                sample, full = self._tick(commands[index], strategy, index)
+                done = abs(sample.velocity_rad_s) >= stop_at_rad_s
                 index += 1 + self._skip_missed()
                 if full:
                     parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
@@ -92,16 +96,15 @@ class Loop:
         self._position_rad, self._reference_rad = sample.load_position_rad, None
         self._next_ns = now_ns + self.tick_ns
 
-    def _tick(self, segment: Segment, strategy: LoadStrategy, index: int) -> tuple[Sample, bool]:
-        clock = self.devices.clock
-        deadline_ns = self._next_ns
+    def _tick(self, command: float, strategy: LoadStrategy, index: int) -> tuple[Sample, bool]:
+        clock, deadline_ns = self._clock, self._next_ns
         clock.wait_until_ns(deadline_ns)
         now_ns = clock.now_ns()
         arrivals = self.devices.receive()
         sample = self._sample(now_ns, arrivals)
         if index == 0:
             strategy.begin(sample)
-        wish = Commands(float(segment.command[index]), strategy.wish(sample, index))
+        wish = Commands(command, strategy.wish(sample, index))
         self._obey_operator()
         drives = self.devices.health()
         commands = self.guard.limit(wish, sample, drives)
@@ -122,7 +125,7 @@ class Loop:
 
     def _skip_missed(self) -> int:
         """Ticks whose whole period has passed are skipped, never made up for; a long stall is a reason to stop."""
-        missed = (self.devices.clock.now_ns() - self._next_ns) // self.tick_ns
+        missed = (self._clock.now_ns() - self._next_ns) // self.tick_ns
         if missed <= 0:
             return 0
         self.skipped_ticks += missed
@@ -160,7 +163,7 @@ class Loop:
         return (
             deadline_ns,
             now_ns - deadline_ns,
-            self.devices.clock.now_ns() - now_ns,
+            self._clock.now_ns() - now_ns,
             self._segments,
             commands.command,
             wish.load_torque_nm,

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bench.loop.devices import Arrivals
-from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Event, Measured, SegmentInfo
-from drivers.readings import MotionReading, RawFrame, TorqueReading
+from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Event, Measured, SegmentInfo, Table
+from drivers.readings import CurrentReading, MotionReading, RawFrame, TorqueReading
 
 Consumer = Callable[[Measured], None]
 
@@ -45,10 +45,10 @@ class Outbox:
         """Give what has been collected to the consumers; returns it too. ``segment`` is what it belongs to so far."""
         part = Measured(
             ticks=np.array(self._rows, TICK),
-            motion=_motion_table(self._arrivals.motion),
-            load_motion=_motion_table(self._arrivals.load_motion),
+            motion=_table(self._arrivals.motion, MOTION),
+            load_motion=_table(self._arrivals.load_motion, MOTION),
             torque=_torque_table(self._arrivals.torque),
-            current=np.array([(r.arrival_ns, r.sequence, r.current_a) for r in self._arrivals.current], CURRENT),
+            current=_table(self._arrivals.current, CURRENT),
             segments=() if segment is None else (segment,),
             events=tuple(self._events),
             frames=tuple(self._frames),
@@ -59,11 +59,16 @@ class Outbox:
         return part
 
 
-def _motion_table(readings: list[MotionReading]) -> np.ndarray:
-    return np.array([(r.arrival_ns, r.sequence, r.position_rad, r.velocity_rad_s) for r in readings], MOTION)
+def _table(readings: Sequence[MotionReading] | Sequence[CurrentReading], dtype: "np.dtype[np.void]") -> Table:
+    """Column by column: a reading's fields are named like the table's."""
+    table = np.empty(len(readings), dtype)
+    if readings:
+        for name, column in zip(readings[0]._fields, zip(*readings, strict=True), strict=True):
+            table[name] = column
+    return table
 
 
-def _torque_table(readings: list[TorqueReading]) -> np.ndarray:
+def _torque_table(readings: list[TorqueReading]) -> Table:
     return np.array(
         [
             (r.arrival_ns, NO_DEVICE_TIME if r.device_ns is None else r.device_ns, r.sequence, r.torque_nm, r.valid)
