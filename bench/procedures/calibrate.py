@@ -1,6 +1,7 @@
 """The load drive and the torque sensor, measured by the bench itself: all that the controller is tuned from."""
 
 from dataclasses import dataclass, field, replace
+from math import sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -28,6 +29,8 @@ PIECE_S = 2.0
 SPEED_SHARE = 0.4
 BACK_OFF = 0.3
 GREATEST_STEP = 1.5
+# A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
+LEAST_DAMPING_RATIO = 0.005
 
 
 @dataclass(frozen=True)
@@ -108,9 +111,16 @@ def calibration_from(fit: LoadFit, actuator: FitResult, known: Knowledge) -> Loa
         measurement_delay_s=0.0,
         motion_delay_s=fit.result.motion_delay_s,
         sensor_stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
-        sensor_damping_nms_rad=fit.sensor_damping_nms_rad,
+        sensor_damping_nms_rad=max(fit.sensor_damping_nms_rad, least_damping_nms_rad(fit, actuator)),
         torque_noise_nm=tare.torque_noise_nm,
         torque_bias_nm=fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
         actuator_inertia_kgm2=actuator.network.inertia_kgm2 if actuator.converged else None,
     )
+
+
+def least_damping_nms_rad(fit: LoadFit, actuator: FitResult) -> float:
+    """What the sensor must have at the resonance of the two machines on it, whatever the fit says."""
+    stiffness_nm_rad = fit.sensor_stiffness_nm_rad
+    mobility = 1 / fit.result.network.inertia_kgm2 + 1 / actuator.network.inertia_kgm2
+    return 2 * LEAST_DAMPING_RATIO * sqrt(max(stiffness_nm_rad, 0.0) / mobility)
