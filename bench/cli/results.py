@@ -87,11 +87,16 @@ def with_digits(value: float, std: float) -> tuple[str, str]:
 
 
 def validation_sentence(validation: Validation) -> str:
-    return (
-        f"Unseen motion: torque predicted to {validation.torque_rms_nm:.3g} N*m rms "
-        f"({validation.torque_relative:.1%} of it), free velocity to {validation.velocity_rms_rad_s:.3g} rad/s rms "
-        f"({validation.velocity_relative:.1%})."
-    )
+    """What was validated; a rig without a torque sensor, or whose shaft is held, has only one of the two."""
+    predicted = [
+        f"{what} to {rms:.3g} {unit} rms ({relative:.1%} of it)"
+        for what, rms, unit, relative in (
+            ("torque", validation.torque_rms_nm, "N*m", validation.torque_relative),
+            ("free velocity", validation.velocity_rms_rad_s, "rad/s", validation.velocity_relative),
+        )
+        if isfinite(rms)
+    ]
+    return f"Predicted where no fit has looked: {', '.join(predicted) or 'nothing'}."
 
 
 def file_table(files: Sequence[tuple[str, Path | None]]) -> Table:

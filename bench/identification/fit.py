@@ -137,11 +137,7 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
         for name, value, std, status in zip(PHYSICAL, values, deviations, statuses, strict=False)
     ]
     verdict: tuple[str, ...] = ()
-    current = (
-        None
-        if solution.free_motion
-        else fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
-    )
+    current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
     if current is not None:
         estimates += current.estimates(command_unit, statuses[0])
     network = network_of(estimates, command_unit, covariance[:7, :7])
@@ -175,7 +171,7 @@ def _bias(solution: Solution, stretches: int) -> float:
 
 def _without_scale(estimate: Estimate) -> Estimate:
     """No number where only a ratio is known; what is known on its own stays."""
-    if estimate.name == "amplifier_bandwidth" or estimate.status is not Status.VALID:
+    if estimate.name in ("amplifier_bandwidth", "amplifier_gain") or estimate.status is not Status.VALID:
         return estimate
     return replace(estimate, value=float("nan"), std=float("nan"), status=Status.RATIO_ONLY)
 
@@ -184,7 +180,7 @@ def _ratio_sentence(estimates: list[Estimate]) -> str:
     known = [
         f"{estimate.name.replace('_', ' ')} / torque gain = {estimate.value:.4g} ± {estimate.std:.1g}"
         for estimate in estimates
-        if estimate.name not in ("torque_gain", "amplifier_bandwidth")
+        if estimate.name in PHYSICAL and estimate.name not in ("torque_gain", "amplifier_bandwidth")
     ]
     return (
         "Free motion alone: inertia, torque gain, damping and friction are known only up to a common factor; impose "
