@@ -1,14 +1,17 @@
 """How well the streams arrived: expected and lost readings, repeats, gaps, ages."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from bench.records import Measured, Table
+from bench.records import Measured, SegmentInfo, Table
 
 IntArray = npt.NDArray[np.int64]
 
+# Longer than any stall that the loop lives through.
+LEAST_PAUSE_NS = 60_000_000
 _BLOCK = 64  # readings; long enough to average jitter out, short enough for the period to stay what it was
 
 
@@ -31,15 +34,15 @@ class StreamQuality:
 
 
 def stream_qualities(measured: Measured) -> list[StreamQuality]:
-    """One entry for every stream that has readings."""
-    ticks = measured.ticks
+    """One entry for every stream that has readings. Between steps nothing is recorded, and nothing lost."""
+    ticks, pauses_ns = measured.ticks, _pauses_ns(measured.segments)
     streams = [
         ("actuator motion", measured.motion, ("position_rad", "velocity_rad_s"), ticks["motion_age_ns"]),
         ("load motion", measured.load_motion, ("position_rad", "velocity_rad_s"), ticks["load_motion_age_ns"]),
         ("port torque", measured.torque, ("torque_nm",), ticks["torque_age_ns"]),
         ("actuator current", measured.current, ("current_a",), np.empty(0, np.int64)),
     ]
-    return [_quality(name, table, values, ages) for name, table, values, ages in streams if len(table) > 1]
+    return [_quality(name, table, values, ages, pauses_ns) for name, table, values, ages in streams if len(table) > 1]
 
 
 def lost_readings(arrival_ns: IntArray, sequence: IntArray) -> int:
@@ -57,17 +60,23 @@ def lost_readings(arrival_ns: IntArray, sequence: IntArray) -> int:
     return max(0, int(np.sum(np.round(spans / period) - _BLOCK)))
 
 
-def _quality(name: str, table: Table, values: tuple[str, ...], ages_ns: IntArray) -> StreamQuality:
-    arrival_ns = table["arrival_ns"]
-    steps_ms = np.diff(arrival_ns) * 1e-6
+def _pauses_ns(segments: tuple[SegmentInfo, ...]) -> IntArray:
+    """The middle of every pause between one segment and the next."""
+    pairs = list(pairwise(sorted(segments, key=lambda segment: segment.start_ns)))
+    ends = [(a.end_ns, b.start_ns) for a, b in pairs if b.start_ns - a.end_ns > LEAST_PAUSE_NS]
+    return np.array([(end_ns + start_ns) // 2 for end_ns, start_ns in ends], np.int64)
+
+
+def _quality(name: str, table: Table, values: tuple[str, ...], ages_ns: IntArray, pauses_ns: IntArray) -> StreamQuality:
+    runs = [run for run in np.split(table, np.searchsorted(table["arrival_ns"], pauses_ns)) if len(run) > 1]
+    steps_ms = np.concatenate([np.diff(run["arrival_ns"]) for run in runs]) * 1e-6
     same = np.all([table[value][1:] == table[value][:-1] for value in values], axis=0)
     ages_ms = ages_ns[ages_ns >= 0] * 1e-6
-    span_s = (arrival_ns[-1] - arrival_ns[0]) * 1e-9
     return StreamQuality(
         name=name,
         readings=len(table),
-        rate_hz=(len(table) - 1) / span_s if span_s > 0 else float("nan"),
-        lost=lost_readings(arrival_ns, table["sequence"]),
+        rate_hz=1e3 / float(np.mean(steps_ms)) if np.any(steps_ms > 0) else float("nan"),
+        lost=sum(lost_readings(run["arrival_ns"], run["sequence"]) for run in runs),
         unchanged=int(np.count_nonzero(same)),
         longest_gap_ms=float(steps_ms.max()),
         age_median_ms=float(np.median(ages_ms)) if ages_ms.size else float("nan"),

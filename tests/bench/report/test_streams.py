@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.records import MOTION, TICK, TORQUE, Measured
+from bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo
 from bench.report.streams import lost_readings, stream_qualities
+from bench.segments import Use
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 40), st.booleans())
@@ -37,3 +38,20 @@ def test_what_is_said_of_a_stream() -> None:
     assert quality.rate_hz == pytest.approx(500.0)
     assert quality.longest_gap_ms == pytest.approx(2.0)
     assert (quality.age_median_ms, quality.age_greatest_ms) == (pytest.approx(0.2), pytest.approx(0.3))
+
+
+def test_a_pause_between_two_steps_loses_nothing() -> None:
+    motion = np.zeros(2000, MOTION)
+    motion["sequence"] = np.arange(2000) + 227 * (np.arange(2000) >= 1000)
+    motion["arrival_ns"] = motion["sequence"] * 1_000_000
+    motion["position_rad"] = np.arange(2000)
+    ms = 1_000_000
+    steps = (
+        SegmentInfo(0, "tare", "rest", Use.TARE, "undriven", 0, 1000 * ms),
+        SegmentInfo(1, "free", "search", Use.IDENTIFY, "undriven", 1227 * ms, 2227 * ms),
+    )
+    (paused,) = stream_qualities(Measured(motion=motion, segments=steps))
+    (unexplained,) = stream_qualities(Measured(motion=motion))
+    assert (paused.lost, paused.longest_gap_ms) == (0, pytest.approx(1.0))
+    assert paused.rate_hz == pytest.approx(1000.0)
+    assert unexplained.lost == 227
