@@ -13,13 +13,11 @@ import numpy as np
 from bench.control import core
 from bench.control.calibration import LoadCalibration
 from bench.control.design import design_torque_loop, design_tracking
-from bench.control.dynamics import AMPLIFIER, POSITION, STATES, VELOCITY, FloatArray
+from bench.control.dynamics import AMPLIFIER, POSITION, VELOCITY
 from bench.control.estimator import Estimator
 from bench.control.feed_forward import FeedForward
-from bench.control.observer import FREE as SEEN_FREE
-from bench.control.observer import LOAD as SEEN_LOAD
 from bench.control.reference import Reference, continued
-from bench.control.regulator import FREE, LOAD, WIDTH
+from bench.control.regulator import FREE, LOAD
 from bench.control.torque_loop import TorqueLoop
 from bench.control.virtual import VirtualBody
 from bench.sample import Sample, Target
@@ -30,6 +28,8 @@ LEAST_MASS = 1.0
 # Contacts are taken to slide after so many of the load's own presliding lengths: the actuator's may be longer.
 SLIDING_LENGTHS = 30.0
 PLAY_COUNTS = 4.0  # this many encoder counts back are a turn
+# The regulator's state is laid out as the observer's begins; these are measured from the reference.
+PLACES = np.array([POSITION, VELOCITY, AMPLIFIER, FREE, LOAD])
 
 
 @dataclass
@@ -42,7 +42,8 @@ class AdmittanceController:
     calibration: LoadCalibration
     tick_s: float
     torque_limit_nm: float
-    _admittance: Admittance = field(default=ZERO_TORQUE, init=False)
+    _frees: bool = field(default=True, init=False)  # zero torque is asked for
+    _rigid: bool = field(default=False, init=False)
     _deciding: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
@@ -60,12 +61,9 @@ class AdmittanceController:
         self._feed = FeedForward(
             c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, self._whole, self.torque_limit_nm
         )
-        self._reference = Reference(
-            c.inertia_kgm2, self._estimator.friction_law, self.tick_s, self.lead_ticks, into_tick_s / self.tick_s
-        )
+        self._reference = Reference(c.inertia_kgm2, into_tick_s / self.tick_s)
         self._body = VirtualBody(ZERO_TORQUE, self.tick_s)
-        self._deviations = np.zeros(WIDTH)
-        self._track(Target(), Target(), begins=True)  # compiles, which would take too long in the loop
+        self._compile()
         self._last_target = Target()
 
     @property
@@ -78,7 +76,7 @@ class AdmittanceController:
         if admittance not in (ZERO_TORQUE, PRESCRIBED_MOTION):
             mass = max(admittance.mass_kgm2, LEAST_MASS * self.calibration.inertia_kgm2)
             self._body = VirtualBody(replace(admittance, mass_kgm2=mass), self.tick_s)
-        self._admittance, self._deciding = admittance, False
+        self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, False
 
     def observe(self, sample: Sample) -> None:
         """Keep watching while the load torque is decided elsewhere."""
@@ -96,9 +94,9 @@ class AdmittanceController:
             self._deciding = False
             return nan
         begins, self._deciding = not self._deciding, True
-        if self._admittance == ZERO_TORQUE:
+        if self._frees:
             wish_nm = self._zero_torque(sample, target, self._ahead(target, ahead, begins), begins)
-        elif self._admittance.rigid:
+        elif self._rigid:
             wish_nm = self._track(target, self._ahead(target, ahead, begins), begins)
         else:
             wish_nm = self._follow_body(target, begins)
@@ -111,54 +109,77 @@ class AdmittanceController:
             self._feed.advance()
         self._estimator.advance(load_torque_nm)
 
+    def _compile(self) -> None:
+        """Before the loop runs: compiling takes seconds. Leaves everything at zero."""
+        self._track(Target(), Target(), begins=True)
+        self._fed_forward(Target(), begins=True)
+        self._feed.advance()
+
     def _zero_torque(self, sample: Sample, target: Target, ahead: Target, begins: bool) -> float:
-        position_rad, velocity_rad_s = self._estimator.state[[POSITION, VELOCITY]].tolist()
+        position_rad, velocity_rad_s = self._estimator.motion()
         motion = position_rad, velocity_rad_s - target.velocity_rad_s  # what is foreseen needs no damping
         if begins:
             self._loop.begin(sample.torque_nm, *motion)
-        continued_nm = self._fed_forward(ahead, 0.0, begins)
+        continued_nm = self._fed_forward(ahead, begins)
         nothing_known = ahead.velocity_rad_s == 0.0 and ahead.acceleration_rad_s2 == 0.0
         return continued_nm + self._loop.change_nm(sample.torque_nm, *motion, bold=nothing_known)
 
     def _track(self, target: Target, ahead: Target, begins: bool) -> float:
-        continued_nm = self._fed_forward(ahead, self._estimator.contact_nm, begins)
-        gains = self._regulator
-        return continued_nm - float(
-            core.feedback(
-                self._deviation(target), self._estimator.commands, self._feed.shares, gains.on_state, gains.on_commands
-            )
+        if begins:
+            self._reference.begin(ahead, self._estimator.contact_nm)
+        seen, feed, reference, gains = self._estimator, self._feed, self._reference, self._regulator
+        wish_nm: float = core.track(
+            seen.states,
+            seen.contact,
+            seen.commands,
+            feed.shares,
+            feed.delivered,
+            feed.lag,
+            reference.path,
+            seen.friction_law,
+            gains.on_state,
+            gains.on_commands,
+            PLACES,
+            reference.inertia_kgm2,
+            reference.between,
+            self.tick_s,
+            target.position_rad,
+            target.velocity_rad_s,
+            target.acceleration_rad_s2,
+            ahead.velocity_rad_s,
+            ahead.acceleration_rad_s2,
+            begins,
         )
+        return wish_nm
 
     def _follow_body(self, target: Target, begins: bool) -> float:
         if begins:
-            self._body.begin(*self._estimator.state[[POSITION, VELOCITY]].tolist())
+            self._body.begin(*self._estimator.motion())
         body = self._body.step(self._estimator.torque_nm(), target)
         return self._track(body, body, begins)
 
-    def _fed_forward(self, ahead: Target, contact_nm: float, begins: bool) -> float:
+    def _fed_forward(self, ahead: Target, begins: bool) -> float:
         """The last command, changed as its feed-forward share changes."""
         if begins:
-            self._reference.begin(ahead, contact_nm)
-        torque_nm = self._reference.torque_nm(ahead)
-        if begins:
-            self._feed.begin(torque_nm)
-        self._feed.ask(torque_nm)
-        return float(self._estimator.commands[0] + self._feed.shares[0] - self._feed.shares[1])
+            self._reference.begin(ahead, 0.0)
+        seen, feed, reference = self._estimator, self._feed, self._reference
+        fed_nm: float = core.feed_forward(
+            seen.commands,
+            feed.shares,
+            feed.delivered,
+            feed.lag,
+            reference.path,
+            seen.friction_law,
+            reference.inertia_kgm2,
+            reference.between,
+            self.tick_s,
+            ahead.velocity_rad_s,
+            ahead.acceleration_rad_s2,
+            begins,
+        )
+        return fed_nm
 
     def _ahead(self, target: Target, ahead: Target | None, begins: bool) -> Target:
         if ahead is not None:
             return ahead
         return continued(target, target if begins else self._last_target, self.lead_ticks, self.tick_s)
-
-    def _deviation(self, target: Target) -> FloatArray:
-        """From the reference, in the regulator's layout."""
-        x, deviation = self._estimator.state, self._deviations
-        deviation[:STATES] = x[:STATES]
-        deviation[POSITION] -= target.position_rad
-        deviation[VELOCITY] -= target.velocity_rad_s
-        deviation[AMPLIFIER] -= self._feed.torque_nm
-        deviation[FREE : FREE + 2] = x[SEEN_FREE : SEEN_FREE + 2]
-        deviation[FREE] -= target.acceleration_rad_s2
-        inertial_nm = self.calibration.inertia_kgm2 * target.acceleration_rad_s2
-        deviation[LOAD] = x[SEEN_LOAD] + self._feed.torque_nm - self._estimator.friction_nm() - inertial_nm
-        return deviation

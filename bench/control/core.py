@@ -1,7 +1,17 @@
-"""The controller's arithmetic of one tick, compiled: the running observer and the Dahl contact.
+"""The controller's arithmetic of one tick, compiled: running observer, Dahl contact, feed-forward and feedback.
 
-Arrays, newest first: ``states`` (past + 1, width) at this and the last ticks; ``inputs`` (past + 1, 3), of which row i
-acts from the tick of ``states[i]`` on: command in force, next command, known torque on the load.
+Calling costs more than computing, so that a tick makes few calls: :func:`sense`, :func:`track` (or
+:func:`feed_forward`), :func:`pass_on` and :func:`advance`. What they remember is kept in arrays:
+
+- ``states`` (past + 1, width), newest first, at this and the last ticks; ``inputs`` (past + 1, 3), of which row i acts
+  from the tick of ``states[i]`` on: command in force, next command, known torque on the load;
+- ``contact``: force of the load's friction contact [N m], and the load's position [rad] at which it was that;
+- ``commands``, sent, and ``shares``, the part of each that was fed forward, newest first [N m];
+- ``feed``: what the shares alone make the amplifier deliver now, and when the next command arrives [N m];
+- ``path``: the contact's force along the reference [N m], and velocity and acceleration of its last instant.
+
+And what they know: ``law`` of friction (B, τc, σ0, σ1); ``lag`` of the amplifier: its gain, the limit of a share [N m],
+and what stays of a difference over a tick, over its part before a command arrives, and over that after.
 """
 
 from math import ceil, exp
@@ -10,7 +20,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def slide(force, displacement, coulomb, stiffness):  # type: ignore[no-untyped-def]
     """The Dahl contact's exact flow over a displacement [rad]: its force σ0 φ [N m] afterwards."""
     if displacement == 0.0:
@@ -19,13 +29,13 @@ def slide(force, displacement, coulomb, stiffness):  # type: ignore[no-untyped-d
     return end + (force - end) * exp(-stiffness * abs(displacement) / coulomb)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def friction(force, velocity, law):  # type: ignore[no-untyped-def]
     """Friction torque [N m] at a velocity, given the contact's force; ``law`` is (B, τc, σ0, σ1)."""
     return force + law[3] * (velocity - abs(velocity) * force / law[1]) + law[0] * velocity
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type: ignore[no-untyped-def]
     """Correct the states by the readings that are fresh, of triples; ``delays`` [s] say when each was true."""
     past, width = states.shape[0] - 1, states.shape[1]
@@ -47,18 +57,15 @@ def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type:
                 states[age, i] += gain[age * width + i, output] * innovation[output]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def sense(states, inputs, contact, readings, delays, fresh, tick, rows, gain, law, position):  # type: ignore[no-untyped-def]
-    """Take in one tick's readings, and let the contact slide by what the shaft has turned (at row ``position``).
-
-    ``contact`` is its force and the position up to which that holds.
-    """
+    """Take in one tick's readings, and let the contact slide by what the shaft has turned (at row ``position``)."""
     correct(states, inputs, readings, delays, fresh, tick, rows, gain)
     contact[0] = slide(contact[0], states[0, position] - contact[1], law[1], law[2])
     contact[1] = states[0, position]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def predict(states, inputs, step):  # type: ignore[no-untyped-def]
     """Move every state one tick on, under ``inputs[0]``."""
     width = states.shape[1]
@@ -74,7 +81,7 @@ def predict(states, inputs, step):  # type: ignore[no-untyped-def]
     states[0] = new
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def put_first(values, newest):  # type: ignore[no-untyped-def]
     """Move ``values`` one place on, ``newest`` to the front."""
     for i in range(values.size - 1, 0, -1):
@@ -82,21 +89,118 @@ def put_first(values, newest):  # type: ignore[no-untyped-def]
     values[0] = newest
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
+def clipped(value, limit):  # type: ignore[no-untyped-def]
+    """``value`` within ± ``limit``; what is no number stays none."""
+    if value > limit:
+        return limit
+    return -limit if value < -limit else value
+
+
+@njit(cache=True)
+def along_reference(path, velocity, acceleration, law, inertia, between, tick):  # type: ignore[no-untyped-def]
+    """The torque along the reference ``between`` (a share of a tick) beyond its last instant, now no longer the last.
+
+    ``velocity`` and ``acceleration`` are those of the newest instant.
+    """
+    v = path[1] + between * (velocity - path[1])
+    a = path[2] + between * (acceleration - path[2])
+    path[0] = slide(path[0], v * tick, law[1], law[2])
+    path[1], path[2] = velocity, acceleration
+    return inertia * a + friction(path[0], v, law)
+
+
+@njit(cache=True)
+def begin_feed(shares, feed, lag, torque):  # type: ignore[no-untyped-def]
+    """As if ``torque`` had been asked for all along."""
+    shares[:] = clipped(torque / lag[0], lag[1])
+    feed[:] = lag[0] * shares[0]
+
+
+@njit(cache=True)
+def ask(shares, feed, lag, torque):  # type: ignore[no-untyped-def]
+    """Find this tick's share, so that ``torque`` is there when the next command arrives."""
+    stays = lag[2]
+    shares[0] = clipped((torque - stays * feed[1]) / ((1 - stays) * lag[0]), lag[1])
+    feed[1] += (1 - stays) * (lag[0] * shares[0] - feed[1])
+
+
+@njit(cache=True)
+def pass_on(shares, feed, lag):  # type: ignore[no-untyped-def]
+    """Let one tick pass over the feed-forward: the last two shares act in it, one after the other."""
+    feed[0] += (1 - lag[3]) * (lag[0] * shares[-1] - feed[0])
+    feed[0] += (1 - lag[4]) * (lag[0] * shares[-2] - feed[0])
+    put_first(shares, shares[0])
+
+
+@njit(cache=True)
+def feed_forward(commands, shares, feed, lag, path, law, inertia, between, tick, velocity, acceleration, begins):  # type: ignore[no-untyped-def]
+    """The last command, changed as its feed-forward share changes."""
+    torque = along_reference(path, velocity, acceleration, law, inertia, between, tick)
+    if begins:
+        begin_feed(shares, feed, lag, torque)
+    ask(shares, feed, lag, torque)
+    return commands[0] + shares[0] - shares[1]
+
+
+@njit(cache=True)
+def feedback(states, contact, commands, shares, feed, law, inertia, on_state, on_commands, places, x, v, a):  # type: ignore[no-untyped-def]
+    """Gains times deviations from the reference, those of the commands from their feed-forward shares included.
+
+    ``x``, ``v`` and ``a`` are the reference's; ``places`` says where position, velocity, amplifier, free acceleration
+    and load disturbance stand in a state.
+    """
+    total = 0.0
+    for i in range(on_state.size):
+        deviation = states[0, i]
+        if i == places[0]:
+            deviation -= x
+        elif i == places[1]:
+            deviation -= v
+        elif i == places[2]:
+            deviation -= feed[0]
+        elif i == places[3]:
+            deviation -= a
+        elif i == places[4]:
+            deviation = deviation + feed[0] - friction(contact[0], states[0, places[1]], law) - inertia * a
+        total += on_state[i] * deviation
+    for i in range(on_commands.size):
+        total += on_commands[i] * (commands[i] - shares[i + 1])
+    return total
+
+
+@njit(cache=True)
+def track(  # type: ignore[no-untyped-def]
+    states,
+    contact,
+    commands,
+    shares,
+    feed,
+    lag,
+    path,
+    law,
+    on_state,
+    on_commands,
+    places,
+    inertia,
+    between,
+    tick,
+    x,
+    v,
+    a,
+    ahead_v,
+    ahead_a,
+    begins,
+):
+    """The command that follows the reference: what is fed forward, less what the deviations ask for."""
+    fed = feed_forward(commands, shares, feed, lag, path, law, inertia, between, tick, ahead_v, ahead_a, begins)
+    return fed - feedback(states, contact, commands, shares, feed, law, inertia, on_state, on_commands, places, x, v, a)
+
+
+@njit(cache=True)
 def advance(states, inputs, contact, commands, command, law, step, velocity):  # type: ignore[no-untyped-def]
     """Let one tick pass with ``command`` sent; the last two of ``commands`` are those that act in it."""
     put_first(commands, command)
     inputs[0, 0], inputs[0, 1] = commands[-1], commands[-2]
     inputs[0, 2] = -friction(contact[0], states[0, velocity], law)
     predict(states, inputs, step)
-
-
-@njit(cache=True, nogil=True)
-def feedback(deviation, commands, shares, on_state, on_commands):  # type: ignore[no-untyped-def]
-    """Gains times deviations, those of the commands from their feed-forward shares included."""
-    total = 0.0
-    for i in range(deviation.size):
-        total += on_state[i] * deviation[i]
-    for i in range(on_commands.size):
-        total += on_commands[i] * (commands[i] - shares[i + 1])
-    return total

@@ -16,7 +16,8 @@ from bench.sample import Sample
 class Estimator:
     """Once a tick :meth:`sense`, then :meth:`advance` with the command that was sent.
 
-    ``state`` is laid out as :mod:`bench.control.observer` says; ``commands`` holds what was sent, the last one first.
+    ``states``, now and at the last ticks, are laid out as :mod:`bench.control.observer` says; ``commands`` holds what
+    was sent, the last one first.
     """
 
     calibration: LoadCalibration
@@ -36,34 +37,29 @@ class Estimator:
             ]
         )
         self._torque_delay_s, self._position_delay_s = c.torque_delay_s, c.position_delay_s
-        self._contact = np.zeros(2)  # its force [N m], and the load's position [rad] at which it was that
-        self._states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))
+        self.contact = np.zeros(2)  # its force [N m], and the load's position [rad] at which it was that
+        self.states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))
         self.commands = np.zeros(self.observer.whole + 2)
         self._compile()
 
-    @property
-    def state(self) -> FloatArray:
-        newest: FloatArray = self._states[0]
-        return newest
+    def motion(self) -> tuple[float, float]:
+        """Position and velocity of the load [rad, rad/s]."""
+        return float(self.states[0, POSITION]), float(self.states[0, VELOCITY])
 
     @property
     def contact_nm(self) -> float:
         """The force of the load's friction contact."""
-        return float(self._contact[0])
-
-    def friction_nm(self) -> float:
-        """The load's friction now, viscous part included."""
-        return float(core.friction(self._contact[0], self._states[0, VELOCITY], self.friction_law))
+        return float(self.contact[0])
 
     def torque_nm(self) -> float:
         """The port torque now."""
-        c, x = self.calibration, self.state
+        c, x = self.calibration, self.states[0]
         return float(c.sensor_stiffness_nm_rad * x[TWIST] + c.sensor_damping_nms_rad * x[TWIST_RATE])
 
     def sense(self, sample: Sample) -> bool:
         """Take in what arrived; False where a signal is missing or is no number (the state then stays as it is)."""
         readings = (sample.torque_nm, sample.load_position_rad, sample.position_rad)
-        if not isfinite(sum(readings)):
+        if not isfinite(sample.torque_nm + sample.load_position_rad + sample.position_rad):
             return False
         if not self.seen:
             self._settle(sample)
@@ -74,9 +70,9 @@ class Estimator:
         )
         fresh = (sample.torque_new, sample.load_motion_new, sample.motion_new)
         core.sense(
-            self._states,
+            self.states,
             self._inputs,
-            self._contact,
+            self.contact,
             readings,
             delays,
             fresh,
@@ -94,9 +90,9 @@ class Estimator:
             core.put_first(self.commands, command_nm)
             return
         core.advance(
-            self._states,
+            self.states,
             self._inputs,
-            self._contact,
+            self.contact,
             self.commands,
             command_nm,
             self.friction_law,
@@ -114,12 +110,12 @@ class Estimator:
     def _settle(self, sample: Sample) -> None:
         """Begin at rest where the readings are."""
         twist = sample.torque_nm / self.calibration.sensor_stiffness_nm_rad
-        self._states[:] = 0.0
-        self._states[:, POSITION] = self._contact[1] = sample.load_position_rad
+        self.states[:] = 0.0
+        self.states[:, POSITION] = self.contact[1] = sample.load_position_rad
         if isfinite(sample.load_velocity_rad_s):
-            self._states[:, VELOCITY] = sample.load_velocity_rad_s
-            self._states[:, POSITION] -= sample.load_velocity_rad_s * self.tick_s * np.arange(len(self._states))
-        self._states[:, TWIST] = twist
-        self._states[:, OFFSET] = sample.position_rad - sample.load_position_rad - twist
+            self.states[:, VELOCITY] = sample.load_velocity_rad_s
+            self.states[:, POSITION] -= sample.load_velocity_rad_s * self.tick_s * np.arange(len(self.states))
+        self.states[:, TWIST] = twist
+        self.states[:, OFFSET] = sample.position_rad - sample.load_position_rad - twist
         self._inputs[:] = 0.0
         self.seen = True

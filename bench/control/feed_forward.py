@@ -1,6 +1,6 @@
 """The command that makes the load's amplifier deliver a given torque, one arrival ahead."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import exp
 
 import numpy as np
@@ -13,8 +13,8 @@ from bench.control.dynamics import FloatArray
 class FeedForward:
     """Inverts the amplifier's lag exactly at the instants at which commands arrive.
 
-    ``shares`` holds the commands asked for, this tick's first; ``torque_nm`` is what they alone make the amplifier
-    deliver at this tick.
+    ``shares`` holds the commands asked for, this tick's first; ``delivered`` is what they alone make the amplifier
+    deliver at this tick, and when the next command arrives.
     """
 
     gain: float
@@ -23,34 +23,25 @@ class FeedForward:
     fraction_s: float  # how far into a tick commands arrive
     whole: int
     limit_nm: float
-    torque_nm: float = field(default=0.0, init=False)
-    _arriving_nm: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         self.shares: FloatArray = np.zeros(self.whole + 2)
+        self.delivered: FloatArray = np.zeros(2)
         # What stays of a difference over a tick, over its part before a command arrives, and over that after.
-        self._stays, self._stays_before, self._stays_after = (
+        stays, stays_before, stays_after = (
             exp(-self.bandwidth_rad_s * lasts_s)
             for lasts_s in (self.tick_s, self.fraction_s, self.tick_s - self.fraction_s)
         )
+        self.lag: FloatArray = np.array([self.gain, self.limit_nm, stays, stays_before, stays_after])
 
     def begin(self, torque_nm: float) -> None:
         """As if ``torque_nm`` had been asked for all along."""
-        self.shares[:] = self._clipped(torque_nm / self.gain)
-        self.torque_nm = self._arriving_nm = self.gain * float(self.shares[0])
+        core.begin_feed(self.shares, self.delivered, self.lag, torque_nm)
 
     def ask(self, torque_nm: float) -> None:
         """Find this tick's share, so that the torque is there when the next command arrives."""
-        stays = self._stays
-        share = self._clipped((torque_nm - stays * self._arriving_nm) / ((1 - stays) * self.gain))
-        self.shares[0] = share
-        self._arriving_nm += (1 - stays) * (self.gain * share - self._arriving_nm)
+        core.ask(self.shares, self.delivered, self.lag, torque_nm)
 
     def advance(self) -> None:
         """Let one tick pass."""
-        for command, stays in ((self.whole + 1, self._stays_before), (self.whole, self._stays_after)):
-            self.torque_nm += (1 - stays) * (self.gain * float(self.shares[command]) - self.torque_nm)
-        core.put_first(self.shares, self.shares[0])
-
-    def _clipped(self, command_nm: float) -> float:
-        return min(max(command_nm, -self.limit_nm), self.limit_nm)
+        core.pass_on(self.shares, self.delivered, self.lag)
