@@ -1,5 +1,6 @@
 """The command line. Commands are named here and imported only when they run, so that ``--help`` is quick."""
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
@@ -14,6 +15,9 @@ EPILOGUE = (
     f"{DEBUG} anywhere shows the traceback of a failure. Exit codes: 0 done, 1 the experiment failed, 2 wrong usage or "
     "file, 3 no connection, 4 a device did not answer, 5 safety stop, 130 interrupted."
 )
+
+# What numpy's libraries of linear algebra may be told, before they are loaded, of how many threads to use.
+THREAD_COUNTS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 COMMANDS = {
     "identify": ("bench.cli.experiment:identify", "Identify the actuator of a rig with the standard session."),
@@ -64,7 +68,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code. Every error becomes sentences on stderr."""
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = DEBUG in tokens
+    _leave_cores_alone()
     return run_safely(lambda: build_app()([token for token in tokens if token != DEBUG]), debug=debug)
+
+
+def _leave_cores_alone() -> None:
+    """One thread of linear algebra, unless the user wants it otherwise.
+
+    Matrices are small here, and what waits for its threads spins on the cores that loop and recorder need: twice the
+    time for a session, and far more on a machine that is busy.
+    """
+    for name in THREAD_COUNTS:
+        os.environ.setdefault(name, "1")
 
 
 def run_safely(command: Callable[[], object], *, debug: bool) -> int:
