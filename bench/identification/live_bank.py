@@ -20,6 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 
 S_NODES = np.geomspace(10.0, 2e4, 20)
 BANDWIDTH_NODES = np.geomspace(40.0, 5000.0, 11)
+LOG_S_NODES, LOG_BANDWIDTH_NODES = np.log(S_NODES), np.log(BANDWIDTH_NODES)
 # In ticks, relative to the motion: of the command and of the torque.
 COMMAND_NODES = np.arange(-2.0, 5.0)
 TORQUE_NODES = np.arange(-3.0, 4.0)
@@ -49,6 +50,11 @@ class LiveBank:
     _coarse: FloatArray = field(default_factory=lambda: np.empty((3, 0)), init=False)  # time, moving, torque
     _rows: FloatArray = field(default_factory=lambda: np.empty((0, 0)), init=False)
     _row_times: FloatArray = field(default_factory=lambda: np.empty((2, 0)), init=False)  # time, moving
+
+    def __post_init__(self) -> None:
+        offsets = np.arange(-REACH * FINE, REACH * FINE + 1) / FINE
+        self._taps = [FULL_BAND.taps(offsets, order) / self.tick_s**order for order in range(3)]
+        self._coarse_taps = FULL_BAND.taps(np.arange(-REACH, REACH + 1, dtype=float), 0)
 
     def rows(self, piece: Piece) -> tuple[FloatArray, FloatArray]:
         """Instants [s] and rows, shapes (n,) and (n, WIDTH), of what is complete by now and moves."""
@@ -86,14 +92,12 @@ class LiveBank:
         count = self._coarse.shape[1] - 2 * REACH
         if count <= 0:
             return
-        offsets = np.arange(-REACH * FINE, REACH * FINE + 1) / FINE
-        smooth, rate, bend = (FULL_BAND.taps(offsets, order) / self.tick_s**order for order in range(3))
+        smooth, rate, bend = self._taps
         at = (0, FINE, count)
         motion = loops.filter_at(self._fine[0], np.stack([rate, bend]), *at)
         sliding = loops.filter_many(self._fine[1 : 1 + S_NODES.size], np.stack([smooth, rate]), *at)
         lag = loops.filter_many(self._fine[1 + S_NODES.size :], smooth[None, :], *at)
-        coarse = FULL_BAND.taps(np.arange(-REACH, REACH + 1, dtype=float), 0)
-        torque = loops.filter_at(self._coarse[2], coarse[None, :], 0, 1, count)
+        torque = loops.filter_at(self._coarse[2], self._coarse_taps[None, :], 0, 1, count)
         slow_rate = sliding[1::2] / S_NODES[:, None]
         new = np.concatenate([motion, sliding[0::2], slow_rate, lag, torque])
         self._rows = np.concatenate([self._rows, new], axis=1)
@@ -125,8 +129,8 @@ def combination(shape: Shape, tick_s: float) -> tuple[FloatArray, FloatArray]:
     (as ``motion_delay_s``) that by which motion comes later than torque.
     """
     columns, target = np.zeros((WIDTH, 6)), np.zeros(WIDTH)
-    s = lagrange(np.log(S_NODES), float(np.log(shape.s_per_rad)), 4)
-    bandwidth = lagrange(np.log(BANDWIDTH_NODES), float(np.log(shape.bandwidth_rad_s)), 4)
+    s = lagrange(LOG_S_NODES, float(np.log(shape.s_per_rad)), 4)
+    bandwidth = lagrange(LOG_BANDWIDTH_NODES, float(np.log(shape.bandwidth_rad_s)), 4)
     delay = lagrange(COMMAND_NODES, shape.command_delay_s / tick_s, 6)
     columns[LAG:TORQUE, 0] = np.outer(bandwidth, delay).ravel()
     columns[ACCELERATION, 1] = -1.0
@@ -140,10 +144,4 @@ def combination(shape: Shape, tick_s: float) -> tuple[FloatArray, FloatArray]:
 
 def lagrange(nodes: FloatArray, at: float, count: int) -> FloatArray:
     """Weights of polynomial interpolation between the ``count`` nodes around ``at``; zero elsewhere."""
-    first = int(np.clip(np.searchsorted(nodes, at) - count // 2, 0, nodes.size - count))
-    near = nodes[first : first + count]
-    factors = (at - near) / (near[:, None] - near + np.eye(count))
-    np.fill_diagonal(factors, 1.0)
-    weights = np.zeros(nodes.size)
-    weights[first : first + count] = factors.prod(axis=1)
-    return weights
+    return np.asarray(loops.lagrange(nodes, at, count))

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from bench.identification.quantisation import moving, resolution_rad, unquantised
 from bench.identification.signals import FINE, LONGEST_GAP_S, Stream, stream_of
-from bench.records import Measured, Table
+from bench.records import Measured, Table, stacked
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -101,7 +101,7 @@ class LiveStreams:
         return Piece(time_s, torque_nm, position.at(fine_s), path.at(fine_s), known.astype(float), sent_s, command)
 
     def _joined(self, name: str) -> Table:
-        return np.concatenate([getattr(part, name) for part in self.parts])
+        return stacked([getattr(part, name) for part in self.parts])
 
     def _forget(self, now_ns: int) -> None:
         oldest_ns = now_ns - WINDOW_S * 1e9

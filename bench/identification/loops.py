@@ -146,16 +146,36 @@ def lag_bank(
 @njit(cache=True, nogil=True)
 def filter_many(values: FloatArray, taps: FloatArray, first: int, stride: int, count: int) -> FloatArray:
     """Every filter on every row: shape (rows · filters, count), the filters of one row side by side."""
-    rows, filters = values.shape[0], taps.shape[0]
-    output = np.empty((rows * filters, count))
+    rows, filters, width = values.shape[0], taps.shape[0], taps.shape[1]
+    length = count + (width - 1) // stride
+    output = np.zeros((rows * filters, count))
+    # Each phase on its own: neighbours then stand side by side, and the innermost loop takes several at a time.
+    phases = np.zeros((stride, length))
     for row in range(rows):
+        for phase in range(stride):
+            for k in range(min(length, (values.shape[1] - first - phase + stride - 1) // stride)):
+                phases[phase, k] = values[row, first + phase + k * stride]
         for q in range(filters):
-            for k in range(count):
-                total = 0.0
-                for j in range(taps.shape[1]):
-                    total += taps[q, j] * values[row, first + k * stride + j]
-                output[row * filters + q, k] = total
+            total = output[row * filters + q]
+            for j in range(width):
+                tap, start, values_of_phase = taps[q, j], j // stride, phases[j % stride]
+                for k in range(count):
+                    total[k] += tap * values_of_phase[start + k]
     return output
+
+
+@njit(cache=True, nogil=True)
+def lagrange(nodes: FloatArray, at: float, count: int) -> FloatArray:
+    """Weights of polynomial interpolation between the ``count`` nodes around ``at``; zero elsewhere."""
+    first = min(max(int(np.searchsorted(nodes, at)) - count // 2, 0), nodes.size - count)
+    weights = np.zeros(nodes.size)
+    for i in range(first, first + count):
+        weight = 1.0
+        for j in range(first, first + count):
+            if j != i:
+                weight *= (at - nodes[j]) / (nodes[i] - nodes[j])
+        weights[i] = weight
+    return weights
 
 
 @njit(cache=True, nogil=True)

@@ -5,6 +5,8 @@ counts seems to travel back and forth, and its friction to slide. So every stret
 allow: by the longest low-pass whose result stays inside the steps that were read. The result never leaves them.
 """
 
+from functools import cache
+
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
@@ -77,7 +79,12 @@ def _travelled(path_rad: FloatArray, within: int) -> FloatArray:
 
 
 def _smoothed(values: FloatArray, level: Kernel) -> FloatArray:
-    reach = round(level.half_width)
-    taps = level.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
+    reach, taps = round(level.half_width), _taps(level)
     padded = np.pad(values, reach, mode="reflect", reflect_type="odd")
     return np.asarray(np.convolve(padded, taps, mode="valid"), dtype=np.float64)
+
+
+@cache
+def _taps(level: Kernel) -> FloatArray:
+    reach = round(level.half_width)
+    return level.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)

@@ -6,6 +6,8 @@ count of its readings in which losses are seen as gaps. The mean transport delay
 all readings of a stream, and the fit estimates it.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -72,31 +74,46 @@ def _on_host_clock(device_s: FloatArray, arrival_s: FloatArray) -> FloatArray:
     if arrival_s.size < FEW_READINGS:
         return arrival_s
     difference = arrival_s - device_s
-    knots = np.linspace(device_s[0], device_s[-1], max(2, round((device_s[-1] - device_s[0]) / KNOT_S) + 1))
-    weights = np.ones(device_s.size, dtype=bool)
+    hats = _hats(device_s)
+    chosen = np.ones(device_s.size, dtype=bool)
     fitted = difference
     for _ in range(TRIMMED_ROUNDS):
-        fitted = _piecewise_line(device_s, difference, knots, weights)
+        fitted = _piecewise_line(hats, difference, chosen)
         residual = difference - fitted
         centre = np.median(residual)
         deviation = NORMAL_OF_MEDIAN_DEVIATION * np.median(np.abs(residual - centre))
-        weights = np.abs(residual - centre) <= TRIMMED_AT * deviation + 1e-9
+        before, chosen = chosen, np.abs(residual - centre) <= TRIMMED_AT * deviation + 1e-9
+        if np.array_equal(before, chosen):
+            break
     return np.asarray(device_s + fitted)
 
 
-def _piecewise_line(x: FloatArray, y: FloatArray, knots: FloatArray, chosen: npt.NDArray[np.bool_]) -> FloatArray:
-    """Least squares line through hats at ``knots``, fitted on the chosen points, at all points."""
+@dataclass(frozen=True)
+class _Hats:
+    """Hats over equally spaced knots: each instant lies behind knot ``index``, at ``share`` of the way to the next."""
+
+    index: IntArray
+    share: FloatArray
+    knots: int
+
+
+def _hats(x: FloatArray) -> _Hats:
+    knots = np.linspace(x[0], x[-1], max(2, round((x[-1] - x[0]) / KNOT_S) + 1))
     index = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    share = (x - knots[index]) / (knots[index + 1] - knots[index])
-    matrix = np.zeros((len(knots), len(knots)))
-    right = np.zeros(len(knots))
-    count = len(knots) - 1
+    return _Hats(index, (x - knots[index]) / (knots[index + 1] - knots[index]), len(knots))
+
+
+def _piecewise_line(hats: _Hats, y: FloatArray, chosen: npt.NDArray[np.bool_]) -> FloatArray:
+    """Least squares line through the hats, fitted on the chosen points, at all points."""
+    matrix = np.zeros((hats.knots, hats.knots))
+    right = np.zeros(hats.knots)
+    count = hats.knots - 1
     reference = float(np.mean(y[chosen]))
-    left, rest, target = index[chosen], share[chosen], y[chosen] - reference
+    left, rest, target = hats.index[chosen], hats.share[chosen], y[chosen] - reference
     at = np.arange(count)
     for offset, weight in ((0, 1 - rest), (1, rest)):
         right[at + offset] += np.bincount(left, weight * target, count)
         matrix[at + offset, at + offset] += np.bincount(left, weight * weight, count)
     matrix[at, at + 1] = matrix[at + 1, at] = np.bincount(left, (1 - rest) * rest, count)
     heights = np.linalg.lstsq(matrix, right, rcond=None)[0]
-    return np.asarray(reference + heights[index] * (1 - share) + heights[index + 1] * share)
+    return np.asarray(reference + heights[hats.index] * (1 - hats.share) + heights[hats.index + 1] * hats.share)
