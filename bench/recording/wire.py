@@ -3,7 +3,6 @@
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from operator import attrgetter
 from typing import BinaryIO
 
 from bench.recording.contents import EstimatesLike, RecordedEstimates
@@ -12,8 +11,6 @@ from bench.records import Event, Measured, SegmentInfo
 from drivers.readings import RawFrame
 
 _LENGTH_BYTES = 8
-_FRAME_FIELDS = ("stamp_ns", "channel", "sent", "data", "arbitration_id", "extended", "remote")
-_frame_columns = attrgetter(*_FRAME_FIELDS)
 
 
 @dataclass(frozen=True)
@@ -27,7 +24,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Frames:
-    """Raw frames as columns: a tenth of the cost of sending them as objects."""
+    """Raw frames as columns, those of :class:`RawFrame`: a tenth of the cost of sending them as objects."""
 
     stamp_ns: tuple[int, ...] = ()
     channel: tuple[str, ...] = ()
@@ -39,7 +36,7 @@ class Frames:
 
     @staticmethod
     def of(frames: tuple[RawFrame, ...]) -> "Frames":
-        return Frames(*zip(*map(_frame_columns, frames), strict=True))
+        return Frames(*zip(*frames, strict=True))
 
 
 @dataclass(frozen=True)
