@@ -6,6 +6,7 @@ Calling costs more than computing, so that a tick makes few calls: :func:`sense`
 - ``states`` (past + 1, width), newest first, at this and the last ticks; ``inputs`` (past + 1, 3), of which row i acts
   from the tick of ``states[i]`` on: command in force, next command, known torque on the load;
 - ``contact``: force of the load's friction contact [N m], and the load's position [rad] at which it was that;
+- ``clocks`` (3, 3), of each reading: last arrival without its jitter, period [s], and readings behind both;
 - ``commands``, sent, and ``shares``, the part of each that was fed forward, newest first [N m];
 - ``feed``: what the shares alone make the amplifier deliver now, and when the next command arrives [N m];
 - ``path``: the contact's force along the reference [N m], and velocity and acceleration of its last instant.
@@ -18,6 +19,9 @@ from math import ceil, exp
 
 import numpy as np
 from numba import njit
+
+# The clock of a stream forgets readings older than about so many.
+CLOCK_READINGS = 200.0
 
 
 @njit(cache=True)
@@ -36,6 +40,27 @@ def friction(force, velocity, law):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def steady_arrival(clock, arrival):  # type: ignore[no-untyped-def]
+    """When a reading of a device that samples steadily would have arrived without jitter [s].
+
+    ``clock`` is that of the last reading, the period, and how many readings both rest on: a straight line through
+    all of them at first, later one that forgets (expanding, then fading memory).
+    """
+    periods = 1.0
+    if clock[2] > 1.0:
+        periods = max(1.0, np.floor((arrival - clock[0]) / clock[1] + 0.5))
+    late = arrival - clock[0] - periods * clock[1]
+    if clock[2] < 1.0 or (clock[2] > CLOCK_READINGS / 10 and abs(late) > 0.5 * clock[1]):
+        clock[0], clock[2] = arrival, 1.0
+        return arrival
+    n = min(clock[2], CLOCK_READINGS)
+    clock[0] += periods * clock[1] + 2.0 * (2.0 * n + 1.0) / ((n + 1.0) * (n + 2.0)) * late
+    clock[1] += 6.0 / ((n + 1.0) * (n + 2.0)) * late / periods
+    clock[2] += 1.0
+    return clock[0]
+
+
+@njit(cache=True)
 def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type: ignore[no-untyped-def]
     """Correct the states by the readings that are fresh, of triples; ``delays`` [s] say when each was true."""
     past, width = states.shape[0] - 1, states.shape[1]
@@ -44,12 +69,14 @@ def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type:
         ticks = delays[output] / tick
         back = max(1, ceil(ticks - 1e-9))
         if fresh[output] and back <= past:
-            row = rows[round((back - ticks) * (rows.shape[0] - 1)), output]
+            # Between the instants for which there are rows, linearly: at speed, microseconds are counts.
+            place = min(max((back - ticks) * (rows.shape[0] - 1), 0.0), rows.shape[0] - 1.0)
+            first = min(int(place), rows.shape[0] - 2)
+            share = place - first
             expected = 0.0
-            for i in range(width):
-                expected += row[i] * states[back, i]
-            for i in range(inputs.shape[1]):
-                expected += row[width + i] * inputs[back, i]
+            for i in range(width + inputs.shape[1]):
+                weight = (1.0 - share) * rows[first, output, i] + share * rows[first + 1, output, i]
+                expected += weight * (states[back, i] if i < width else inputs[back, i - width])
             innovation[output] = readings[output] - expected
     for age in range(past + 1):
         for i in range(width):
@@ -58,9 +85,17 @@ def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type:
 
 
 @njit(cache=True)
-def sense(states, inputs, contact, readings, delays, fresh, tick, rows, gain, law, position):  # type: ignore[no-untyped-def]
-    """Take in one tick's readings, and let the contact slide by what the shaft has turned (at row ``position``)."""
-    correct(states, inputs, readings, delays, fresh, tick, rows, gain)
+def sense(states, inputs, contact, clocks, readings, ages, delays, fresh, now, tick, rows, gain, law, position):  # type: ignore[no-untyped-def]
+    """Take in one tick's readings, and let the contact slide by what the shaft has turned (at row ``position``).
+
+    ``ages`` and ``delays`` [s] of each reading: since it arrived, and until then.
+    """
+    since = np.empty(3)
+    for output in range(3):
+        if fresh[output]:
+            steady_arrival(clocks[output], now - ages[output])
+        since[output] = delays[output] + max(now - clocks[output, 0], 0.0)
+    correct(states, inputs, readings, since, fresh, tick, rows, gain)
     contact[0] = slide(contact[0], states[0, position] - contact[1], law[1], law[2])
     contact[1] = states[0, position]
 

@@ -36,7 +36,8 @@ class Estimator:
                 c.presliding_damping_nms_rad,
             ]
         )
-        self._torque_delay_s, self._position_delay_s = c.torque_delay_s, c.position_delay_s
+        self._delays_s = c.torque_delay_s, c.position_delay_s, c.position_delay_s
+        self._clocks, self._begun_ns = np.zeros((3, 3)), 0
         self.contact = np.zeros(2)  # its force [N m], and the load's position [rad] at which it was that
         self.states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))
         self.commands = np.zeros(self.observer.whole + 2)
@@ -63,19 +64,18 @@ class Estimator:
             return False
         if not self.seen:
             self._settle(sample)
-        delays = (
-            self._torque_delay_s + 1e-9 * sample.torque_age_ns,
-            self._position_delay_s + 1e-9 * sample.load_motion_age_ns,
-            self._position_delay_s + 1e-9 * sample.motion_age_ns,
-        )
+        ages_s = 1e-9 * sample.torque_age_ns, 1e-9 * sample.load_motion_age_ns, 1e-9 * sample.motion_age_ns
         fresh = (sample.torque_new, sample.load_motion_new, sample.motion_new)
         core.sense(
             self.states,
             self._inputs,
             self.contact,
+            self._clocks,
             readings,
-            delays,
+            ages_s,
+            self._delays_s,
             fresh,
+            1e-9 * (sample.tick_ns - self._begun_ns),
             self.tick_s,
             self.observer.rows,
             self.observer.gain,
@@ -106,9 +106,12 @@ class Estimator:
         self.sense(Sample(0, 0.0, 0, True, 0.0, 0.0, 0, True, 0.0, 0.0, 0, True))
         self.advance(0.0)
         self.seen = False
+        self._clocks[:] = 0.0
 
     def _settle(self, sample: Sample) -> None:
         """Begin at rest where the readings are."""
+        self._begun_ns = sample.tick_ns
+        self._clocks[:, 1] = self.tick_s
         twist = sample.torque_nm / self.calibration.sensor_stiffness_nm_rad
         self.states[:] = 0.0
         self.states[:, POSITION] = self.contact[1] = sample.load_position_rad

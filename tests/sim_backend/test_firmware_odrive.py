@@ -270,7 +270,7 @@ def test_frozen_estimates_keep_coming(host: Host) -> None:
     assert frozen[0]["Vel_Estimate"] > 0
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200)
 @given(command=st.integers(0, 31), data=st.binary(max_size=8), remote=st.booleans())
 def test_no_frame_makes_it_stumble(host: Host, command: int, data: bytes, remote: bool) -> None:
     host.send(command, data, remote=remote)

@@ -93,14 +93,14 @@ def test_friction_follows_dahls_curve_out_and_back():
 
 
 @given(st.lists(st.floats(-3e-3, 3e-3).filter(lambda d: abs(d) > 1e-5), min_size=1, max_size=8))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_friction_does_not_know_how_fast_the_path_was_travelled(path):
     slow, fast = friction_along(np.array(path), 0.02), friction_along(np.array(path), 2.0)
     np.testing.assert_allclose(slow, fast, atol=1e-3 * rig_truth().actuator.motor.tau_c)
 
 
 @given(st.lists(st.floats(-3e-3, 3e-3).filter(lambda d: abs(d) > 1e-6), min_size=1, max_size=30))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_friction_only_takes_energy(path):
     """However the contact is pushed, ∫F dθ is at least the energy σ0 φ²/2 that it can give back."""
     motor = rig_truth().actuator.motor
@@ -115,7 +115,7 @@ def test_friction_only_takes_energy(path):
     load=MACHINE_FACTORS,
     commands=st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-1, 1)), min_size=5, max_size=20),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_friction_never_exceeds_coulombs(actuator, load, commands):
     truth = scaled(scaled(rig_truth(), "actuator", actuator), "load", load)
     truth = changed(truth, "actuator", presliding_damping_nm_s_rad=0.0)
@@ -205,7 +205,7 @@ def test_energy_of_the_coupled_pair_balances():
     velocities=st.tuples(st.floats(-80, 80), st.floats(-80, 80)),
     twist=st.floats(-0.01, 0.01),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_bench_left_to_itself_only_loses_energy(actuator, load, stiffness, velocities, twist):
     truth = scaled(scaled(changed(rig_truth(), "actuator", cogging=None), "actuator", actuator), "load", load)
     truth = changed(truth, "torque_sensor", stiffness_nm_rad=stiffness)
@@ -228,7 +228,7 @@ def test_a_bench_left_to_itself_only_loses_energy(actuator, load, stiffness, vel
     presliding=st.floats(2, 100),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_any_bench_driven_at_its_limits_stays_stable_and_accurate(actuator, load, stiffness, presliding, seed):
     """Commands change at 1 kHz, time is cut in four calls a tick; a substep four times finer tells the same."""
     truth = scaled(scaled(rig_truth(), "actuator", actuator), "load", load)

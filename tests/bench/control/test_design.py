@@ -43,7 +43,7 @@ def calibrations(draw: st.DrawFn) -> LoadCalibration:
     )
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(calibrations(), st.floats(0.95, 1.08), st.floats(-0.4, 0.4), st.floats(0.85, 1.15))
 def test_stable_on_a_bench_that_the_calibration_missed(
     calibration: LoadCalibration, gain: float, late_ticks: float, stiffness: float

@@ -12,7 +12,7 @@ from bench.identification.signals import INTERPOLATION
 
 
 @given(st.floats(-3.0, 3.0), st.floats(-1e3, 1e3), st.floats(-50, 50), st.floats(-5, 5), st.sampled_from([0, 1, 2]))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_polynomials_come_out_exactly(shift, a, b, c, derivative):
     offsets = np.arange(-12, 12.01, 0.25) - shift
     taps = FULL_BAND.taps(offsets, derivative)
@@ -57,7 +57,7 @@ def test_the_lag_is_exact_between_ticks():
 
 
 @given(st.lists(st.floats(-0.01, 0.01), min_size=2, max_size=50), st.floats(10, 1e4), st.floats(-1, 1))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_any_initial_friction_is_one_path_plus_a_share_of_the_other(displacements, s, start):
     position = np.cumsum([0.0, *displacements])
     bank = loops.friction_bank(position, position[0], np.array([s]), np.array([start]))[0]

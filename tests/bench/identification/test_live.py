@@ -55,7 +55,7 @@ def test_parts_without_torque_are_survived(without_torque):
 
 
 @given(st.floats(40.0, 5000.0))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_members_between_the_nodes_are_interpolated(bandwidth):
     weights = lagrange(np.log(BANDWIDTH_NODES), np.log(bandwidth), 4)
     time_s = np.linspace(0, 0.05, 200)
@@ -68,7 +68,7 @@ def information_of(rows):
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_what_is_not_excited_is_neither_moved_nor_better_known(seed):
     rng = np.random.default_rng(seed)
     truth = rng.uniform(0.5, 2.0, 3)

@@ -15,7 +15,7 @@ def read(angle, step=STEP):
 
 
 @given(st.integers(0, 1000), st.floats(1e-6, 1e-2))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_step_is_found(seed, step):
     rng = np.random.default_rng(seed)
     angle = np.cumsum(rng.normal(0, 3 * step, 3000))
@@ -32,7 +32,7 @@ def test_no_step_is_seen_where_there_is_none():
 
 
 @given(st.integers(0, 1000))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_result_stays_within_the_counts(seed):
     rng = np.random.default_rng(seed)
     readings = read(np.cumsum(rng.normal(0, 20 * STEP, 500)))

@@ -13,7 +13,7 @@ def arrivals(taken_s, rng, delay_s=4e-4, jitter_s=1e-4):
 
 
 @given(st.integers(0, 10_000), st.floats(0.8e-3, 1.3e-3))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_jitter_is_undone(seed, period_s):
     rng = np.random.default_rng(seed)
     taken_s = 3.0 + np.arange(4000) * period_s
@@ -23,7 +23,7 @@ def test_jitter_is_undone(seed, period_s):
 
 
 @given(st.integers(0, 10_000), st.floats(-200e-6, 200e-6))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_a_device_clock_is_put_on_the_hosts(seed, drift):
     rng = np.random.default_rng(seed)
     taken_s = np.sort(rng.uniform(0, 30, 20_000))
@@ -33,7 +33,7 @@ def test_a_device_clock_is_put_on_the_hosts(seed, drift):
 
 
 @given(st.integers(0, 10_000), st.lists(st.integers(100, 3900), min_size=1, max_size=5, unique=True))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_lost_readings_leave_gaps(seed, lost):
     rng = np.random.default_rng(seed)
     taken_s = np.delete(np.arange(4000) * 1e-3, lost)

@@ -56,7 +56,7 @@ def test_free_motion_is_the_papers():
 
 
 @given(st.floats(-0.2, 0.2))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_free_motion_settles_on_the_static_source(level):
     velocity = NETWORK.free_motion(np.full(1500, level), TICK_S)[1]
     assert velocity[-1] == pytest.approx(float(NETWORK.source_velocity(level)), abs=2e-3)
@@ -103,7 +103,7 @@ def test_friction_is_bounded_and_minds_the_path_alone(fraction, displacements, s
 
 
 @given(st.floats(1e-5, 1e-3), st.floats(0.001, 0.2), st.floats(1.0, 1000.0), st.floats(0.0, 0.05))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_moving_rotor_only_loses_energy(inertia, coulomb, stiffness, damping):
     network = NortonNetwork(1.0, 600.0, inertia, 1e-4, coulomb, stiffness, damping, "N*m")
     velocity = network.free_motion(np.zeros(300), TICK_S, velocity_rad_s=30.0)[1]
