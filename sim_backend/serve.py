@@ -19,6 +19,7 @@ from drivers.backend import Backend
 from drivers.codecs.slcan import SlcanFrame, SlcanStream
 from drivers.hardware import HardwareBackend
 from drivers.ports import CanPort
+from drivers.punctual import punctual
 from drivers.wiring import CanBusSettings, Wiring
 from sim_backend.assembly import build_world, mount
 from sim_backend.firmware.site import Wires
@@ -42,10 +43,31 @@ class _Served(Protocol):
     def close(self) -> None: ...
 
 
-class ServedBus:
-    """A CAN bus on one of python-can's interfaces. Frames of our own that it echoes are dropped by ``drivers``."""
+class _WallTime:
+    """Lets the world keep up with the wall clock."""
 
-    def __init__(self, settings: CanBusSettings, backend: Backend) -> None:
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._start_ns = time.monotonic_ns()
+
+    def catch_up(self, to_ns: int | None = None) -> None:
+        """To the monotonic clock's ``to_ns``, or to now."""
+        self._world.advance((time.monotonic_ns() if to_ns is None else to_ns) - self._start_ns)
+
+    def due_s(self) -> float:
+        """How long nothing is planned to happen."""
+        elapsed_ns = time.monotonic_ns() - self._start_ns
+        return max((self._world.next_event_ns or 0) - elapsed_ns, 0) * 1e-9
+
+
+class ServedBus:
+    """A CAN bus on one of python-can's interfaces. Frames of our own that it echoes are dropped by ``drivers``.
+
+    A command acts when it came, even where this process was not there to see it: a real drive never sleeps.
+    """
+
+    def __init__(self, settings: CanBusSettings, backend: Backend, wall: _WallTime) -> None:
+        self._wall = wall
         self._port: CanPort = backend.open_can(settings)
         self._plugs: list[CanPlug] = []
         self._port.subscribe(self._deliver)
@@ -65,7 +87,8 @@ class ServedBus:
     def close(self) -> None:
         self._port.close()
 
-    def _deliver(self, message: can.Message, _arrival_ns: int) -> None:
+    def _deliver(self, message: can.Message, arrival_ns: int) -> None:
+        self._wall.catch_up(arrival_ns)
         for plug in self._plugs:
             plug.deliver(message)
 
@@ -73,7 +96,8 @@ class ServedBus:
 class ServedSlcan:
     """A CAN bus behind an emulated slcan adapter; like many, it answers no commands and is always open."""
 
-    def __init__(self, settings: CanBusSettings) -> None:
+    def __init__(self, settings: CanBusSettings, wall: _WallTime) -> None:
+        self._wall = wall
         self._port = ServedPort(settings.channel.partition("@")[0])
         self._stream = SlcanStream()
         self._plugs: list[CanPlug] = []
@@ -89,6 +113,7 @@ class ServedSlcan:
 
     def receive(self) -> None:
         self._stream.feed(self._port.read())
+        self._wall.catch_up()  # the line says nothing of when its bytes came
         while self._stream.frames:
             message = _message(self._stream.frames.popleft())
             for plug in self._plugs:
@@ -134,26 +159,15 @@ def serve(
     truth = read_truth(simulated, seed=seed, place=place)
     world = build_world(wiring, truth, place)
     with _termination_interrupts(), ExitStack() as open_wires:
-        wires = _ServedWires(wiring, open_wires)
+        wall = _WallTime(world)
+        wires = _ServedWires(wiring, open_wires, wall)
         mount(world, wiring, truth, Wires(wires.can, wires.serial))
         on_ready()
-        _run(world, wires, stop)
-
-
-def _run(world: World, wires: "_ServedWires", stop: Callable[[], bool]) -> None:
-    """Let the world keep up with the wall clock."""
-    start_ns = time.monotonic_ns()
-
-    def elapsed_ns() -> int:
-        return time.monotonic_ns() - start_ns
-
-    while not stop():
-        world.advance(elapsed_ns())
-        due_s = ((world.next_event_ns or 0) - elapsed_ns()) * 1e-9
-        for wire in wires.waiting(min(max(due_s, 0.0), LONGEST_SLEEP_S)):
-            # A command acts when it comes, not when the last event was.
-            world.advance(elapsed_ns())
-            wire.receive()
+        with punctual():
+            while not stop():
+                for wire in wires.waiting(min(wall.due_s(), LONGEST_SLEEP_S)):
+                    wire.receive()
+                wall.catch_up()
 
 
 @contextmanager
@@ -172,7 +186,8 @@ def _termination_interrupts() -> Iterator[None]:
 class _ServedWires:
     """Opens each bus and port once, and closes all of them with ``stack``."""
 
-    def __init__(self, wiring: Wiring, stack: ExitStack) -> None:
+    def __init__(self, wiring: Wiring, stack: ExitStack, wall: _WallTime) -> None:
+        self._wall = wall
         self._settings = {bus.name: bus for bus in wiring.buses}
         self._stack = stack
         self._backend = HardwareBackend()
@@ -183,10 +198,15 @@ class _ServedWires:
     def can(self, bus: str) -> CanPlug:
         if bus not in self._buses:
             settings = self._settings[bus]
-            wire = ServedSlcan(settings) if settings.interface == "slcan" else ServedBus(settings, self._backend)
+            wire = self._open(settings)
             self._buses[bus] = wire
             self._keep(wire)
         return CanPlug(self._buses[bus])
+
+    def _open(self, settings: CanBusSettings) -> ServedBus | ServedSlcan:
+        if settings.interface == "slcan":
+            return ServedSlcan(settings, self._wall)
+        return ServedBus(settings, self._backend, self._wall)
 
     def serial(self, port: str) -> SerialPlug:
         wire = ServedLine(port)
