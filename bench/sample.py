@@ -25,6 +25,16 @@ class Sample(NamedTuple):
     load_motion_age_ns: int = -1
     load_motion_new: bool = False
 
+    def counted_from(self, tick_ns: int) -> "Sample":
+        """The same readings, with ages as of ``tick_ns``: negative for what arrived only after that."""
+        later_ns = tick_ns - self.tick_ns
+        return self._replace(
+            tick_ns=tick_ns,
+            torque_age_ns=self.torque_age_ns + later_ns,
+            motion_age_ns=self.motion_age_ns + later_ns,
+            load_motion_age_ns=self.load_motion_age_ns + later_ns,
+        )
+
 
 class Target(NamedTuple):
     """Where the admittance law's reference stands at one tick (absolute position of the load shaft)."""

@@ -12,6 +12,9 @@ from bench.control.calibration import LoadCalibration
 from bench.models.network import NortonNetwork
 from bench.segments import ZERO_TORQUE, FloatArray, LoadMode, Segment
 
+# Predicted while the drives are enabled and wait: coarse steps, for the network is known to a per cent at most.
+LONGEST_STEP_S = 5e-4
+
 
 def with_preview(
     segment: Segment,
@@ -21,16 +24,28 @@ def with_preview(
     tick_s: float,
     *,
     velocity_rad_s: float = 0.0,
+    command: float = 0.0,
 ) -> Segment:
     """``segment`` with the predicted free motion as its reference, or as it was where it does not impose zero torque.
 
     ``command_delay_s`` is from sending the actuator's command to its acting, counted as the calibration counts the
-    load's; ``velocity_rad_s`` that of the shaft at the start. The controller itself looks ahead by what the load needs.
+    load's; ``velocity_rad_s`` and ``command`` are the shaft's velocity and the command at the start, which the shaft is
+    taken to have settled at. The controller itself looks ahead by what the load needs.
     """
     if segment.mode is not LoadMode.ADMITTANCE or segment.admittance != ZERO_TORQUE:
         return segment
     delay_s = command_delay_s - calibration.shift_s
-    position, velocity, acceleration = network.free_motion(segment.command, tick_s, velocity_rad_s=velocity_rad_s)
+    motor_nm, coulomb_nm = network.torque_gain * command, network.coulomb_torque_nm
+    position, velocity, acceleration = network.free_motion(
+        segment.command,
+        tick_s,
+        velocity_rad_s=velocity_rad_s,
+        motor_torque_nm=motor_nm,
+        longest_step_s=LONGEST_STEP_S,
+        friction_torque_nm=min(
+            max(motor_nm - network.viscous_damping_nms_rad * velocity_rad_s, -coulomb_nm), coulomb_nm
+        ),
+    )
     return replace(
         segment,
         position_rad=delayed(position, tick_s, delay_s),

@@ -1,7 +1,7 @@
 """The loop: one tick is one straight line, and leaving it, however that happens, leaves the drives idle."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from math import nan
 
@@ -28,7 +28,8 @@ class Loop:
     """Runs segments on enabled devices.
 
     ``stop_request`` is asked every tick and returns the operator's reason to stop, or None. ``controller`` is needed
-    for segments in admittance mode, and watches all others so that it takes over without a bump.
+    for segments in admittance mode, and watches all others so that it takes over without a bump. ``on_time`` is entered
+    while the loop runs.
     """
 
     devices: Devices
@@ -38,11 +39,14 @@ class Loop:
     tick_ns: int
     stop_request: Callable[[], str | None] = never_stop
     controller: AdmittanceController | None = None
+    on_time: Callable[[], AbstractContextManager[None]] = nullcontext
     skipped_ticks: int = field(default=0, init=False)
     _next_ns: int = field(default=0, init=False)
     _segments: int = field(default=0, init=False)
     _reference_rad: float | None = field(default=None, init=False)  # where the last imposed motion ended
+    _begun: bool = field(default=False, init=False)  # whether the segment has had a tick
     _position_rad: float = field(default=nan, init=False)
+    _load_torque_nm: float = field(default=0.0, init=False)  # the last one sent
 
     def __post_init__(self) -> None:
         self._clock = self.devices.clock
@@ -50,6 +54,10 @@ class Loop:
     @contextmanager
     def running(self) -> Iterator[None]:
         """Drives enabled inside, idle outside, whatever happens in between. Raises DeviceError, ExperimentError."""
+        with self.on_time():
+            yield from self._enabled()
+
+    def _enabled(self) -> Iterator[None]:
         begun = self.devices.await_streams()
         self._sample(self.devices.clock.now_ns(), begun)
         self.devices.enable()
@@ -71,15 +79,19 @@ class Loop:
         """
         base_rad = self._position_rad if self._reference_rad is None else self._reference_rad
         strategy = strategy_for(segment, self.controller, base_rad)
-        self._next_ns = max(self._next_ns, self.devices.clock.now_ns())
+        self._pass_missed(strategy)
         commands, stop_at_rad_s = segment.command.astype(float).tolist(), segment.stop_at_velocity_rad_s
         start_ns, index, done = self._next_ns, 0, False
+        self._begun = False
         parts: list[Measured] = []
         try:
             while index < len(commands) and not done:
+                index += self._await_tick(strategy)
+                if index >= len(commands):
+                    break
                 sample, full = self._tick(commands[index], strategy, index)
                 done = abs(sample.velocity_rad_s) >= stop_at_rad_s
-                index += 1 + self._skip_missed()
+                index += 1
                 if full:
                     parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
         finally:
@@ -93,23 +105,25 @@ class Loop:
         now_ns = self.devices.clock.now_ns()
         sample = self._sample(now_ns, self.devices.receive())
         self.guard.begin(sample)
-        self._position_rad, self._reference_rad = sample.load_position_rad, None
+        self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
         self._next_ns = now_ns + self.tick_ns
 
     def _tick(self, command: float, strategy: LoadStrategy, index: int) -> tuple[Sample, bool]:
-        clock, deadline_ns = self._clock, self._next_ns
-        clock.wait_until_ns(deadline_ns)
-        now_ns = clock.now_ns()
+        deadline_ns, now_ns = self._next_ns, self._clock.now_ns()
         arrivals = self.devices.receive()
         sample = self._sample(now_ns, arrivals)
-        if index == 0:
-            strategy.begin(sample)
-        wish = Commands(command, strategy.wish(sample, index))
+        # The controller steps from deadline to deadline.
+        seen = sample if now_ns == deadline_ns else sample.counted_from(deadline_ns)
+        if not self._begun:
+            strategy.begin(seen)
+            self._begun = True
+        wish = Commands(command, strategy.wish(seen, index))
         self._obey_operator()
         drives = self.devices.health()
         commands = self.guard.limit(wish, sample, drives)
         self.devices.send(commands)
         strategy.note_sent(commands.load_torque_nm)
+        self._load_torque_nm = commands.load_torque_nm
         self._position_rad = sample.load_position_rad
         self._next_ns = deadline_ns + self.tick_ns
         row = self._row(deadline_ns, now_ns, sample, wish, commands, strategy.target(index), drives)
@@ -123,19 +137,25 @@ class Loop:
         if reason is not None:
             raise OperatorStopError(f"stopped by the operator: {reason}")
 
-    def _skip_missed(self) -> int:
-        """Ticks whose whole period has passed are skipped, never made up for; a long stall is a reason to stop."""
-        missed = (self._clock.now_ns() - self._next_ns) // self.tick_ns
-        if missed <= 0:
-            return 0
-        self.skipped_ticks += missed
-        self._next_ns += missed * self.tick_ns
+    def _await_tick(self, strategy: LoadStrategy) -> int:
+        """Wait for the next tick that is not over yet; returns how many were missed. Raises SafetyStopError."""
+        self._clock.wait_until_ns(self._next_ns)
+        missed = self._pass_missed(strategy)
         stall_ns = missed * self.tick_ns
         if stall_ns > self.guard.limits.stall_after_ns:
             raise self.guard.trip(
                 f"the loop stood still for {stall_ns / 1e6:.0f} ms, more than stall_after = "
                 f"{self.guard.limits.stall_after_ns / 1e6:g} ms"
             )
+        return missed
+
+    def _pass_missed(self, strategy: LoadStrategy) -> int:
+        """Ticks whose whole period has passed are skipped, never made up for; the last command acted meanwhile."""
+        missed = max((self._clock.now_ns() - self._next_ns) // self.tick_ns, 0)
+        self.skipped_ticks += missed
+        self._next_ns += missed * self.tick_ns
+        for _ in range(missed):
+            strategy.note_sent(self._load_torque_nm)
         return missed
 
     def _info(self, segment: Segment, start_ns: int) -> SegmentInfo:

@@ -94,11 +94,12 @@ class NortonNetwork:
         velocity_rad_s: float = 0.0,
         motor_torque_nm: float = 0.0,
         friction_torque_nm: float = 0.0,
+        longest_step_s: float = LONGEST_STEP_S,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The motion source: position [rad], velocity [rad/s] and acceleration [rad/s²] at each tick, shape (n,).
 
         ``command`` (n,) is held from each tick to the next. The state is that at the first tick; ``friction_torque_nm``
-        is what the deflected contact (σ0·φ) holds then.
+        is what the deflected contact (σ0·φ) holds then. Steps longer than the default are quicker and less exact.
         """
         from bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
 
@@ -107,7 +108,7 @@ class NortonNetwork:
         motion = network_steps.free_motion(
             np.ascontiguousarray(command, dtype=float),
             tick_s,
-            ceil(tick_s / LONGEST_STEP_S - 1e-9),
+            ceil(tick_s / longest_step_s - 1e-9),
             self.torque_gain,
             self.amplifier_bandwidth_rad_s,
             self.inertia_kgm2,

@@ -7,11 +7,12 @@ from bench.procedures.knowledge import Knowledge, Procedure
 from bench.records import Measured, join
 from bench.segments import Segment
 
-# Given a segment and the velocity [rad/s] at which it finds the shaft, the segment with what can be foreseen of it.
-Foresight = Callable[[Segment, float], Segment]
+# Given a segment, and the velocity [rad/s] of the shaft and the actuator's command before it, the segment with what can
+# be foreseen of it.
+Foresight = Callable[[Segment, float, float], Segment]
 
 
-def as_it_is(segment: Segment, _velocity_rad_s: float) -> Segment:
+def as_it_is(segment: Segment, _velocity_rad_s: float, _command: float) -> Segment:
     """Nothing is foreseen."""
     return segment
 
@@ -23,11 +24,12 @@ def carry_out(procedure: Procedure, known: Knowledge, loop: Loop, foresee: Fores
     """
     measured: list[Measured] = []
     plan = procedure.plan(known)
-    segment, velocity_rad_s = next(plan, None), 0.0
+    segment, velocity_rad_s, command = next(plan, None), 0.0, 0.0
     with loop.running():
         while segment is not None:
-            measured.append(loop.run(foresee(segment, velocity_rad_s)))
-            velocity_rad_s = float(measured[-1].ticks["velocity_rad_s"][-1])
+            measured.append(loop.run(foresee(segment, velocity_rad_s, command)))
+            last = measured[-1].ticks[-1]
+            velocity_rad_s, command = float(last["velocity_rad_s"]), float(last["command"])
             try:
                 segment = plan.send(measured[-1])
             except StopIteration:

@@ -26,6 +26,7 @@ from bench.session.progress import Progress, Silent
 from bench.session.provenance import provenance
 from bench.session.schema import Session
 from drivers.backend import Backend
+from drivers.punctual import punctual
 from drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
@@ -70,13 +71,15 @@ class _Run:
         self.knowledge = carry_out(procedure, self.knowledge, self.loop, self._foresee)
         self._adopt()
 
-    def _foresee(self, segment: Segment, velocity_rad_s: float) -> Segment:
+    def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
         """The free motion to expect under zero torque, once the live estimate is valid."""
         known, network = self.knowledge, self.feed.latest.network
         if network is None or known.calibration is None or known.actuator is None:
             return segment
         delay_s, tick_s = known.actuator.command_delay_s, known.tick_s
-        return with_preview(segment, network, known.calibration, delay_s, tick_s, velocity_rad_s=velocity_rad_s)
+        return with_preview(
+            segment, network, known.calibration, delay_s, tick_s, velocity_rad_s=velocity_rad_s, command=command
+        )
 
     def _adopt(self) -> None:
         known, loop = self.knowledge, self.loop
@@ -86,6 +89,9 @@ class _Run:
             loop.alignment.torque_bias_nm = known.calibration.torque_bias_nm
             if loop.controller is None or loop.controller.calibration != known.calibration:
                 loop.controller = AdmittanceController(known.calibration, known.tick_s, self.rig.limits.load_torque_nm)
+                if known.actuator is not None:
+                    # What the preview needs is imported now, with the drives idle.
+                    known.actuator.network.free_motion([0.0], known.tick_s)
 
 
 def run_session(
@@ -145,6 +151,8 @@ def _running(
         rig.limits, rig.command.limit, rig.tick_s, devices.load is not None, devices.torque_sensor is not None
     )
     loop = Loop(devices, guard, outbox, Alignment(), rig.tick_ns, stop_request)
+    if not backend.lock_step:
+        loop.on_time = punctual
     feed = (InlineFeed if backend.lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
     run = _Run(rig, loop, feed, Knowledge(rig), progress, recorder)
     outbox.consumers = (run.take,)

@@ -13,6 +13,7 @@ from bench.records import Measured
 
 # Ten seconds of parts: a worker that is further behind loses parts, and says so, rather than holding up the loop.
 GREATEST_BACKLOG = 100
+READY_WITHIN_S = 60.0
 
 
 class LiveFeed(Protocol):
@@ -53,6 +54,9 @@ class ProcessFeed:
             target=_identify, args=(command_unit, tick_s, self._parts, self._estimates), daemon=True
         )
         self._worker.start()
+        # Its imports would take the loop's core from it.
+        with suppress(queue.Empty):
+            self.latest = self._estimates.get(timeout=READY_WITHIN_S)
 
     def __call__(self, part: Measured) -> None:
         try:
@@ -76,5 +80,6 @@ def _identify(
     command_unit: str, tick_s: float, parts: "Queue[Measured | None]", estimates: "Queue[LiveEstimate]"
 ) -> None:
     identifier = LiveIdentifier(command_unit, tick_s)
+    estimates.put(LiveEstimate(0))
     while (part := parts.get()) is not None:
         estimates.put(identifier.update(part))
