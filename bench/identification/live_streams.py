@@ -62,7 +62,8 @@ class LiveStreams:
             stream_of(table, column, self.origin_ns)
             for table, column in ((motion, "position_rad"), (torque, "torque_nm"))
         )
-        sent_s = np.asarray((ticks["tick_ns"] + ticks["lateness_ns"] - self.origin_ns) * 1e-9, dtype=np.float64)
+        sent_ns = ticks["tick_ns"] + ticks["lateness_ns"] + ticks["work_ns"] - self.origin_ns
+        sent_s = np.asarray(sent_ns * 1e-9, dtype=np.float64)
         start_s, end_s = self._span(position.time_s, port.time_s, sent_s)
         count = int((end_s - start_s) / self.tick_s)
         if count <= 0 or (start_s > self._next_s and end_s - start_s < FIRST_AFTER_S):

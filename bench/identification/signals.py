@@ -197,7 +197,7 @@ def _stretch(
     edge = round(INTERPOLATION.half_width)
     covered[:edge], covered[-edge:] = False, False
     ticks = measured.ticks
-    sent_s = (ticks["tick_ns"] + ticks["lateness_ns"] - origin_ns) * 1e-9
+    sent_s = (ticks["tick_ns"] + ticks["lateness_ns"] + ticks["work_ns"] - origin_ns) * 1e-9
     chosen = (sent_s >= start_s - LONGEST_GAP_S) & (sent_s <= end_s)
     column = "command" if port is Port.ACTUATOR else "load_torque_nm"
     segment, in_use = _segments(measured, origin_ns, time_s, use)
