@@ -36,13 +36,13 @@ PHYSICAL = (
 # What no residual shows: discretisation, the encoder's counts in the friction's path, the instants of sending. Relative
 # deviations, measured on simulated benches with other true values (docs/identification.md).
 FLOOR = {
-    "torque_gain": 0.001,
+    "torque_gain": 0.0005,
     "amplifier_bandwidth": 0.01,
     "inertia": 0.003,
-    "viscous_damping": 0.005,
-    "coulomb_torque": 0.004,
-    "presliding_stiffness": 0.012,
-    "presliding_damping": 0.03,
+    "viscous_damping": 0.002,
+    "coulomb_torque": 0.0015,
+    "presliding_stiffness": 0.008,
+    "presliding_damping": 0.02,
 }
 DELAY_FLOOR_S = 1e-5
 # The command must explain this many times what nothing explains, or the port's torque sets no scale.
