@@ -1,4 +1,4 @@
-"""What keeps a loop in wall time on time, as far as Python and the machine allow: used by whoever waits on the clock."""
+"""What keeps a loop in wall time on time, as far as Python and the machine allow."""
 
 import gc
 import os

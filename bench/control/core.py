@@ -94,7 +94,7 @@ def sense(states, inputs, contact, clocks, readings, ages, delays, fresh, now, t
     for output in range(3):
         if fresh[output]:
             steady_arrival(clocks[output], now - ages[output])
-        since[output] = delays[output] + max(now - clocks[output, 0], 0.0)
+        since[output] = delays[output] + now - clocks[output, 0]  # a late tick may see readings from after it
     correct(states, inputs, readings, since, fresh, tick, rows, gain)
     contact[0] = slide(contact[0], states[0, position] - contact[1], law[1], law[2])
     contact[1] = states[0, position]

@@ -36,15 +36,14 @@ def with_preview(
         return segment
     delay_s = command_delay_s - calibration.shift_s
     motor_nm, coulomb_nm = network.torque_gain * command, network.coulomb_torque_nm
+    left_nm = motor_nm - network.viscous_damping_nms_rad * velocity_rad_s
     position, velocity, acceleration = network.free_motion(
         segment.command,
         tick_s,
         velocity_rad_s=velocity_rad_s,
         motor_torque_nm=motor_nm,
         longest_step_s=LONGEST_STEP_S,
-        friction_torque_nm=min(
-            max(motor_nm - network.viscous_damping_nms_rad * velocity_rad_s, -coulomb_nm), coulomb_nm
-        ),
+        friction_torque_nm=min(max(left_nm, -coulomb_nm), coulomb_nm),
     )
     return replace(
         segment,
