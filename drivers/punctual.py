@@ -21,13 +21,15 @@ def punctual() -> Iterator[None]:
     real time where the machine permits it: as root, or with ``ulimit -r``. Start other processes before."""
     switch_interval_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    frozen_before = gc.get_freeze_count() > 0
     gc.collect()
     gc.freeze()  # going through all that was imported takes a tenth of a second
     try:
         with _real_time():
             yield
     finally:
-        gc.unfreeze()
+        if not frozen_before:
+            gc.unfreeze()
         sys.setswitchinterval(switch_interval_s)
 
 

@@ -1,0 +1,245 @@
+"""A whole session on the simulated bench: what it finds, what it leaves behind, and that it can be done again."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.control.admittance import AdmittanceController
+from bench.identification.results import LiveEstimate
+from bench.models.network import NortonNetwork
+from bench.models.parameters import Estimate, Status
+from bench.procedures.makers import imposed
+from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
+from bench.procedures.waves import velocity_steps
+from bench.recording.contents import Recording
+from bench.recording.reader import read_recording
+from bench.records import Measured
+from bench.rig.load import load_rig
+from bench.rig.rig import Rig
+from bench.segments import Use
+from bench.session.conclusion import conclude_recording
+from bench.session.engine import SessionResult, run_session
+from bench.session.progress import Silent
+from bench.session.schema import Session, Step
+from sim_backend.tools import true_parameters
+from tests.bench.bench_in_simulation import opened
+
+RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
+SEED = 5
+TARE = Step("tare", TareOptions(0.5))
+CALIBRATE = Step("calibrate", CalibrateOptions(4.0))
+STEPS = (
+    TARE,
+    CALIBRATE,
+    Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=3.0)),
+    Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=4.0)),
+    Step("validate", ValidateOptions(duration_s=2.0)),
+)
+TABLES = ("ticks", "motion", "load_motion", "torque", "current")
+# Beyond its own deviations no estimate may be further off than this share.
+GREATEST_ERROR = {"amplifier_bandwidth": 0.15, "presliding_stiffness": 0.15, "presliding_damping": 0.15}
+GREATEST_ERROR_ELSE = 0.03
+
+
+@dataclass
+class Witness(Silent):
+    """Keeps the live estimates, one a part."""
+
+    live: list[LiveEstimate] = field(default_factory=list)
+
+    def part(self, measured: Measured, live: LiveEstimate) -> None:
+        self.live.append(live)
+
+
+@dataclass(frozen=True)
+class Performed:
+    """The session, what was said on the way, and its recording read back."""
+
+    result: SessionResult
+    live: list[LiveEstimate]
+    recording: Recording
+    out: Path
+
+
+def session_of(*steps: Step) -> Session:
+    return Session(steps, place="test")
+
+
+@pytest.fixture(scope="module")
+def performed(tmp_path_factory: pytest.TempPathFactory) -> Performed:
+    out, witness = tmp_path_factory.mktemp("session"), Witness()
+    result = run_session(RIG, session_of(*STEPS), out=out, seed=SEED, progress=witness)
+    return Performed(result, witness.live, read_recording(result.recording), out)
+
+
+@pytest.fixture(scope="module")
+def again(performed: Performed, tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Measured]:
+    """The session's first two steps once more, with another seed or the same."""
+    return lambda seed: (
+        run_session(RIG, session_of(TARE, CALIBRATE), out=tmp_path_factory.mktemp("again"), seed=seed).measured
+    )
+
+
+def estimates(performed: Performed) -> tuple[Estimate, ...]:
+    assert performed.result.conclusion.fit is not None
+    return performed.result.conclusion.fit.estimates
+
+
+def test_every_parameter_is_found_within_its_own_deviation(performed: Performed) -> None:
+    truth = true_parameters(RIG.simulated, seed=SEED, place="", command_unit=RIG.command.unit)
+    found = {estimate.name: estimate for estimate in estimates(performed)}
+    assert set(found) == set(truth)
+    for name, (true, unit) in truth.items():
+        estimate = found[name]
+        assert (estimate.unit, estimate.status) == (unit, Status.VALID)
+        assert 0.0 < abs(estimate.value - true) < 4 * estimate.std, name
+        assert estimate.value == pytest.approx(true, rel=GREATEST_ERROR.get(name, GREATEST_ERROR_ELSE)), name
+
+
+def test_unseen_motion_is_predicted(performed: Performed) -> None:
+    fit, validation = performed.result.conclusion.fit, performed.result.conclusion.validation
+    assert fit is not None
+    assert validation is not None
+    assert fit.converged
+    assert 0.0 < fit.torque_relative < 0.05
+    assert 0.0 < validation.torque_relative < 0.06
+    assert 0.0 < validation.velocity_relative < 0.06
+
+
+def test_it_leaves_recording_network_and_report(performed: Performed) -> None:
+    conclusion = performed.result.conclusion
+    assert sorted(path.name for path in performed.out.iterdir()) == [
+        "sim-odrive.mcap",
+        "sim-odrive.network.json",
+        "sim-odrive.report.html",
+    ]
+    assert conclusion.network is not None
+    assert conclusion.report is not None
+    network = NortonNetwork.load(conclusion.network)
+    values = {estimate.name: estimate.value for estimate in estimates(performed)}
+    assert (network.inertia_kgm2, network.coulomb_torque_nm) == (values["inertia"], values["coulomb_torque"])
+    assert network.provenance["seed"] == str(SEED)
+    report = conclusion.report.read_text()
+    assert all(name.replace("_", " ") in report or name in report for name in values)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_the_recording_holds_what_was_measured(performed: Performed, table: str) -> None:
+    measured = getattr(performed.result.measured, table)
+    assert len(measured) > 100
+    assert getattr(performed.recording.measured, table).tobytes() == measured.tobytes()
+
+
+def test_the_recording_says_in_which_segments_and_from_which_rig(performed: Performed) -> None:
+    assert performed.recording.complete
+    assert performed.recording.measured.segments == performed.result.measured.segments
+    assert performed.recording.rig_text == RIG.text
+    procedures = dict.fromkeys(segment.procedure for segment in performed.recording.measured.segments)
+    assert list(procedures) == [step.do for step in STEPS]
+
+
+def test_raw_frames_tell_everything_that_was_commanded(performed: Performed) -> None:
+    """Two commands a tick, of four bytes each at least, on the one bus."""
+    ticks = len(performed.recording.measured.ticks)
+    sent = [frame for frame in performed.recording.measured.frames if frame.sent and frame.channel == "can0"]
+    assert 2 * ticks < len(sent) < 2.1 * ticks
+
+
+def test_a_recording_alone_gives_the_very_same_result(performed: Performed, tmp_path: Path) -> None:
+    _, conclusion = conclude_recording(performed.result.recording, tmp_path)
+    assert conclusion.fit is not None
+    assert conclusion.fit.estimates == estimates(performed)
+    first, second = performed.result.conclusion.validation, conclusion.validation
+    assert first is not None
+    assert second is not None
+    assert (second.torque_rms_nm, second.velocity_rms_rad_s) == (first.torque_rms_nm, first.velocity_rms_rad_s)
+    assert conclusion.network is not None
+    assert performed.result.conclusion.network is not None
+    then = json.loads(performed.result.conclusion.network.read_text())
+    now = json.loads(conclusion.network.read_text())
+    assert now.pop("provenance").items() >= then.pop("provenance").items()
+    assert now == then
+
+
+def valid_from_ns(live: list[LiveEstimate]) -> int:
+    return next(estimate.stamp_ns for estimate in live if estimate.network is not None)
+
+
+def test_live_estimates_are_valid_long_before_the_end(performed: Performed) -> None:
+    ticks = performed.result.measured.ticks["tick_ns"]
+    known_after = (valid_from_ns(performed.live) - ticks[0]) / (ticks[-1] - ticks[0])
+    assert 0.05 < known_after < 0.6
+    recorded = performed.recording.live
+    assert len(recorded) > 0.9 * len(performed.live)
+    assert recorded[-1].estimates == performed.live[-1].estimates
+
+
+def test_the_last_live_estimate_agrees_with_the_final_fit(performed: Performed) -> None:
+    final = {estimate.name: estimate for estimate in estimates(performed)}
+    last = performed.live[-1].estimates
+    assert len(last) >= 7
+    for estimate in last:
+        reference = final[estimate.name]
+        assert estimate.status is Status.VALID
+        assert abs(estimate.value - reference.value) < 4 * np.hypot(estimate.std, reference.std), estimate.name
+
+
+def test_zero_torque_is_foreseen_as_soon_as_the_network_is_known(performed: Performed) -> None:
+    known_ns = valid_from_ns(performed.live)
+    free = [
+        segment
+        for segment in performed.recording.measured.segments
+        if segment.procedure == "free" or segment.name == "free multisine"
+    ]
+    assert [segment.preview for segment in free] == [segment.start_ns > known_ns for segment in free]
+    assert any(segment.preview and segment.use is Use.IDENTIFY for segment in free)
+    assert not any(segment.preview for segment in performed.recording.measured.segments if "imposed" in segment.name)
+
+
+def test_the_same_seed_gives_the_same_tables(performed: Performed, again: Callable[[int], Measured]) -> None:
+    second = again(SEED)
+    for name in TABLES:
+        table = getattr(second, name)
+        assert len(table) > 100
+        assert table.tobytes() == getattr(performed.result.measured, name)[: len(table)].tobytes(), name
+
+
+def test_another_seed_gives_others(performed: Performed, again: Callable[[int], Measured]) -> None:
+    second = again(SEED + 1).torque["torque_nm"][:400]
+    first = performed.result.measured.torque["torque_nm"][:400]
+    assert np.count_nonzero(second == first) < 40
+
+
+def steady_turning(rig: Rig, velocity_rad_s: float) -> Any:
+    motion = velocity_steps(np.array([velocity_rad_s]), 0.15, 0.35, rig.tick_s)
+    return imposed("test", "turning", Use.PREPARE, np.zeros(len(motion.position_rad)), motion)
+
+
+@pytest.mark.parametrize("stall_ms", [2, 4, 8])
+def test_a_loop_that_misses_ticks_keeps_the_motion(performed: Performed, stall_ms: int) -> None:
+    calibration = performed.result.knowledge.calibration
+    assert calibration is not None
+    with opened(RIG) as bench:
+        loop, clock, asked = bench.loop, bench.backend.clock, 0
+        loop.controller = AdmittanceController(calibration, RIG.tick_s, RIG.limits.load_torque_nm)
+        loop.alignment.torque_bias_nm = calibration.torque_bias_nm
+
+        def stand_still() -> None:
+            nonlocal asked
+            asked += 1
+            if asked > 200 and asked % 50 == 0:
+                clock.wait_until_ns(clock.now_ns() + round((stall_ms + 0.4) * 1e6))
+
+        loop.stop_request = stand_still
+        with loop.running():
+            measured = loop.run(steady_turning(RIG, 30.0))
+    ticks = measured.ticks
+    assert loop.skipped_ticks >= 5 * (stall_ms - 1)
+    assert np.max(ticks["lateness_ns"]) < RIG.tick_ns
+    error = ticks["velocity_rad_s"] - ticks["reference_velocity_rad_s"]
+    assert np.sqrt(np.mean(error**2)) < 1.5
