@@ -1,6 +1,5 @@
 """The controller on a bench that nobody told it about."""
 
-import time
 from dataclasses import replace
 from math import isnan, nan
 
@@ -148,18 +147,3 @@ def test_wishes_stay_within_the_limit() -> None:
     controller.begin(plant.sample(), ZERO_TORQUE)
     sample = plant.sample()._replace(torque_nm=1e3)
     assert controller.update(sample, REST, REST) == controller.torque_limit_nm
-
-
-def test_cost_of_a_tick(capsys: pytest.CaptureFixture[str]) -> None:
-    """Printed, not judged: machines differ."""
-    plant, controller = warmed_up(PlantSettings(), calibrated(PlantSettings()))
-    for admittance in (ZERO_TORQUE, PRESCRIBED_MOTION, Admittance(2e-4, 1e-3, 0.1)):
-        controller.begin(plant.sample(), admittance)
-        costs = []
-        for _ in range(500):
-            sample = plant.sample()
-            before = time.perf_counter()
-            controller.note_sent(controller.update(sample, REST, REST))
-            costs.append(time.perf_counter() - before)
-        with capsys.disabled():
-            print(f"\nupdate and note_sent: {1e6 * np.median(costs):.1f} µs ({admittance})")
