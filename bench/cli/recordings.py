@@ -58,7 +58,7 @@ def export(
     from bench.recording.export import export as write_tables  # noqa: PLC0415
 
     output = Output(json, quiet)
-    paths = write_tables(recording, kind, out if out is not None else recording.parent)
+    paths = write_tables(recording, kind, _made(out) or recording.parent)
     output.result({"files": paths}, "\n".join(map(str, paths)))
 
 

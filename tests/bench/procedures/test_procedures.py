@@ -70,6 +70,12 @@ def test_what_the_rig_can_do_is_accepted(procedure: Procedure, rig: Rig) -> None
 def test_steps_that_build_on_others_must_follow_them() -> None:
     with pytest.raises(UsageError, match="step 1 'free' builds on 'calibrate'"):
         make_procedures([("free", FreeProcedure().options)], RIG, place="s.toml")
+    first = [("tare", TareOptions()), ("calibrate", CalibrateProcedure().options)]
+    with pytest.raises(UsageError, match="step 3 'validate' builds on 'free'"):
+        make_procedures([*first, ("validate", ValidateProcedure().options)], RIG, place="s.toml")
+    alone = rig_without("load", "torque_sensor")
+    with pytest.raises(UsageError, match="step 1 'validate' builds on 'free'"):
+        make_procedures([("validate", ValidateProcedure().options)], alone, place="s.toml")
     made = make_procedures([(name, entry.make().options) for name, entry in CATALOGUE.items()], RIG, place="s.toml")
     assert [procedure.name for procedure in made] == list(CATALOGUE)
 

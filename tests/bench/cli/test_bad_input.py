@@ -1,0 +1,260 @@
+"""Files that cannot be used, and the installed program: one sentence with the place and the mend, no more."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from mcap.writer import Writer
+
+from bench.errors import ExitCode
+from bench.procedures.options import FreeOptions, TareOptions
+from bench.rig.load import load_rig
+from bench.session.engine import run_session
+from bench.session.schema import Session, Step
+
+ROOT = Path(__file__).parents[3]
+RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"
+ALONE_FILE = ROOT / "rigs" / "sim-free-shaft.toml"
+PROGRAM = Path(sys.executable).with_name("norton-bench")
+SHORT = Session((Step("tare", TareOptions(0.5)), Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=2.0))), "")
+
+
+def norton_bench(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [str(PROGRAM), *arguments, "--json"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+
+
+def steps(*lines: str) -> str:
+    return "".join(f"[[step]]\n{line}\n" for line in lines)
+
+
+def rig(*replacements: tuple[str, str], file: Path = RIG_FILE) -> str:
+    """A rig file in which one thing stands for another."""
+    text = file.read_text()
+    for right, wrong in replacements:
+        assert right in text
+        text = text.replace(right, wrong, 1)
+    return text
+
+
+NOWHERE = ("/tmp/norton-bench/bota", "./unplugged")
+ON_NOTHING = ('interface = "udp_multicast"', 'interface = "virtual"')
+TARE, CALIBRATE = 'do = "tare"', 'do = "calibrate"'
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command line, the files that it meets, how it must end, and what its one sentence must say."""
+
+    command: str
+    says: tuple[str, ...]
+    files: Mapping[str, str]
+    code: ExitCode = ExitCode.USAGE
+
+
+def rig_case(text: str, *says: str, code: ExitCode = ExitCode.USAGE, more: str = "") -> Case:
+    return Case(f"identify r.toml --quiet {more}", says, {"r.toml": text}, code)
+
+
+def session_case(text: str, *says: str, file: Path = RIG_FILE, more: str = "") -> Case:
+    return Case(f"run s.toml --quiet {more}", says, {"s.toml": f'rig = "{file}"\n{text}'})
+
+
+RIG_CASES = {
+    "not TOML": rig_case("[rig\n", "r.toml: is not TOML: ", "line 1", "check quotes, brackets"),
+    "unknown key": rig_case(rig(("watchdog =", "watchdgo =")), "[actuator] watchdgo: unknown key", '"watchdog"?'),
+    "wrong unit": rig_case(
+        rig(('power = "20 W"', 'power = "20 N*m"')), 'r.toml: [limits] power: "20 N*m" is not in W', "write it like"
+    ),
+    "limits that contradict": rig_case(
+        rig(('torque = "1 N*m"', 'torque = "0.2 N*m"')),
+        "r.toml: [actuator.command] limit: 0.5 N*m",
+        "exceed [limits] torque = 0.2 N*m",
+        "lower the command's limit or raise the torque's",
+    ),
+    "wrong unit of a true value": rig_case(
+        rig(('inertia = "5e-5 kg*m^2"', 'inertia = "5e-5 kg"')),
+        'r.toml: [simulated.actuator] inertia: "5e-5 kg" is not in kg*m^2',
+        "write it like",
+    ),
+    "unknown true value": rig_case(
+        rig(("\nstiffness = ", "\nstifness = ")),
+        "r.toml: [simulated.torque_sensor] stifness is not known",
+        "stiffness",
+    ),
+    "no port": rig_case(
+        rig(ON_NOTHING, NOWHERE),
+        "port ./unplugged: ",
+        "is it plugged in",
+        code=ExitCode.CONNECTION,
+        more="--backend hardware",
+    ),
+    "no bus": rig_case(
+        rig(("239.74.163.4", "not-an-address"), file=ALONE_FILE),
+        "[bus.can0] udp_multicast on not-an-address: cannot open it",
+        "must be a multicast address",
+        code=ExitCode.CONNECTION,
+        more="--backend hardware",
+    ),
+    "nobody on the bus": rig_case(
+        rig(ON_NOTHING, file=ALONE_FILE),
+        "[actuator] ODrive node 1 on can0: does not answer",
+        "is it powered and on this bus?",
+        code=ExitCode.TIMEOUT,
+        more="--backend hardware",
+    ),
+    "a recording in the way": Case(
+        f"identify {RIG_FILE} --quiet --out .",
+        ("sim-odrive.mcap is there already", "another name"),
+        {"sim-odrive.mcap": ""},
+    ),
+    "an impossible seed": Case(
+        f"identify {RIG_FILE} --quiet --seed -1",
+        ("sim-odrive.toml: [simulated] seed = -1", "greater than or equal"),
+        {},
+    ),
+}
+SESSION_CASES = {
+    "not TOML": session_case("[[step]\n", "s.toml: is not TOML: ", "line 2"),
+    "unknown step": session_case(steps('do = "calibrat"'), '[step 1] do: "calibrat" is not', '"calibrate"?'),
+    "wrong option": session_case(
+        steps(TARE + '\nduration = "2 rad"'), 's.toml: [step 1, tare] duration: "2 rad" is not in s', "write it like"
+    ),
+    "out of order": session_case(
+        steps(CALIBRATE, TARE), "s.toml: step 1 'calibrate' builds on 'tare'", 'put a step do = "tare" before it'
+    ),
+    "validation of what was never tried": session_case(
+        steps(TARE, CALIBRATE, 'do = "validate"'), "s.toml: step 3 'validate' builds on 'free'", 'do = "free"'
+    ),
+    "no load": session_case(
+        steps(TARE, 'do = "imposed"'),
+        "sim-free-shaft.toml: step 'imposed' needs a load drive",
+        "add a [load] section or leave the step out",
+        file=ALONE_FILE,
+    ),
+    "nothing that holds the shaft": session_case(
+        steps(TARE, 'do = "blocked"'),
+        "sim-free-shaft.toml: step 'blocked' needs a torque sensor",
+        "add a",
+        file=ALONE_FILE,
+    ),
+    "too fast": session_case(
+        steps(TARE, CALIBRATE, 'do = "imposed"\nvelocities = "-75:50:75 rad/s"'),
+        "step 'imposed' asks for 75 rad/s, but [limits] velocity = 80 rad/s",
+        "lower `velocities`",
+    ),
+    "unknown backend": session_case(
+        steps(TARE), '[rig] backend: "hardwear" is not installed', '"hardware"?', more="--backend hardwear"
+    ),
+    "no such rig": session_case(steps(TARE), "nowhere.toml: no such rig file", file=Path("nowhere.toml")),
+}
+CASES = {
+    **{f"rig: {name}": case for name, case in RIG_CASES.items()},
+    **{f"session: {name}": case for name, case in SESSION_CASES.items()},
+}
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+def test_a_file_that_cannot_be_used_is_one_sentence(case: Case, tmp_path: Path) -> None:
+    for name, text in case.files.items():
+        (tmp_path / name).write_text(text)
+    done = norton_bench(tmp_path, *case.command.split())
+    assert (done.returncode, done.stdout) == (case.code, "")
+    (sentence,) = done.stderr.splitlines()
+    assert all(part in sentence for part in case.says), sentence
+    assert not (tmp_path / "runs").exists() or not any((tmp_path / "runs").iterdir())
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a recording, three quarters of it, and things that are none."""
+    folder = tmp_path_factory.mktemp("recordings")
+    whole = run_session(load_rig(ALONE_FILE), SHORT, out=folder, seed=1).recording.rename(folder / "whole.mcap")
+    content = whole.read_bytes()
+    (folder / "cut.mcap").write_bytes(content[: len(content) * 3 // 4])
+    (folder / "empty.mcap").write_bytes(b"")
+    (folder / "notes.txt").write_text("not a recording")
+    (folder / "folder.mcap").mkdir()
+    tared = Session(SHORT.steps[:1], "")
+    run_session(load_rig(ALONE_FILE), tared, out=folder, seed=1).recording.rename(folder / "tare.mcap")
+    with (folder / "foreign.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("anything", "jsonschema", b"{}")
+        writer.add_message(writer.register_channel("/anything", "json", schema), 0, b"{}", 0)
+        writer.finish()
+    return folder
+
+
+NO_RECORDING: dict[str, tuple[str, ...]] = {
+    "missing.mcap": ("there is no recording missing.mcap", "check the name"),
+    "empty.mcap": ("empty.mcap is empty", "name a .mcap file"),
+    "notes.txt": ("notes.txt is not an MCAP recording", "name a .mcap file"),
+    "folder.mcap": ("folder.mcap is a folder", "name the .mcap file in it"),
+}
+
+
+@pytest.mark.parametrize(
+    ("command", "mend"),
+    [
+        ("fit", "name one of its recordings"),
+        ("report", "name one of its recordings"),
+        ("export", "name one of its recordings"),
+        ("recover", "there is nothing to recover"),
+    ],
+)
+def test_what_is_no_recording_of_ours_is_one_sentence(recordings: Path, command: str, mend: str) -> None:
+    refused(recordings, command, "foreign.mcap", "foreign.mcap", mend)
+
+
+@pytest.mark.parametrize("name", NO_RECORDING)
+def test_a_recording_that_cannot_be_opened_is_one_sentence(recordings: Path, name: str) -> None:
+    refused(recordings, "fit", name, *NO_RECORDING[name])
+
+
+@pytest.mark.parametrize("command", ["fit", "report", "export"])
+def test_a_recording_that_was_cut_off_says_how_to_rescue_it(recordings: Path, command: str) -> None:
+    refused(recordings, command, "cut.mcap", "cut.mcap is cut off after", "norton-bench recover cut.mcap")
+
+
+def test_a_recording_with_nothing_to_fit_says_what_to_record(recordings: Path) -> None:
+    refused(recordings, "fit", "tare.mcap", "no segment made for identification", "record one with 'free'")
+
+
+@pytest.mark.parametrize("command", ["fit", "report", "export"])
+def test_a_folder_that_cannot_be_made_is_one_sentence(recordings: Path, command: str) -> None:
+    refused(recordings, command, "whole.mcap", "notes.txt", "choose another", more=("--out", "notes.txt"))
+
+
+def refused(folder: Path, command: str, name: str, *says: str, more: tuple[str, ...] = ()) -> None:
+    quiet = () if command == "recover" else ("--quiet",)
+    before = sorted(folder.rglob("*"))
+    done = norton_bench(folder, command, name, *quiet, *more)
+    assert (done.returncode, done.stdout) == (ExitCode.USAGE, "")
+    (sentence,) = done.stderr.splitlines()
+    assert all(part in sentence for part in says), sentence
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_what_was_cut_off_is_recovered_and_then_fitted(recordings: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((recordings / "cut.mcap").read_bytes())
+    done = norton_bench(tmp_path, "recover", "cut.mcap")
+    assert (done.returncode, done.stderr) == (ExitCode.OK, "")
+    rescue = json.loads(done.stdout)
+    assert (rescue["recording"], rescue["was_complete"]) == ("cut.recovered.mcap", False)
+    again = norton_bench(tmp_path, "recover", "cut.mcap")
+    assert again.returncode == ExitCode.USAGE
+    assert again.stderr.startswith("cut.recovered.mcap is there already")
+    fitted = norton_bench(tmp_path, "fit", "cut.recovered.mcap", "--quiet")
+    assert (fitted.returncode, fitted.stderr) == (ExitCode.OK, "")
+    found = json.loads(fitted.stdout)
+    assert found["converged"] is True
+    assert found["parameters"]["amplifier_bandwidth"]["value"] == pytest.approx(600, rel=0.15)
+    assert found["parameters"]["inertia"] == {"value": None, "std": None, "unit": "kg*m^2", "status": "ratio only"}
+    assert Path(tmp_path, found["report"]).is_file()
+    assert cut.read_bytes() == (recordings / "cut.mcap").read_bytes()
