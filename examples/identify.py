@@ -1,19 +1,24 @@
-"""Run the standard session from Python, on the simulated bench, and look at what came of it.
+"""Run a session from Python, on the simulated bench, and look at what came of it.
 
-python examples/identify.py
+python examples/identify.py                       the standard session
+python examples/identify.py sessions/quick.toml   a session file, which names its rig
 """
 
+import sys
 from pathlib import Path
 from tempfile import mkdtemp
 
 from bench.rig.load import load_rig
 from bench.session.engine import run_session
-from bench.session.schema import standard_session
+from bench.session.schema import load_session, standard_session
+
+RIG = Path(__file__).parent.parent / "rigs" / "sim-odrive.toml"
 
 
-def main() -> None:
-    rig = load_rig(Path(__file__).parent.parent / "rigs" / "sim-odrive.toml")
-    result = run_session(rig, standard_session(rig), out=Path(mkdtemp(prefix="norton-bench-")), seed=1)
+def main(session_file: str | None = None) -> None:
+    session = standard_session() if session_file is None else load_session(session_file)
+    rig = load_rig(session.rig or RIG)
+    result = run_session(rig, session, out=Path(mkdtemp(prefix="norton-bench-")), seed=1)
     fit = result.conclusion.fit
     assert fit is not None
     for estimate in fit.estimates:
@@ -25,4 +30,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import queue
+import signal
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.queues import Queue
@@ -79,6 +80,9 @@ class ProcessFeed:
 def _identify(
     command_unit: str, tick_s: float, parts: "Queue[Measured | None]", estimates: "Queue[LiveEstimate]"
 ) -> None:
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C on a terminal reaches every process; the session ends this one
     identifier = LiveIdentifier(command_unit, tick_s)
     estimates.put(LiveEstimate(0))
     while (part := parts.get()) is not None:

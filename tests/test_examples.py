@@ -1,0 +1,92 @@
+"""The examples run, and the sessions that are shipped suit every rig that can perform them."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bench.errors import RigError
+from bench.procedures.catalogue import make_procedures
+from bench.rig.load import load_rig
+from bench.session.schema import load_session
+
+ROOT = Path(__file__).parents[1]
+SHORT = """\
+rig = "{rig}"
+[[step]]
+do = "tare"
+duration = "0.5 s"
+[[step]]
+do = "free"
+levels = 3
+dwell = "200 ms"
+duration = "2 s"
+"""
+
+
+def example(name: str, *arguments: object, folder: Path) -> str:
+    """What ``examples/<name>`` prints."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / name), *map(str, arguments)],
+        cwd=folder,
+        env={"TMPDIR": str(folder), "PATH": ""},
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+def test_identify_prints_parameters_and_its_network_can_be_used(tmp_path: Path) -> None:
+    session = tmp_path / "short.toml"
+    session.write_text(SHORT.format(rig=ROOT / "rigs" / "sim-free-shaft.toml"))
+    said = example("identify.py", session, folder=tmp_path)
+    assert re.search(r"amplifier_bandwidth +(5[4-9]\d|6[0-5]\d)(\.\d+)? ± .* rad/s \(valid\)", said)
+    assert "(ratio only)" in said
+    network = re.search(r"^network +(\S+\.network\.json)$", said, re.MULTILINE)
+    assert network is not None
+    used = example("use_network.py", network[1], folder=tmp_path)
+    # τc / (Km Ka): what no scale is needed for.
+    low, high = re.findall(r"breaks away at commands of (\S+) and (\S+) N\*m", used)[0]
+    assert -float(low) == float(high) == pytest.approx(0.02 / 0.9, rel=0.03)
+    velocity = float(re.findall(r"source says (\S+) rad/s", used)[0])
+    assert velocity == pytest.approx(0.02 / 1e-3, rel=0.05)
+
+
+def test_own_session_finds_the_heavier_actuator(tmp_path: Path) -> None:
+    said = example("own_session.py", 2, folder=tmp_path)
+    value, std = map(float, re.findall(r"inertia (\S+) ± (\S+) kg\*m\^2, where 8e-05 is true", said)[0])
+    assert value == pytest.approx(8e-5, rel=0.03)
+    assert 0 < std < 0.03 * 8e-5
+
+
+# What each rig can perform, of the sessions that are shipped.
+SUITS = {
+    ("characterise", "sim-odrive"): True,
+    ("characterise", "sim-dbc"): True,
+    ("characterise", "sim-free-shaft"): False,
+    ("quick", "sim-odrive"): True,
+    ("quick", "sim-dbc"): True,
+    ("quick", "sim-free-shaft"): False,
+}
+
+
+def test_every_session_and_rig_that_is_shipped_is_looked_at() -> None:
+    names = [{path.stem for path in (ROOT / folder).glob("*.toml")} for folder in ("sessions", "rigs")]
+    assert set(SUITS) == {(session, rig) for session in names[0] for rig in names[1]}
+
+
+@pytest.mark.parametrize(("session_name", "rig_name"), SUITS, ids=str)
+def test_sessions_suit_the_rigs_that_can_perform_them(session_name: str, rig_name: str) -> None:
+    session = load_session(ROOT / "sessions" / f"{session_name}.toml")
+    rig = load_rig(ROOT / "rigs" / f"{rig_name}.toml")
+    steps = [(step.do, step.options) for step in session.steps]
+    if SUITS[session_name, rig_name]:
+        assert len(make_procedures(steps, rig, place=session.place)) == len(steps)
+    else:
+        with pytest.raises(RigError, match="'calibrate' needs a load drive"):
+            make_procedures(steps, rig, place=session.place)
