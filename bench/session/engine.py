@@ -1,10 +1,11 @@
 """A session from beginning to end: check, open, run step by step, put away, conclude."""
 
 import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import perf_counter
 
 from bench.control.admittance import AdmittanceController
 from bench.control.preview import with_preview
@@ -128,14 +129,22 @@ def run_session(
             )
         )
         run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
-        for index, procedure in enumerate(procedures):
-            progress.step(index, procedure.name)
-            run.step(procedure)
+        _step_by_step(run, procedures, progress)
     measured = join(run.parts)
     conclusion = conclude(
         measured, rig_text=rig.text, metadata=metadata, live=run.live, recording=recorder.path, out=out
     )
     return SessionResult(recorder.path, conclusion, run.knowledge, measured)
+
+
+def _step_by_step(run: _Run, procedures: Sequence[Procedure], progress: Progress) -> None:
+    clock, begun_s = run.loop.devices.clock, perf_counter()
+    begun_ns = clock.now_ns()
+    for index, procedure in enumerate(procedures):
+        progress.step(index, procedure.name)
+        run.step(procedure)
+    bench_s, took_s = (clock.now_ns() - begun_ns) * 1e-9, perf_counter() - begun_s
+    progress.note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x); now the final fit")
 
 
 @contextmanager
