@@ -62,6 +62,7 @@ def _bench_response(bench: Bench, tick_s: float) -> ComplexArray:
     return np.asarray(_resolved(step, entry[:, None])[:, :, 0] @ readings.T)
 
 
+@lru_cache(maxsize=4)
 def _control_response(control: Control) -> ComplexArray:
     """From readings to wish at FREQUENCIES, (n, 3)."""
     return np.asarray(control.direct + control.wish @ _resolved(control.step, control.entry))
@@ -153,6 +154,7 @@ def _observing(
     return Control(step, entry, wish, direct)
 
 
+@lru_cache(maxsize=256)
 def _bench_part(bench: Bench, tick_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(readings (3, n), step (n, n), entry (n,)) over the last states and the last commands received."""
     model = sampled(*bench.matrices(), tick_s, bench.command_delay_s)
