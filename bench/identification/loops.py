@@ -9,6 +9,10 @@ from numba import njit
 FloatArray = npt.NDArray[np.float64]
 
 
+# A sum that may be taken in any order takes several terms at a time; NaN and infinity stay what they are.
+SUM_IN_ANY_ORDER = {"reassoc", "contract"}
+
+
 @njit(cache=True, nogil=True)
 def resample(
     times: FloatArray, values: FloatArray, period: float, grid: FloatArray, table: FloatArray, per_unit: int
@@ -39,7 +43,7 @@ def resample(
     return output
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=SUM_IN_ANY_ORDER)
 def filter_at(values: FloatArray, taps: FloatArray, first: int, stride: int, count: int) -> FloatArray:
     """``out[q, k] = Σ_j taps[q, j] · values[first + k·stride + j]``, shape (q, count); the ends repeat."""
     filters, length = taps.shape
