@@ -86,10 +86,10 @@ class Loop:
         parts: list[Measured] = []
         try:
             while index < len(commands) and not done:
-                index += self._await_tick(strategy)
-                if index >= len(commands):
-                    break
-                sample, full = self._tick(commands[index], strategy, index)
+                self._clock.wait_until_ns(self._next_ns)
+                begun_ns, arrivals = self._clock.now_ns(), self.devices.receive()
+                index = min(index + self._obey_time(strategy), len(commands) - 1)
+                sample, full = self._tick(commands[index], strategy, index, begun_ns, arrivals)
                 done = abs(sample.velocity_rad_s) >= stop_at_rad_s
                 index += 1
                 if full:
@@ -108,9 +108,10 @@ class Loop:
         self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
         self._next_ns = now_ns + self.tick_ns
 
-    def _tick(self, command: float, strategy: LoadStrategy, index: int) -> tuple[Sample, bool]:
+    def _tick(
+        self, command: float, strategy: LoadStrategy, index: int, begun_ns: int, arrivals: Arrivals
+    ) -> tuple[Sample, bool]:
         deadline_ns, now_ns = self._next_ns, self._clock.now_ns()
-        arrivals = self.devices.receive()
         sample = self._sample(now_ns, arrivals)
         # The controller steps from deadline to deadline.
         seen = sample if now_ns == deadline_ns else sample.counted_from(deadline_ns)
@@ -126,7 +127,7 @@ class Loop:
         self._load_torque_nm = commands.load_torque_nm
         self._position_rad = sample.load_position_rad
         self._next_ns = deadline_ns + self.tick_ns
-        row = self._row(deadline_ns, now_ns, sample, wish, commands, strategy.target(index), drives)
+        row = self._row(deadline_ns, max(begun_ns, deadline_ns), sample, wish, commands, strategy.target(index), drives)
         return sample, self.outbox.put(row, arrivals)
 
     def _sample(self, now_ns: int, arrivals: Arrivals) -> Sample:
@@ -137,9 +138,8 @@ class Loop:
         if reason is not None:
             raise OperatorStopError(f"stopped by the operator: {reason}")
 
-    def _await_tick(self, strategy: LoadStrategy) -> int:
-        """Wait for the next tick that is not over yet; returns how many were missed. Raises SafetyStopError."""
-        self._clock.wait_until_ns(self._next_ns)
+    def _obey_time(self, strategy: LoadStrategy) -> int:
+        """Go on with the tick that is not over yet; returns how many were missed. Raises SafetyStopError."""
         missed = self._pass_missed(strategy)
         stall_ns = missed * self.tick_ns
         if stall_ns > self.guard.limits.stall_after_ns:
@@ -173,7 +173,7 @@ class Loop:
     def _row(
         self,
         deadline_ns: int,
-        now_ns: int,
+        begun_ns: int,
         sample: Sample,
         wish: Commands,
         commands: Commands,
@@ -182,8 +182,8 @@ class Loop:
     ) -> tuple[float, ...]:
         return (
             deadline_ns,
-            now_ns - deadline_ns,
-            self._clock.now_ns() - now_ns,
+            begun_ns - deadline_ns,
+            self._clock.now_ns() - begun_ns,
             self._segments,
             commands.command,
             wish.load_torque_nm,
