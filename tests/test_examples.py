@@ -58,7 +58,7 @@ def test_identify_prints_parameters_and_its_network_can_be_used(tmp_path: Path) 
 
 
 def test_own_session_finds_the_heavier_actuator(tmp_path: Path) -> None:
-    said = example("own_session.py", 2, folder=tmp_path)
+    said = example("own_session.py", 1, folder=tmp_path)
     value, std = map(float, re.findall(r"inertia (\S+) ± (\S+) kg\*m\^2, where 8e-05 is true", said)[0])
     assert value == pytest.approx(8e-5, rel=0.03)
     assert 0 < std < 0.03 * 8e-5
