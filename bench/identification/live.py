@@ -27,6 +27,8 @@ BLOCK_S = 0.5
 # Of white noise in the band, one sample in this many is independent.
 CORRELATED = 3.0
 LEAST_BLOCKS = 4
+# When there are so many, neighbours are put together: a long experiment needs no more memory, nor time, than a short one.
+MOST_BLOCKS = 64
 SCAN_EVERY_BLOCKS = 4
 STEPS_AN_UPDATE = 3
 LONGEST_STEP = np.array([0.5, 0.5, 3e-4, 3e-4])
@@ -65,6 +67,7 @@ class LiveIdentifier:
     _block: FloatArray = field(default_factory=lambda: np.zeros((WIDTH, WIDTH)), init=False)
     _block_rows: int = field(default=0, init=False)
     _blocks: list[FloatArray] = field(default_factory=list, init=False)
+    _digested: int = field(default=0, init=False)  # blocks so far
     _samples: int = field(default=0, init=False)
     _unseen: tuple[tuple[int, int], ...] = field(default=(), init=False)
     _best: Candidate | None = field(default=None, init=False)
@@ -107,6 +110,9 @@ class LiveIdentifier:
             return
         self._total += self._block
         self._blocks.append(self._block)
+        self._digested += 1
+        if len(self._blocks) == MOST_BLOCKS:
+            self._blocks = [one + other for one, other in zip(self._blocks[::2], self._blocks[1::2], strict=True)]
         block, self._block = self._block, np.zeros((WIDTH, WIDTH))
         duration_s, self._block_rows = self._block_rows * self.tick_s, 0
         if len(self._blocks) >= LEAST_BLOCKS:
@@ -127,7 +133,7 @@ class LiveIdentifier:
         settled = self._latest.network is not None
         if self._best is not None:
             self._best = self._improved(self._evaluate(self._best.shape))
-        if not settled and len(self._blocks) % SCAN_EVERY_BLOCKS == 0:
+        if not settled and self._digested % SCAN_EVERY_BLOCKS == 0:
             starts = [self._scan(bandwidth) for bandwidth in SCAN_BANDWIDTHS]
             others = [self._improved(start) for start in starts]
             self._best = min([*others, *([self._best] if self._best else [])], key=lambda candidate: candidate.cost)
