@@ -27,7 +27,7 @@ BLOCK_S = 0.5
 # Of white noise in the band, one sample in this many is independent.
 CORRELATED = 3.0
 LEAST_BLOCKS = 4
-# When there are so many, neighbours are put together: a long experiment needs no more memory, nor time, than a short one.
+# When there are so many, neighbours are put together: a long experiment needs no more memory or time than a short one.
 MOST_BLOCKS = 64
 SCAN_EVERY_BLOCKS = 4
 STEPS_AN_UPDATE = 3
