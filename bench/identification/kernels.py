@@ -1,6 +1,6 @@
 """Band-limited kernels: one low-pass that filters, differentiates, resamples and shifts.
 
-Every kernel is a Kaiser-windowed sinc, known as a function of continuous time, so that a signal is filtered,
+Every kernel is a windowed sinc (Kaiser, with smooth ends), known as a function of continuous time, so that a signal is filtered,
 differentiated, resampled and shifted by a fraction of a sample in one and the same sum.
 """
 
@@ -14,7 +14,10 @@ from scipy.interpolate import BSpline, make_interp_spline
 FloatArray = npt.NDArray[np.float64]
 
 TABLE_PER_UNIT = 512
-KAISER_BETA = 8.0
+KAISER_BETA = 4.0
+# The window ends at zero with its first two derivatives: else a shift that carries the end over a sample would show as a
+# jump of whatever is differentiated.
+EDGE_POWER = 3
 
 
 @dataclass(frozen=True)
@@ -59,5 +62,6 @@ def _table(kernel: Kernel) -> FloatArray:
 @cache
 def _spline(cutoff: float, half_width: float) -> BSpline:
     u = np.linspace(-half_width, half_width, round(2 * half_width * 64) + 1)
-    window = np.i0(KAISER_BETA * np.sqrt(np.maximum(1 - (u / half_width) ** 2, 0.0))) / np.i0(KAISER_BETA)
+    inside = np.maximum(1 - (u / half_width) ** 2, 0.0)
+    window = np.i0(KAISER_BETA * np.sqrt(inside)) / np.i0(KAISER_BETA) * inside**EDGE_POWER
     return make_interp_spline(u, 2 * cutoff * np.sinc(2 * cutoff * u) * window, k=5)

@@ -63,3 +63,16 @@ def test_any_initial_friction_is_one_path_plus_a_share_of_the_other(displacement
     bank = loops.friction_bank(position, position[0], np.array([s]), np.array([start]))[0]
     path = loops.friction_path(position, s)
     assert bank == pytest.approx(path[0] + start * path[1], abs=1e-12)
+
+
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+@pytest.mark.parametrize("crossing", [-0.5, -0.25, 0.0, 0.25])
+def test_a_shift_across_a_sample_is_no_jump(derivative: int, crossing: float) -> None:
+    """The kernel's end then passes over a sample; what it makes of rough signals must not notice."""
+    kernel = Kernel(0.18, 8.0)
+    offsets = np.arange(-40, 41) / 4
+    rough = np.sign(np.random.default_rng(0).standard_normal((81, 200)))
+    shifts = crossing + 1e-3 * np.arange(-4, 5)
+    filtered = np.stack([kernel.taps(offsets - shift, derivative) @ rough for shift in shifts])
+    change = np.linalg.norm(np.diff(filtered, axis=0), axis=1)
+    assert np.max(change) < 1.02 * np.min(change)
