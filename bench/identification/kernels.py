@@ -1,7 +1,7 @@
 """Band-limited kernels: one low-pass that filters, differentiates, resamples and shifts.
 
-Every kernel is a windowed sinc (Kaiser, with smooth ends), known as a function of continuous time, so that a signal is filtered,
-differentiated, resampled and shifted by a fraction of a sample in one and the same sum.
+Every kernel is a windowed sinc (Kaiser, with smooth ends), known as a function of continuous time, so that a signal is
+filtered, differentiated, resampled and shifted by a fraction of a sample in one and the same sum.
 """
 
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ FloatArray = npt.NDArray[np.float64]
 
 TABLE_PER_UNIT = 512
 KAISER_BETA = 4.0
-# The window ends at zero with its first two derivatives: else a shift that carries the end over a sample would show as a
-# jump of whatever is differentiated.
+# The window ends at zero with its first two derivatives: else a shift that carries the end over a sample would show as
+# a jump of whatever is differentiated.
 EDGE_POWER = 3
 
 
