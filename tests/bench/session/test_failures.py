@@ -139,9 +139,10 @@ def test_a_device_vanishes_halfway(bench: Bench, role: str, words: str) -> None:
 
     said, recording = bench.stopped(RIG, SafetyStopError, pull_the_plug)
     assert words in said
-    assert 1200 < len(recording.measured.ticks) < 1200 + 10
-    # Whoever cannot be told is stopped by its watchdog.
-    bench.world.advance(bench.world.now_ns + 150_000_000)
+    silence_ticks = RIG.limits.stale_after_ns // RIG.tick_ns
+    assert 1200 + silence_ticks - 5 < len(recording.measured.ticks) < 1200 + silence_ticks + 5
+    # Whoever cannot be told is stopped by its watchdog, of 300 ms.
+    bench.world.advance(bench.world.now_ns + 310_000_000)
     assert bench.armed() == []
 
 
