@@ -27,6 +27,7 @@ from bench.session.live_feed import InlineFeed, LiveFeed, ProcessFeed
 from bench.session.progress import Progress, Silent
 from bench.session.provenance import provenance
 from bench.session.schema import Session
+from bench.session.warm_up import warm_up
 from drivers.backend import Backend
 from drivers.punctual import punctual
 from drivers.registry import load_backend
@@ -91,9 +92,6 @@ class _Run:
             loop.alignment.torque_bias_nm = known.calibration.torque_bias_nm
             if loop.controller is None or loop.controller.calibration != known.calibration:
                 loop.controller = AdmittanceController(known.calibration, known.tick_s, self.rig.limits.load_torque_nm)
-                if known.actuator is not None:
-                    # What the preview needs is imported now, with the drives idle.
-                    known.actuator.network.free_motion([0.0], known.tick_s)
 
 
 def run_session(
@@ -113,6 +111,7 @@ def run_session(
     progress = progress or Silent()
     procedures = make_procedures([(step.do, step.options) for step in session.steps], rig, place=session.place)
     progress.plan(tuple((procedure.name, procedure.duration_s(rig)) for procedure in procedures))
+    warm_up()
     backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
     with ExitStack() as stack:
         stack.callback(backend.close)

@@ -1,0 +1,54 @@
+"""Compiled code made ready before anything is opened: the first run compiles for seconds, later ones only load."""
+
+from contextlib import suppress
+
+import numpy as np
+
+from bench.control.admittance import AdmittanceController
+from bench.control.calibration import LoadCalibration
+from bench.errors import ExperimentError
+from bench.identification.fit import fit_signals
+from bench.identification.live import LiveIdentifier
+from bench.identification.load import fit_load
+from bench.identification.signals import Port, signals
+from bench.models.network import NortonNetwork
+from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
+from bench.segments import Use
+
+TICK_S = 1e-3
+DURATION_S, PART_S = 3.0, 0.5
+COMMAND_UNIT = "N*m"
+# Any machine will do.
+NETWORK = NortonNetwork(1.0, 500.0, 1e-4, 1e-3, 0.02, 10.0, 0.01, command_unit=COMMAND_UNIT)
+LOAD = LoadCalibration(1.0, 1e3, 1e-4, 1e-3, 0.01, 10.0, 0.01, 1.5e-3, 0.0, 200.0, 0.01, 1e-3, 0.0, 5e-5, -1e-3, 1e-4)
+
+
+def warm_up() -> None:
+    """Go once through all compiled code, with made-up readings whose results nobody looks at."""
+    measured = _made_up()
+    live = LiveIdentifier(COMMAND_UNIT, TICK_S)
+    for begun_s in np.arange(0.0, DURATION_S, PART_S):
+        live.update(measured.between(round(begun_s * 1e9), round((begun_s + PART_S) * 1e9)))
+    with suppress(ExperimentError):
+        fit_load(measured, TICK_S)
+    fit_signals(signals(measured, TICK_S, Use.CALIBRATE, Port.ACTUATOR), command_unit=COMMAND_UNIT)
+    AdmittanceController(LOAD, TICK_S, torque_limit_nm=1.0)
+    NETWORK.free_motion([0.0], TICK_S)
+
+
+def _made_up() -> Measured:
+    """Two sines, read as an encoder and a sensor would."""
+    time_s = np.arange(round(DURATION_S / TICK_S)) * TICK_S
+    position = np.sin(20 * time_s) + 0.1 * np.sin(90 * time_s)
+    command = 0.1 * np.sin(50 * time_s)
+    stamp_ns = np.round(time_s * 1e9).astype(np.int64)
+    ticks, motion = np.zeros(len(time_s), TICK), np.zeros(len(time_s), MOTION)
+    torque, current = np.zeros(len(time_s), TORQUE), np.zeros(len(time_s), CURRENT)
+    ticks["tick_ns"], ticks["command"], ticks["load_torque_nm"] = stamp_ns, command, 0.1 * np.cos(30 * time_s)
+    for table in (motion, torque, current):
+        table["arrival_ns"], table["sequence"] = stamp_ns, np.arange(len(time_s))
+    motion["position_rad"] = np.round(position / 1e-4) * 1e-4
+    torque["torque_nm"], torque["valid"] = NETWORK.torque(command, position, TICK_S), True
+    torque["device_ns"], current["current_a"] = NO_DEVICE_TIME, command
+    segment = SegmentInfo(0, "warm up", "sines", Use.CALIBRATE, "torque", 0, int(stamp_ns[-1]))
+    return Measured(ticks, motion, motion, torque, current, segments=(segment,))
