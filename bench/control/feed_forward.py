@@ -34,14 +34,6 @@ class FeedForward:
         )
         self.lag: FloatArray = np.array([self.gain, self.limit_nm, stays, stays_before, stays_after])
 
-    def begin(self, torque_nm: float) -> None:
-        """As if ``torque_nm`` had been asked for all along."""
-        core.begin_feed(self.shares, self.delivered, self.lag, torque_nm)
-
-    def ask(self, torque_nm: float) -> None:
-        """Find this tick's share, so that the torque is there when the next command arrives."""
-        core.ask(self.shares, self.delivered, self.lag, torque_nm)
-
     def advance(self) -> None:
         """Let one tick pass."""
         core.pass_on(self.shares, self.delivered, self.lag)

@@ -82,10 +82,10 @@ def test_feed_forward_makes_the_amplifier_deliver(bandwidth: float, share: float
     """A lagging amplifier, fed what was asked for, has the wanted torque whenever the next command arrives."""
     feed = FeedForward(0.9, bandwidth, TICK_S, share * TICK_S, whole, limit_nm=1e6)
     wanted = np.cumsum(np.random.default_rng(seed).normal(0, 0.01, 40))
-    feed.begin(0.0)
+    core.begin_feed(feed.shares, feed.delivered, feed.lag, 0.0)
     delivered = 0.0
     for torque_nm in wanted:
-        feed.ask(torque_nm)
+        core.ask(feed.shares, feed.delivered, feed.lag, torque_nm)
         delivered += (1 - exp(-bandwidth * TICK_S)) * (0.9 * feed.shares[0] - delivered)
         assert delivered == pytest.approx(torque_nm, abs=1e-9)
         feed.advance()
