@@ -25,18 +25,23 @@ from bench.units import conversion
 
 @dataclass(frozen=True)
 class Units:
-    """The SI units of a log: those of motion and exertion, and of the command, which keeps its own."""
+    """The SI units of a log: those of motion and exertion, and of the command, which keeps its own.
+
+    ``drive`` is the unit of what acts on the motor: volt where the command is the share of a supply.
+    """
 
     motion: str
     exertion: str
     inertia: str
     command: str
+    drive: str
 
     @classmethod
-    def of(cls, motion: str, command: str) -> "Units":
+    def of(cls, motion: str, command: str, *, supplied: bool) -> "Units":
+        drive = "V" if supplied else command
         if motion == "translation":
-            return cls("m", "N", "kg", command)
-        return cls("rad", "N*m", "kg*m^2", command)
+            return cls("m", "N", "kg", command, drive)
+        return cls("rad", "N*m", "kg*m^2", command, drive)
 
     @property
     def columns(self) -> Mapping[str, str]:
@@ -56,8 +61,8 @@ class Units:
 
     @property
     def gain(self) -> str:
-        """The unit of exertion per command."""
-        return f"{self.exertion}/({self.command})" if self.command else self.exertion
+        """The unit of exertion per drive."""
+        return f"{self.exertion}/({self.drive})" if self.drive else self.exertion
 
     @property
     def givens(self) -> Mapping[tuple[str, str], str]:
@@ -121,7 +126,8 @@ def parse_map(text: str, *, place: str) -> ColumnMap:
     read = mistakes.read(MapFile, written, "")
     mistakes.raise_as(UsageError)
     assert read is not None  # it was told, and raised, otherwise
-    units = Units.of(read.log.motion, read.columns.command.unit if read.columns.command else "")
+    command, supply = read.columns.command, read.columns.supply
+    units = Units.of(read.log.motion, command.unit if command else "", supplied=supply is not None)
     made = ColumnMap(place=place, units=units, **dict(read))
     _check_units(made, mistakes)
     _check_sense(made, mistakes)
@@ -147,6 +153,10 @@ def _check_unit(unit: str, wanted: str, where: str, mistakes: Mistakes) -> None:
 def _check_sense(column_map: ColumnMap, mistakes: Mistakes) -> None:
     """What must be there for anything to be learned."""
     columns = column_map.columns
+    if columns.supply is not None and (columns.command is None or columns.command.unit):
+        mistakes.add(
+            "[columns] supply", "is for a command that is a share of it, a plain number; leave one of them out"
+        )
     if columns.time is None and column_map.log.rate_hz is None:
         mistakes.add("[columns] time", 'is missing; add time = { name = "t", unit = "s" }, or [log] rate = "1 kHz"')
     if columns.position is None and columns.velocity is None:
