@@ -49,7 +49,7 @@ def make_problem(
 ) -> Problem:
     """``splits`` are the instants of each stretch to train and to test on.
 
-    Raises ExperimentError where nothing is left to learn from, UsageError for filters that do not suit.
+    Raises ExperimentError where nothing is left to learn from.
     """
     filters = Filters.of(parts[0].dt_s, column_map.filter.cutoff_hz, column_map.filter.rate_hz)
     terms = tuple(Terms.of(part, column_map, filters) for part in parts)

@@ -6,14 +6,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-from bench.errors import UsageError
-
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 # Where the map says nothing: the low-pass of the position, and the rows' rate, as shares of the sampling rate.
 CUTOFF = 0.1
 ROWS = 0.1
+HIGHEST_CUTOFF = 0.4
 SLOWEST_ROWS_HZ = 100.0
 # Before decimation: 8th order Chebyshev, 0.05 dB of ripple up to this share of the new Nyquist frequency.
 PASS = 0.8
@@ -35,13 +34,9 @@ class Filters:
 
     @classmethod
     def of(cls, dt_s: float, cutoff_hz: float | None, rows_hz: float | None) -> "Filters":
-        """Raises UsageError for a cutoff beyond half of the sampling rate."""
+        """A cutoff that the samples are too coarse for is as good as none: it is held below half of their rate."""
         rate_hz = 1 / dt_s
-        cutoff = CUTOFF * rate_hz if cutoff_hz is None else cutoff_hz
-        if cutoff >= rate_hz / 2:
-            raise UsageError(
-                f"[filter] cutoff: {cutoff:g} Hz is not below half of the sampling rate, {rate_hz / 2:.6g} Hz; lower it"
-            )
+        cutoff = min(CUTOFF * rate_hz if cutoff_hz is None else cutoff_hz, HIGHEST_CUTOFF * rate_hz)
         rows = max(ROWS * rate_hz, min(SLOWEST_ROWS_HZ, rate_hz)) if rows_hz is None else rows_hz
         return cls(dt_s, cutoff, max(1, round(rate_hz / rows)))
 

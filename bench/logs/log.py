@@ -86,10 +86,11 @@ def _givens(content: Content, column_map: ColumnMap) -> dict[tuple[str, str], fl
 
 
 def _value(content: Content, given: Given, unit: str, where: str) -> float | None:
-    known = {*content.numbers, *content.arrays}
-    if given.optional and not known.issuperset(given.names):
-        return None
     factor, shift = conversion(given.unit, unit)
+    if not {*content.numbers, *content.arrays}.issuperset(given.names) and (
+        given.default is not None or given.optional
+    ):
+        return None if given.default is None else given.default * factor + shift
     product = given.number * float(np.prod([content.number(name, where) for name in given.names]))
     return product * factor + shift
 

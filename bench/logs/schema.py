@@ -23,6 +23,7 @@ class Given(MapSection):
     keys: tuple[str, ...] = Field((), examples=[["mass", "length"]])
     number: float = Field(1.0, alias="scale", examples=[9.81])
     unit: UnitText = Field("", examples=["kg"])
+    default: float | None = Field(None, examples=[1.0])
     optional: bool = False
 
     @property
