@@ -1,10 +1,11 @@
-"""Zero-phase low-pass, central differences, and the one decimation that both sides of an equation pass."""
+"""Zero-phase low-pass, derivatives, and the one decimation that both sides of an equation pass."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy import signal
+from scipy.interpolate import make_interp_spline
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -59,8 +60,12 @@ class Filters:
 
 
 def slope(values: FloatArray, dt_s: float) -> FloatArray:
-    """Central differences, shape (n,)."""
-    return np.asarray(np.gradient(values, dt_s))
+    """The derivative of the spline of fifth order through all samples, shape (n,).
+
+    Central differences lose sin(ωT)/(ωT) of every frequency, which shows as inertia: 2 % of it for EMPS at 200 Hz.
+    """
+    time_s = dt_s * np.arange(len(values))
+    return np.asarray(make_interp_spline(time_s, values, k=5).derivative()(time_s))
 
 
 def integral(values: FloatArray, dt_s: float) -> FloatArray:
