@@ -25,26 +25,35 @@ FloatArray = npt.NDArray[np.float64]
 SIGNIFICANT = 3.0
 # An equation that leaves more of the exertion than this has not been understood.
 UNEXPLAINED = 0.5
+# Columns are out of step by more than this many samples, if that explains this share of what is unexplained.
+LATE_SAMPLES = 2.0
+LATE_EXPLAINS = 0.3
 # Swapping two columns is suspected where it leaves less than this share of what is left otherwise.
 BETTER = 0.5
 # A logged velocity, as a multiple of the position's derivative, and how well the two must agree.
 SLOPE = (0.8, 1.25)
 AGREEMENT = 0.8
+SWAPPABLE = ("position", "velocity", "command", "exertion", "goal")
 # A position that leads its goal by more than this many samples, and by this many deviations.
 LEAD_SAMPLES = 0.5
+# A goal is followed where it and the position agree this well.
+FOLLOWED = 0.8
 
 
 @dataclass(frozen=True)
 class Basic:
     """The equation with Coulomb and viscous friction and nothing held to a sign; ``unexplained`` is relative.
 
-    ``inertia`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where not sought.
+    ``late_s`` is how late the exertion was logged, ``late_explains`` the share of the unexplained that this would
+    explain. ``inertia`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where not sought.
     """
 
     unexplained: float
     inertia: float | None
     braking: float | None
     gain: float | None
+    late_s: float
+    late_explains: float
 
     @classmethod
     def of(cls, problem: Problem) -> "Basic":
@@ -65,13 +74,23 @@ class Basic:
             _rms(problem.exertion[rows]),
             float(parts[list(equation.names).index("torque_gain")]) if "torque_gain" in equation.names else 0.0,
         )
+        late_s, explained = _lateness(columns, residual, problem.rate[rows])
         ratio = dict(zip(equation.names, linear / deviation, strict=False))
         return cls(
             unexplained=_rms(residual) / scale if scale > 0 else float("inf"),
             inertia=ratio.get("inertia"),
             braking=float(weights @ linear[-2:]) / spread,
             gain=ratio.get("torque_gain"),
+            late_s=late_s,
+            late_explains=explained,
         )
+
+
+def _lateness(columns: FloatArray, residual: FloatArray, rate: FloatArray) -> tuple[float, float]:
+    """How much later than the motion the known exertion is logged, and the share of the residual that explains."""
+    alone = rate - linear_solution(columns, rate) @ columns
+    late_s = float(alone @ residual) / max(float(alone @ alone), 1e-300)
+    return late_s, 1.0 - _rms(residual - late_s * alone) / max(_rms(residual), 1e-300)
 
 
 def _rms(values: FloatArray) -> float:
@@ -90,6 +109,17 @@ def wrong_signs(basic: Basic, column_map: ColumnMap) -> Iterator[str]:
         yield f"Friction comes out negative, driving the motion: the signs of {driver} and motion do not agree; {mend}."
 
 
+def out_of_step(basic: Basic, column_map: ColumnMap, dt_s: float) -> Iterator[str]:
+    """Exertion and motion that were logged at different times."""
+    if abs(basic.late_s) > LATE_SAMPLES * dt_s and basic.late_explains > LATE_EXPLAINS:
+        what = "exertion" if column_map.columns.exertion is not None else "command"
+        way = "later" if basic.late_s > 0 else "earlier"
+        yield (
+            f"{what} is logged about {abs(basic.late_s) * 1e3:.2g} ms {way} than the motion that it goes with: shift its "
+            f'time in [columns] {what} (shift = "{-1e3 * basic.late_s:.2g} ms").'
+        )
+
+
 def unexplained(basic: Basic, left: float) -> Iterator[str]:
     """``left`` is what the model that was chosen leaves, relative."""
     if min(basic.unexplained, left) > UNEXPLAINED:
@@ -101,7 +131,7 @@ def unexplained(basic: Basic, left: float) -> Iterator[str]:
 
 def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], Problem]) -> Iterator[str]:
     """Two columns that explain far more with their places changed."""
-    names = [name for name in ("position", "velocity", "command", "exertion") if name in logs[0].columns]
+    names = [name for name in SWAPPABLE if name in logs[0].columns]
     found: list[tuple[float, str]] = []
     for first, second in combinations(names, 2):
         try:
@@ -162,22 +192,29 @@ def _agreement(derived: FloatArray, logged: FloatArray) -> tuple[float, float]:
 
 
 def ahead_of_goal(parts: Sequence[Stretch], filters: Filters) -> Iterator[str]:
-    """A controlled position follows its goal; one that leads it is the goal."""
+    """A controlled position follows its goal: one that leads it is the goal, one that runs against it has a wrong sign.
+
+    Nothing is said of a goal that is not followed.
+    """
     if not all({"position", "goal"} <= set(part.columns) for part in parts):
         return
-    lag, target = [], []
-    for part in parts:
-        keep = slice(filters.margin, -filters.margin)
-        position, goal = (filters.smooth(part.columns[name]) for name in ("position", "goal"))
-        lag.append(0.5 * slope(position + goal, part.dt_s)[keep])
-        target.append((position - goal)[keep])
-    columns = np.stack([np.concatenate(lag), np.ones(sum(map(len, lag)))])
-    error = np.concatenate(target)
-    linear = linear_solution(columns, error)
-    time_s = np.arange(error.size, dtype=np.float64) * parts[0].dt_s
-    deviation = np.sqrt(sandwich(columns.T, error - linear @ columns, time_s)[0, 0])
-    if linear[0] > max(LEAD_SAMPLES * parts[0].dt_s, SIGNIFICANT * deviation):
+    position, goal = (_smoothed(parts, filters, name) for name in ("position", "goal"))
+    velocity = np.concatenate([slope(p + g, filters.dt_s) / 2 for p, g in zip(position, goal, strict=True)])
+    error = np.concatenate([p - g for p, g in zip(position, goal, strict=True)])
+    together = float(np.corrcoef(np.concatenate(position), np.concatenate(goal))[0, 1])
+    columns = np.stack([velocity, np.ones(error.size)])
+    lead_s, rest = linear_solution(columns, error)
+    time_s = np.arange(error.size, dtype=np.float64) * filters.dt_s
+    residual = error - lead_s * velocity - rest
+    deviation_s = np.sqrt(sandwich(columns.T, residual, time_s)[0, 0])
+    if together < -FOLLOWED:
+        yield "position runs against its goal: turn the sign of one of them in [columns] (sign = -1)."
+    elif together > FOLLOWED and lead_s > max(LEAD_SAMPLES * filters.dt_s, SIGNIFICANT * deviation_s):
         yield (
-            f"position runs {1e3 * linear[0]:.3g} ms ahead of its goal: the two seem to be swapped; change them round "
+            f"position runs {1e3 * lead_s:.3g} ms ahead of its goal: the two seem to be swapped; change them round "
             "in [columns]."
         )
+
+
+def _smoothed(parts: Sequence[Stretch], filters: Filters, name: str) -> list[FloatArray]:
+    return [filters.smooth(part.columns[name])[filters.margin : -filters.margin] for part in parts]

@@ -12,7 +12,7 @@ from bench.identification.friction.path import Path
 from bench.identification.ladder import Equation, blocked_folds
 from bench.logs.column_map import ColumnMap
 from bench.logs.columns import Terms
-from bench.logs.filters import Filters
+from bench.logs.filters import Filters, slope
 from bench.logs.grid import Stretch
 
 FloatArray = npt.NDArray[np.float64]
@@ -28,10 +28,11 @@ class Problem:
 
     ``exertion`` (n,) is what the actuator exerts, where anything measures it or a known gain gives it, else what the
     known load asks for, else the drive: errors are relative to it. ``scaled`` says whether anything fixes the scale of
-    exertion. ``pick`` (n,) are the rows' samples among all stretches joined; ``train`` and ``test`` (n,) the split.
+    exertion. ``rate`` (n,) is the target's derivative. ``pick`` (n,) are the rows' samples among all stretches joined; ``train`` and ``test`` (n,) the split.
     """
 
     equation: Equation
+    rate: FloatArray
     exertion: FloatArray
     scaled: bool
     pick: IntArray
@@ -74,6 +75,8 @@ def make_problem(
     scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
     columns = _others(column_map, parts, terms, scaled=scaled)
     target, exertion = _known(terms, scaled=scaled)
+    pieces = np.split(target, starts[1:-1])
+    rate = np.concatenate([slope(piece, filters.dt_s) for piece in pieces])
     time_s = np.concatenate([part.time_s for part in parts])[pick]
     equation = Equation(
         target=process(target[None, :])[0],
@@ -84,7 +87,18 @@ def make_problem(
         time_s=_running(time_s),
         process=process,
     )
-    return Problem(equation, process(exertion[None, :])[0], scaled, pick, train, test, terms, filters, tuple(parts))
+    return Problem(
+        equation=equation,
+        rate=process(rate[None, :])[0],
+        exertion=process(exertion[None, :])[0],
+        scaled=scaled,
+        pick=pick,
+        train=train,
+        test=test,
+        terms=terms,
+        filters=filters,
+        stretches=tuple(parts),
+    )
 
 
 def _settled(sound: BoolArray, margin: int) -> BoolArray:

@@ -16,7 +16,7 @@ from bench.identification.ladder import FrictionFit, Rung, ladder, selected
 from bench.identification.results import Trace
 from bench.logs.collinear import silent_directions
 from bench.logs.column_map import ColumnMap
-from bench.logs.doubts import Basic, ahead_of_goal, swapped, unexplained, unlike_derivative, wrong_signs
+from bench.logs.doubts import Basic, ahead_of_goal, out_of_step, swapped, unexplained, unlike_derivative, wrong_signs
 from bench.logs.equation import Problem, make_problem
 from bench.logs.estimates import estimates_of, with_back_emf, without_scale
 from bench.logs.grid import Stretch, common_interval, stretches
@@ -139,7 +139,8 @@ def _doubts(
         *unlike_derivative(problem.stretches, problem.filters),
         *ahead_of_goal(problem.stretches, problem.filters),
     ]
-    found = found or [*wrong_signs(basic, column_map), *unexplained(basic, left)]
+    found = found or [*wrong_signs(basic, column_map)]
+    found = found or [*out_of_step(basic, column_map, problem.filters.dt_s), *unexplained(basic, left)]
     return (*found, *(swapped(logs, basic, again) if found else ()))
 
 

@@ -95,10 +95,12 @@ def _stretch(log: Log, dt_s: float, part: slice, wrong: BoolArray) -> Stretch:
     time_s = log.time_s[part]
     steps = np.diff(time_s)
     columns = {name: values[part] for name, values in log.columns.items()}
-    if np.all(np.abs(steps - dt_s) < EVEN * dt_s):
+    even = bool(np.all(np.abs(steps - dt_s) < EVEN * dt_s))
+    if even and not log.shifts_s:
         return Stretch(log, dt_s, time_s, columns, ~wrong[part])
-    grid = time_s[0] + dt_s * np.arange(int((time_s[-1] - time_s[0]) / dt_s + 1e-6) + 1)
-    moved = {name: _at(name, time_s, values, grid) for name, values in columns.items()}
+    grid = time_s if even else time_s[0] + dt_s * np.arange(int((time_s[-1] - time_s[0]) / dt_s + 1e-6) + 1)
+    shifted = {name: time_s + log.shifts_s.get(name, 0.0) for name in columns}
+    moved = {name: _at(name, shifted[name], values, grid) for name, values in columns.items()}
     sound = np.interp(grid, time_s, wrong[part].astype(np.float64)) == 0.0
     return Stretch(log, dt_s, grid, moved, sound)
 
@@ -106,7 +108,7 @@ def _stretch(log: Log, dt_s: float, part: slice, wrong: BoolArray) -> Stretch:
 def _at(name: str, time_s: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
     """A column at the instants of the grid: what steps is held, position is a cubic spline, the rest is linear."""
     if name in HELD:
-        return np.asarray(values[np.searchsorted(time_s, grid, side="right") - 1])
+        return np.asarray(values[np.maximum(np.searchsorted(time_s, grid, side="right") - 1, 0)])
     if name == "position":
         return np.asarray(make_interp_spline(time_s, values, k=3)(grid))
     return np.interp(grid, time_s, values)

@@ -25,13 +25,15 @@ class Log:
 
     ``columns`` are those of the map by what they hold (``position``, ``command``, ...), each (n,), in the units of
     ``ColumnMap.units``; a row that lacks a value has NaN there. ``givens`` are the known numbers by section and key,
-    e.g. ``("load", "inertia")``. ``time_s`` counts from the first row.
+    e.g. ``("load", "inertia")``. ``time_s`` counts from the first row; what ``shifts_s``
+    names belongs to a time that is later by so much.
     """
 
     place: str
     time_s: FloatArray
     columns: Mapping[str, FloatArray]
     givens: Mapping[tuple[str, str], float]
+    shifts_s: Mapping[str, float]
     remarks: tuple[str, ...] = field(default=())
 
     def given(self, section: str, key: str) -> float | None:
@@ -50,7 +52,10 @@ def read_log(path: Path, column_map: ColumnMap) -> Log:
         time_s = np.arange(len(next(iter(columns.values())))) / column_map.log.rate_hz
     elif np.any(np.isfinite(time_s)):
         time_s = time_s - time_s[np.isfinite(time_s)][0]
-    return Log(content.place, time_s, columns, givens)
+    shifts = {
+        name: section.shift_s for name, section in column_map.mapped().items() if section.shift_s and name != "time"
+    }
+    return Log(content.place, time_s, columns, givens, shifts)
 
 
 def _columns(content: Content, column_map: ColumnMap) -> dict[str, FloatArray]:

@@ -7,11 +7,14 @@ import numpy.typing as npt
 
 from bench.errors import UsageError
 from bench.logs.log import LEAST_ROWS, Log
+from bench.logs.sensors import held_rows
 
 BoolArray = npt.NDArray[np.bool_]
 
 # More rows than this without a number, or with the stamp of the row before, and the log is not what it is taken for.
 MOST_MISSING = 0.5
+# With more steps back than this a column is not the time.
+NO_CLOCK = 0.01
 # What follows from the others, or changes slowly, may be missing in a row.
 SPARSE = ("temperature", "supply", "normal", "enabled", "goal")
 
@@ -26,7 +29,7 @@ def usable_rows(log: Log) -> Log:
         log = _without(log, ~np.isfinite(log.columns[name]), name)
     log = _filled(log)
     _check_order(log)
-    return _without_repeats(log)
+    return _readings(_without_repeats(log))
 
 
 def _without(log: Log, wrong: BoolArray, name: str) -> Log:
@@ -64,6 +67,10 @@ def _check_order(log: Log) -> None:
     backwards = np.diff(log.time_s) < 0
     if backwards.any():
         row = int(np.argmax(backwards))
+        if np.count_nonzero(backwards) > NO_CLOCK * len(backwards):
+            raise UsageError(
+                f"{log.place}: time runs backwards in {int(backwards.sum())} rows; that column is no clock"
+            )
         raise UsageError(
             f"{log.place}: time runs backwards after row {row + 1} (from {log.time_s[row]:.6g} s to "
             f"{log.time_s[row + 1]:.6g} s); a clock jumped or logs were joined: cut the log there"
@@ -82,3 +89,14 @@ def _without_repeats(log: Log) -> Log:
         )
     said = f"{count} of {len(repeats)} rows have the same time as the row before; left out."
     return replace(_rows(log, ~repeats), remarks=(*log.remarks, f"{log.place}: {said}"))
+
+
+def _readings(log: Log) -> Log:
+    """One row a reading, where the log repeats a sensor's readings: the repetitions are old."""
+    held = held_rows(log)
+    if held is None or len(log.time_s) // held[0] < LEAST_ROWS:
+        return log
+    every, first = held
+    keep = np.arange(len(log.time_s)) % every == first
+    said = f"a sensor was read in every {every}. row only, the others repeat it; left out."
+    return replace(_rows(log, keep), remarks=(*log.remarks, f"{log.place}: {said}"))

@@ -57,7 +57,7 @@ GivenQuantity = Annotated[Given, BeforeValidator(_given)]
 
 
 class ColumnSection(MapSection):
-    """One column of the log: value = sign · (scale · written + offset), in ``unit``."""
+    """One column of the log: value = sign · (scale · written + offset), in ``unit``, at its time + ``shift``."""
 
     name: str = Field(examples=["qm"])
     unit: UnitText = Field("", examples=["rad"])
@@ -65,6 +65,7 @@ class ColumnSection(MapSection):
     offset: float = Field(0.0, examples=[-2.5])
     sign: Literal[1, -1] = 1
     bits: int | None = Field(None, ge=2, le=64, examples=[16])
+    shift_s: Annotated[float, quantity_in("s")] = Field(0.0, alias="shift", examples=["-2 ms"])
     missing: float | None = Field(None, examples=[-999])
     optional: bool = False
 

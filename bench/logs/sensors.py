@@ -24,6 +24,11 @@ FROZEN_ROWS = 20
 FROZEN_SHARE = 0.01
 # A way this long, as a share of the range of the others, must have been gone while a column stood still.
 ELSEWHERE = 0.05
+LEAP = 0.02
+# A column is held where this share of at least so many changes, of more than so many counts, keeps one rhythm.
+HELD_REGULAR = 0.95
+HELD_LEAST = 30
+HELD_STEPS = 2
 
 
 def check_constant(log: Log) -> None:
@@ -103,17 +108,44 @@ def _fast(side: FloatArray, step: float, span: float) -> bool:
 
 
 def _frozen(log: Log, name: str) -> list[tuple[int, int]]:
-    """Long runs of a measured column during which another one moved on, and which it left with a leap."""
+    """Long runs of one column during which another one moved on, and which it left with a leap.
+
+    A command may well be held; one that else changes in every row is frozen where it does not.
+    """
     values = log.columns[name]
-    if name == "command":
-        return []
     first, length = _runs(values)
     long = length >= max(FROZEN_ROWS, FROZEN_SHARE * len(values))
+    if name == "command" and np.median(length) > 1:
+        return []
     others = [log.columns[other] for other in MEASURED if other in log.columns and other != name]
     step, found = _resolution(values), []
     for a, n in zip(first[long], length[long], strict=True):
         went_on = any(np.ptp(other[a : a + n]) > ELSEWHERE * np.ptp(other) for other in others)
         leap = abs(values[min(a + n, len(values) - 1)] - values[a])
-        if went_on and leap > max(ABRUPT_STEPS * step, ELSEWHERE * np.ptp(values)):
+        # A shaft may well rest at the end; not under a command that swings by half of its range.
+        share = 0.5 if name == "position" else ELSEWHERE
+        at_end = a + n == len(values) and any(np.ptp(other[a:]) > share * np.ptp(other) for other in others)
+        if went_on and (at_end or leap > max(ABRUPT_STEPS * step, LEAP * np.ptp(values))):
             found.append((int(a), int(n)))
     return found
+
+
+def held_rows(log: Log) -> tuple[int, int] | None:
+    """Every how manieth row a sensor was read, and from which on, where the rows between only repeat it.
+
+    None where every row is a reading of its own. Steps of one count are no repetition: the shaft was slow.
+    """
+    for name in ("position", "velocity", "exertion"):
+        values = log.columns.get(name)
+        if values is None:
+            continue
+        changes = np.flatnonzero(np.abs(np.diff(values)) > HELD_STEPS * _resolution(values)) + 1
+        if len(changes) < HELD_LEAST:
+            continue
+        every = int(np.median(np.diff(changes)))
+        if every < 2:
+            continue
+        phases = np.bincount(changes % every, minlength=every)
+        if phases.max() > HELD_REGULAR * len(changes):
+            return every, int(np.argmax(phases))
+    return None
