@@ -45,7 +45,8 @@ class Basic:
     """The equation with Coulomb and viscous friction and nothing held to a sign; ``unexplained`` is relative.
 
     ``late_s`` is how late the exertion was logged, ``late_explains`` the share of the unexplained that this would
-    explain. ``inertia`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where not sought.
+    explain. ``inertia`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where they
+    are not sought.
     """
 
     unexplained: float
@@ -89,8 +90,8 @@ class Basic:
 def _lateness(columns: FloatArray, residual: FloatArray, rate: FloatArray) -> tuple[float, float]:
     """How much later than the motion the known exertion is logged, and the share of the residual that explains."""
     alone = rate - linear_solution(columns, rate) @ columns
-    late_s = float(alone @ residual) / max(float(alone @ alone), 1e-300)
-    return late_s, 1.0 - _rms(residual - late_s * alone) / max(_rms(residual), 1e-300)
+    late_s = -float(alone @ residual) / max(float(alone @ alone), 1e-300)
+    return late_s, 1.0 - _rms(residual + late_s * alone) / max(_rms(residual), 1e-300)
 
 
 def _rms(values: FloatArray) -> float:
@@ -115,7 +116,7 @@ def out_of_step(basic: Basic, column_map: ColumnMap, dt_s: float) -> Iterator[st
         what = "exertion" if column_map.columns.exertion is not None else "command"
         way = "later" if basic.late_s > 0 else "earlier"
         yield (
-            f"{what} is logged about {abs(basic.late_s) * 1e3:.2g} ms {way} than the motion that it goes with: shift its "
+            f"{what} is logged about {abs(basic.late_s) * 1e3:.2g} ms {way} than the motion it goes with: shift its "
             f'time in [columns] {what} (shift = "{-1e3 * basic.late_s:.2g} ms").'
         )
 

@@ -1,6 +1,6 @@
 """All stretches as one equation in which friction, and what else is not known, is to be found."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -26,9 +26,10 @@ LEAST_ROWS = 30
 class Problem:
     """The equation of a log, and what its rows are.
 
-    ``exertion`` (n,) is what the actuator exerts, where anything measures it or a known gain gives it, else what the
-    known load asks for, else the drive: errors are relative to it. ``scaled`` says whether anything fixes the scale of
-    exertion. ``rate`` (n,) is the target's derivative. ``pick`` (n,) are the rows' samples among all stretches joined; ``train`` and ``test`` (n,) the split.
+    ``rate`` (n,) is the target's derivative. ``exertion`` (n,) is what the actuator exerts, where anything measures it
+    or a known gain gives it, else what the known load asks for, else the drive: errors are relative to it. ``scaled``
+    says whether anything fixes the scale of exertion. ``pick`` (n,) are the rows' samples among all stretches joined;
+    ``train`` and ``test`` (n,) the split. ``columns`` are the equation's, at the samples' own rate.
     """
 
     equation: Equation
@@ -38,6 +39,7 @@ class Problem:
     pick: IntArray
     train: BoolArray
     test: BoolArray
+    columns: Mapping[str, FloatArray]
     terms: tuple[Terms, ...]
     filters: Filters
     stretches: tuple[Stretch, ...]
@@ -95,6 +97,7 @@ def make_problem(
         pick=pick,
         train=train,
         test=test,
+        columns=columns,
         terms=terms,
         filters=filters,
         stretches=tuple(parts),

@@ -21,6 +21,7 @@ from bench.logs.equation import Problem, make_problem
 from bench.logs.estimates import estimates_of, with_back_emf, without_scale
 from bench.logs.grid import Stretch, common_interval, stretches
 from bench.logs.log import Log, read_log
+from bench.logs.motion import motion_errors
 from bench.logs.results import ErrorFigures, Errors, LogFit, Step
 from bench.logs.rows import usable_rows
 from bench.logs.sensors import check_constant
@@ -56,7 +57,8 @@ def fit_logs(request: Request) -> LogFit:
     remarks: list[str] = [remark for log in logs for remark in log.remarks]
     parts, said = _on_grid(logs, column_map)
     remarks += said
-    problem = make_problem(column_map, parts, _splits(parts, train, test))
+    splits = _splits(parts, train, test)
+    problem = make_problem(column_map, parts, splits)
     rungs = ladder(problem.equation, _models(request, problem), problem.train)
     chosen = _chosen(request, rungs)
 
@@ -65,7 +67,8 @@ def fit_logs(request: Request) -> LogFit:
         return make_problem(column_map, moved, _splits(moved, train, test))
 
     doubts = _doubts(column_map, logs, problem, chosen, again)
-    return _result(column_map, problem, rungs, chosen, doubts, remarks)
+    motion = motion_errors(column_map, problem, chosen.fit, splits)
+    return _result(column_map, problem, rungs, chosen, doubts, remarks, motion)
 
 
 def _selection(asked: str | None, written: str | None, side: str, column_map: ColumnMap) -> Selection | None:
@@ -155,6 +158,7 @@ def _result(
     chosen: Rung,
     doubts: tuple[str, ...],
     remarks: Sequence[str],
+    motion: tuple[ErrorFigures | None, ErrorFigures | None],
 ) -> LogFit:
     fit, doubtful = chosen.fit, bool(doubts)
     estimates, verdict = _estimates(column_map, problem, fit, doubtful=doubtful)
@@ -166,11 +170,10 @@ def _result(
         verdict=tuple(dict.fromkeys(sentences)),
         converged=fit.converged,
         doubtful=doubtful,
-        train=_errors(problem, residual, problem.train, column_map),
-        test=_errors(problem, residual, problem.test, column_map),
+        train=Errors(_exertion_error(problem, residual, problem.train, column_map), motion[0]),
+        test=Errors(_exertion_error(problem, residual, problem.test, column_map), motion[1]),
         ladder=tuple(_step(column_map, problem, rung, doubtful=doubtful) for rung in rungs),
         exertion=_trace(problem, fit, column_map),
-        motion_samples=0,
     )
 
 
@@ -213,11 +216,13 @@ def _collinear(problem: Problem, fit: FrictionFit) -> tuple[str, ...]:
     return silent_directions(columns, fit.names[: len(columns)])
 
 
-def _errors(problem: Problem, residual: FloatArray, rows: BoolArray, column_map: ColumnMap) -> Errors:
-    if not problem.scaled:
-        return Errors()
-    scale = float(np.sqrt(np.mean(problem.exertion[rows] ** 2))) if rows.any() else 0.0
-    return Errors(exertion=ErrorFigures.of(residual[rows], scale, column_map.units.exertion))
+def _exertion_error(
+    problem: Problem, residual: FloatArray, rows: BoolArray, column_map: ColumnMap
+) -> ErrorFigures | None:
+    if not problem.scaled or not rows.any():
+        return None
+    scale = float(np.sqrt(np.mean(problem.exertion[rows] ** 2)))
+    return ErrorFigures.of(residual[rows], scale, column_map.units.exertion)
 
 
 def _step(column_map: ColumnMap, problem: Problem, rung: Rung, *, doubtful: bool) -> Step:

@@ -65,4 +65,3 @@ class LogFit:
     test: Errors
     ladder: tuple[Step, ...]
     exertion: Trace
-    motion_samples: int

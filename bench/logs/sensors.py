@@ -16,6 +16,7 @@ MEASURED = ("position", "velocity", "exertion", "command")
 # A flat top is this many equal values at the extreme, met at speed: what turns round by itself slows down first.
 FLAT_ROWS = 5
 BEFORE_ROWS = 5
+FLAT_LEAST = 0.001
 # A parabola whose top fills one step of the sensor for FLAT_ROWS falls by 8 steps in the BEFORE_ROWS before it.
 ABRUPT_STEPS = 16
 # What comes from this far in one row was told to step.
@@ -49,7 +50,7 @@ def untrustworthy(log: Log) -> tuple[BoolArray, tuple[str, ...]]:
             continue
         values = log.columns[name]
         flat = _rows_of(_flat_tops(values), len(values))
-        if flat.any():
+        if np.count_nonzero(flat) >= FLAT_LEAST * len(values):
             wrong |= flat
             ends = ", ".join(f"{end:.4g}" for end in np.unique(values[flat]))
             sentences.append(
