@@ -26,10 +26,12 @@ SIGNIFICANT = 3.0
 # An equation that leaves more of the exertion than this has not been understood.
 UNEXPLAINED = 0.5
 # Columns are out of step by more than this many samples, if that explains this share of what is unexplained.
-LATE_SAMPLES = 2.0
+LATE_SAMPLES = 2
+LATEST_SAMPLES = 25
 LATE_EXPLAINS = 0.3
 # Swapping two columns is suspected where it leaves less than this share of what is left otherwise.
 BETTER = 0.5
+AS_GOOD = 1.5  # where signs are wrong as it is
 # A logged velocity, as a multiple of the position's derivative, and how well the two must agree.
 SLOPE = (0.8, 1.25)
 AGREEMENT = 0.8
@@ -56,6 +58,11 @@ class Basic:
     late_s: float
     late_explains: float
 
+    @property
+    def sound(self) -> bool:
+        """Whether nothing has the wrong sign."""
+        return all(ratio is None or ratio > -SIGNIFICANT for ratio in (self.inertia, self.braking, self.gain))
+
     @classmethod
     def of(cls, problem: Problem) -> "Basic":
         equation, rows = problem.equation, problem.train
@@ -75,7 +82,7 @@ class Basic:
             _rms(problem.exertion[rows]),
             float(parts[list(equation.names).index("torque_gain")]) if "torque_gain" in equation.names else 0.0,
         )
-        late_s, explained = _lateness(columns, residual, problem.rate[rows])
+        late_s, explained = _lateness(problem, columns)
         ratio = dict(zip(equation.names, linear / deviation, strict=False))
         return cls(
             unexplained=_rms(residual) / scale if scale > 0 else float("inf"),
@@ -87,11 +94,16 @@ class Basic:
         )
 
 
-def _lateness(columns: FloatArray, residual: FloatArray, rate: FloatArray) -> tuple[float, float]:
-    """How much later than the motion the known exertion is logged, and the share of the residual that explains."""
-    alone = rate - linear_solution(columns, rate) @ columns
-    late_s = -float(alone @ residual) / max(float(alone @ alone), 1e-300)
-    return late_s, 1.0 - _rms(residual + late_s * alone) / max(_rms(residual), 1e-300)
+def _lateness(problem: Problem, columns: FloatArray) -> tuple[float, float]:
+    """How much later than the motion the known exertion was logged, in seconds, and the share of the residual which
+    that explains: the shift that leaves least."""
+    basis = np.linalg.qr(columns.T)[0]
+    left = {}
+    for shift in range(-LATEST_SAMPLES, LATEST_SAMPLES + 1):
+        target = problem.equation.process(np.roll(problem.known, -shift)[None, :])[0][problem.train]
+        left[shift] = _rms(target - basis @ (basis.T @ target)) / max(_rms(target), 1e-300)
+    best = min(left, key=lambda shift: left[shift])
+    return best * problem.filters.dt_s, 1.0 - left[best] / max(left[0], 1e-300)
 
 
 def _rms(values: FloatArray) -> float:
@@ -112,7 +124,7 @@ def wrong_signs(basic: Basic, column_map: ColumnMap) -> Iterator[str]:
 
 def out_of_step(basic: Basic, column_map: ColumnMap, dt_s: float) -> Iterator[str]:
     """Exertion and motion that were logged at different times."""
-    if abs(basic.late_s) > LATE_SAMPLES * dt_s and basic.late_explains > LATE_EXPLAINS:
+    if abs(basic.late_s) >= LATE_SAMPLES * dt_s and basic.late_explains > LATE_EXPLAINS:
         what = "exertion" if column_map.columns.exertion is not None else "command"
         way = "later" if basic.late_s > 0 else "earlier"
         yield (
@@ -139,8 +151,8 @@ def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], 
             other = Basic.of(solve([_with_swapped(log, first, second) for log in logs]))
         except BenchError:
             continue
-        sound = all(ratio is None or ratio > -SIGNIFICANT for ratio in (other.inertia, other.braking))
-        if sound and other.unexplained < min(BETTER * basic.unexplained, UNEXPLAINED):
+        much = BETTER if basic.sound else AS_GOOD
+        if other.sound and other.unexplained < min(much * basic.unexplained, UNEXPLAINED):
             found.append(
                 (other.unexplained, f"{first} and {second} seem to be swapped: change them round in [columns].")
             )

@@ -12,7 +12,7 @@ from bench.identification.friction.path import Path
 from bench.identification.ladder import Equation, blocked_folds
 from bench.logs.column_map import ColumnMap
 from bench.logs.columns import Terms
-from bench.logs.filters import Filters, slope
+from bench.logs.filters import Filters
 from bench.logs.grid import Stretch
 
 FloatArray = npt.NDArray[np.float64]
@@ -26,14 +26,14 @@ LEAST_ROWS = 30
 class Problem:
     """The equation of a log, and what its rows are.
 
-    ``rate`` (n,) is the target's derivative. ``exertion`` (n,) is what the actuator exerts, where anything measures it
-    or a known gain gives it, else what the known load asks for, else the drive: errors are relative to it. ``scaled``
-    says whether anything fixes the scale of exertion. ``pick`` (n,) are the rows' samples among all stretches joined;
-    ``train`` and ``test`` (n,) the split. ``columns`` are the equation's, at the samples' own rate.
+    ``known`` is the target and ``columns`` the others, at the samples' own rate. ``exertion`` (n,) is what the actuator
+    exerts, where anything measures it or a known gain gives it, else what the known load asks for, else the drive:
+    errors are relative to it. ``scaled`` says whether anything fixes the scale of exertion. ``pick`` (n,) are the rows'
+    samples among all stretches joined; ``train`` and ``test`` (n,) the split.
     """
 
     equation: Equation
-    rate: FloatArray
+    known: FloatArray
     exertion: FloatArray
     scaled: bool
     pick: IntArray
@@ -77,8 +77,6 @@ def make_problem(
     scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
     columns = _others(column_map, parts, terms, scaled=scaled)
     target, exertion = _known(terms, scaled=scaled)
-    pieces = np.split(target, starts[1:-1])
-    rate = np.concatenate([slope(piece, filters.dt_s) for piece in pieces])
     time_s = np.concatenate([part.time_s for part in parts])[pick]
     equation = Equation(
         target=process(target[None, :])[0],
@@ -91,7 +89,7 @@ def make_problem(
     )
     return Problem(
         equation=equation,
-        rate=process(rate[None, :])[0],
+        known=target,
         exertion=process(exertion[None, :])[0],
         scaled=scaled,
         pick=pick,

@@ -24,7 +24,6 @@ from bench.logs.log import Log, read_log
 from bench.logs.motion import motion_errors
 from bench.logs.results import ErrorFigures, Errors, LogFit, Step
 from bench.logs.rows import usable_rows
-from bench.logs.sensors import check_constant
 from bench.logs.split import Selection, extra_files, parse_selection, train_and_test
 from bench.models.parameters import Estimate, Status
 
@@ -85,9 +84,7 @@ def _check_files(selections: Sequence[Selection | None], paths: Sequence[Path]) 
 
 
 def _checked(path: Path, column_map: ColumnMap) -> Log:
-    log = usable_rows(read_log(path, column_map))
-    check_constant(log)
-    return log
+    return usable_rows(read_log(path, column_map))
 
 
 def _check_alike(logs: Sequence[Log]) -> None:

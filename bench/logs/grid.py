@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 
 from bench.errors import UsageError
 from bench.logs.log import Log
-from bench.logs.sensors import untrustworthy
+from bench.logs.sensors import resolution, untrustworthy
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -24,8 +24,9 @@ EVEN = 1e-3
 SHORTEST = 50
 # Not to be interpolated: they step.
 HELD = ("enabled", "goal")
-# A leap of the position beyond this many times its usual step, in one sample, is none of the machine's.
-LEAP = 50.0
+# A step of the position beyond this many times those around it is none of the machine's.
+LEAP = 8.0
+LEAP_AROUND = 3
 
 
 @dataclass(frozen=True)
@@ -82,13 +83,15 @@ def stretches(log: Log, dt_s: float, gap_s: float | None) -> tuple[tuple[Stretch
 
 
 def _leaps(log: Log) -> BoolArray:
-    """Where the position goes on from somewhere else."""
+    """Where the position goes on from somewhere else: one step far beyond those around it, shape (n − 1,)."""
     position = log.columns.get("position")
     if position is None:
         return np.zeros(len(log.time_s) - 1, dtype=bool)
     ways = np.abs(np.diff(position))
-    moving = ways[ways > 0]
-    return np.asarray(ways > LEAP * np.percentile(moving, 95))
+    around = np.pad(ways, LEAP_AROUND)
+    beside = np.max([around[k : k + ways.size] for k in range(2 * LEAP_AROUND + 1) if k != LEAP_AROUND], axis=0)
+    usual = np.percentile(ways[ways > 0], 95)
+    return np.asarray((ways > LEAP * np.maximum(beside, resolution(position))) & (ways > 2 * usual))
 
 
 def _stretch(log: Log, dt_s: float, part: slice, wrong: BoolArray) -> Stretch:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from bench.errors import UsageError
 from bench.logs.log import LEAST_ROWS, Log
-from bench.logs.sensors import held_rows
+from bench.logs.sensors import check_constant, held_rows
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -22,12 +22,13 @@ SPARSE = ("temperature", "supply", "normal", "enabled", "goal")
 def usable_rows(log: Log) -> Log:
     """The log without the rows that hold no number or repeat a stamp; what was left out is said in its remarks.
 
-    Raises UsageError where time runs backwards, stands still, or too little is left.
+    Raises UsageError where time runs backwards or stands still, a column is constant, or too little is left.
     """
     log = _without(log, ~np.isfinite(log.time_s), "time")
     for name in sorted(set(log.columns) - set(SPARSE)):
         log = _without(log, ~np.isfinite(log.columns[name]), name)
     log = _filled(log)
+    check_constant(log)
     _check_order(log)
     return _readings(_without_repeats(log))
 

@@ -98,11 +98,11 @@ def _flat_tops(values: FloatArray) -> list[tuple[int, int]]:
     """Runs at either extreme that were entered or left at speed."""
     first, length = _runs(values)
     top = np.isin(values[first], (values.min(), values.max())) & (length >= FLAT_ROWS)
-    step = _resolution(values)
+    step = resolution(values)
     return [(int(a), int(n)) for a, n in zip(first[top], length[top], strict=True) if _abrupt(values, a, n, step)]
 
 
-def _resolution(values: FloatArray) -> float:
+def resolution(values: FloatArray) -> float:
     """The smallest step between two values that occur."""
     return float(np.min(np.diff(np.unique(values))))
 
@@ -133,7 +133,7 @@ def _frozen(log: Log, name: str) -> list[tuple[int, int]]:
     if name == "command" and np.median(length) > 1:
         return []
     others = [log.columns[other] for other in MEASURED if other in log.columns and other != name]
-    step, found = _resolution(values), []
+    step, found = resolution(values), []
     for a, n in zip(first[long], length[long], strict=True):
         went_on = any(np.ptp(other[a : a + n]) > ELSEWHERE * np.ptp(other) for other in others)
         leap = abs(values[min(a + n, len(values) - 1)] - values[a])
@@ -154,7 +154,7 @@ def held_rows(log: Log) -> tuple[int, int] | None:
         values = log.columns.get(name)
         if values is None:
             continue
-        changes = np.flatnonzero(np.abs(np.diff(values)) > HELD_STEPS * _resolution(values)) + 1
+        changes = np.flatnonzero(np.abs(np.diff(values)) > HELD_STEPS * resolution(values)) + 1
         if len(changes) < HELD_LEAST:
             continue
         every = int(np.median(np.diff(changes)))

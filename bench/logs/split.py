@@ -15,7 +15,7 @@ from bench.units import NUMBER, parse_quantity
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([a-zµμ]*)\s*")
+PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)\s*")
 
 
 @dataclass(frozen=True)
