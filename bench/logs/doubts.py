@@ -27,7 +27,8 @@ SIGNIFICANT = 3.0
 UNEXPLAINED = 0.5
 # Columns are out of step by more than this many samples, if that explains this share of what is unexplained.
 LATE_SAMPLES = 2
-LATEST_SAMPLES = 25
+LATEST_SAMPLES = 24
+COARSE = 3
 LATE_EXPLAINS = 0.3
 # Swapping two columns is suspected where it leaves less than this share of what is left otherwise.
 BETTER = 0.5
@@ -46,8 +47,7 @@ FOLLOWED = 0.8
 class Basic:
     """The equation with Coulomb and viscous friction and nothing held to a sign; ``unexplained`` is relative.
 
-    ``late_s`` is how late the exertion was logged, ``late_explains`` the share of the unexplained that this would
-    explain. ``inertia`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where they
+    ``inertia``, ``gain`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where they
     are not sought.
     """
 
@@ -55,8 +55,6 @@ class Basic:
     inertia: float | None
     braking: float | None
     gain: float | None
-    late_s: float
-    late_explains: float
 
     @property
     def sound(self) -> bool:
@@ -67,8 +65,7 @@ class Basic:
     def of(cls, problem: Problem) -> "Basic":
         equation, rows = problem.equation, problem.train
         velocity = equation.path.velocity
-        friction = equation.process(np.stack([velocity, np.sign(velocity)]))
-        columns = np.concatenate([equation.others, -friction])[:, rows]
+        columns = _columns(problem)[:, rows]
         target = equation.target[rows]
         linear = linear_solution(columns, target)
         residual = target - linear @ columns
@@ -82,28 +79,20 @@ class Basic:
             _rms(problem.exertion[rows]),
             float(parts[list(equation.names).index("torque_gain")]) if "torque_gain" in equation.names else 0.0,
         )
-        late_s, explained = _lateness(problem, columns)
         ratio = dict(zip(equation.names, linear / deviation, strict=False))
         return cls(
             unexplained=_rms(residual) / scale if scale > 0 else float("inf"),
             inertia=ratio.get("inertia"),
             braking=float(weights @ linear[-2:]) / spread,
             gain=ratio.get("torque_gain"),
-            late_s=late_s,
-            late_explains=explained,
         )
 
 
-def _lateness(problem: Problem, columns: FloatArray) -> tuple[float, float]:
-    """How much later than the motion the known exertion was logged, in seconds, and the share of the residual which
-    that explains: the shift that leaves least."""
-    basis = np.linalg.qr(columns.T)[0]
-    left = {}
-    for shift in range(-LATEST_SAMPLES, LATEST_SAMPLES + 1):
-        target = problem.equation.process(np.roll(problem.known, -shift)[None, :])[0][problem.train]
-        left[shift] = _rms(target - basis @ (basis.T @ target)) / max(_rms(target), 1e-300)
-    best = min(left, key=lambda shift: left[shift])
-    return best * problem.filters.dt_s, 1.0 - left[best] / max(left[0], 1e-300)
+def _columns(problem: Problem) -> FloatArray:
+    """Those of the equation, then viscous and Coulomb friction, shape (columns, n)."""
+    velocity = problem.equation.path.velocity
+    friction = problem.equation.process(np.stack([velocity, np.sign(velocity)]))
+    return np.concatenate([problem.equation.others, -friction])
 
 
 def _rms(values: FloatArray) -> float:
@@ -122,14 +111,24 @@ def wrong_signs(basic: Basic, column_map: ColumnMap) -> Iterator[str]:
         yield f"Friction comes out negative, driving the motion: the signs of {driver} and motion do not agree; {mend}."
 
 
-def out_of_step(basic: Basic, column_map: ColumnMap, dt_s: float) -> Iterator[str]:
-    """Exertion and motion that were logged at different times."""
-    if abs(basic.late_s) >= LATE_SAMPLES * dt_s and basic.late_explains > LATE_EXPLAINS:
+def out_of_step(problem: Problem, column_map: ColumnMap) -> Iterator[str]:
+    """Exertion and motion that were logged at different times: a shift of one that explains far more."""
+    equation, rows = problem.equation, problem.train
+    basis = np.linalg.qr(_columns(problem)[:, rows].T)[0]
+
+    def left(shift: int) -> float:
+        target = equation.process(np.roll(problem.known, -shift)[None, :])[0][rows]
+        return _rms(target - basis @ (basis.T @ target)) / max(_rms(target), 1e-300)
+
+    reach = LATEST_SAMPLES // COARSE
+    coarse = COARSE * min(range(-reach, reach + 1), key=lambda number: left(COARSE * number))
+    best = min(range(coarse - COARSE + 1, coarse + COARSE), key=left)
+    if abs(best) >= LATE_SAMPLES and left(best) < (1 - LATE_EXPLAINS) * left(0):
         what = "exertion" if column_map.columns.exertion is not None else "command"
-        way = "later" if basic.late_s > 0 else "earlier"
+        late_ms = 1e3 * best * problem.filters.dt_s
         yield (
-            f"{what} is logged about {abs(basic.late_s) * 1e3:.2g} ms {way} than the motion it goes with: shift its "
-            f'time in [columns] {what} (shift = "{-1e3 * basic.late_s:.2g} ms").'
+            f"{what} is logged about {abs(late_ms):.2g} ms {'later' if best > 0 else 'earlier'} than the motion it "
+            f'goes with: shift its time in [columns] {what} (shift = "{-late_ms:.2g} ms").'
         )
 
 

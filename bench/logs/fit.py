@@ -140,7 +140,7 @@ def _doubts(
         *ahead_of_goal(problem.stretches, problem.filters),
     ]
     found = found or [*wrong_signs(basic, column_map)]
-    found = found or [*out_of_step(basic, column_map, problem.filters.dt_s), *unexplained(basic, left)]
+    found = found or [*out_of_step(problem, column_map), *unexplained(basic, left)]
     return (*found, *(swapped(logs, basic, again) if found else ()))
 
 
