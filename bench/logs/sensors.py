@@ -25,6 +25,7 @@ FROZEN_ROWS = 20
 FROZEN_SHARE = 0.01
 # A way this long, as a share of the range of the others, must have been gone while a column stood still.
 ELSEWHERE = 0.05
+NEAR_LIMIT = 0.01
 LEAP = 0.02
 # A column is held where this share of at least so many changes, of more than so many counts, keeps one rhythm.
 HELD_REGULAR = 0.95
@@ -49,14 +50,14 @@ def untrustworthy(log: Log) -> tuple[BoolArray, tuple[str, ...]]:
         if name not in log.columns:
             continue
         values = log.columns[name]
-        flat = _rows_of(_flat_tops(values), len(values))
+        flat = _rows_of(_flat_tops(values), len(values)) & ~_limited(log, name)
         if np.count_nonzero(flat) >= FLAT_LEAST * len(values):
             wrong |= flat
             ends = ", ".join(f"{end:.4g}" for end in np.unique(values[flat]))
             sentences.append(
                 f"{log.place}: {name} is saturated, flat at {ends} in {np.mean(flat):.1%} of the rows, left out."
             )
-        frozen = _rows_of(_frozen(log, name), len(values)) & ~flat
+        frozen = _rows_of(_frozen(log, name), len(values)) & ~flat & ~_limited(log, name)
         if frozen.any():
             wrong |= frozen
             first = log.time_s[int(np.argmax(frozen))]
@@ -65,6 +66,19 @@ def untrustworthy(log: Log) -> tuple[BoolArray, tuple[str, ...]]:
                 "left out."
             )
     return wrong, tuple(sentences)
+
+
+def _limited(log: Log, name: str) -> BoolArray:
+    """Where a command rightly stands still: at the limit that the device's law keeps to, or switched off."""
+    rows = np.zeros(len(log.time_s), dtype=bool)
+    if name != "command":
+        return rows
+    limit = log.given("loop", "limit")
+    if limit is not None:
+        rows |= np.abs(np.abs(log.columns[name]) - limit) < NEAR_LIMIT * limit
+    if "enabled" in log.columns:
+        rows |= log.columns["enabled"] < 0.5
+    return rows
 
 
 def _runs(values: FloatArray) -> tuple[IntArray, IntArray]:
