@@ -18,16 +18,19 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 # Of the scaled parameters: steps for derivatives, wide enough to pass over the roughness of sticking and slipping.
-STEP = 2e-3
+STEP = 1e-2
 AT_BOUND = 1e-3
 # Of the spread of the positions: errors beyond it weigh less.
 ROBUST = 0.05
 FIRST_ROUNDS = 12
 MOST_ROUNDS = 60
-SETTLED = 1e-5
+SETTLED = 1e-4
 # Starts besides the given ones, and how far they scatter in the logarithm.
-SCATTERED = 2
+SCATTERED = 5
 SCATTER = 0.4
+HOPEFUL = 3
+HOPS = 3
+HOP = 0.2
 
 
 @dataclass(frozen=True)
@@ -79,16 +82,26 @@ class ServoFit:
 
 
 def fit_servo(
-    trial: Trial, model: ServoModel, boxes: Mapping[str, Box], starts: Sequence[Mapping[str, float]], scattered: int = SCATTERED
+    trial: Trial,
+    model: ServoModel,
+    boxes: Mapping[str, Box],
+    starts: Sequence[Mapping[str, float]],
+    *,
+    scattered: int = SCATTERED,
+    hops: int = HOPS,
 ) -> ServoFit:
-    """The best of what is reached from ``starts`` and from ``scattered`` places around the first."""
+    """The best of what is reached from ``starts`` and from ``scattered`` places around the first, then searched for
+    ``hops`` times beside it: sticking makes the error rough."""
     search = _Search(trial, tuple(boxes), tuple(boxes.values()))
     begins = [search.scaled(start) for start in starts]
     random = np.random.default_rng(0)
     begins += [begins[0] * np.exp(SCATTER * random.standard_normal(len(boxes))) for _ in range(scattered)]
     first = [search.run(begin, FIRST_ROUNDS) for begin in begins]
-    best = min(first, key=lambda reached: reached.cost)
-    reached = search.run(best.x, MOST_ROUNDS)
+    hopeful = sorted(first, key=lambda reached: reached.cost)[:HOPEFUL]
+    reached = min((search.run(each.x, MOST_ROUNDS) for each in hopeful), key=lambda reached: reached.cost)
+    for _ in range(hops):
+        beside = search.run(reached.x * np.exp(HOP * random.standard_normal(len(boxes))), MOST_ROUNDS)
+        reached = min(reached, beside, key=lambda reached: reached.cost)
     deviations = search.deviations(reached)
     return ServoFit(
         model=model,

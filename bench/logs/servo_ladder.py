@@ -135,15 +135,27 @@ def _judged(
     trial: Trial, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]
 ) -> ServoRung:
     squares: list[float] = []
+    others: list[ServoFit] = []
     for fold in folds:
         rest = tuple(rows & ~out for rows, out in zip(trial.chosen, fold, strict=True))
-        reached = fit_servo(Trial(trial.logs, rest), fit.model, boxes, [fit.values], scattered=0)
-        unseen = Trial(trial.logs, fold).each(reached.values)
+        others.append(fit_servo(Trial(trial.logs, rest), fit.model, boxes, [fit.values], scattered=0, hops=0))
+        unseen = Trial(trial.logs, fold).each(others[-1].values)
         squares += [float(np.mean(error[out] ** 2)) for error, out in zip(unseen, fold, strict=True) if out.any()]
+    fit = replace(fit, deviations=_widened(fit, others))
     mean, spread = float(np.mean(squares)), trial.spread
     rms = float(np.sqrt(np.mean(trial.errors(fit.values) ** 2)))
     std = _standard_error(np.array(squares)) / (2 * np.sqrt(mean)) if mean > 0 else 0.0
     return ServoRung(fit, rms / spread, float(np.sqrt(mean)) / spread, float(std) / spread, tuple(squares))
+
+
+def _widened(fit: ServoFit, others: Sequence[ServoFit]) -> dict[str, float]:
+    """Deviations that hold the disagreement of the folds (a jackknife): what the model lacks shows there."""
+    wide = {}
+    for name, deviation in fit.deviations.items():
+        values = np.array([other.values[name] for other in others])
+        jackknife = np.sqrt((len(others) - 1) / len(others) * np.sum((values - np.mean(values)) ** 2))
+        wide[name] = max(deviation, float(jackknife))
+    return wide
 
 
 def _standard_error(values: FloatArray) -> float:
