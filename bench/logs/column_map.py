@@ -169,3 +169,18 @@ def _check_sense(column_map: ColumnMap, mistakes: Mistakes) -> None:
         mistakes.add("[actuator] torque_gain", "has no command to act on; add [columns] command, or leave it out")
     if column_map.loop is not None and columns.goal is None:
         mistakes.add("[loop]", "needs a goal; add [columns] goal, or leave [loop] out")
+    if column_map.model.refine is not None:
+        _check_refinement(column_map, mistakes)
+
+
+def _check_refinement(column_map: ColumnMap, mistakes: Mistakes) -> None:
+    """What a motion is simulated from, and what gives it a scale."""
+    columns = column_map.columns
+    if columns.position is None or columns.command is None:
+        mistakes.add("[model] refine", "needs a position to follow and a command; map both, or leave it out")
+    if columns.exertion is not None:
+        mistakes.add("[model] refine", "is for a log without a torque sensor; leave it out, or the exertion")
+    if column_map.load.inertia is None:
+        mistakes.add("[model] refine", 'needs a known load; add [load] inertia = "0.005 kg*m^2", or leave it out')
+    if column_map.translation and column_map.load.gravity is not None:
+        mistakes.add("[model] refine", "knows gravity on a turning load only; leave one of them out")

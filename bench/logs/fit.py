@@ -31,6 +31,8 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 BEST = "best"
+# What a refinement begins with.
+FIRST_MODEL = "coulomb-viscous"
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ def fit_logs(request: Request) -> LogFit:
         return make_problem(column_map, moved, _splits(moved, train, test))
 
     doubts = _doubts(column_map, logs, problem, chosen, again)
+    if column_map.model.refine is not None:
+        return _refined(request, problem, chosen, doubts, remarks, splits)
     motion = motion_errors(column_map, problem, chosen.fit, splits)
     return _result(column_map, problem, rungs, chosen, doubts, remarks, motion)
 
@@ -112,7 +116,12 @@ def _splits(
 
 
 def _models(request: Request, problem: Problem) -> tuple[FrictionModel, ...]:
-    """The candidates of the map, or all that the log can tell, and the one that is asked for."""
+    """The candidates of the map, or all that the log can tell, and the one that is asked for.
+
+    What is refined afterwards only needs a place to begin.
+    """
+    if request.column_map.model.refine is not None:
+        return (friction_model(FIRST_MODEL),)
     candidates = request.column_map.model.candidates
     models = tuple(map(friction_model, candidates)) or family_for(problem.equation.path)
     asked = request.model or request.column_map.model.friction
@@ -123,7 +132,9 @@ def _models(request: Request, problem: Problem) -> tuple[FrictionModel, ...]:
 
 def _chosen(request: Request, rungs: Sequence[Rung]) -> Rung:
     asked = request.model or request.column_map.model.friction
-    return selected(rungs) if asked == BEST else next(rung for rung in rungs if rung.name == asked)
+    if asked == BEST or request.column_map.model.refine is not None:
+        return selected(rungs)
+    return next(rung for rung in rungs if rung.name == asked)
 
 
 def _doubts(
@@ -170,6 +181,34 @@ def _result(
         train=Errors(_exertion_error(problem, residual, problem.train, column_map), motion[0]),
         test=Errors(_exertion_error(problem, residual, problem.test, column_map), motion[1]),
         ladder=tuple(_step(column_map, problem, rung, doubtful=doubtful) for rung in rungs),
+        exertion=_trace(problem, fit, column_map),
+    )
+
+
+def _refined(
+    request: Request,
+    problem: Problem,
+    chosen: Rung,
+    doubts: tuple[str, ...],
+    remarks: Sequence[str],
+    splits: list[tuple[BoolArray, BoolArray]],
+) -> LogFit:
+    """The fit of the equation of motion, refined on the motion itself."""
+    from bench.logs.refine import refine  # noqa: PLC0415  (compiled: slow to import)
+
+    column_map, fit, doubtful = request.column_map, chosen.fit, bool(doubts)
+    asked = request.model or column_map.model.friction
+    found = refine(column_map, problem, fit, splits, None if asked == BEST else asked, doubtful=doubtful)
+    train, test = (_exertion_error(problem, fit.residual, rows, column_map) for rows in (problem.train, problem.test))
+    return LogFit(
+        model=found.model,
+        estimates=found.estimates,
+        verdict=tuple(dict.fromkeys([*doubts, *remarks, *found.verdict, *_uncertain(found.estimates)])),
+        converged=found.converged,
+        doubtful=doubtful,
+        train=Errors(train, found.train),
+        test=Errors(test, found.test),
+        ladder=found.ladder,
         exertion=_trace(problem, fit, column_map),
     )
 

@@ -140,6 +140,7 @@ class ModelSection(MapSection):
     candidates: Annotated[tuple[str, ...], BeforeValidator(lambda it: tuple(it) if isinstance(it, list) else it)] = (
         Field((), examples=[["coulomb-viscous", "dahl"]])
     )
+    refine: Literal["motion"] | None = None
     inertia: bool = True
     offset: bool = True
     gravity: bool = False
