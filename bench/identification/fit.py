@@ -88,7 +88,7 @@ def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatA
 
     From free motion they are per unit of torque gain, whose own value is then 1.
     """
-    covariance = sandwich(solution.jacobian, solution.residual, time_s)
+    covariance = sandwich(solution.jacobian, solution.residual, time_s, solution.contamination, solution.linear)
     shape, columns = solution.shape, len(solution.linear)
     linear, to_linear = _linear_in_torque(solution)
     stiffness = linear[COULOMB] * shape.s_per_rad
@@ -159,14 +159,14 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
         motion_delay_s=float(values[8]),
         motion_delay_std_s=float(deviations[8]),
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
-        torque_bias_nm=_bias(solution, len(stretches)),
+        torque_bias_nm=_bias(solution),
         verdict=verdict + _verdict(estimates, current is not None, solution.converged),
     )
 
 
-def _bias(solution: Solution, stretches: int) -> float:
-    """The mean of the bias's hats, which follow the five linear unknowns and each stretch's initial friction."""
-    return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + stretches :]))
+def _bias(solution: Solution) -> float:
+    """The mean of the bias's hats, which follow the five linear unknowns."""
+    return 0.0 if solution.free_motion else float(np.mean(solution.linear[5:]))
 
 
 def _without_scale(estimate: Estimate) -> Estimate:
