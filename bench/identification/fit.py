@@ -165,8 +165,8 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
 
 
 def _bias(solution: Solution) -> float:
-    """The mean of the bias's hats, which follow the five linear unknowns."""
-    return 0.0 if solution.free_motion else float(np.mean(solution.linear[5:]))
+    """The mean of the bias's hats, which follow the five linear unknowns and the pairs of the cogging."""
+    return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + 2 * len(solution.cogging) :]))
 
 
 def _without_scale(estimate: Estimate) -> Estimate:

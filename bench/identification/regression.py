@@ -108,6 +108,13 @@ class Rows:
         left = self._of_fine(path[1], (0,), shape.motion_delay_s, of_means=True)
         return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
 
+    def cogging(self, shape: Shape, periods: float) -> FloatArray:
+        """Cosine and sine of so many periods a turn, shape (2, count)."""
+        angle = periods * self.signals.position_rad
+        return np.concatenate(
+            [self._of_fine(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)]
+        )
+
     def memory(self) -> npt.NDArray[np.int64]:
         """After which rest each instant lies, shape (count,): from 0, before the first."""
         return np.searchsorted(self.signals.rests, np.arange(self.count) * self.stride, side="right")
@@ -176,6 +183,7 @@ class Regression:
 
     rows: tuple[Rows, ...]
     free_motion: bool = False
+    cogging: tuple[float, ...] = ()  # periods a turn of torques that go with the position
 
     @classmethod
     def of(
@@ -207,12 +215,14 @@ class Regression:
         return self.chosen([rows.signals.segment[:: rows.stride] for rows in self.rows])
 
     def columns(self, shape: Shape) -> tuple[FloatArray, "Memory"]:
-        """Physical columns, then the bias: shape (5 + knots, samples). And what the friction may remember."""
-        parts = [rows.columns(self._on_own_time(shape)) for rows in self.rows]
+        """Physical columns, cogging in pairs, the bias: shape (unknowns, samples). And what the friction may remember."""
+        own = self._on_own_time(shape)
+        parts = [rows.columns(own) for rows in self.rows]
         chosen = self.chosen(parts)
         if self.free_motion:
             chosen[INERTIA] = -self._torque_at(shape.motion_delay_s)
-        return np.concatenate([chosen[:5], self.bias()]), Memory.of(chosen[5], self._rest())
+        waves = [self.chosen([rows.cogging(own, periods) for rows in self.rows]) for periods in self.cogging]
+        return np.concatenate([chosen[:5], *waves, self.bias()]), Memory.of(chosen[5], self._rest())
 
     def _rest(self) -> npt.NDArray[np.int64]:
         """A number for each rest of each stretch, at every sample."""
@@ -231,6 +241,10 @@ class Regression:
             total[VISCOUS] += velocity
             total[INERTIA] += torque if self.free_motion else acceleration
         return total
+
+    def position(self) -> FloatArray:
+        """Of the shaft, shape (samples,)."""
+        return self.chosen([rows.signals.position_rad[:: rows.stride * FINE] for rows in self.rows])
 
     def _on_own_time(self, shape: Shape) -> Shape:
         return replace(shape, motion_delay_s=0.0) if self.free_motion else shape

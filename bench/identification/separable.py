@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from bench.identification.cogging import strongest_period
 from bench.identification.kernels import Kernel
 from bench.identification.regression import Memory, Regression, Shape
 from bench.identification.signals import Signals
@@ -30,6 +31,9 @@ LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 # Of each parameter: relative for the first two, seconds for the delays.
 CONVERGED_STEP = np.array([1e-4, 1e-4, 1e-7, 1e-7])
 MOST_STEPS = 40
+MOST_COGGINGS = 4
+# Of residuals filtered to the full band, so many neighbours count as one.
+CORRELATED = 3.0
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 
 
@@ -44,6 +48,7 @@ class Solution:
     free: tuple[int, ...]
     contamination: FloatArray  # of the five physical columns, as in Regression
     cost: float
+    cogging: tuple[float, ...]  # periods a turn
     converged: bool
     free_motion: bool = False
 
@@ -54,7 +59,14 @@ def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solut
     starts = [_iterate(low, start, most_steps=15) for start in _starts(low)]
     best = min(starts, key=lambda solution: solution.cost)
     full = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
-    return _iterate(full, best.shape, most_steps=MOST_STEPS)
+    solution = _iterate(full, best.shape, most_steps=MOST_STEPS)
+    for _ in range(MOST_COGGINGS):
+        periods = strongest_period(full.position(), solution.residual, CORRELATED)
+        if periods is None or periods in full.cogging:
+            break
+        full = replace(full, cogging=(*full.cogging, periods))
+        solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
+    return solution
 
 
 def limits(tick_s: float) -> tuple[FloatArray, FloatArray]:
@@ -119,6 +131,7 @@ class _At:
             free=regression.free,
             contamination=regression.contamination(),
             cost=self.cost,
+            cogging=regression.cogging,
             converged=converged,
             free_motion=regression.free_motion,
         )
