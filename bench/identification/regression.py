@@ -111,9 +111,7 @@ class Rows:
     def cogging(self, shape: Shape, periods: float) -> FloatArray:
         """Cosine and sine of so many periods a turn, shape (2, count)."""
         angle = periods * self.signals.position_rad
-        return np.concatenate(
-            [self._of_fine(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)]
-        )
+        return np.concatenate([self._of_fine(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)])
 
     def memory(self) -> npt.NDArray[np.int64]:
         """After which rest each instant lies, shape (count,): from 0, before the first."""
@@ -215,7 +213,7 @@ class Regression:
         return self.chosen([rows.signals.segment[:: rows.stride] for rows in self.rows])
 
     def columns(self, shape: Shape) -> tuple[FloatArray, "Memory"]:
-        """Physical columns, cogging in pairs, the bias: shape (unknowns, samples). And what the friction may remember."""
+        """Physical columns, pairs of cogging, the bias: shape (unknowns, samples); and what the friction may remember."""
         own = self._on_own_time(shape)
         parts = [rows.columns(own) for rows in self.rows]
         chosen = self.chosen(parts)

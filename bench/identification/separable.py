@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from bench.identification.cogging import strongest_period
 from bench.identification.kernels import Kernel
-from bench.identification.regression import Memory, Regression, Shape
+from bench.identification.regression import INERTIA, Memory, Regression, Shape
 from bench.identification.signals import Signals
 
 FloatArray = npt.NDArray[np.float64]
@@ -31,6 +31,9 @@ LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 # Of each parameter: relative for the first two, seconds for the delays.
 CONVERGED_STEP = np.array([1e-4, 1e-4, 1e-7, 1e-7])
 MOST_STEPS = 40
+# The full band is narrowed only where it is worth the time.
+NARROWED_BELOW = 0.7
+NARROWEST_CUTOFF = 0.02
 MOST_COGGINGS = 4
 # Of residuals filtered to the full band, so many neighbours count as one.
 CORRELATED = 3.0
@@ -48,9 +51,12 @@ class Solution:
     free: tuple[int, ...]
     contamination: FloatArray  # of the five physical columns, as in Regression
     cost: float
-    cogging: tuple[float, ...]  # periods a turn
+    regression: Regression  # the one that was solved
     converged: bool
-    free_motion: bool = False
+
+    @property
+    def free_motion(self) -> bool:
+        return self.regression.free_motion
 
 
 def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solution:
@@ -60,6 +66,10 @@ def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solut
     best = min(starts, key=lambda solution: solution.cost)
     full = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
     solution = _iterate(full, best.shape, most_steps=MOST_STEPS)
+    band = worthwhile_band(full, solution)
+    if band != FULL_BAND:
+        full = Regression.of(stretches, band, free_motion=free_motion)
+        solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
     for _ in range(MOST_COGGINGS):
         periods = strongest_period(full.position(), solution.residual, CORRELATED)
         if periods is None or periods in full.cogging:
@@ -67,6 +77,27 @@ def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solut
         full = replace(full, cogging=(*full.cogging, periods))
         solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
     return solution
+
+
+def worthwhile_band(regression: Regression, solution: Solution) -> Kernel:
+    """The band in which the residual's noise is nearly white, so that least squares wastes no information.
+
+    Above it the encoder's errors, which inertia makes grow with the square of the frequency, drown the torque sensor's:
+    weighting by the innovation's spectrum would leave out the same. Never wider than FULL_BAND.
+    """
+    torque, position = 0.0, 0.0
+    for rows in regression.rows:
+        count = int(np.count_nonzero(rows.usable))
+        torque += count * rows.signals.torque_noise
+        position += count * rows.signals.position_noise
+    inertia = abs(float(solution.linear[INERTIA]))
+    if solution.free_motion or not (torque > 0 and position > 0 and inertia > 0):
+        return FULL_BAND
+    corner_hz = (torque / position) ** 0.25 / (2 * np.pi * np.sqrt(inertia))
+    cutoff = max(corner_hz * regression.rows[0].signals.tick_s, NARROWEST_CUTOFF)
+    if cutoff > NARROWED_BELOW * FULL_BAND.cutoff:
+        return FULL_BAND
+    return Kernel(cutoff, FULL_BAND.half_width * FULL_BAND.cutoff / cutoff)
 
 
 def limits(tick_s: float) -> tuple[FloatArray, FloatArray]:
@@ -131,9 +162,8 @@ class _At:
             free=regression.free,
             contamination=regression.contamination(),
             cost=self.cost,
-            cogging=regression.cogging,
+            regression=regression,
             converged=converged,
-            free_motion=regression.free_motion,
         )
 
     def slopes(self, regression: Regression) -> FloatArray:
