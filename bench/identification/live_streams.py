@@ -31,6 +31,7 @@ class Piece:
     moving: FloatArray  # 1 where readings are there and the counts tell what friction holds, else 0
     sent_s: FloatArray
     command: FloatArray
+    count_variance_rad2: float  # of the positions, as one reading a tick would have it
 
 
 @dataclass
@@ -99,7 +100,9 @@ class LiveStreams:
         moves = np.interp(time_s, path.time_s, moving(smooth, self.resolution).astype(float)) > 0.5
         known = moves & position.covers(time_s) & port.covers(time_s)
         torque_nm = port.at(time_s)
-        return Piece(time_s, torque_nm, position.at(fine_s), path.at(fine_s), known.astype(float), sent_s, command)
+        variance = self.resolution**2 / 12.0 * position.period_s / self.tick_s
+        position_rad, path_rad = position.at(fine_s), path.at(fine_s)
+        return Piece(time_s, torque_nm, position_rad, path_rad, known.astype(float), sent_s, command, variance)
 
     def _joined(self, name: str) -> Table:
         return stacked([getattr(part, name) for part in self.parts])
