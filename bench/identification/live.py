@@ -89,7 +89,8 @@ class LiveIdentifier:
         piece = self._streams.add(part)
         if piece is not None:
             times_s, rows = self._bank.rows(piece)
-            self._accumulate(rows[self._seen(times_s)], self._bank.noise(piece.count_variance_rad2))
+            told = self._seen(times_s) & np.all(np.isfinite(rows), axis=1)
+            self._accumulate(rows[told], self._bank.noise(piece.count_variance_rad2))
         self._latest = replace(self._latest, stamp_ns=stamp_ns, samples=self._samples)
         return self._latest
 
@@ -213,8 +214,10 @@ class _Searching:
         if self.best is None:
             return
         left = np.array([self.best.cost(block.gram) / block.samples for block in self.blocks])
-        if left[-1] > BEYOND_LIKE * np.median(left):
-            self.blocks.pop()
+        alike = left < BEYOND_LIKE * np.median(left)
+        if not alike.all():
+            self.blocks = [block for block, like in zip(self.blocks, alike, strict=True) if like]
+            self.best = None
 
     def _handed_over(self) -> "_Searching | _Tracking":
         values = self.values()

@@ -69,6 +69,10 @@ class LiveBank:
 
     def rows(self, piece: Piece) -> tuple[FloatArray, FloatArray]:
         """Instants [s] and rows, shapes (n,) and (n, WIDTH), of what is complete by now and moves."""
+        if not (np.all(np.isfinite(piece.path_rad)) and np.all(np.isfinite(piece.position_rad))):
+            # Friction and lags would remember it for ever: begin anew with what follows.
+            self._end_s = float("nan")
+            return np.empty(0), np.empty((0, WIDTH))
         if not abs(piece.time_s[0] - self._end_s) < 0.5 * self.tick_s:
             self._restart(piece)
         self._extend(piece)

@@ -47,21 +47,28 @@ class Tracker:
         ``feigned`` is what of the information comes from noise in the regressors. Returns whether the block was
         believed; False leaves everything as it was.
         """
-        root, z = _excited(information, score, feigned)
-        if not z.size:
+        said = _excited(information, score, feigned)
+        if not said.z.size:
             return True
         # Drift is let in only along what this block can correct.
-        unit = root / np.linalg.norm(root, axis=1, keepdims=True)
+        unit = said.root / np.linalg.norm(said.root, axis=1, keepdims=True)
         along = unit.T @ unit
         drift = along @ np.diag(self.drift_per_s**2 * duration_s) @ along
-        expected = root @ (self.covariance + drift) @ root.T + self.inflation * np.eye(z.size)
-        surprise = float(z @ np.linalg.solve(expected, z)) / z.size
+        noise = self.inflation * np.eye(said.z.size)
+        expected = said.root @ (self.covariance + drift) @ said.root.T + noise
+        surprise = float(said.z @ np.linalg.solve(expected, said.z)) / said.z.size
         if not surprise < BEYOND_DRIFT**2:
             return False
         self._filter.predict(Q=drift)
-        self._filter.update(z + root @ self.values, R=self.inflation * np.eye(z.size), H=root)
-        self._filter.P = 0.5 * (self._filter.P + self._filter.P.T)
-        self.values, self.covariance = self._filter.x.copy(), self._filter.P
+        before = self._filter.P.copy()
+        self._filter.update(said.z + said.root @ self.values, R=noise, H=said.root)
+        # What noise feigns is not touched by way of its correlations either (Schmidt's "considered" parameters). With
+        # a gain that is not the optimal one the covariance is Joseph's.
+        gain = self._filter.K - said.feigned @ (said.feigned.T @ self._filter.K)
+        left = np.eye(self.values.size) - gain @ said.root
+        covariance = left @ before @ left.T + gain @ noise @ gain.T
+        self.values, self.covariance = self.values + gain @ said.z, 0.5 * (covariance + covariance.T)
+        self._filter.x, self._filter.P = self.values.copy(), self.covariance.copy()
         self.inflation = max(1.0, self.inflation * (1.0 + (surprise - 1.0) / MEMORY_BLOCKS))
         return True
 
@@ -71,15 +78,24 @@ class Tracker:
         self._filter.x = self.values.copy()
 
 
-def _excited(information: FloatArray, score: FloatArray, feigned: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """The square root of what is excited, (k, n), and what it says, (k,); nothing of what is not finite."""
-    nothing = np.empty((0, len(score))), np.empty(0)
+@dataclass(frozen=True)
+class _Said:
+    """``root · p = z`` with unit noise, shapes (k, n) and (k,), of what is excited; directions only feigned, (n, m)."""
+
+    root: FloatArray
+    z: FloatArray
+    feigned: FloatArray
+
+
+def _excited(information: FloatArray, score: FloatArray, feigned: FloatArray | None) -> _Said:
+    """The square root of what is excited; nothing of what is not finite."""
+    size = score.size
     if not (np.all(np.isfinite(information)) and np.all(np.isfinite(score))):
-        return nothing
+        return _Said(np.empty((0, size)), np.empty(0), np.empty((size, 0)))
     value, vector = np.linalg.eigh(0.5 * (information + information.T))
-    noise = np.zeros(len(score)) if feigned is None else np.einsum("ik,ij,jk->k", vector, feigned, vector)
-    excited = (value > 1.0 / EXCITED_WITHIN**2) & (value > OVER_NOISE * noise)
-    if not excited.any():
-        return nothing
-    root = np.sqrt(value[excited])[:, None] * vector[:, excited].T
-    return root, (vector[:, excited].T @ score) / np.sqrt(value[excited])
+    noise = np.zeros(size) if feigned is None else np.einsum("ik,ij,jk->k", vector, feigned, vector)
+    real = value > OVER_NOISE * noise
+    excited = real & (value > 1.0 / EXCITED_WITHIN**2)
+    chosen = vector[:, excited].T
+    scale = np.sqrt(value[excited])
+    return _Said(scale[:, None] * chosen, chosen @ score / scale, vector[:, ~real])

@@ -58,16 +58,20 @@ def drifting(measured, damping_share=0.0, coulomb_share=0.0, from_s=20.0):
     Torque under a given motion is affine in both, so the same motion with another torque is what the changed machine
     would have shown.
     """
-    truth = Truth()
-    position = measured.motion["position_rad"]
+    truth, bench = Truth(), synthetic.Bench()
+    late_s = float(np.median(measured.torque["arrival_ns"] - measured.motion["arrival_ns"])) * 1e-9
+    late_s -= bench.serial_delay_s - bench.can_delay_s
+    time_s = np.arange(len(measured.motion)) * TICK_S
+    position, velocity = (
+        np.interp(time_s + late_s, time_s, measured.motion[column]) for column in ("position_rad", "velocity_rad_s")
+    )
     h = np.zeros(position.size)
     per_rad = truth.presliding_stiffness / truth.coulomb_torque
     for k, step in enumerate(np.diff(position), start=1):
         side = np.sign(step)
         h[k] = side + (h[k - 1] - side) * np.exp(-per_rad * abs(step))
-    time_s = np.arange(position.size) * TICK_S
     share = np.clip((time_s - from_s) / (time_s[-1] - from_s), 0.0, 1.0)
-    extra = damping_share * truth.viscous_damping * measured.motion["velocity_rad_s"]
+    extra = damping_share * truth.viscous_damping * velocity
     extra += coulomb_share * truth.coulomb_torque * h
     torque = measured.torque.copy()
     torque["torque_nm"] -= share * extra
