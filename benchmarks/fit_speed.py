@@ -2,14 +2,12 @@
 
 One record is made through the real path: the standard session on the simulated bench. On it are measured
 (a) the final fit of 60 s at 1 kHz beside one scipy LSODA simulation of the same record, (b) how the fit's time grows
-with the record, (c) a CasADi multiple-shooting fit of a part of it, (d) what the live identifier costs a sample, and how
-near its final values it is after 20 s. Run with ``python benchmarks/fit_speed.py [--quick] [--json]``; ``--quick``
+with the record, (c) a CasADi multiple-shooting fit of a part of it, (d) what the live identifier costs a sample, and
+how near its final values it is after 20 s. Run with ``python benchmarks/fit_speed.py [--quick] [--json]``; ``--quick``
 takes less than 50 s on two cores, the whole some minutes. CasADi comes with ``pip install -e '.[benchmarks]'``.
 
-scipy is used as well as it can be with ``solve_ivp``: one call for the whole record, its inputs between ticks
-straight lines, so that it need not stop at every tick; tolerances relative 1e-6 and absolute a millionth of each state;
-output every millisecond. The equations are plain floats in Python and, in a second row, compiled by numba; the ratio is
-taken to the faster of the two.
+How scipy is used is said in lsoda.py: as fast as it goes. The ratio is taken to the faster of two ways of writing the
+equations. What CasADi is given, and how, is said in multiple_shooting.py.
 """
 
 import argparse
@@ -19,14 +17,12 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import lsoda
 import numpy as np
-import numpy.typing as npt
-from numba import njit
-from scipy.integrate import solve_ivp
-from scipy.interpolate import CubicSpline
 
 from bench.identification.fit import PHYSICAL, fit
 from bench.identification.live import LiveIdentifier
@@ -38,8 +34,6 @@ from bench.segments import Use
 from bench.session.engine import run_session
 from bench.session.schema import Session, standard_session
 from sim_backend.tools import true_parameters
-
-FloatArray = npt.NDArray[np.float64]
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 SEED = 1
@@ -144,67 +138,6 @@ def record(repeats: int) -> Record:
     )
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """Command and port torque at every tick on the torque's time, arrays (n,), for a simulation by other tools."""
-
-    command: FloatArray
-    torque_nm: FloatArray
-
-
-def inputs(made: Record, duration_s: float, found: FitResult) -> Inputs:
-    """Of the last so many seconds of the excitations."""
-    stretches = signals(made.excited(duration_s), made.tick_s, Use.IDENTIFY)
-    held = [
-        each.command[np.maximum(np.searchsorted(each.sent_s + found.command_delay_s, each.time_s, "right") - 1, 0)]
-        for each in stretches
-    ]
-    torques = [each.torque_nm for each in stretches if each.torque_nm is not None]
-    return Inputs(np.concatenate(held), np.concatenate(torques))
-
-
-def rates(time_s: float, state: FloatArray, signal: Inputs | tuple, constants: tuple[float, ...], tick_s: float):  # type: ignore[no-untyped-def,type-arg]
-    """The paper's equations (41) to (44) with the drive's torque for the current: see bench.models.dahl_motor."""
-    command, torque = signal
-    gain, bandwidth, inertia, damping, coulomb, stiffness, contact_damping = constants
-    at = time_s / tick_s
-    k = min(int(at), len(command) - 2)
-    share = at - k
-    drive, omega, phi = state[0], state[1], state[2]
-    phi_rate = omega - stiffness / coulomb * abs(omega) * phi
-    friction = stiffness * phi + contact_damping * phi_rate + damping * omega
-    port = torque[k] + share * (torque[k + 1] - torque[k])
-    asked = gain * (command[k] + share * (command[k + 1] - command[k]))
-    return bandwidth * (asked - drive), (drive - port - friction) / inertia, phi_rate
-
-
-compiled_rates = njit(rates)
-
-
-def simulate(made: Record, found: FitResult, signal: Inputs, *, compiled: bool) -> float:
-    """Seconds that LSODA takes, once, with the fit's own values."""
-    values = [found.estimate(name).value for name in PHYSICAL]
-    scale = np.array([found.estimate("coulomb_torque").value, 10.0, values[4] / values[5]])
-    if compiled:
-        given, right = (signal.command, signal.torque_nm), compiled_rates
-        right(0.0, np.zeros(3), given, tuple(values), made.tick_s)
-    else:
-        given = (signal.command.tolist(), signal.torque_nm.tolist())
-
-        def right(time_s: float, state: FloatArray, *args: object) -> tuple[float, float, float]:
-            return rates(time_s, state.tolist(), *args)
-
-    instants_s = np.arange(len(signal.command)) * made.tick_s
-    begun_s = time.perf_counter()
-    solved = solve_ivp(
-        right, (0.0, instants_s[-1]), np.zeros(3), "LSODA", instants_s, args=(given, tuple(values), made.tick_s),
-        rtol=1e-6, atol=1e-6 * scale,
-    )  # fmt: skip
-    took_s = time.perf_counter() - begun_s
-    assert solved.success
-    return took_s
-
-
 def timed(work: Callable[[], object]) -> float:
     begun_s = time.perf_counter()
     work()
@@ -214,13 +147,13 @@ def timed(work: Callable[[], object]) -> float:
 def against_lsoda(made: Record, extent: Extent, table: Table) -> None:
     """(a): in turns, in the same run; medians."""
     whole, found = made.excited(FIT_S), made.fit(made.excited(FIT_S))
-    signal = inputs(made, extent.simulated_s, found)
-    factor = FIT_S / (len(signal.command) * made.tick_s)
+    stretches = signals(made.excited(extent.simulated_s), made.tick_s, Use.IDENTIFY)
+    factor = FIT_S / sum(len(each.time_s) * made.tick_s for each in stretches)
     fits, plain, compiled = [], [], []
     for _ in range(extent.rounds):
         fits.append(timed(lambda: made.fit(whole)))
-        plain.append(factor * simulate(made, found, signal, compiled=False))
-        compiled.append(factor * simulate(made, found, signal, compiled=True))
+        plain.append(factor * lsoda.simulate(stretches, found, compiled=False))
+        compiled.append(factor * lsoda.simulate(stretches, found, compiled=True))
         fits.append(timed(lambda: made.fit(whole)))
     seconds = {name: statistics.median(times) for name, times in (("fit", fits), ("py", plain), ("jit", compiled))}
     part = "" if factor < 1.5 else f"from {extent.simulated_s:g} s of the record, scaled"
@@ -252,40 +185,22 @@ def against_casadi(made: Record, extent: Extent, table: Table) -> None:
     ours_s = statistics.median(timed(lambda: made.fit(part)) for _ in range(extent.rounds))
     ours = made.fit(part)
     table.add("final fit", ours_s, "s", note=f"{ours_s / extent.shooting_s:.2f} s a second of data; no initial guess")
-    try:
-        import multiple_shooting  # noqa: PLC0415  (its CasADi is optional)
-    except ImportError:
+    if find_spec("casadi") is None:
         table.add("multiple shooting", None, note="CasADi is not installed: pip install -e '.[benchmarks]'")
         return
+    import multiple_shooting  # noqa: PLC0415  (with a dependency of its own)
+
+    longest = max(signals(part, made.tick_s, Use.IDENTIFY), key=lambda each: each.time_s.size)
     start = {name: made.truth[name] * off for name, off in zip(PHYSICAL, START_OFF, strict=True)}
-    theirs = multiple_shooting.fit_by_shooting(shooting_record(made, part, ours), start)
+    theirs = multiple_shooting.fit_by_shooting(multiple_shooting.aligned(longest, ours), start)
     took_s = theirs.build_s + theirs.solve_s
     note = f"{took_s / extent.shooting_s:.2f} s a second of data; {theirs.iterations} iterations from 30 % off"
     table.add("multiple shooting", took_s, "s", note=note + ("" if theirs.converged else "; did NOT converge"))
     table.add("multiple shooting / final fit", took_s / ours_s)
     for name in PHYSICAL:
         truth = made.truth[name]
-        error, other = ours.estimate(name).value / truth - 1, theirs.values[name] / truth - 1
-        table.add(f"error of {name.replace('_', ' ')}", 100 * error, "%", note=f"multiple shooting {100 * other:+.2f} %")
-
-
-def shooting_record(made: Record, part: Measured, found: FitResult):  # type: ignore[no-untyped-def]
-    """Aligned with the delays that the fit found, and band-limited between the ticks: more than the tool could ask."""
-    from multiple_shooting import SUBSTEPS, Record as Aligned  # noqa: PLC0415
-
-    longest = max(signals(part, made.tick_s, Use.IDENTIFY), key=lambda each: each.time_s.size)
-    assert longest.torque_nm is not None
-    finer, count = 8, len(longest.time_s) * SUBSTEPS
-    step_s = made.tick_s / SUBSTEPS
-    finest_s = longest.time_s[0] + (np.arange(count * finer) + 0.5) * step_s / finer
-    holding = np.searchsorted(longest.sent_s + found.command_delay_s, finest_s, "right") - 1
-    command = longest.command[np.maximum(holding, 0)].reshape(count, finer).mean(axis=1)
-    torque = CubicSpline(longest.time_s, longest.torque_nm)(longest.time_s[0] + (np.arange(count) + 0.5) * step_s)
-    fine_s = longest.fine_time_s
-    velocity = np.gradient(longest.position_rad, fine_s[1] - fine_s[0])
-    return Aligned(
-        made.tick_s, command, torque, np.interp(longest.time_s + found.motion_delay_s, fine_s, velocity)
-    )
+        error, other = 100 * (ours.estimate(name).value / truth - 1), 100 * (theirs.values[name] / truth - 1)
+        table.add(f"error of {name.replace('_', ' ')}", error, "%", note=f"multiple shooting {other:+.2f} %")
 
 
 def live(made: Record, table: Table) -> None:
@@ -301,17 +216,17 @@ def live(made: Record, table: Table) -> None:
         states.append(identifier.update(part))
         costs.append(time.perf_counter() - begun_s)
     final = made.fit(made.measured.between(made.start_ns, made.standard_ns))
-    samples = sum(len(part.ticks) for part in parts)
+    each_us = 1e6 * sum(costs) / sum(len(part.ticks) for part in parts)
     table.head("(d) live, in parts of 100 ms")
-    table.add("cost a sample", 1e6 * sum(costs) / samples, "µs", note=f"{0.1 * sum(costs) / samples * 1e6:.1f} % of a core")
+    table.add("cost a sample", each_us, "µs", note=f"{1e-4 * each_us / made.tick_s:.1f} % of a core")
     table.add("costliest part", 1e3 * max(costs), "ms", note="in a process of its own where time does not wait")
-    for origin_ns, what in ((made.start_ns, "the session's first tick"), (made.shaken_ns, "the first shaking")):
+    for origin_ns, what in ((made.start_ns, "the session's first tick"), (made.shaken_ns, "data that tell begin")):
         since(states, final, origin_ns, what, table)
 
 
 def since(states: list[LiveEstimate], final: FitResult, origin_ns: int, what: str, table: Table) -> None:
     """How far each live parameter still was from what it ended at, and from the final fit."""
-    table.head(f"    {LIVE_AFTER_S:g} s after {what} (tare and calibration included): difference from the last live value")
+    table.head(f"    {LIVE_AFTER_S:g} s after {what}: difference from the last live value")
     at = max((s for s in states if s.stamp_ns <= origin_ns + LIVE_AFTER_S * 1e9), key=lambda s: s.stamp_ns)
     early = {estimate.name: estimate for estimate in at.estimates}
     for last in states[-1].estimates:

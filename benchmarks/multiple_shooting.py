@@ -13,6 +13,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from bench.identification.fit import PHYSICAL
+from bench.identification.results import FitResult
+from bench.identification.signals import Signals
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -34,15 +39,7 @@ STOP = {
 }
 HOLD = 0.1  # weight of the friction's first state
 WITHIN = 4.0  # every parameter is sought within this factor of its start
-NAMES = (
-    "torque_gain",
-    "amplifier_bandwidth",
-    "inertia",
-    "viscous_damping",
-    "coulomb_torque",
-    "presliding_stiffness",
-    "presliding_damping",
-)
+FINEST = 8  # of a substep, to find when a command changed within it
 
 
 @dataclass(frozen=True)
@@ -64,6 +61,24 @@ class Record:
         return signal[:count].reshape(self.intervals, length).T
 
 
+def aligned(signals: Signals, found: FitResult) -> Record:
+    """One stretch, shifted by the delays that another fit found, band-limited between the ticks."""
+    assert signals.torque_nm is not None
+    count, step_s = len(signals.time_s) * SUBSTEPS, signals.tick_s / SUBSTEPS
+    finest_s = signals.time_s[0] + (np.arange(count * FINEST) + 0.5) * step_s / FINEST
+    held = np.searchsorted(signals.sent_s + found.command_delay_s, finest_s, "right") - 1
+    command = signals.command[np.maximum(held, 0)].reshape(count, FINEST).mean(axis=1)
+    middles_s = signals.time_s[0] + (np.arange(count) + 0.5) * step_s
+    fine_s = signals.fine_time_s
+    velocity = np.gradient(signals.position_rad, fine_s[1] - fine_s[0])
+    return Record(
+        signals.tick_s,
+        command,
+        CubicSpline(signals.time_s, signals.torque_nm)(middles_s),
+        np.interp(signals.time_s + found.motion_delay_s, fine_s, velocity),
+    )
+
+
 @dataclass(frozen=True)
 class Fitted:
     """Parameters by name, and what it took."""
@@ -78,7 +93,7 @@ class Fitted:
 def fit_by_shooting(record: Record, start: dict[str, float]) -> Fitted:
     """Fit all seven parameters and the torque sensor's zero, from ``start``."""
     begun_s = time.perf_counter()
-    scale = np.array([start[name] for name in NAMES] + [0.1 * start["coulomb_torque"]])
+    scale = np.array([start[name] for name in PHYSICAL] + [0.1 * start["coulomb_torque"]])
     parameters = ca.MX.sym("parameters", len(scale))
     first = _start(record, start)
     first_sliding = float(first[len(scale) + 2])
@@ -114,7 +129,7 @@ def fit_by_shooting(record: Record, start: dict[str, float]) -> Fitted:
     )  # fmt: skip
     solve_from_s = time.perf_counter()
     box = np.full(len(first), np.inf)
-    box[: len(NAMES)] = np.log(WITHIN)
+    box[: len(PHYSICAL)] = np.log(WITHIN)
     iterations = 0
     for each in ROUNDED_RAD_S:
         found = solver(x0=first, lbx=-box, ubx=box, lbg=0, ubg=0, p=each)
@@ -124,7 +139,7 @@ def fit_by_shooting(record: Record, start: dict[str, float]) -> Fitted:
     values = np.array(found["x"]).ravel()[: len(scale)]
     physical = scale * np.concatenate([np.exp(values[:-1]), values[-1:]])
     return Fitted(
-        dict(zip(NAMES, physical.tolist(), strict=False)),
+        dict(zip(PHYSICAL, physical.tolist(), strict=False)),
         solve_from_s - begun_s,
         ended_s - solve_from_s,
         iterations,
@@ -137,7 +152,7 @@ def _interval(tick_s: float, scale: FloatArray) -> ca.Function:
     state, parameters = ca.SX.sym("state", 3), ca.SX.sym("parameters", len(scale))
     command, torque = (ca.SX.sym(name, INTERVAL_TICKS * SUBSTEPS) for name in ("command", "torque"))
     *physical, bias = (
-        scale[k] * (parameters[k] if k == len(NAMES) else ca.exp(parameters[k])) for k in range(len(scale))
+        scale[k] * (parameters[k] if k == len(PHYSICAL) else ca.exp(parameters[k])) for k in range(len(scale))
     )
     gain, bandwidth, inertia, damping, coulomb, stiffness, contact_damping = physical
     rounded = ca.SX.sym("rounded")
@@ -185,4 +200,4 @@ def _start(record: Record, start: dict[str, float]) -> FloatArray:
         sliding[k] = side + (sliding[k - 1] - side) * np.exp(-per_rad * abs(velocity) * record.tick_s)
     at = np.arange(record.intervals + 1) * INTERVAL_TICKS
     nodes = np.stack([drive[at], record.velocity_rad_s[at], sliding[at]])
-    return np.concatenate([np.zeros(len(NAMES) + 1), nodes.T.ravel()])
+    return np.concatenate([np.zeros(len(PHYSICAL) + 1), nodes.T.ravel()])

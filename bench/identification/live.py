@@ -45,13 +45,13 @@ LEARNING_WITHIN = 0.5
 # What no residual shows: members between the nodes of the bank, smoothing with little room. Relative deviations, from
 # errors on simulated benches with other true values (docs/identification.md).
 FLOOR = {
-    "torque_gain": 0.001,
-    "amplifier_bandwidth": 0.02,
-    "inertia": 0.004,
-    "viscous_damping": 0.004,
+    "torque_gain": 0.0008,
+    "amplifier_bandwidth": 0.01,
+    "inertia": 0.0025,
+    "viscous_damping": 0.003,
     "coulomb_torque": 0.003,
-    "presliding_stiffness": 0.015,
-    "presliding_damping": 0.04,
+    "presliding_stiffness": 0.008,
+    "presliding_damping": 0.015,
 }
 # Of (log β, log s, d_c, d_m), then gain, inertia, damping, Coulomb torque, presliding damping and bias, the last six
 # relative: what may change in a second, as a random walk. Oil warms and wears; a rotor does not grow heavier.

@@ -64,7 +64,7 @@ class LiveBank:
     def noise(self, count_variance_rad2: float) -> FloatArray:
         """The covariance of a row that comes from the encoder's counts alone, shape (WIDTH, WIDTH)."""
         noise = np.zeros((WIDTH, WIDTH))
-        noise[: SLIDING, : SLIDING] = count_variance_rad2 * self._noise_of_motion
+        noise[:SLIDING, :SLIDING] = count_variance_rad2 * self._noise_of_motion
         return noise
 
     def rows(self, piece: Piece) -> tuple[FloatArray, FloatArray]:

@@ -90,7 +90,7 @@ def improved(gram: FloatArray, candidate: Candidate) -> Candidate:
 
 
 def covariance(candidate: Candidate, blocks: list[FloatArray], samples: int, correlated: float) -> FloatArray:
-    """Of (log β, log s, d_c, d_m) and the six linear, shape (10, 10): a sandwich over blocks, never below white noise's.
+    """Of (log β, log s, d_c, d_m) and the six linear, (10, 10): a sandwich over blocks, never below white noise's.
 
     One sample in ``correlated`` is independent. The correlations are the white noise's.
     """

@@ -162,9 +162,7 @@ def _starts(regression: Regression) -> list[Shape]:
     return [replace(best, bandwidth_rad_s=bandwidth) for bandwidth in START_BANDWIDTHS]
 
 
-def _iterate(
-    regression: Regression, shape: Shape, *, most_steps: int, within: FloatArray = CONVERGED_STEP
-) -> Solution:
+def _iterate(regression: Regression, shape: Shape, *, most_steps: int, within: FloatArray = CONVERGED_STEP) -> Solution:
     """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that."""
     low, high = limits(regression.rows[0].signals.tick_s)
     at = _At.of(regression, shape)

@@ -1,9 +1,9 @@
 """Following parameters as they drift: a Kalman filter fed with square roots of information.
 
 A block of data says ``H p = z`` with unit noise, H being a square root of its information. Directions that it does not
-excite are left out, and so is drift along them: a parameter is neither moved, nor thought better or worse known, by data
-that say nothing of it. What the noise was thought to be is checked against the innovations: where they are greater, all
-that follows counts for less.
+excite are left out, and so is drift along them: a parameter is neither moved, nor thought better or worse known, by
+data that say nothing of it. What the noise was thought to be is checked against the innovations: where they are
+greater, all that follows counts for less.
 """
 
 from dataclasses import dataclass, field
