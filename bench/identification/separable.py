@@ -30,6 +30,8 @@ START_BANDWIDTHS = (150.0, 500.0, 1500.0)
 LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 # Of each parameter: relative for the first two, seconds for the delays.
 CONVERGED_STEP = np.array([1e-4, 1e-4, 1e-7, 1e-7])
+# The low band only finds where to begin in the full one.
+ROUGH_STEP = np.array([0.03, 0.03, 2e-5, 2e-5])
 MOST_STEPS = 40
 # The full band is narrowed only where it is worth the time.
 NARROWED_BELOW = 0.7
@@ -62,7 +64,7 @@ class Solution:
 def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solution:
     """The best fit of all stretches; ``free_motion`` as in Regression."""
     low = Regression.of(stretches, LOW_BAND, LOW_STRIDE, free_motion=free_motion)
-    starts = [_iterate(low, start, most_steps=15) for start in _starts(low)]
+    starts = [_iterate(low, start, most_steps=15, within=ROUGH_STEP) for start in _starts(low)]
     best = min(starts, key=lambda solution: solution.cost)
     full = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
     solution = _iterate(full, best.shape, most_steps=MOST_STEPS)
@@ -190,14 +192,14 @@ def _starts(regression: Regression) -> list[Shape]:
     return [replace(best, bandwidth_rad_s=bandwidth) for bandwidth in START_BANDWIDTHS]
 
 
-def _iterate(regression: Regression, shape: Shape, *, most_steps: int) -> Solution:
-    """Gauss-Newton on the projected problem with step halving, inside the box."""
+def _iterate(regression: Regression, shape: Shape, *, most_steps: int, within: FloatArray = CONVERGED_STEP) -> Solution:
+    """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that."""
     low, high = limits(regression.rows[0].signals.tick_s)
     at = _At.of(regression, shape)
     converged = False
     for _ in range(most_steps):
         step = at.step(regression)
-        if np.all(np.abs(step) < CONVERGED_STEP):
+        if np.all(np.abs(step) < within):
             converged = True
             break
         moved = (np.clip(at.shape.as_array() + share * step, low, high) for share in STEP_SHARES)
@@ -205,7 +207,7 @@ def _iterate(regression: Regression, shape: Shape, *, most_steps: int) -> Soluti
         found = next(better, None)
         if found is None:
             # Gauss-Newton cannot improve: at the minimum to within rounding, or held by the box.
-            converged = bool(np.all(np.abs(step) < 100 * CONVERGED_STEP))
+            converged = bool(np.all(np.abs(step) < 100 * within))
             break
         at = found
     return at.solution(regression, converged=converged)
