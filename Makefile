@@ -25,6 +25,7 @@ check: $(READY)  ## style, types, import floors
 
 bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/identification.py --vary --seeds 1-5
+	$(BIN)/python benchmarks/fit_speed.py
 	$(BIN)/python benchmarks/zero_torque.py
 	$(BIN)/python benchmarks/simulation_speed.py
 	$(BIN)/python benchmarks/recording.py

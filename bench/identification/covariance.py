@@ -12,16 +12,28 @@ FloatArray = npt.NDArray[np.float64]
 BLOCKS_S = (0.1, 0.5, 2.0)
 
 
-def sandwich(jacobian: FloatArray, residual: FloatArray, time_s: FloatArray) -> FloatArray:
+def sandwich(
+    jacobian: FloatArray,
+    residual: FloatArray,
+    time_s: FloatArray,
+    contamination: FloatArray | None = None,
+    linear: FloatArray | None = None,
+) -> FloatArray:
     """Covariance of least squares parameters, shape (parameters, parameters).
 
-    ``jacobian`` (samples, parameters), ``residual`` and ``time_s`` (samples,). The correlations are those of the
+    ``jacobian`` (samples, parameters), ``residual`` and ``time_s`` (samples,). ``contamination`` is what errors in the
+    first columns add to their squares, ``linear`` the values of these parameters. The correlations are those of the
     middle length of block, the deviations the largest of all.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
-    bread = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), rcond=1e-13, hermitian=True)
+    information = (jacobian / scale).T @ (jacobian / scale)
     scores = jacobian / scale * residual[:, None]
+    if contamination is not None and linear is not None:
+        at = np.arange(len(contamination))
+        information[at, at] -= contamination / scale[at] ** 2
+        scores[:, at] += contamination * linear[at] / len(residual) / scale[at]
+    bread = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
     candidates = [bread @ _meat(scores, time_s, block_s) @ bread for block_s in BLOCKS_S]
     widest = np.sqrt(np.max([np.diag(candidate) for candidate in candidates], axis=0))
     middle = candidates[len(candidates) // 2]

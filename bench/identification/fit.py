@@ -13,10 +13,11 @@ import numpy.typing as npt
 from bench.errors import ExperimentError
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
-from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Regression
+from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
 from bench.identification.results import FitResult, Trace
-from bench.identification.separable import FULL_BAND, Solution, limits, linear_solution, solve
+from bench.identification.separable import Solution, limits, linear_solution, solve
 from bench.identification.signals import Port, Signals, signals
+from bench.identification.verdict import LOOSE_BEYOND, loose_directions, verdict
 from bench.models.network import NortonNetwork
 from bench.models.parameters import BY_NAME, Estimate, Status
 from bench.records import Measured
@@ -33,22 +34,10 @@ PHYSICAL = (
     "presliding_stiffness",
     "presliding_damping",
 )
-# What no residual shows: discretisation, the encoder's counts in the friction's path, the instants of sending. Relative
-# deviations, measured on simulated benches with other true values (docs/identification.md).
-FLOOR = {
-    "torque_gain": 0.0005,
-    "amplifier_bandwidth": 0.01,
-    "inertia": 0.003,
-    "viscous_damping": 0.002,
-    "coulomb_torque": 0.0015,
-    "presliding_stiffness": 0.008,
-    "presliding_damping": 0.02,
-}
-DELAY_FLOOR_S = 1e-5
+# What free motion tells only as a ratio to the torque gain.
+PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 # The command must explain this many times what nothing explains, or the port's torque sets no scale.
 LEAST_EVIDENCE = 5.0
-# An estimate less certain than this, relative to itself, is none.
-UNEXCITED_BEYOND = 0.5
 
 
 def fit(measured: Measured, *, command_unit: str, tick_s: float, use: Use = Use.IDENTIFY) -> FitResult:
@@ -84,11 +73,11 @@ def scale_evidence(solution: Solution) -> float:
 
 
 def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Values in the order of PHYSICAL, then the two delays, and their covariance, floor included: (9,), (9, 9).
+    """Values in the order of PHYSICAL, then the two delays, and their covariance: (9,), (9, 9).
 
     From free motion they are per unit of torque gain, whose own value is then 1.
     """
-    covariance = sandwich(solution.jacobian, solution.residual, time_s)
+    covariance = sandwich(solution.jacobian, solution.residual, time_s, solution.contamination, solution.linear)
     shape, columns = solution.shape, len(solution.linear)
     linear, to_linear = _linear_in_torque(solution)
     stiffness = linear[COULOMB] * shape.s_per_rad
@@ -105,9 +94,7 @@ def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatA
     for position, unknown in enumerate(solution.free):
         row, slope = slopes[unknown]
         gradient[row, columns + position] = slope
-    floors = np.array([*(FLOOR[name] for name in PHYSICAL), 0.0, 0.0]) * np.abs(ordered)
-    floors[7:] = DELAY_FLOOR_S
-    return ordered, gradient @ covariance @ gradient.T + np.diag(floors**2)
+    return ordered, gradient @ covariance @ gradient.T
 
 
 def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
@@ -127,7 +114,7 @@ def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
 
 
 def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: str) -> FitResult:
-    regression = Regression.of(stretches, FULL_BAND, free_motion=solution.free_motion)
+    regression = solution.regression
     target, time_s = regression.target(), regression.time_s()
     values, covariance = physical(solution, time_s)
     deviations = np.sqrt(np.diag(covariance))
@@ -136,13 +123,13 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
         Estimate(name, float(value), float(std), BY_NAME[name].unit_for(command_unit), status)
         for name, value, std, status in zip(PHYSICAL, values, deviations, statuses, strict=False)
     ]
-    verdict: tuple[str, ...] = ()
     current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
     if current is not None:
         estimates += current.estimates(command_unit, statuses[0])
     network = network_of(estimates, command_unit, covariance[:7, :7])
+    ratios = []
     if solution.free_motion:
-        verdict = (_ratio_sentence(estimates),)
+        ratios = [estimate for estimate in estimates if estimate.name in PER_GAIN]
         network = replace(network, provenance={"scale": "free motion only: everything per unit of torque gain"})
         estimates = [_without_scale(estimate) for estimate in estimates]
     to_torque = values[PHYSICAL.index("inertia")] if solution.free_motion else 1.0
@@ -159,14 +146,30 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
         motion_delay_s=float(values[8]),
         motion_delay_std_s=float(deviations[8]),
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
-        torque_bias_nm=_bias(solution, len(stretches)),
-        verdict=verdict + _verdict(estimates, current is not None, solution.converged),
+        torque_bias_nm=_bias(solution),
+        verdict=verdict(
+            estimates,
+            loose_directions(PHYSICAL, _relative(solution, values, covariance)),
+            ratios=ratios,
+            converged=solution.converged,
+            has_current=current is not None,
+        ),
     )
 
 
-def _bias(solution: Solution, stretches: int) -> float:
-    """The mean of the bias's hats, which follow the five linear unknowns and each stretch's initial friction."""
-    return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + stretches :]))
+def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Covariance of the logarithms of PHYSICAL; a scale that free motion leaves open is as good as infinite."""
+    size = np.maximum(np.abs(values[:7]), 1e-300)
+    relative = covariance[:7, :7] / np.outer(size, size)
+    if not solution.free_motion:
+        return np.asarray(relative)
+    scaled = np.array([float(name != "amplifier_bandwidth") for name in PHYSICAL])
+    return np.asarray(relative + 1e6 * np.outer(scaled, scaled))
+
+
+def _bias(solution: Solution) -> float:
+    """The mean of the bias's hats, which follow the five linear unknowns and the pairs of the cogging."""
+    return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + 2 * len(solution.regression.cogging) :]))
 
 
 def _without_scale(estimate: Estimate) -> Estimate:
@@ -174,18 +177,6 @@ def _without_scale(estimate: Estimate) -> Estimate:
     if estimate.name in ("amplifier_bandwidth", "amplifier_gain") or estimate.status is not Status.VALID:
         return estimate
     return replace(estimate, value=float("nan"), std=float("nan"), status=Status.RATIO_ONLY)
-
-
-def _ratio_sentence(estimates: list[Estimate]) -> str:
-    known = [
-        f"{estimate.name.replace('_', ' ')} / torque gain = {estimate.value:.4g} ± {estimate.std:.1g}"
-        for estimate in estimates
-        if estimate.name in PHYSICAL and estimate.name not in ("torque_gain", "amplifier_bandwidth")
-    ]
-    return (
-        "Free motion alone: inertia, torque gain, damping and friction are known only up to a common factor; impose "
-        f"motion and measure torque to fix it. Known are {', '.join(known)} (per command unit)."
-    )
 
 
 def trace(stretches: tuple[Signals, ...], measured: FloatArray, predicted: FloatArray) -> Trace:
@@ -207,7 +198,7 @@ def _statuses(solution: Solution, values: FloatArray, deviations: FloatArray, ti
             status = Status.AT_BOUND
         elif name == "torque_gain" and solution.free_motion:
             status = Status.VALID
-        elif not deviation <= UNEXCITED_BEYOND * abs(value):
+        elif not deviation <= LOOSE_BEYOND * abs(value):
             status = Status.UNEXCITED
         else:
             status = Status.VALID
@@ -240,20 +231,3 @@ def network_of(estimates: Sequence[Estimate], command_unit: str, covariance: Flo
         covariance_names=() if covariance is None else PHYSICAL,
         covariance=() if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance),
     )
-
-
-def _verdict(estimates: list[Estimate], has_current: bool, converged: bool) -> tuple[str, ...]:
-    """What the data cannot tell, in words."""
-    sentences = []
-    if not converged:
-        sentences.append("The fit did not converge: treat every number as provisional, and measure longer or faster.")
-    for status, what in (
-        (Status.UNEXCITED, "The data hardly excite {}: {} uncertain by more than half of the value."),
-        (Status.AT_BOUND, "At the edge of what was searched: {}; {} no estimate."),
-    ):
-        names = [estimate.name.replace("_", " ") for estimate in estimates if estimate.status is status]
-        if names:
-            sentences.append(what.format(", ".join(names), "it is" if len(names) == 1 else "they are"))
-    if not has_current:
-        sentences.append("Torque constant and amplifier gain are known only as a product: no current was measured.")
-    return tuple(sentences)

@@ -31,18 +31,26 @@ class Kernel:
     def spline(self) -> BSpline:
         return _spline(self.cutoff, self.half_width)
 
+    def energy(self, derivative: int) -> float:
+        """∫ K² of the kernel's derivative: what it makes of white noise of density 1, in units of a sample."""
+        return _energy(self, derivative)
+
     def table(self) -> FloatArray:
         """The kernel at TABLE_PER_UNIT points a sample, from 0 to ``half_width``."""
         return _table(self)
 
-    def taps(self, offsets: FloatArray, derivative: int) -> FloatArray:
+    def taps(self, offsets: FloatArray, derivative: int, *, of_means: bool = False) -> FloatArray:
         """Weights at ``offsets`` (samples, equally spaced) that give a signal's ``derivative`` at offset 0.
 
         Exact on polynomials up to the derivative's order: constants, ramps and parabolas come out as they should,
-        however large a position has grown.
+        however large a position has grown. ``of_means`` is for values that are means over cells around the offsets,
+        as kinks and jumps need it: what the mean takes off high frequencies is given back.
         """
         inside = np.abs(offsets) <= self.half_width
-        raw = self.spline()(np.clip(-offsets, -self.half_width, self.half_width), nu=derivative)
+        at = np.clip(-offsets, -self.half_width, self.half_width)
+        raw = self.spline()(at, nu=derivative)
+        if of_means:
+            raw = raw - (offsets[1] - offsets[0]) ** 2 / 24 * self.spline()(at, nu=derivative + 2)
         weights = np.where(inside, raw, 0.0) * (offsets[1] - offsets[0])
         window = np.where(inside, np.maximum(1 - (offsets / self.half_width) ** 2, 0.0), 0.0)
         powers = np.stack([offsets**order for order in range(derivative + 1)])
@@ -57,6 +65,12 @@ class Kernel:
 def _table(kernel: Kernel) -> FloatArray:
     u = np.arange(round(kernel.half_width * TABLE_PER_UNIT) + 2) / TABLE_PER_UNIT
     return np.where(u <= kernel.half_width, kernel.spline()(np.minimum(u, kernel.half_width)), 0.0)
+
+
+@cache
+def _energy(kernel: Kernel, derivative: int) -> float:
+    u = np.linspace(-kernel.half_width, kernel.half_width, round(2 * kernel.half_width * TABLE_PER_UNIT) + 1)
+    return float(np.sum(kernel.spline()(u, nu=derivative) ** 2) * (u[1] - u[0]))
 
 
 @cache

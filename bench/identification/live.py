@@ -1,8 +1,9 @@
 """Identification while the experiment runs, without an initial guess.
 
 Parts of about 100 ms become rows of a bank (live_bank); their Gram matrix answers, for any friction shape, bandwidth
-and delays, what the best linear parameters are. A scan, later Gauss-Newton, finds the best of them; a Kalman filter
-follows the linear parameters from there (tracking).
+and delays, what the best linear parameters are. Until everything is known, the best of all is sought in all data so far
+(live_search). From then on a Kalman filter follows shape, delays and linear parameters together, block by block
+(tracking), and what is older than that is forgotten.
 """
 
 from dataclasses import dataclass, field, replace
@@ -10,8 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification.fit import FLOOR, LEAST_EVIDENCE, PHYSICAL, network_of
-from bench.identification.live_bank import BANDWIDTH_NODES, COMMAND_NODES, S_NODES, WIDTH, LiveBank, combination
+from bench.identification.fit import LEAST_EVIDENCE, PHYSICAL, network_of
+from bench.identification.live_bank import BANDWIDTH_NODES, S_NODES, WIDTH, LiveBank
+from bench.identification.live_search import HIGH, LOW, Candidate, covariance, evaluate, evidence, improved, scan
 from bench.identification.live_streams import LiveStreams
 from bench.identification.regression import Shape
 from bench.identification.results import LiveEstimate
@@ -27,32 +29,34 @@ BLOCK_S = 0.5
 # Of white noise in the band, one sample in this many is independent.
 CORRELATED = 3.0
 LEAST_BLOCKS = 4
-# When there are so many, neighbours are put together: a long experiment needs no more memory or time than a short one.
+# When there are so many, neighbours are put together: a long search needs no more memory or time than a short one.
 MOST_BLOCKS = 64
 SCAN_EVERY_BLOCKS = 4
-STEPS_AN_UPDATE = 3
-LONGEST_STEP = np.array([0.5, 0.5, 3e-4, 3e-4])
-DIFFERENCE = np.array([0.02, 0.02, 2e-5, 2e-5])
-# A member has changed, so that tracking starts anew from everything, when it moved this far.
-MOVED = np.array([0.03, 0.01, 2e-5, 2e-5])
+# The search hands over to tracking once everything is valid and log β and log s are known this well.
+HAND_OVER_WITHIN = 0.05
+# So many blocks in a row that fit nothing known: the machine is another one, and all is sought anew.
+MOST_DISBELIEVED = 10
+# A block of which so many times more remains unexplained than of its like is garbage.
+BEYOND_LIKE = 100.0
+VARIANCE_MEMORY_BLOCKS = 20.0
 VALID_WITHIN = {"amplifier_bandwidth": 0.15, "presliding_damping": 0.15}
 VALID_WITHIN_ELSE = 0.05
 LEARNING_WITHIN = 0.5
-SCAN_BANDWIDTHS = (150.0, 600.0, 2000.0)
-SCAN_TORQUE_DELAYS = (-1.0, 0.0)
-LOW = np.array([np.log(BANDWIDTH_NODES[0]), np.log(S_NODES[0]), -2e-3, -3e-3])
-HIGH = np.array([np.log(BANDWIDTH_NODES[-1]), np.log(S_NODES[-1]), 4e-3, 3e-3])
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One shape with its best linear parameters, from a Gram matrix."""
-
-    shape: Shape
-    linear: FloatArray
-    cost: float
-    columns: FloatArray
-    residual: FloatArray  # how the residual is combined from a row
+# What no residual shows: members between the nodes of the bank, smoothing with little room. Relative deviations, from
+# errors on simulated benches with other true values (docs/identification.md).
+FLOOR = {
+    "torque_gain": 0.0008,
+    "amplifier_bandwidth": 0.01,
+    "inertia": 0.0025,
+    "viscous_damping": 0.003,
+    "coulomb_torque": 0.003,
+    "presliding_stiffness": 0.008,
+    "presliding_damping": 0.015,
+}
+# Of (log β, log s, d_c, d_m), then gain, inertia, damping, Coulomb torque, presliding damping and bias, the last six
+# relative: what may change in a second, as a random walk. Oil warms and wears; a rotor does not grow heavier.
+DRIFT_PER_S = np.array([1e-4, 5e-4, 1e-7, 1e-7, 2e-4, 1e-5, 2e-3, 1e-3, 1e-3, 1e-2])
+DELAY_UNIT_S = 1e-4
 
 
 @dataclass
@@ -63,21 +67,17 @@ class LiveIdentifier:
     tick_s: float
     _streams: LiveStreams = field(init=False)
     _bank: LiveBank = field(init=False)
-    _total: FloatArray = field(default_factory=lambda: np.zeros((WIDTH, WIDTH)), init=False)
-    _block: FloatArray = field(default_factory=lambda: np.zeros((WIDTH, WIDTH)), init=False)
-    _block_rows: int = field(default=0, init=False)
-    _blocks: list[FloatArray] = field(default_factory=list, init=False)
-    _digested: int = field(default=0, init=False)  # blocks so far
     _samples: int = field(default=0, init=False)
     _unseen: tuple[tuple[int, int], ...] = field(default=(), init=False)
-    _best: Candidate | None = field(default=None, init=False)
-    _tracker: Tracker | None = field(default=None, init=False)
-    _tracked: Shape | None = field(default=None, init=False)
+    _block: "_Block" = field(init=False)
+    _state: "_Searching | _Tracking" = field(init=False)
     _latest: LiveEstimate = field(default_factory=lambda: LiveEstimate(0), init=False)
 
     def __post_init__(self) -> None:
         self._streams = LiveStreams(self.tick_s)
         self._bank = LiveBank(self.tick_s)
+        self._block = _Block()
+        self._state = _Searching(self.tick_s)
 
     def update(self, part: Measured) -> LiveEstimate:
         """Learn from the next part; segments meant for validation are followed, but not learned from."""
@@ -89,7 +89,8 @@ class LiveIdentifier:
         piece = self._streams.add(part)
         if piece is not None:
             times_s, rows = self._bank.rows(piece)
-            self._accumulate(rows[self._seen(times_s)])
+            told = self._seen(times_s) & np.all(np.isfinite(rows), axis=1)
+            self._accumulate(rows[told], self._bank.noise(piece.count_variance_rad2))
         self._latest = replace(self._latest, stamp_ns=stamp_ns, samples=self._samples)
         return self._latest
 
@@ -100,141 +101,38 @@ class LiveIdentifier:
             seen &= (times_s < (start_ns - origin_ns) * 1e-9) | (times_s >= (end_ns - origin_ns) * 1e-9)
         return seen
 
-    def _accumulate(self, rows: FloatArray) -> None:
+    def _accumulate(self, rows: FloatArray, noise: FloatArray) -> None:
         if not len(rows):
             return
-        self._block += rows.T @ rows
-        self._block_rows += len(rows)
         self._samples += len(rows)
-        if self._block_rows < BLOCK_S / self.tick_s:
+        self._block = self._block.with_rows(rows, noise)
+        if self._block.samples < BLOCK_S / self.tick_s:
             return
-        self._total += self._block
-        self._blocks.append(self._block)
-        self._digested += 1
-        if len(self._blocks) == MOST_BLOCKS:
-            self._blocks = [one + other for one, other in zip(self._blocks[::2], self._blocks[1::2], strict=True)]
-        block, self._block = self._block, np.zeros((WIDTH, WIDTH))
-        duration_s, self._block_rows = self._block_rows * self.tick_s, 0
-        if len(self._blocks) >= LEAST_BLOCKS:
-            self._search()
-            self._track(block, duration_s)
-            self._latest = self._estimate()
+        block, self._block = self._block, _Block()
+        self._state = self._state.digest(block)
+        values = self._state.values()
+        if values is not None:
+            self._latest = self._estimate(*values)
 
-    def _evaluate(self, shape: Shape) -> Candidate:
-        columns, target = combination(shape, self.tick_s)
-        gram = columns.T @ self._total @ columns
-        right = columns.T @ (self._total @ target)
-        linear = _solve(gram, right)
-        residual = target - columns @ linear
-        return Candidate(shape, linear, float(residual @ self._total @ residual), columns, residual)
-
-    def _search(self) -> None:
-        """Improve the best member; scan all of them anew until one is settled on."""
-        settled = self._latest.network is not None
-        if self._best is not None:
-            self._best = self._improved(self._evaluate(self._best.shape))
-        if not settled and self._digested % SCAN_EVERY_BLOCKS == 0:
-            starts = [self._scan(bandwidth) for bandwidth in SCAN_BANDWIDTHS]
-            others = [self._improved(start) for start in starts]
-            self._best = min([*others, *([self._best] if self._best else [])], key=lambda candidate: candidate.cost)
-
-    def _scan(self, bandwidth: float) -> Candidate:
-        candidates = (
-            self._evaluate(Shape(bandwidth, s, command * self.tick_s, torque * self.tick_s))
-            for s in S_NODES[1:-1:2]
-            for command in COMMAND_NODES[1:-1:2]
-            for torque in SCAN_TORQUE_DELAYS
-        )
-        return min(candidates, key=lambda candidate: candidate.cost)
-
-    def _improved(self, candidate: Candidate) -> Candidate:
-        """A few steps of Gauss-Newton, all of it on the Gram matrix."""
-        for _ in range(STEPS_AN_UPDATE):
-            slopes = self._slopes(candidate)
-            every = np.concatenate([slopes, candidate.columns], axis=1)
-            step = _solve(every.T @ self._total @ every, every.T @ (self._total @ candidate.residual))[:4]
-            at = candidate.shape.as_array()
-            for share in (1.0, 0.3):
-                moved = np.clip(at + share * np.clip(step, -LONGEST_STEP, LONGEST_STEP), LOW, HIGH)
-                trial = self._evaluate(Shape.of(moved))
-                if trial.cost < candidate.cost:
-                    break
-            else:
-                break
-            candidate = trial
-        return candidate
-
-    def _slopes(self, candidate: Candidate) -> FloatArray:
-        """How the prediction's combination changes with each unknown of the shape, shape (WIDTH, 4)."""
-        at = candidate.shape.as_array()
-        slopes = np.empty((WIDTH, 4))
-        for k in range(4):
-            side = np.zeros(4)
-            side[k] = DIFFERENCE[k] if at[k] + DIFFERENCE[k] < HIGH[k] else -DIFFERENCE[k]
-            columns, target = combination(Shape.of(at + side), self.tick_s)
-            slopes[:, k] = (candidate.residual - (target - columns @ candidate.linear)) / side[k]
-        return slopes
-
-    def _track(self, block: FloatArray, duration_s: float) -> None:
-        """Give the new block to the Kalman filter; a member that moved is told everything from the beginning."""
-        best = self._best
-        if best is None:
-            return
-        variance = max(CORRELATED * best.cost / self._samples, 1e-300)
-        tracked = None if self._tracked is None else self._tracked.as_array()
-        if self._tracker is None or tracked is None or np.any(np.abs(best.shape.as_array() - tracked) > MOVED):
-            self._tracker = Tracker(np.where(best.linear == 0.0, 1e-12, np.abs(best.linear)))
-            self._tracked = best.shape
-            block, duration_s = self._total, 0.0
-        columns, target = combination(self._tracked or best.shape, self.tick_s)
-        information = columns.T @ block @ columns / variance
-        self._tracker.update(information, columns.T @ (block @ target) / variance, duration_s)
-
-    def _estimate(self) -> LiveEstimate:
-        best, tracker = self._best, self._tracker
-        if best is None or tracker is None:
-            return self._latest
-        linear = tracker.values
-        deviation = self._deviations(best)
-        tracked = np.sqrt(np.diag(tracker.covariance))
-        linear_std = np.maximum(deviation[4:9], tracked[:5])
-        stiffness = linear[3] * best.shape.s_per_rad
-        values = [linear[0], best.shape.bandwidth_rad_s, linear[1], linear[2], linear[3], stiffness, linear[4]]
+    def _estimate(self, shape: Shape, linear: FloatArray, deviation: FloatArray, scale_known: bool) -> LiveEstimate:
+        """From the linear parameters and the deviations of all ten."""
+        stiffness = linear[3] * shape.s_per_rad
+        values = [linear[0], shape.bandwidth_rad_s, linear[1], linear[2], linear[3], stiffness, linear[4]]
         stds = [
-            linear_std[0],
-            deviation[0] * best.shape.bandwidth_rad_s,
-            *linear_std[1:4],
-            float(np.hypot(deviation[1] * stiffness, linear_std[3] * best.shape.s_per_rad)),
-            linear_std[4],
+            deviation[4],
+            deviation[0] * shape.bandwidth_rad_s,
+            *deviation[5:8],
+            float(np.hypot(deviation[1] * stiffness, deviation[7] * shape.s_per_rad)),
+            deviation[8],
         ]
-        known = self._evidence(best) > LEAST_EVIDENCE
         estimates = tuple(
-            self._one(name, float(value), float(std), best.shape, known)
+            self._one(name, float(value), float(std), shape, scale_known)
             for name, value, std in zip(PHYSICAL, values, stds, strict=True)
         )
         return LiveEstimate(self._latest.stamp_ns, estimates, _network(estimates, self.command_unit), self._samples)
 
-    def _deviations(self, best: Candidate) -> FloatArray:
-        """Of the shape's four unknowns, then the six linear ones: a sandwich over blocks."""
-        every = np.concatenate([self._slopes(best), best.columns], axis=1)
-        information = every.T @ self._total @ every
-        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        bread = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12, hermitian=True)
-        scores = np.stack([every.T @ (block @ best.residual) for block in self._blocks]) / scale
-        covariance = bread @ (scores.T @ scores) @ bread
-        white = np.diag(bread) * CORRELATED * best.cost / self._samples
-        return np.asarray(np.sqrt(np.maximum(np.diag(covariance), white)) / scale)
-
-    def _evidence(self, best: Candidate) -> float:
-        """As fit.scale_evidence."""
-        others = best.columns[:, 1:]
-        lag = best.columns[:, 0]
-        part = _solve(others.T @ self._total @ others, others.T @ (self._total @ lag))
-        alone = lag - others @ part
-        return float(np.abs(best.linear[0]) * np.sqrt((alone @ self._total @ alone) / max(best.cost, 1e-300)))
-
     def _one(self, name: str, value: float, std: float, shape: Shape, scale_known: bool) -> Estimate:
-        std = float(np.hypot(std, 2 * FLOOR[name] * abs(value)))
+        std = float(np.hypot(std, FLOOR[name] * abs(value)))
         relative = std / max(abs(value), 1e-300)
         held = {
             "amplifier_bandwidth": not BANDWIDTH_NODES[1] < shape.bandwidth_rad_s < BANDWIDTH_NODES[-2],
@@ -251,11 +149,135 @@ class LiveIdentifier:
         return Estimate(name, value, std, BY_NAME[name].unit_for(self.command_unit), status)
 
 
-def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """A symmetric system, scaled; directions that nothing excites get zero."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix / np.outer(scale, scale)
-    return np.asarray(np.linalg.lstsq(scaled, right / scale, rcond=1e-11)[0] / scale)
+@dataclass(frozen=True)
+class _Block:
+    """What half a second of data says: the Gram matrix of its rows, and the part of it that is noise in the columns."""
+
+    gram: FloatArray = field(default_factory=lambda: np.zeros((WIDTH, WIDTH)))
+    noise: FloatArray = field(default_factory=lambda: np.zeros((WIDTH, WIDTH)))
+    samples: int = 0
+
+    def with_rows(self, rows: FloatArray, noise: FloatArray) -> "_Block":
+        """``noise`` is the covariance of a row."""
+        return _Block(self.gram + rows.T @ rows, self.noise + len(rows) * noise, self.samples + len(rows))
+
+    def __add__(self, other: "_Block") -> "_Block":
+        return _Block(self.gram + other.gram, self.noise + other.noise, self.samples + other.samples)
+
+    def without_noise(self) -> FloatArray:
+        """The Gram matrix as it were without noise in the columns, where they hold enough else."""
+        enough = np.diag(self.gram) > 2.0 * np.diag(self.noise)
+        return np.asarray(self.gram - self.noise * np.outer(enough, enough))
+
+
+@dataclass
+class _Searching:
+    """The best of all in all data so far."""
+
+    tick_s: float
+    blocks: list[_Block] = field(default_factory=list)
+    digested: int = 0
+    best: Candidate | None = None
+
+    def digest(self, block: _Block) -> "_Searching | _Tracking":
+        self.blocks.append(block)
+        self.digested += 1
+        self._leave_out_garbage()
+        if len(self.blocks) >= MOST_BLOCKS:
+            self.blocks = [one + other for one, other in zip(self.blocks[::2], self.blocks[1::2], strict=True)]
+        if len(self.blocks) < LEAST_BLOCKS:
+            return self
+        gram = self._total().without_noise()
+        if self.best is not None:
+            self.best = improved(gram, evaluate(gram, self.best.shape, self.tick_s))
+        if self.digested % SCAN_EVERY_BLOCKS == 0:
+            found = scan(gram, self.tick_s)
+            if self.best is None or found.cost(gram) < self.best.cost(gram):
+                self.best = found
+        return self._handed_over()
+
+    def values(self) -> tuple[Shape, FloatArray, FloatArray, bool] | None:
+        """Shape, linear parameters, the deviations of all, and whether the scale is known."""
+        if self.best is None:
+            return None
+        known = evidence(self.best, self._total().without_noise()) > LEAST_EVIDENCE
+        return self.best.shape, self.best.linear, np.sqrt(np.diag(self._covariance(self.best))), known
+
+    def _total(self) -> _Block:
+        return sum(self.blocks[1:], self.blocks[0])
+
+    def _covariance(self, best: Candidate) -> FloatArray:
+        grams = [block.without_noise() for block in self.blocks]
+        return covariance(best, grams, self._total().samples, CORRELATED)
+
+    def _leave_out_garbage(self) -> None:
+        if self.best is None:
+            return
+        left = np.array([self.best.cost(block.gram) / block.samples for block in self.blocks])
+        alike = left < BEYOND_LIKE * np.median(left)
+        if not alike.all():
+            self.blocks = [block for block, like in zip(self.blocks, alike, strict=True) if like]
+            self.best = None
+
+    def _handed_over(self) -> "_Searching | _Tracking":
+        values = self.values()
+        if values is None or self.best is None or not values[3]:
+            return self
+        shape, linear, deviation, _ = values
+        scale = np.concatenate([[1.0, 1.0, DELAY_UNIT_S, DELAY_UNIT_S], np.abs(linear)])
+        variance = CORRELATED * self.best.cost(self._total().gram) / self._total().samples
+        scale[9] = np.sqrt(variance)
+        valid = np.array([VALID_WITHIN_ELSE] * 4 + [VALID_WITHIN["presliding_damping"]])
+        if np.any(linear[:5] <= 0.0) or np.any(deviation[4:9] > valid * linear[:5]):
+            return self
+        if np.any(deviation[:2] > HAND_OVER_WITHIN):
+            return self
+        drift = np.concatenate([DRIFT_PER_S[:4] / scale[:4], DRIFT_PER_S[4:]])
+        start = np.concatenate([shape.as_array(), linear]) / scale
+        tracker = Tracker(start, self._covariance(self.best) / np.outer(scale, scale), drift)
+        return _Tracking(self.tick_s, tracker, scale, variance)
+
+
+@dataclass
+class _Tracking:
+    """Everything followed by a Kalman filter, linearised anew at every block."""
+
+    tick_s: float
+    tracker: Tracker
+    scale: FloatArray
+    variance: float
+    disbelieved: int = 0
+
+    def digest(self, block: _Block) -> "_Searching | _Tracking":
+        here = self._here()
+        every = here.gradient() * self.scale
+        gram = block.without_noise()
+        believed = self.tracker.update(
+            every.T @ gram @ every / self.variance,
+            every.T @ (gram @ here.residual) / self.variance,
+            block.samples * self.tick_s,
+            every.T @ block.noise @ every / self.variance,
+        )
+        self.disbelieved = 0 if believed else self.disbelieved + 1
+        if self.disbelieved > MOST_DISBELIEVED:
+            return _Searching(self.tick_s)
+        if believed:
+            unlimited = np.full(6, np.inf)
+            self.tracker.hold(
+                np.concatenate([LOW, -unlimited]) / self.scale, np.concatenate([HIGH, unlimited]) / self.scale
+            )
+            left = CORRELATED * self._here().cost(block.gram) / block.samples
+            self.variance += (left - self.variance) / VARIANCE_MEMORY_BLOCKS
+        return self
+
+    def values(self) -> tuple[Shape, FloatArray, FloatArray, bool]:
+        """As in _Searching."""
+        here = self._here()
+        return here.shape, here.linear, np.sqrt(np.diag(self.tracker.covariance)) * self.scale, True
+
+    def _here(self) -> Candidate:
+        values = self.tracker.values * self.scale
+        return Candidate.of(Shape.of(values[:4]), values[4:], self.tick_s)
 
 
 def _network(estimates: tuple[Estimate, ...], command_unit: str) -> NortonNetwork | None:

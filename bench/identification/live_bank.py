@@ -56,8 +56,23 @@ class LiveBank:
         self._taps = [FULL_BAND.taps(offsets, order) / self.tick_s**order for order in range(3)]
         self._coarse_taps = FULL_BAND.taps(np.arange(-REACH, REACH + 1, dtype=float), 0)
 
+        # The covariance of velocity and acceleration for readings with white errors of variance 1, one a tick.
+        phases = np.exp(-2j * np.pi * np.outer(np.linspace(-0.5, 0.5, 1001), offsets))
+        response = phases @ np.stack(self._taps[1:]).T
+        self._noise_of_motion = np.real(response.conj().T @ response) / len(phases)
+
+    def noise(self, count_variance_rad2: float) -> FloatArray:
+        """The covariance of a row that comes from the encoder's counts alone, shape (WIDTH, WIDTH)."""
+        noise = np.zeros((WIDTH, WIDTH))
+        noise[:SLIDING, :SLIDING] = count_variance_rad2 * self._noise_of_motion
+        return noise
+
     def rows(self, piece: Piece) -> tuple[FloatArray, FloatArray]:
         """Instants [s] and rows, shapes (n,) and (n, WIDTH), of what is complete by now and moves."""
+        if not (np.all(np.isfinite(piece.path_rad)) and np.all(np.isfinite(piece.position_rad))):
+            # Friction and lags would remember it for ever: begin anew with what follows.
+            self._end_s = float("nan")
+            return np.empty(0), np.empty((0, WIDTH))
         if not abs(piece.time_s[0] - self._end_s) < 0.5 * self.tick_s:
             self._restart(piece)
         self._extend(piece)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from bench.identification.live_sanity import sound
 from bench.identification.quantisation import moving, resolution_rad, unquantised
 from bench.identification.signals import FINE, LONGEST_GAP_S, Stream, stream_of
 from bench.records import Measured, Table, stacked
@@ -31,6 +32,7 @@ class Piece:
     moving: FloatArray  # 1 where readings are there and the counts tell what friction holds, else 0
     sent_s: FloatArray
     command: FloatArray
+    count_variance_rad2: float  # of the positions, as one reading a tick would have it
 
 
 @dataclass
@@ -46,13 +48,15 @@ class LiveStreams:
 
     def add(self, part: Measured) -> Piece | None:
         """The grid as far as it can be known now; None where nothing new can be."""
+        part = sound(part)
+        if self._went_back(part):
+            self.parts, self._next_s = [], float("-inf")
         self.parts.append(part)
         self._waiting_ticks += len(part.ticks)
         if self._waiting_ticks * self.tick_s < PIECE_S:
             return None
         self._waiting_ticks = 0
         motion, torque, ticks = (self._joined(name) for name in ("motion", "torque", "ticks"))
-        torque = torque[torque["valid"]]
         if not len(motion) or not len(torque) or not len(ticks):
             return None
         if self.origin_ns is None:
@@ -71,6 +75,11 @@ class LiveStreams:
         self._next_s = start_s + count * self.tick_s
         command = np.ascontiguousarray(ticks["command"], dtype=float)
         return self._piece(start_s, count, position, port, sent_s, command)
+
+    def _went_back(self, part: Measured) -> bool:
+        """Whether the clock was set back: what came before is then of another time."""
+        before = next((each.ticks["tick_ns"][-1] for each in reversed(self.parts) if len(each.ticks)), None)
+        return before is not None and len(part.ticks) > 0 and bool(part.ticks["tick_ns"][0] <= before)
 
     def _span(self, *runs: FloatArray) -> tuple[float, float]:
         """The next stretch without a silence in any of ``runs``, beginning where the last one ended if it can."""
@@ -99,7 +108,9 @@ class LiveStreams:
         moves = np.interp(time_s, path.time_s, moving(smooth, self.resolution).astype(float)) > 0.5
         known = moves & position.covers(time_s) & port.covers(time_s)
         torque_nm = port.at(time_s)
-        return Piece(time_s, torque_nm, position.at(fine_s), path.at(fine_s), known.astype(float), sent_s, command)
+        variance = self.resolution**2 / 12.0 * position.period_s / self.tick_s
+        position_rad, path_rad = position.at(fine_s), path.at(fine_s)
+        return Piece(time_s, torque_nm, position_rad, path_rad, known.astype(float), sent_s, command, variance)
 
     def _joined(self, name: str) -> Table:
         return stacked([getattr(part, name) for part in self.parts])

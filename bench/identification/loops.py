@@ -7,6 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 
 # A sum that may be taken in any order takes several terms at a time; NaN and infinity stay what they are.
@@ -86,23 +87,69 @@ def lag_of_held(sent: FloatArray, command: FloatArray, bandwidth: float, grid: F
 
 
 @njit(cache=True, nogil=True)
-def friction_path(position: FloatArray, s: float) -> FloatArray:
+def mean_lag_of_held(
+    sent: FloatArray, command: FloatArray, bandwidth: float, start: float, cell: float, count: int
+) -> FloatArray:
+    """The exact mean of the same lag over each cell of time; cell k is centred at ``start + k · cell``."""
+    output = np.empty(count)
+    now, event = start - 0.5 * cell, 0
+    state, held = command[0], command[0]
+    while event < sent.size and sent[event] <= now:
+        held = command[event]
+        state = held
+        event += 1
+    for k in range(count):
+        end, area = start + (k + 0.5) * cell, 0.0
+        while now < end:
+            arrived = event < sent.size and sent[event] <= end
+            until = sent[event] if arrived else end
+            kept = exp(-bandwidth * (until - now))
+            area += held * (until - now) + (state - held) * (1.0 - kept) / bandwidth
+            state = held + (state - held) * kept
+            now = until
+            if arrived:
+                held = command[event]
+                event += 1
+        output[k] = area / cell
+    return output
+
+
+@njit(cache=True, nogil=True)
+def friction_path(position: FloatArray, s: float, starts: IntArray) -> FloatArray:
     """The sliding share h = s·φ of the Dahl friction along a path, shape (2, n), each in -1 .. 1.
 
-    Row 0 begins at h = 0; row 1 is what is left of an initial h = 1 (the flow is affine in h, so any other start is
-    row 0 plus its multiple of row 1).
+    Values are means over cells of time centred at the samples, with the path straight between samples. Row 0 begins
+    at h = 0; row 1 is what is left of a difference of 1 in h since the last of ``starts`` (the flow is affine in h, so
+    any other start is row 0 plus its multiple of row 1).
     """
     output = np.empty((2, position.size))
-    h, left = 0.0, 1.0
-    output[0, 0], output[1, 0] = h, left
-    for k in range(1, position.size):
-        displacement = position[k] - position[k - 1]
-        kept = exp(-s * abs(displacement))
-        side = 1.0 if displacement > 0.0 else -1.0
-        h = side + (h - side) * kept
-        left *= kept
-        output[0, k], output[1, k] = h, left
+    h, left, event = 0.0, 1.0, 0
+    for k in range(position.size):
+        before_h, before_left = h, left
+        if k > 0:
+            displacement = 0.5 * (position[k] - position[k - 1])
+            side = 1.0 if displacement > 0.0 else -1.0
+            kept, mean = _kept(s * abs(displacement))
+            half = side + (h - side) * kept
+            output[0, k - 1] += 0.5 * (side + (h - side) * mean)
+            output[1, k - 1] += 0.5 * left * mean
+            before_h, before_left = side + (half - side) * mean, left * kept * mean
+            h, left = side + (half - side) * kept, left * kept * kept
+        if event < starts.size and starts[event] == k:
+            before_left, left = 1.0, 1.0
+            event += 1
+        output[0, k] = 0.5 * before_h
+        output[1, k] = 0.5 * before_left
+    output[0, -1] += 0.5 * h
+    output[1, -1] += 0.5 * left
     return output
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _kept(way: float) -> tuple[float, float]:
+    """What is left of a difference after a ``way``, and its mean on the way."""
+    kept = exp(-way)
+    return kept, (1.0 - kept) / way if way > 1e-6 else 1.0 - 0.5 * way
 
 
 @njit(cache=True, nogil=True)

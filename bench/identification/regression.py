@@ -1,12 +1,14 @@
 """The impedance form as a regression: what is linear once lag, friction's shape and delays are given.
 
-    τ(t) = Km·Ka·lag_β(c)(t − d_c) − Im·ω̇ − B·ω − τc·h − σ1·ḣ/s − τc·h(0)·E + bias,   motion at t + d_m,  h = s·φ
+    τ(t) = Km·Ka·lag_β(c)(t − d_c) − Im·ω̇ − B·ω − τc·h − σ1·ḣ/s + bias + E,   motion at t + d_m,  h = s·φ
 
-E is what is left of the friction's unknown initial state; it fades as the shaft turns. The same low-pass stands
-before every term, so it cancels.
+E is what is left of the friction's unknown state at the end of each rest; it fades as the shaft turns, and whatever
+looks like it is taken off every term. The same low-pass stands before every term, so it cancels.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -81,8 +83,15 @@ class Rows:
     def lag(self, shape: Shape) -> FloatArray:
         """The amplifier's lag of the command, per unit of gain: shape (2, count), with its rate."""
         signals = self.signals
-        lag = loops.lag_of_held(signals.sent_s, signals.command, shape.bandwidth_rad_s, signals.fine_time_s)
-        return self._of_fine(lag, (0, 1), -shape.command_delay_s)
+        lag = loops.mean_lag_of_held(
+            signals.sent_s,
+            signals.command,
+            shape.bandwidth_rad_s,
+            signals.time_s[0],
+            signals.tick_s / FINE,
+            signals.position_rad.size,
+        )
+        return self._of_fine(lag, (0, 1), -shape.command_delay_s, of_means=True)
 
     def kinematics(self, shape: Shape) -> FloatArray:
         """ω and ω̇, shape (2, count)."""
@@ -94,10 +103,31 @@ class Rows:
 
     def friction(self, shape: Shape) -> FloatArray:
         """h, ḣ/s and E, shape (3, count)."""
-        path = loops.friction_path(self.signals.path_rad, shape.s_per_rad)
-        sliding = self._of_fine(path[0], (0, 1), shape.motion_delay_s)
-        left = self._of_fine(path[1], (0,), shape.motion_delay_s)
+        path = loops.friction_path(self.signals.path_rad, shape.s_per_rad, self.signals.rests * FINE)
+        sliding = self._of_fine(path[0], (0, 1), shape.motion_delay_s, of_means=True)
+        left = self._of_fine(path[1], (0,), shape.motion_delay_s, of_means=True)
         return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
+
+    def cogging(self, shape: Shape, periods: float) -> FloatArray:
+        """Cosine and sine of so many periods a turn, shape (2, count)."""
+        angle = periods * self.signals.position_rad
+        return np.concatenate([self._of_fine(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)])
+
+    def memory(self) -> npt.NDArray[np.int64]:
+        """After which rest each instant lies, shape (count,): from 0, before the first."""
+        return np.searchsorted(self.signals.rests, np.arange(self.count) * self.stride, side="right")
+
+    def noise(self) -> FloatArray:
+        """Variances that readings' own errors give to the torque, the acceleration and the velocity, shape (3,)."""
+        tick_s, energy = self.signals.tick_s, self.kernel.energy
+        position = self.signals.position_noise
+        return np.array(
+            [
+                self.signals.torque_noise * energy(0) / tick_s,
+                position * energy(2) / tick_s**5,
+                position * energy(1) / tick_s**3,
+            ]
+        )
 
     def columns(self, shape: Shape) -> FloatArray:
         """The five physical columns in the order of LINEAR, then E: shape (6, count)."""
@@ -105,12 +135,39 @@ class Rows:
         h, rate, left = self.friction(shape)
         return np.stack([self.lag(shape)[0], -acceleration, -velocity, -h, -rate, -left])
 
-    def _of_fine(self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float) -> FloatArray:
+    def _of_fine(
+        self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False
+    ) -> FloatArray:
         tick_s = self.signals.tick_s
         reach = int(np.ceil(self.kernel.half_width + abs(shift_s) / tick_s)) * FINE
         offsets = np.arange(-reach, reach + 1) / FINE - shift_s / tick_s
-        taps = np.stack([self.kernel.taps(offsets, order) / tick_s**order for order in derivatives])
+        taps = np.stack([self.kernel.taps(offsets, order, of_means=of_means) / tick_s**order for order in derivatives])
         return np.asarray(loops.filter_at(values, taps, -reach, self.stride * FINE, self.count))
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What is left of unknown states of the friction, one a rest, each with an unknown factor: all solved for at once.
+
+    ``left`` (samples,) in order of time, ``first`` where each rest's samples begin, ``of`` the rest of each sample.
+    """
+
+    left: FloatArray
+    first: npt.NDArray[np.int64]
+    rest: npt.NDArray[np.int64]
+    power: FloatArray
+
+    @classmethod
+    def of(cls, left: FloatArray, rest: npt.NDArray[np.int64]) -> "Memory":
+        first = np.flatnonzero(np.concatenate([[True], np.diff(rest) != 0]))
+        number = np.cumsum(np.concatenate([[0], np.diff(rest) != 0]))
+        power = np.add.reduceat(left**2, first)
+        return cls(left, first, number, np.where(power > 0, power, 1.0))
+
+    def taken_off(self, values: FloatArray) -> FloatArray:
+        """What no unknown state could have made of ``values``, shape (..., samples)."""
+        factors = np.add.reduceat(values * self.left, self.first, axis=-1) / self.power
+        return np.asarray(values - factors[..., self.rest] * self.left)
 
 
 @dataclass(frozen=True)
@@ -124,6 +181,7 @@ class Regression:
 
     rows: tuple[Rows, ...]
     free_motion: bool = False
+    cogging: tuple[float, ...] = ()  # periods a turn of torques that go with the position
 
     @classmethod
     def of(
@@ -137,7 +195,7 @@ class Regression:
         measured = all(rows.signals.torque_nm is not None for rows in self.rows)
         return (0, 1, 2, 3) if measured else (0, 1, 2)
 
-    def chosen(self, parts: list[FloatArray]) -> FloatArray:
+    def chosen(self, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
         """Parts of shape (..., count), one a stretch, cut to their usable instants and joined."""
         cut = [part[..., rows.usable] for part, rows in zip(parts, self.rows, strict=True)]
         return np.concatenate(cut, axis=-1)
@@ -152,20 +210,39 @@ class Regression:
         return self.chosen([rows.signals.time_s[:: rows.stride] for rows in self.rows])
 
     def segment(self) -> npt.NDArray[np.int64]:
-        parts = [rows.signals.segment[:: rows.stride][rows.usable] for rows in self.rows]
-        return np.concatenate(parts)
+        return self.chosen([rows.signals.segment[:: rows.stride] for rows in self.rows])
 
-    def columns(self, shape: Shape) -> FloatArray:
-        """Physical columns, then one of E for each stretch, then the bias: shape (5 + stretches + knots, samples)."""
-        parts = [rows.columns(self._on_own_time(shape)) for rows in self.rows]
-        physical = self.chosen([part[:5] for part in parts])
+    def columns(self, shape: Shape) -> tuple[FloatArray, "Memory"]:
+        """Physical columns, pairs of cogging, the bias: shape (unknowns, samples); and what the friction may remember."""
+        own = self._on_own_time(shape)
+        parts = [rows.columns(own) for rows in self.rows]
+        chosen = self.chosen(parts)
         if self.free_motion:
-            physical[INERTIA] = -self._torque_at(shape.motion_delay_s)
-        initial = []
-        for index in range(len(parts)):
-            alone = [part[5] if k == index else np.zeros_like(part[5]) for k, part in enumerate(parts)]
-            initial.append(self.chosen(alone))
-        return np.concatenate([physical, np.stack(initial), self.bias()])
+            chosen[INERTIA] = -self._torque_at(shape.motion_delay_s)
+        waves = [self.chosen([rows.cogging(own, periods) for rows in self.rows]) for periods in self.cogging]
+        return np.concatenate([chosen[:5], *waves, self.bias()]), Memory.of(chosen[5], self._rest())
+
+    def _rest(self) -> npt.NDArray[np.int64]:
+        """A number for each rest of each stretch, at every sample."""
+        numbers, first = [], 0
+        for rows in self.rows:
+            memory = rows.memory()
+            numbers.append(first + memory)
+            first += int(memory[-1]) + 1
+        return self.chosen(numbers)
+
+    def contamination(self) -> FloatArray:
+        """What readings' own errors add to the squares of the physical columns, shape (5,): expected sums."""
+        total = np.zeros(5)
+        for rows in self.rows:
+            torque, acceleration, velocity = rows.noise() * np.count_nonzero(rows.usable)
+            total[VISCOUS] += velocity
+            total[INERTIA] += torque if self.free_motion else acceleration
+        return total
+
+    def position(self) -> FloatArray:
+        """Of the shaft, shape (samples,)."""
+        return self.chosen([rows.signals.position_rad[:: rows.stride * FINE] for rows in self.rows])
 
     def _on_own_time(self, shape: Shape) -> Shape:
         return replace(shape, motion_delay_s=0.0) if self.free_motion else shape

@@ -4,13 +4,14 @@ No initial guess: a scan over the friction's shape, then Gauss-Newton from sever
 in which delays are harmless, then in the full band.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from bench.identification.cogging import strongest_period
 from bench.identification.kernels import Kernel
-from bench.identification.regression import Regression, Shape
+from bench.identification.regression import INERTIA, Memory, Regression, Shape
 from bench.identification.signals import Signals
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,7 +30,16 @@ START_BANDWIDTHS = (150.0, 500.0, 1500.0)
 LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 # Of each parameter: relative for the first two, seconds for the delays.
 CONVERGED_STEP = np.array([1e-4, 1e-4, 1e-7, 1e-7])
+# The low band only finds where to begin in the full one.
+ROUGH_STEP = np.array([0.03, 0.03, 2e-5, 2e-5])
 MOST_STEPS = 40
+# The full band is narrowed only where it is worth the time.
+NARROWED_BELOW = 0.7
+NARROWEST_CUTOFF = 0.02
+MOST_COGGINGS = 4
+# Of residuals filtered to the full band, so many neighbours count as one.
+CORRELATED = 3.0
+STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 
 
 @dataclass(frozen=True)
@@ -41,21 +51,55 @@ class Solution:
     residual: FloatArray
     jacobian: FloatArray
     free: tuple[int, ...]
+    contamination: FloatArray  # of the five physical columns, as in Regression
+    cost: float
+    regression: Regression  # the one that was solved
     converged: bool
-    free_motion: bool = False
 
     @property
-    def cost(self) -> float:
-        return float(self.residual @ self.residual)
+    def free_motion(self) -> bool:
+        return self.regression.free_motion
 
 
 def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solution:
     """The best fit of all stretches; ``free_motion`` as in Regression."""
     low = Regression.of(stretches, LOW_BAND, LOW_STRIDE, free_motion=free_motion)
-    starts = [_iterate(low, start, most_steps=15) for start in _starts(low)]
+    starts = [_iterate(low, start, most_steps=15, within=ROUGH_STEP) for start in _starts(low)]
     best = min(starts, key=lambda solution: solution.cost)
     full = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
-    return _iterate(full, best.shape, most_steps=MOST_STEPS)
+    solution = _iterate(full, best.shape, most_steps=MOST_STEPS)
+    band = worthwhile_band(full, solution)
+    if band != FULL_BAND:
+        full = Regression.of(stretches, band, free_motion=free_motion)
+        solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
+    for _ in range(MOST_COGGINGS):
+        periods = strongest_period(full.position(), solution.residual, CORRELATED)
+        if periods is None or periods in full.cogging:
+            break
+        full = replace(full, cogging=(*full.cogging, periods))
+        solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
+    return solution
+
+
+def worthwhile_band(regression: Regression, solution: Solution) -> Kernel:
+    """The band in which the residual's noise is nearly white, so that least squares wastes no information.
+
+    Above it the encoder's errors, which inertia makes grow with the square of the frequency, drown the torque sensor's:
+    weighting by the innovation's spectrum would leave out the same. Never wider than FULL_BAND.
+    """
+    torque, position = 0.0, 0.0
+    for rows in regression.rows:
+        count = int(np.count_nonzero(rows.usable))
+        torque += count * rows.signals.torque_noise
+        position += count * rows.signals.position_noise
+    inertia = abs(float(solution.linear[INERTIA]))
+    if solution.free_motion or not (torque > 0 and position > 0 and inertia > 0):
+        return FULL_BAND
+    corner_hz = (torque / position) ** 0.25 / (2 * np.pi * np.sqrt(inertia))
+    cutoff = max(corner_hz * regression.rows[0].signals.tick_s, NARROWEST_CUTOFF)
+    if cutoff > NARROWED_BELOW * FULL_BAND.cutoff:
+        return FULL_BAND
+    return Kernel(cutoff, FULL_BAND.half_width * FULL_BAND.cutoff / cutoff)
 
 
 def limits(tick_s: float) -> tuple[FloatArray, FloatArray]:
@@ -67,60 +111,103 @@ def limits(tick_s: float) -> tuple[FloatArray, FloatArray]:
 
 
 def linear_solution(columns: FloatArray, target: FloatArray) -> FloatArray:
-    """Least squares by the normal equations of scaled columns; columns that say nothing get zero."""
+    """Least squares of ``target`` (samples,) by ``columns`` (unknowns, samples)."""
+    return normal_solution(columns, columns @ target)
+
+
+def normal_solution(columns: FloatArray, right: FloatArray, contamination: FloatArray | None = None) -> FloatArray:
+    """The normal equations of scaled columns with this right side; columns that say nothing get zero.
+
+    ``contamination`` is what errors in the columns add to their squares. It is taken off again, or they would shrink
+    what is estimated; columns beyond its length have none.
+    """
     scale = np.linalg.norm(columns, axis=1)
     scale[scale == 0] = 1.0
     scaled = columns / scale[:, None]
-    return np.asarray(np.linalg.lstsq(scaled @ scaled.T, scaled @ target, rcond=1e-13)[0] / scale)
+    matrix = scaled @ scaled.T
+    if contamination is not None:
+        at = np.arange(len(contamination))
+        matrix[at, at] -= contamination / scale[: len(at)] ** 2
+    return np.asarray(np.linalg.lstsq(matrix, right / scale, rcond=1e-13)[0] / scale)
+
+
+@dataclass(frozen=True)
+class _At:
+    """The regression at one shape, solved for what is linear."""
+
+    shape: Shape
+    columns: FloatArray
+    memory: Memory
+    linear: FloatArray
+    residual: FloatArray
+    cost: float
+
+    @classmethod
+    def of(cls, regression: Regression, shape: Shape) -> "_At":
+        columns, memory = regression.columns(shape)
+        contamination = regression.contamination()
+        target, seen = memory.taken_off(regression.target()), memory.taken_off(columns)
+        linear = normal_solution(seen, seen @ target, contamination)
+        residual = target - linear @ seen
+        # Errors in the columns add this to the squares of the residual.
+        cost = float(residual @ residual - contamination @ linear[:5] ** 2)
+        return cls(shape, columns, memory, linear, residual, cost)
+
+    def solution(self, regression: Regression, *, converged: bool) -> Solution:
+        """What the search ends with."""
+        seen = self.memory.taken_off(self.columns)
+        return Solution(
+            shape=self.shape,
+            linear=self.linear,
+            residual=self.residual,
+            jacobian=np.concatenate([seen, self.slopes(regression)]).T,
+            free=regression.free,
+            contamination=regression.contamination(),
+            cost=self.cost,
+            regression=regression,
+            converged=converged,
+        )
+
+    def slopes(self, regression: Regression) -> FloatArray:
+        """Change of the prediction with the free unknowns of the shape, shape (free, samples)."""
+        slopes = regression.jacobian(self.shape, self.columns, self.linear)[list(regression.free)]
+        return self.memory.taken_off(slopes)
+
+    def step(self, regression: Regression) -> FloatArray:
+        """Of Gauss-Newton, shape (4,); zero for what is not free."""
+        seen, contamination = self.memory.taken_off(self.columns), regression.contamination()
+        every = np.concatenate([seen, self.slopes(regression)])
+        right = every @ self.residual
+        # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
+        right[:5] += contamination * self.linear[:5]
+        step = np.zeros(4)
+        step[list(regression.free)] = normal_solution(every, right, contamination)[len(seen) :]
+        return np.clip(step, -LONGEST_STEP, LONGEST_STEP)
 
 
 def _starts(regression: Regression) -> list[Shape]:
-    target = regression.target()
     tick_s = regression.rows[0].signals.tick_s
-
-    def cost(s: float) -> float:
-        columns = regression.columns(Shape(START_BANDWIDTHS[1], s, tick_s, 0.0))
-        residual = target - linear_solution(columns, target) @ columns
-        return float(residual @ residual)
-
-    best = float(min(SCAN_S, key=cost))
-    return [Shape(bandwidth, best, tick_s, 0.0) for bandwidth in START_BANDWIDTHS]
+    shapes = [Shape(START_BANDWIDTHS[1], s, tick_s, 0.0) for s in SCAN_S]
+    best = min(shapes, key=lambda shape: _At.of(regression, shape).cost)
+    return [replace(best, bandwidth_rad_s=bandwidth) for bandwidth in START_BANDWIDTHS]
 
 
-def _evaluate(regression: Regression, target: FloatArray, shape: Shape) -> tuple[FloatArray, FloatArray, FloatArray]:
-    columns = regression.columns(shape)
-    linear = linear_solution(columns, target)
-    return columns, linear, target - linear @ columns
-
-
-def _iterate(regression: Regression, shape: Shape, *, most_steps: int) -> Solution:
-    """Gauss-Newton on the projected problem with step halving, inside the box."""
-    target = regression.target()
+def _iterate(regression: Regression, shape: Shape, *, most_steps: int, within: FloatArray = CONVERGED_STEP) -> Solution:
+    """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that."""
     low, high = limits(regression.rows[0].signals.tick_s)
-    free = regression.free
-    columns, linear, residual = _evaluate(regression, target, shape)
+    at = _At.of(regression, shape)
     converged = False
     for _ in range(most_steps):
-        slopes = regression.jacobian(shape, columns, linear)[list(free)]
-        step = np.zeros(4)
-        step[list(free)] = linear_solution(np.concatenate([slopes, columns]), residual)[: len(free)]
-        step = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
-        if np.all(np.abs(step) < CONVERGED_STEP):
+        step = at.step(regression)
+        if np.all(np.abs(step) < within):
             converged = True
             break
-        improved = False
-        for share in (1.0, 0.5, 0.2, 0.05):
-            trial = Shape.of(np.clip(shape.as_array() + share * step, low, high))
-            evaluated = _evaluate(regression, target, trial)
-            if evaluated[2] @ evaluated[2] < residual @ residual:
-                shape, improved = trial, True
-                columns, linear, residual = evaluated
-                break
-        if not improved:
+        moved = (np.clip(at.shape.as_array() + share * step, low, high) for share in STEP_SHARES)
+        better = (trial for each in moved if (trial := _At.of(regression, Shape.of(each))).cost < at.cost)
+        found = next(better, None)
+        if found is None:
             # Gauss-Newton cannot improve: at the minimum to within rounding, or held by the box.
-            converged = bool(np.all(np.abs(step) < 100 * CONVERGED_STEP))
+            converged = bool(np.all(np.abs(step) < 100 * within))
             break
-    slopes = regression.jacobian(shape, columns, linear)[list(free)]
-    return Solution(
-        shape, linear, residual, np.concatenate([columns, slopes]).T, free, converged, regression.free_motion
-    )
+        at = found
+    return at.solution(regression, converged=converged)

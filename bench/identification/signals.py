@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
+from bench.identification import noise
 from bench.identification.kernels import TABLE_PER_UNIT, Kernel
 from bench.identification.quantisation import moving, resolution_rad, unquantised
 from bench.identification.timing import nominal_period_s, sampled_at_s
@@ -29,6 +30,10 @@ LONGEST_GAP_S = 0.05
 SHORTEST_STRETCH_TICKS = 100
 # Rows of a shaft that hardly moves are left out, unless little else would remain.
 LEAST_MOVING_SHARE = 0.1
+# After a rest of this length nobody knows what the friction holds; it is known again where the motion tells.
+FORGETS_AFTER_S = 0.1
+# A shaft that begins to move has moved a little already when it shows.
+BEFORE_MOVING_TICKS = 10
 
 
 class Port(Enum):
@@ -44,7 +49,8 @@ class Signals:
 
     ``position_rad`` is as read, for velocity and acceleration (counting makes it noisy, but not wrong);
     ``path_rad`` is smoothed within the encoder's counts, for friction, which minds every turning back.
-    ``usable`` marks what may be fitted; the rest is there because friction and amplifier remember it.
+    ``usable`` marks what may be fitted; the rest is there because friction and amplifier remember it. ``rests`` are the
+    ends of longer rests, as indices of ``time_s``; within a rest counts do not tell what becomes of the friction.
     ``torque_nm`` and ``current`` are None where nothing measures them; current comes as it was read, for drives report
     it more slowly than anything can be interpolated.
     """
@@ -58,13 +64,11 @@ class Signals:
     command: FloatArray
     segment: IntArray
     usable: BoolArray
+    rests: IntArray
     torque_nm: FloatArray | None = None
     current: "Stream | None" = None
-
-    @property
-    def fine_time_s(self) -> FloatArray:
-        """The instants of the motions."""
-        return np.asarray(self.time_s[0] + np.arange(self.position_rad.size) * (self.tick_s / FINE))
+    position_noise: float = 0.0  # spectral density of the readings' own errors [rad²/Hz], two-sided
+    torque_noise: float = 0.0  # [N² m²/Hz]
 
 
 def signals(measured: Measured, tick_s: float, use: Use, port: Port = Port.ACTUATOR) -> tuple[Signals, ...]:
@@ -202,7 +206,8 @@ def _stretch(
     column = "command" if port is Port.ACTUATOR else "load_torque_nm"
     segment, in_use = _segments(measured, origin_ns, time_s, use)
     usable = covered & in_use
-    well_known = usable & (np.interp(time_s, streams["moving"].time_s, streams["moving"].value) > 0.5)
+    moves = np.interp(time_s, streams["moving"].time_s, streams["moving"].value) > 0.5
+    well_known = usable & moves
     # A clamped shaft never moves, and still tells its gain.
     if np.count_nonzero(well_known) > LEAST_MOVING_SHARE * np.count_nonzero(usable):
         usable = well_known
@@ -216,9 +221,26 @@ def _stretch(
         command=np.ascontiguousarray(ticks[column][chosen]),
         segment=segment,
         usable=usable,
+        rests=_ends_of_rests(moves, tick_s),
         torque_nm=None if torque is None else torque.at(time_s),
         current=streams["current"].between(start_s, end_s) if "current" in streams else None,
+        position_noise=_density(streams["position"], time_s, usable),
+        torque_noise=0.0 if torque is None else _density(torque, time_s, usable),
     )
+
+
+def _ends_of_rests(moves: BoolArray, tick_s: float) -> IntArray:
+    """Where motion begins after a rest worth the name."""
+    changes = np.flatnonzero(np.diff(moves.astype(np.int8))) + 1
+    edges = np.concatenate([[0], changes, [moves.size]])
+    ends = edges[1:][(np.diff(edges) * tick_s >= FORGETS_AFTER_S) & ~moves[edges[:-1]]]
+    return np.asarray(ends[ends < moves.size] - BEFORE_MOVING_TICKS, dtype=np.int64)
+
+
+def _density(stream: Stream, time_s: FloatArray, usable: BoolArray) -> float:
+    """Of the readings' own errors, where they are used."""
+    chosen = np.interp(stream.time_s, time_s, usable, left=0.0, right=0.0) > 0.5
+    return noise.deviation(stream.value, chosen) ** 2 * stream.period_s
 
 
 def _segments(measured: Measured, origin_ns: int, time_s: FloatArray, use: Use) -> tuple[IntArray, BoolArray]:

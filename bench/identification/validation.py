@@ -46,7 +46,7 @@ def _torque(result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Trace, f
     regression = Regression.of(stretches, FULL_BAND)
     network = result.network
     s = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
-    columns = regression.columns(
+    columns, memory = regression.columns(
         Shape(network.amplifier_bandwidth_rad_s, s, result.command_delay_s, result.motion_delay_s)
     )
     known = np.array(
@@ -59,8 +59,9 @@ def _torque(result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Trace, f
         ]
     )
     target = regression.target()
-    predicted = known @ columns[:5]
-    predicted += linear_solution(columns[5:], target - predicted) @ columns[5:]
+    rest = memory.taken_off(target - known @ columns[:5])
+    bias = memory.taken_off(columns[5:])
+    predicted = target - rest + linear_solution(bias, rest) @ bias
     rms = float(np.sqrt(np.mean((target - predicted) ** 2)))
     return trace(stretches, target, predicted), rms, rms / float(np.sqrt(np.mean(target**2)))
 

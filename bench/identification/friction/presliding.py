@@ -20,8 +20,8 @@ from bench.identification.friction.static import STICTION, bump
 
 FloatArray = npt.NDArray[np.float64]
 
-# Fs/Fc − 1, the excess of stiction over Coulomb friction.
-EXCESS = Unknown("stiction_excess", Dimension.RATIO, 0.02, 3.0)
+# Fs/Fc − 1, the excess of stiction over Coulomb friction. Below a tenth it is Dahl's.
+EXCESS = Unknown("stiction_excess", Dimension.RATIO, 0.1, 5.0)
 BREAKAWAY = Unknown("breakaway_share", Dimension.RATIO, 0.05, 0.98)
 
 # Of maxwell-slip: elements log-spaced around the presliding displacement, finely enough for any smooth curve.
@@ -58,7 +58,7 @@ class LuGre:
 
 @dataclass(frozen=True)
 class ElastoPlastic:
-    """Purely elastic below breakaway, then yielding to Coulomb friction (Dupont 2002): it does not drift under a load."""
+    """Purely elastic below breakaway, then yielding to Coulomb friction (Dupont 2002): it never drifts under a load."""
 
     name: str = "elasto-plastic"
     unknowns: tuple[Unknown, ...] = (PRESLIDING, BREAKAWAY)
@@ -105,6 +105,6 @@ def _contact(path: Path, strength: FloatArray, deflection: float) -> FloatArray:
     """Velocity, share and the share's rate times the deflection, shape (3, n)."""
     from bench.identification.friction import operators  # noqa: PLC0415  (compiled: slow to import)
 
-    share = operators.bristle(path.position, path.begin, strength, deflection)
+    share = operators.bristle(path.position, path.begin * strength, strength, deflection)
     rate = path.velocity * (1.0 - np.sign(path.velocity) * share / strength)
     return np.stack([path.velocity, share, rate])

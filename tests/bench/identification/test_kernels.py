@@ -56,13 +56,48 @@ def test_the_lag_is_exact_between_ticks():
     assert found == pytest.approx(expected)
 
 
+@given(st.floats(100, 3000), st.floats(-1e-4, 1e-4))
+@settings(max_examples=30)
+def test_means_of_the_lag_are_those_of_the_lag(bandwidth: float, phase: float):
+    sent, command = np.arange(20) * 1e-3 + phase, np.sign(np.sin(np.arange(20.0)))
+    means = loops.mean_lag_of_held(sent, command, bandwidth, 1e-3, 2.5e-4, 60)
+    fine = 1e-3 + (np.arange(60 * 200) + 0.5) / 200 * 2.5e-4 - 1.25e-4
+    lag = loops.lag_of_held(sent, command, bandwidth, np.concatenate([[1e-3 - 1.25e-4], fine]))[1:]
+    assert means == pytest.approx(lag.reshape(60, 200).mean(axis=1), abs=1e-5)
+
+
+def test_taps_of_means_see_kinks_where_they_are():
+    """A lag beginning anywhere between samples, filtered: sampling it would move its kink."""
+    kernel, bandwidth = Kernel(0.18, 8.0), 900.0
+    offsets = np.arange(-32, 33) / 4
+    fine = (np.arange(65 * 100) + 0.5) / 400 - 8.125
+    for start in (0.0, 0.06, 0.125, 0.19):
+        sent, command = np.array([-1.0, start]) * 1e-3, np.array([0.0, 1.0])
+        means = loops.mean_lag_of_held(sent, command, bandwidth, -8e-3, 2.5e-4, 65)
+        lag = np.where(fine > start, 1 - np.exp(-bandwidth * 1e-3 * np.maximum(fine - start, 0)), 0.0)
+        exact = kernel.taps(fine, 0) @ lag
+        assert kernel.taps(offsets, 0, of_means=True) @ means == pytest.approx(exact, abs=1e-5)
+
+
 @given(st.lists(st.floats(-0.01, 0.01), min_size=2, max_size=50), st.floats(10, 1e4), st.floats(-1, 1))
 @settings(max_examples=50)
 def test_any_initial_friction_is_one_path_plus_a_share_of_the_other(displacements, s, start):
+    """Cell by cell, the means of the exact flow along a path that is straight between samples."""
     position = np.cumsum([0.0, *displacements])
-    bank = loops.friction_bank(position, position[0], np.array([s]), np.array([start]))[0]
-    path = loops.friction_path(position, s)
-    assert bank == pytest.approx(path[0] + start * path[1], abs=1e-12)
+    straight = np.interp(np.arange(0, position.size - 1 + 1e-9, 1 / 400), np.arange(position.size), position)
+    exact = loops.friction_bank(straight, position[0], np.array([s]), np.array([start]))[0]
+    path = loops.friction_path(position, s, np.empty(0, np.int64))
+    found = path[0] + start * path[1]
+    for k in range(1, position.size - 1):
+        cell = exact[400 * k - 200 : 400 * k + 201]
+        assert found[k] == pytest.approx((np.sum(cell) - (cell[0] + cell[-1]) / 2) / 400, abs=0.01)
+
+
+def test_what_friction_remembers_begins_anew():
+    position = np.linspace(0.0, 0.1, 101)
+    left = loops.friction_path(position, 50.0, np.array([40]))[1]
+    assert left[39] == pytest.approx(np.exp(-50 * position[39]), rel=1e-3)
+    assert left[60] == pytest.approx(np.exp(-50 * (position[60] - position[40])), rel=1e-3)
 
 
 @pytest.mark.parametrize("derivative", [0, 1, 2])
