@@ -46,9 +46,7 @@ LADDER = (
     ServoModel("coulomb-viscous"),
     ServoModel("stribeck", ("stribeck_torque", "stribeck_velocity")),
     ServoModel("load-dependent", ("load_coefficient",)),
-    ServoModel(
-        "load-dependent-stribeck", ("load_coefficient", "load_stiction_coefficient", "stribeck_velocity")
-    ),
+    ServoModel("load-dependent-stribeck", ("load_coefficient", "load_stiction_coefficient", "stribeck_velocity")),
 )
 
 

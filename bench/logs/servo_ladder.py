@@ -131,9 +131,7 @@ def _halves(rows: BoolArray) -> tuple[BoolArray, BoolArray]:
     return rows & first, rows & ~first
 
 
-def _judged(
-    trial: Trial, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]
-) -> ServoRung:
+def _judged(trial: Trial, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]) -> ServoRung:
     squares: list[float] = []
     others: list[ServoFit] = []
     for fold in folds:
