@@ -45,7 +45,7 @@ FOLLOWED = 0.8
 
 @dataclass(frozen=True)
 class Basic:
-    """The equation with Coulomb and viscous friction and nothing held to a sign; ``unexplained`` is relative to its variation.
+    """The equation with Coulomb and viscous friction and nothing held to a sign. ``unexplained`` is over what varies.
 
     ``inertia``, ``gain`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where they
     are not sought.
