@@ -49,8 +49,7 @@ class Request:
 def fit_logs(request: Request) -> LogFit:
     """Raises UsageError for files, maps and splits that cannot be used, ExperimentError for data that cannot be."""
     column_map = request.column_map
-    train = _selection(request.train, column_map.split.train, "train", column_map)
-    test = _selection(request.test, column_map.split.test, "test", column_map)
+    train, test = _selections(request)
     paths = (*request.paths, *extra_files(train, request.paths), *extra_files(test, request.paths))
     _check_files((train, test), paths)
     logs = [_checked(path, column_map) for path in paths]
@@ -74,10 +73,22 @@ def fit_logs(request: Request) -> LogFit:
     return _result(column_map, problem, rungs, chosen, doubts, remarks, motion)
 
 
-def _selection(asked: str | None, written: str | None, side: str, column_map: ColumnMap) -> Selection | None:
-    if asked is not None:
-        return parse_selection(asked, f"--{side}")
-    return None if written is None else parse_selection(written, f"{column_map.place}: [split] {side}")
+def _selections(request: Request) -> tuple[Selection | None, Selection | None]:
+    """As asked for; else as the map says, where the logs at hand are those that its split speaks of."""
+    place, written = request.column_map.place, request.column_map.split
+    usual = [
+        None if text is None else parse_selection(text, f"{place}: [split] {side}")
+        for side, text in (("train", written.train), ("test", written.test))
+    ]
+    if not all(_finds(selection, request.paths) for selection in usual if selection is not None):
+        usual = [None, None]
+    train = usual[0] if request.train is None else parse_selection(request.train, "--train")
+    test = usual[1] if request.test is None else parse_selection(request.test, "--test")
+    return train, test
+
+
+def _finds(selection: Selection, paths: Sequence[Path]) -> bool:
+    return not selection.files or any(map(selection.names, paths)) or bool(extra_files(selection, paths))
 
 
 def _check_files(selections: Sequence[Selection | None], paths: Sequence[Path]) -> None:

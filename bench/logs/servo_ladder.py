@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from bench.logs.servo import LADDER, ServoLog, ServoModel
+from bench.logs.servo import LADDER, ServoModel
 from bench.logs.servo_fit import Box, ServoFit, Trial, fit_servo
 
 FloatArray = npt.NDArray[np.float64]
@@ -131,9 +131,7 @@ def _halves(rows: BoolArray) -> tuple[BoolArray, BoolArray]:
     return rows & first, rows & ~first
 
 
-def _judged(
-    trial: Trial, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]
-) -> ServoRung:
+def _judged(trial: Trial, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]) -> ServoRung:
     squares: list[float] = []
     others: list[ServoFit] = []
     for fold in folds:

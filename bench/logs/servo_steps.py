@@ -81,7 +81,9 @@ def electric(servo: Servo, loop: Loop, command: float, supply: float) -> tuple[f
 
 
 @njit(cache=True, nogil=True)
-def next_velocity(servo: Servo, load: Load, driving: float, braking: float, pull: float, velocity: float, dt_s: float) -> float:
+def next_velocity(
+    servo: Servo, load: Load, driving: float, braking: float, pull: float, velocity: float, dt_s: float
+) -> float:
     """The velocity ``dt_s`` later; friction stops a motion and holds it, and does not turn it round.
 
     ``driving`` is the exertion at rest, without gravity's ``pull``; ``braking`` what is lost per velocity.
@@ -119,7 +121,7 @@ def simulate(
     q, v = position, velocity
     for k in range(count - 1):
         span = inputs.time_s[k + 1] - inputs.time_s[k]
-        steps = max(int(ceil(span / longest_s - 1e-9)), 1)
+        steps = max(ceil(span / longest_s - 1e-9), 1)
         h = span / steps
         for _ in range(steps):
             ahead = q + 0.5 * h * v
