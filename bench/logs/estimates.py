@@ -6,13 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from bench.identification.ladder import FrictionFit
+from bench.identification.verdict import Direction, loose_directions
 from bench.logs.column_map import Units
 from bench.models.parameters import Estimate, Status
 
 # An estimate less certain than this, relative to itself, is none.
 UNEXCITED_BEYOND = 0.5
 # These may be nothing at all, and then have a deviation beyond their value.
-MAY_VANISH = ("offset", "gravity_", "cogging_")
+MAY_VANISH = ("offset", "cogging_", "stribeck_torque")
+# One of many elements of a contact, of which most may have no strength.
+ELEMENT = "slip_torque"
 SIGNED = ("coulomb_torque_",)
 
 
@@ -40,10 +43,19 @@ def _status(name: str, value: float, std: float, fit: FrictionFit, exertion_rms:
         return Status.DOUBTFUL
     if not fit.converged:
         return Status.NOT_CONVERGED
-    if name in fit.at_bound or (name == "inertia" and value <= 0):
+    element = name.startswith(ELEMENT)
+    if (name in fit.at_bound and not element) or (name == "inertia" and value <= 0):
         return Status.AT_BOUND
-    scale = max(abs(value), 0.1 * exertion_rms) if name.startswith((*MAY_VANISH, *SIGNED)) else abs(value)
+    scale = max(abs(value), 0.1 * exertion_rms) if element or name.startswith((*MAY_VANISH, *SIGNED)) else abs(value)
     return Status.VALID if std <= UNEXCITED_BEYOND * scale else Status.UNEXCITED
+
+
+def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction, ...]:
+    """Directions in which what should not vanish is known to no better than half of itself."""
+    known = {each.name for each in estimates if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0}
+    names = [name for name in fit.names if name in known and not name.startswith((*MAY_VANISH, *SIGNED, ELEMENT))]
+    at = [fit.names.index(name) for name in names]
+    return loose_directions(names, fit.covariance[np.ix_(at, at)] / np.outer(fit.values[at], fit.values[at]))
 
 
 def without_scale(estimates: tuple[Estimate, ...], units: Units) -> tuple[tuple[Estimate, ...], str]:

@@ -1,6 +1,7 @@
 """Zero-phase low-pass, derivatives, and the one decimation that both sides of an equation pass."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -55,8 +56,12 @@ class Filters:
         """Rows of shape (columns, n) as they are before every ``factor``-th is taken."""
         if self.factor == 1:
             return values
-        sos = signal.cheby1(8, 0.05, PASS / self.factor, output="sos")
-        return np.asarray(signal.sosfiltfilt(sos, values, axis=-1))
+        return np.asarray(signal.sosfiltfilt(_chebyshev(self.factor), values, axis=-1))
+
+
+@cache
+def _chebyshev(factor: int) -> FloatArray:
+    return np.asarray(signal.cheby1(8, 0.05, PASS / factor, output="sos"))
 
 
 def slope(values: FloatArray, dt_s: float) -> FloatArray:

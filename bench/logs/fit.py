@@ -10,15 +10,14 @@ import numpy.typing as npt
 from bench.errors import UsageError
 from bench.identification.friction.family import family_for
 from bench.identification.friction.family import model as friction_model
-from bench.identification.friction.fit import Problem as FrictionProblem
 from bench.identification.friction.model import FrictionModel
 from bench.identification.ladder import FrictionFit, Rung, ladder, selected
 from bench.identification.results import Trace
-from bench.logs.collinear import silent_directions
+from bench.identification.verdict import words
 from bench.logs.column_map import ColumnMap
 from bench.logs.doubts import Basic, ahead_of_goal, out_of_step, swapped, unexplained, unlike_derivative, wrong_signs
 from bench.logs.equation import Problem, make_problem
-from bench.logs.estimates import estimates_of, with_back_emf, without_scale
+from bench.logs.estimates import estimates_of, loose, with_back_emf, without_scale
 from bench.logs.grid import Stretch, common_interval, stretches
 from bench.logs.log import Log, read_log
 from bench.logs.motion import motion_errors
@@ -181,7 +180,10 @@ def _result(
 ) -> LogFit:
     fit, doubtful = chosen.fit, bool(doubts)
     estimates, verdict = _estimates(column_map, problem, fit, doubtful=doubtful)
-    sentences = [*doubts, *remarks, *verdict, *_uncertain(estimates), *_collinear(problem, fit)]
+    together = loose(fit, estimates)
+    told = {name for direction in together for name in direction.names}
+    untold = [estimate for estimate in estimates if estimate.name not in told]
+    sentences = [*doubts, *remarks, *verdict, *map(words, together), *_uncertain(untold)]
     residual = fit.residual
     return LogFit(
         model=chosen.name,
@@ -255,12 +257,6 @@ def _uncertain(estimates: Sequence[Estimate]) -> list[str]:
         if names:
             sentences.append(what.format(", ".join(names), "it is" if len(names) == 1 else "they are"))
     return sentences
-
-
-def _collinear(problem: Problem, fit: FrictionFit) -> tuple[str, ...]:
-    inside = FrictionProblem.of(problem.equation, fit.model, np.where(problem.train, 0, -1))
-    columns = inside.columns(np.log(fit.shape))[:, problem.train]
-    return silent_directions(columns, fit.names[: len(columns)])
 
 
 def _exertion_error(
