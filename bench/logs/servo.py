@@ -1,4 +1,4 @@
-"""A servo with a known load, simulated from its goal or its command alone: what is known of a log, and what is sought."""
+"""A servo with a known load, simulated from its goal or its command alone: what is known of it and what is sought."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,6 @@ from itertools import accumulate
 import numpy as np
 import numpy.typing as npt
 
-from bench.logs.column_map import ColumnMap
 from bench.logs.columns import enabled
 from bench.logs.grid import Stretch
 from bench.logs.servo_steps import Inputs, Load, Loop, Servo, simulate
@@ -61,7 +60,7 @@ class ServoLog:
     start_velocity: float
 
     @classmethod
-    def of(cls, stretch: Stretch, column_map: ColumnMap) -> "ServoLog":
+    def of(cls, stretch: Stretch) -> "ServoLog":
         columns, given = stretch.columns, stretch.log.given
         nothing = np.zeros(len(stretch.time_s))
         switched = "supply" in columns
@@ -124,4 +123,6 @@ def joined_time(logs: Sequence[ServoLog]) -> FloatArray:
     """The instants of all logs, one after the other."""
     spans = [float(log.inputs.time_s[-1] - log.inputs.time_s[0]) for log in logs]
     begins = accumulate(spans, initial=0.0)
-    return np.concatenate([log.inputs.time_s - log.inputs.time_s[0] + begin for log, begin in zip(logs, begins)])
+    return np.concatenate(
+        [log.inputs.time_s - log.inputs.time_s[0] + begin for log, begin in zip(logs, begins, strict=False)]
+    )

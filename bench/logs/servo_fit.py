@@ -1,4 +1,4 @@
-"""Output-error refinement of a servo: the parameters whose simulation from start to end is nearest to the logged motion.
+"""Output-error refinement of a servo: the parameters whose simulated motion is nearest to the logged one.
 
 The equation of motion starts it. The error is weighted robustly: where a simulation sticks and the machine slips, the
 difference says little of how far a parameter is off. Starts from several places, and a fit that did not settle says so.

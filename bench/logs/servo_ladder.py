@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from bench.logs.servo import LADDER, ServoLog, ServoModel
+from bench.logs.servo import LADDER, ServoModel
 from bench.logs.servo_fit import Box, ServoFit, Trial, fit_servo
 
 FloatArray = npt.NDArray[np.float64]

@@ -121,7 +121,7 @@ def simulate(
     q, v = position, velocity
     for k in range(count - 1):
         span = inputs.time_s[k + 1] - inputs.time_s[k]
-        steps = max(int(ceil(span / longest_s - 1e-9)), 1)
+        steps = max(ceil(span / longest_s - 1e-9), 1)
         h = span / steps
         for _ in range(steps):
             ahead = q + 0.5 * h * v
