@@ -109,7 +109,7 @@ def information_of_plan(
 def planned_signals(excitation: Excitation, position_resolution_rad: float) -> Signals:
     """An ideal record of the plan."""
     tick_s, ticks = excitation.tick_s, len(excitation.command)
-    time_s = np.arange(ticks) * tick_s
+    time_s = np.asarray(np.arange(ticks) * tick_s, dtype=np.float64)
     fine_s = np.arange(ticks * FINE) * (tick_s / FINE)
     path = np.asarray(CubicSpline(time_s, excitation.position_rad)(np.minimum(fine_s, time_s[-1])), dtype=np.float64)
     usable = moving(excitation.position_rad, position_resolution_rad)

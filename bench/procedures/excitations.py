@@ -11,7 +11,7 @@ import numpy as np
 from bench.control.calibration import LoadCalibration
 from bench.identification.information import Excitation
 from bench.models.network import NortonNetwork
-from bench.procedures.waves import Motion, hold, multisine, multisine_motion, ramp, sine_motion, velocity_steps
+from bench.procedures.waves import Motion, hold, multisine, multisine_motion, sine_motion, velocity_steps
 from bench.rig.rig import Rig
 from bench.segments import FloatArray
 
