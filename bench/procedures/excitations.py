@@ -25,6 +25,10 @@ HIGHEST_MOTION_HZ = 60.0
 CHANGE_S = 0.15
 DWELL_S = 0.35
 RAMP_S = 0.1
+# The load holds against a command up to about this frequency; above, both inertias swing, and the spring of the torque
+# sensor between them lets the actuator's swing by so much more.
+HELD_TO_HZ = 10.0
+SPRING = 1.5
 # Each try is so much smaller than the last; one that never fits is left out.
 SMALLER = 0.8
 MOST_TRIES = 40
@@ -49,9 +53,6 @@ class Candidate:
     def ticks(self) -> int:
         return len(self.command)
 
-    def excitation(self, tick_s: float) -> Excitation:
-        return Excitation(tick_s, self.command, self.motion.position_rad)
-
 
 @dataclass(frozen=True)
 class Bounds:
@@ -65,20 +66,34 @@ class Bounds:
     load: LoadCalibration
     travel_rad: float
 
+    def swing_rad_s(self, command: FloatArray) -> FloatArray:
+        """The velocity by which the command moves the shaft although it is held, shape (ticks,)."""
+        hold_rad_s, tick_s = 2 * np.pi * HELD_TO_HZ, self.rig.tick_s
+        motor_nm = self.network.torque_gain * _lagged(command, self.network.amplifier_bandwidth_rad_s, tick_s)
+        inertia_kgm2 = self.network.inertia_kgm2 + self.load.inertia_kgm2
+        return _lagged(motor_nm, hold_rad_s, tick_s) / (inertia_kgm2 * hold_rad_s)
+
+    def excitation(self, candidate: Candidate) -> Excitation:
+        """What the candidate will be on this bench: its motion, and what the command adds to it."""
+        tick_s = self.rig.tick_s
+        swing_rad = np.cumsum(self.swing_rad_s(candidate.command)) * tick_s
+        return Excitation(tick_s, candidate.command, candidate.motion.position_rad + swing_rad)
+
     def allow(self, command: FloatArray, motion: Motion, share: float) -> bool:
         """Whether command, its rate, motion, port torque and power and load torque stay within ``share`` of each."""
         rig, limits, load, tick_s = self.rig, self.rig.limits, self.load, self.rig.tick_s
         port_nm = self.network.torque(command, motion.position_rad, tick_s)
         friction_nm = load.viscous_damping_nms_rad * np.abs(motion.velocity_rad_s) + load.coulomb_torque_nm
         load_nm = (np.abs(load.inertia_kgm2 * motion.acceleration_rad_s2 - port_nm) + friction_nm) / load.torque_gain
+        velocity_rad_s = np.abs(motion.velocity_rad_s) + SPRING * np.abs(self.swing_rad_s(command))
         rate_per_s = np.diff(command, prepend=0.0, append=0.0) / tick_s
         pairs = (
             (command, rig.command.limit),
             (rate_per_s, limits.command_rate_per_s),
-            (motion.velocity_rad_s, limits.velocity_rad_s),
+            (velocity_rad_s, limits.velocity_rad_s),
             (motion.position_rad, self.travel_rad),
             (port_nm, limits.torque_nm),
-            (port_nm * motion.velocity_rad_s, limits.power_w),
+            (port_nm * velocity_rad_s, limits.power_w),
             (load_nm, limits.load_torque_nm),
         )
         return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
@@ -153,6 +168,13 @@ def _command(bounds: Bounds, band_hz: tuple[float, float], duration_s: float, se
 
 def _rest(ticks: int) -> Motion:
     return Motion(np.zeros(ticks), np.zeros(ticks), np.zeros(ticks))
+
+
+def _lagged(values: FloatArray, bandwidth_rad_s: float, tick_s: float) -> FloatArray:
+    from bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
+
+    decay = float(np.exp(-bandwidth_rad_s * tick_s))
+    return np.asarray(network_steps.lagged(np.ascontiguousarray(values), decay, 0.0))
 
 
 def _fitted(idea: Candidate, bounds: Bounds) -> Candidate | None:

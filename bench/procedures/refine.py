@@ -158,7 +158,10 @@ class _View:
             Option(
                 candidate.ticks * tick_s,
                 information_of_plan(
-                    candidate.excitation(tick_s), self.at, self.noise_nm, position_resolution_rad=self.resolution_rad
+                    self.bounds.excitation(candidate),
+                    self.at,
+                    self.noise_nm,
+                    position_resolution_rad=self.resolution_rad,
                 ),
             )
             for candidate in pool

@@ -19,6 +19,7 @@ from bench.procedures.options import (
     TareOptions,
     ValidateOptions,
 )
+from bench.procedures.refine import RefineProcedure
 from bench.rig.files import parse_toml, read_text
 from bench.rig.mistakes import Mistakes, nearest, toml
 from bench.rig.rig import Rig
@@ -193,7 +194,8 @@ def refining_session(rig: Rig, until: float, at_most_s: float) -> Session:
         ("refine", RefineOptions(until)),
         ("validate", ValidateOptions()),
     )
-    place = "the session of --until"
+    place = "--until"
+    RefineProcedure().require(rig)
     procedures = make_procedures(around, rig, place=place)
     taken_s = sum(procedure.duration_s(rig) for procedure in procedures if procedure.name != "refine")
     if at_most_s - taken_s < LEAST_REFINING_S:
