@@ -29,7 +29,7 @@ from bench.procedures.options import RefineOptions
 from bench.procedures.refinement import IMPROVABLE, Interval, Refinement, in_percent, intervals_of, why_wide, words
 from bench.procedures.selection import Option, Selection, select
 from bench.procedures.waves import hold
-from bench.records import Measured, join
+from bench.records import Measured, SegmentInfo, join
 from bench.rig.rig import Rig
 from bench.segments import FloatArray, Use
 
@@ -40,6 +40,8 @@ SHORTEST_ROUND_S = 6.0
 LONGEST_ROUND_S = 40.0
 # Aimed a little below the target, which what is foreseen only meets on average.
 AIM = 0.85
+# What happened this long before a segment, friction still remembers.
+MEMORY_NS = 500_000_000
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Round:
 
     def plan(self, known: Knowledge) -> Plan:
         for candidate in self.chosen:
-            name = f"round {self.number}: {candidate.name}"
+            name = f"{_round(self.number)}{candidate.name}"
             yield imposed(self.name, name, Use.IDENTIFY, candidate.command, candidate.motion)
         yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
 
@@ -87,7 +89,7 @@ class RefineProcedure:
         if (fault := _unusable(result)) is not None:
             return _done(known, log.ended(reached=False, reasons=(fault,)))
         view = _View.of(result, record, known)
-        log = log.judged(view.intervals)
+        log = replace(log.judged(view.intervals), delivered={**log.delivered, **view.delivered(record, log.rounds)})
         wanted = [interval for interval in view.intervals if interval.half_width > log.target]
         open_ = [interval for interval in wanted if not log.set_aside(interval)]
         if not open_:
@@ -104,7 +106,7 @@ class RefineProcedure:
         shortest_s = min((candidate.ticks * known.tick_s for candidate in pool), default=0.0)
         if left_s < shortest_s:
             return _done(known, log.ended(reached=False, reasons=(f"time is up; still wide: {about}",)))
-        chosen, foreseen = view.choose(pool, open_, AIM * log.target, min(wished_s, left_s))
+        chosen, foreseen = view.choose(pool, open_, log, min(wished_s, left_s))
         if not chosen:
             reason = f"nothing that the rig's limits allow would narrow the widest interval, that of {about}"
             return _done(known, log.ended(reached=False, reasons=(reason,)))
@@ -146,33 +148,45 @@ class _View:
             recorded_s=result.samples * known.tick_s,
         )
 
+    def delivered(self, record: Measured, number: int) -> dict[str, FloatArray]:
+        """What each excitation of round ``number`` really told: the load may not have followed as it was asked to."""
+        prefix = _round(number)
+        segments = [segment for segment in record.segments if segment.name.startswith(prefix)]
+        return {segment.name.removeprefix(prefix): self._told(record, segment) for segment in segments}
+
+    def _told(self, record: Measured, segment: SegmentInfo) -> FloatArray:
+        piece = record.between(segment.start_ns - MEMORY_NS, segment.end_ns)
+        stretches = [
+            replace(stretch, usable=stretch.usable & (stretch.segment == segment.index))
+            for stretch in signals(piece, self.bounds.rig.tick_s, Use.IDENTIFY)
+        ]
+        useful = tuple(stretch for stretch in stretches if stretch.usable.any())
+        return information(useful, self.at, self.noise_nm) if useful else np.zeros_like(self.known)
+
     def choose(
-        self, pool: tuple[Candidate, ...], open_: list[Interval], target: float, time_s: float
+        self, pool: tuple[Candidate, ...], open_: list[Interval], log: Refinement, time_s: float
     ) -> tuple[tuple[Candidate, ...], FloatArray]:
         """The excitations to run, and the half-widths of ``open_`` that are foreseen after them.
 
         An interval is foreseen to narrow as that of the noise does: what else is in it is taken to shrink alike.
         """
         tick_s = self.bounds.rig.tick_s
-        options = [
-            Option(
-                candidate.ticks * tick_s,
-                information_of_plan(
-                    self.bounds.excitation(candidate),
-                    self.at,
-                    self.noise_nm,
-                    position_resolution_rad=self.resolution_rad,
-                ),
-            )
-            for candidate in pool
-        ]
+        options = [Option(candidate.ticks * tick_s, self._expected(candidate, log)) for candidate in pool]
         rows = [interval.row for interval in open_]
         now = deviations(self.known)[rows]
         per_deviation = np.array([interval.half_width for interval in open_]) / now
         selection: Selection = select(
-            options, self.known, lambda each: per_deviation * each[rows], target=target, time_s=time_s
+            options, self.known, lambda each: per_deviation * each[rows], target=AIM * log.target, time_s=time_s
         )
         return tuple(pool[pick] for pick in selection.picks), selection.foreseen
+
+    def _expected(self, candidate: Candidate, log: Refinement) -> FloatArray:
+        told = log.delivered.get(candidate.name)
+        if told is not None:
+            return told
+        return information_of_plan(
+            self.bounds.excitation(candidate), self.at, self.noise_nm, position_resolution_rad=self.resolution_rad
+        )
 
 
 def travel_left_rad(record: Measured, rig: Rig) -> float:
@@ -206,6 +220,11 @@ def _done(known: Knowledge, log: Refinement) -> Decision:
     end = f"every interval is within {in_percent(log.target)}" if log.reached else "stopped"
     said = f"after {rounds}: {'; '.join([end, *log.reasons])}"
     return Decision(replace(known, refinement=log), None, said)
+
+
+def _round(number: int) -> str:
+    """How the names of a round's segments begin."""
+    return f"round {number}: "
 
 
 def _listed(chosen: tuple[Candidate, ...]) -> str:

@@ -6,6 +6,7 @@ from math import inf, isfinite, log
 
 from bench.identification.information import KNOWN
 from bench.models.parameters import Estimate, Status
+from bench.segments import FloatArray
 
 # Half of a 95 % interval, in standard deviations.
 HALF_INTERVAL = 1.96
@@ -37,8 +38,8 @@ class Interval:
 class Refinement:
     """The state of one refinement; ``target`` is the half-width asked for, relative.
 
-    ``foreseen`` holds, by parameter, the half-width before the last round and the one foreseen after it. ``reasons``
-    says, once ``finished``, why a refinement that was not ``reached`` ended.
+    ``foreseen`` holds, by parameter, the half-width before the last round and the one foreseen after it; ``delivered``,
+    by excitation, the information that it really gave. ``reasons`` says, once ``finished``, what was not ``reached``.
     """
 
     target: float
@@ -46,6 +47,7 @@ class Refinement:
     bench_time_s: float = 0.0
     foreseen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     failures: Mapping[str, int] = field(default_factory=dict)
+    delivered: Mapping[str, FloatArray] = field(default_factory=dict)
     finished: bool = False
     reached: bool = False
     reasons: tuple[str, ...] = ()
