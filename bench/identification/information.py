@@ -79,24 +79,25 @@ class Linearised:
 
 def noise_density_nm(torque_rms_nm: float) -> float:
     """The deviation of white noise, a sample a tick, whose rms behind the fit's low-pass is ``torque_rms_nm``."""
-    reach = round(FULL_BAND.half_width)
-    taps = FULL_BAND.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
-    return float(torque_rms_nm / np.linalg.norm(taps))
+    return float(torque_rms_nm / np.sqrt(FULL_BAND.energy(0)))
 
 
 def information(stretches: tuple[Signals, ...], at: Linearised, noise_nm: float) -> FloatArray:
     """The information matrix of ``stretches``, shape (9, 9), in the order of KNOWN; ``noise_nm`` is white, a tick."""
     regression = Regression.of(stretches, FULL_BAND)
     shape, linear = at.shape, at.linear
-    columns = regression.columns(shape)
+    columns, memory = regression.columns(shape)
     slope_bandwidth, slope_s, slope_command, slope_motion = regression.jacobian(shape, columns, linear)
-    own = columns[:5] * np.maximum(np.abs(linear), LEAST)[:, None]
+    scale = np.maximum(np.abs(linear), LEAST)
+    own = columns[:5] * scale[:, None]
     # s is σ0/τc: with σ0 held, a greater τc makes the contact softer relative to its strength.
     wanted = np.stack(
         [own[GAIN], slope_bandwidth, own[INERTIA], own[VISCOUS], own[COULOMB] - slope_s, slope_s, own[DAMPING],
          slope_command, slope_motion]
     )  # fmt: skip
-    return _projected(wanted, columns[5:]) / noise_nm**2
+    matrix = _projected(memory.taken_off(wanted), memory.taken_off(columns[5:]))
+    share = _meant(np.diag(matrix), regression.contamination() * scale**2)
+    return matrix * np.outer(share, share) / noise_nm**2
 
 
 def information_of_plan(
@@ -123,6 +124,7 @@ def planned_signals(excitation: Excitation, position_resolution_rad: float) -> S
         command=np.ascontiguousarray(excitation.command, dtype=np.float64),
         segment=np.zeros(ticks, dtype=np.int64),
         usable=usable if usable.any() else np.ones(ticks, dtype=bool),
+        rests=np.zeros(0, dtype=np.int64),
         torque_nm=np.zeros(ticks),
     )
 
@@ -137,6 +139,14 @@ def deviations(matrix: FloatArray) -> FloatArray:
     """The standard deviations that ``matrix`` leaves, shape (9,), relative (delays: seconds)."""
     scale = np.sqrt(np.diag(matrix))
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(matrix / np.outer(scale, scale)))) / scale)
+
+
+def _meant(squares: FloatArray, errors: FloatArray) -> FloatArray:
+    """By how much each parameter's column is motion: errors of readings look like it, and tell nothing. Shape (9,)."""
+    share = np.ones(squares.size)
+    for row, column in ((KNOWN.index("inertia"), INERTIA), (KNOWN.index("viscous_damping"), VISCOUS)):
+        share[row] = np.sqrt(max(1.0 - errors[column] / squares[row], 0.0)) if squares[row] > 0.0 else 0.0
+    return share
 
 
 def _projected(wanted: FloatArray, nuisance: FloatArray) -> FloatArray:
