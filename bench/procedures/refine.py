@@ -86,15 +86,19 @@ class RefineProcedure:
         log = before if before is not None and not before.finished else Refinement(self.options.until)
         record = join(known.records)
         result = fit(record, command_unit=known.rig.command.unit, tick_s=known.tick_s)
-        if (fault := _unusable(result)) is not None:
-            return _done(known, log.ended(reached=False, reasons=(fault,)))
-        view = _View.of(result, record, known)
+        fault = _unusable(result)
+        # The actuator's first fit, from its calibration, will do to choose by until there is a better one.
+        basis = result if fault is None else known.actuator
+        if basis is None or _unusable(basis) is not None:
+            return _done(known, log.ended(reached=False, reasons=(fault,) if fault else ()))
+        view = _View.of(basis, record, known)
         log = replace(log.judged(view.intervals), delivered={**log.delivered, **view.delivered(record, log.rounds)})
         wanted = [interval for interval in view.intervals if interval.half_width > log.target]
         open_ = [interval for interval in wanted if not log.set_aside(interval)]
         if not open_:
-            reasons = [*map(why_wide, wanted), *_without_number(result)]
-            return _done(known, log.ended(reached=bool(view.intervals) and not wanted, reasons=reasons))
+            reasons = [fault] if fault else [*map(why_wide, wanted), *_without_number(result)]
+            reached = fault is None and bool(view.intervals) and not wanted
+            return _done(known, log.ended(reached=reached, reasons=reasons))
         return self._next_round(known, log, view, open_)
 
     def _next_round(self, known: Knowledge, log: Refinement, view: "_View", open_: list[Interval]) -> Decision:
@@ -197,12 +201,12 @@ def travel_left_rad(record: Measured, rig: Rig) -> float:
 
 
 def _unusable(result: FitResult) -> str | None:
-    """Why nothing can be planned from this fit, if so."""
+    """Why nothing can be planned from this fit, if nothing can."""
     if not result.converged:
-        return "the fit of what was recorded did not converge, so there is nothing to choose by"
+        return "the fit of all that was recorded did not converge"
     network: NortonNetwork = result.network
     if min(network.inertia_kgm2, network.coulomb_torque_nm, network.presliding_stiffness_nm_rad) <= 0.0:
-        return "the fit of what was recorded has an inertia or a friction below zero, so there is nothing to choose by"
+        return "the fit of all that was recorded has an inertia or a friction below zero"
     return None
 
 
