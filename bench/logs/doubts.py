@@ -39,6 +39,7 @@ AGREEMENT = 0.8
 SWAPPABLE = ("position", "velocity", "command", "exertion", "goal")
 # A position that leads its goal by more than this many samples, and by this many deviations.
 LEAD_SAMPLES = 0.5
+LEAD_LEAVES = 0.7  # of the difference between the two, if a lead is what makes it
 # A goal is followed where it and the position agree this well.
 FOLLOWED = 0.8
 
@@ -80,10 +81,12 @@ class Basic:
             float(parts[list(equation.names).index("torque_gain")]) if "torque_gain" in equation.names else 0.0,
         )
         ratio = dict(zip(equation.names, linear / deviation, strict=False))
+        # Beside a known load the actuator's own share may be too small to have a sign: the gain's tells.
+        own = problem.terms[0].load is None
         return cls(
             unexplained=_rms(residual) / scale if scale > 0 else float("inf"),
-            inertia=ratio.get("inertia"),
-            braking=float(weights @ linear[-2:]) / spread,
+            inertia=ratio.get("inertia") if own else None,
+            braking=float(weights @ linear[-2:]) / spread if own else None,
             gain=ratio.get("torque_gain"),
         )
 
@@ -118,6 +121,8 @@ def wrong_signs(basic: Basic, column_map: ColumnMap) -> Iterator[str]:
 
 def out_of_step(problem: Problem, column_map: ColumnMap) -> Iterator[str]:
     """Exertion and motion that were logged at different times: a shift of one that explains far more."""
+    if problem.terms[0].load is not None:
+        return  # what the load asks for follows from the motion, and cannot be late for it
     equation, rows = problem.equation, problem.train
     basis = np.linalg.qr(_columns(problem)[:, rows].T)[0]
 
@@ -138,7 +143,7 @@ def out_of_step(problem: Problem, column_map: ColumnMap) -> Iterator[str]:
 
 
 def unexplained(basic: Basic, left: float) -> Iterator[str]:
-    """``left`` is what the model that was chosen leaves, relative."""
+    """``left`` is what the model that was chosen leaves, relative to what varies."""
     if min(basic.unexplained, left) > UNEXPLAINED:
         yield (
             f"The equation leaves {min(basic.unexplained, left):.0%} of the exertion unexplained: check which column "
@@ -155,7 +160,8 @@ def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], 
             other = Basic.of(solve([_with_swapped(log, first, second) for log in logs]))
         except BenchError:
             continue
-        much = BETTER if basic.sound else AS_GOOD
+        # A goal is so like its position that either would do.
+        much = BETTER if basic.sound or second == "goal" else AS_GOOD
         if other.sound and other.unexplained < min(much * basic.unexplained, UNEXPLAINED):
             found.append(
                 (other.unexplained, f"{first} and {second} seem to be swapped: change them round in [columns].")
@@ -226,7 +232,11 @@ def ahead_of_goal(parts: Sequence[Stretch], filters: Filters) -> Iterator[str]:
     deviation_s = np.sqrt(sandwich(columns.T, residual, time_s)[0, 0])
     if together < -FOLLOWED:
         yield "position runs against its goal: turn the sign of one of them in [columns] (sign = -1)."
-    elif together > FOLLOWED and lead_s > max(LEAD_SAMPLES * filters.dt_s, SIGNIFICANT * deviation_s):
+    elif (
+        together > FOLLOWED
+        and lead_s > max(LEAD_SAMPLES * filters.dt_s, SIGNIFICANT * deviation_s)
+        and np.std(residual) < LEAD_LEAVES * np.std(error)
+    ):
         yield (
             f"position runs {1e3 * lead_s:.3g} ms ahead of its goal: the two seem to be swapped; change them round "
             "in [columns]."

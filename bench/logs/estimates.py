@@ -50,6 +50,11 @@ def _status(name: str, value: float, std: float, fit: FrictionFit, exertion_rms:
     return Status.VALID if std <= UNEXCITED_BEYOND * scale else Status.UNEXCITED
 
 
+def doubted(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+    """The same, none of them to be believed."""
+    return tuple(replace(estimate, status=Status.DOUBTFUL) for estimate in estimates)
+
+
 def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction, ...]:
     """Directions in which what should not vanish is known to no better than half of itself."""
     known = {each.name for each in estimates if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0}

@@ -1,7 +1,7 @@
 """Foreign logs to a fit: read, checked, put on a grid, fitted by every model of friction, and predicted."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from bench.logs.column_map import ColumnMap
 from bench.logs.doubts import (
     Basic,
     ahead_of_goal,
+    astray,
     out_of_step,
     swapped,
     unexplained,
@@ -26,7 +27,7 @@ from bench.logs.doubts import (
     wrong_signs,
 )
 from bench.logs.equation import Problem, make_problem
-from bench.logs.estimates import estimates_of, loose, with_back_emf, without_scale
+from bench.logs.estimates import doubted, estimates_of, loose, with_back_emf, without_scale
 from bench.logs.grid import Stretch, common_interval, stretches
 from bench.logs.log import Log, read_log
 from bench.logs.motion import motion_errors
@@ -172,7 +173,9 @@ def _doubts(
         *ahead_of_goal(problem.stretches, problem.filters),
     ]
     found = found or [*wrong_signs(basic, column_map)]
-    found = found or [*out_of_step(problem, column_map), *unexplained(basic, left)]
+    if column_map.model.refine is None:
+        # What is refined on the motion is judged by it.
+        found = found or [*out_of_step(problem, column_map), *unexplained(basic, left)]
     return (*found, *(swapped(logs, basic, again) if found else ()))
 
 
@@ -220,19 +223,21 @@ def _refined(
     """The fit of the equation of motion, refined on the motion itself."""
     from bench.logs.refine import refine  # noqa: PLC0415  (compiled: slow to import)
 
-    column_map, fit, doubtful = request.column_map, chosen.fit, bool(doubts)
+    column_map, fit = request.column_map, chosen.fit
     asked = request.model or column_map.model.friction
-    found = refine(column_map, problem, fit, splits, None if asked == BEST else asked, doubtful=doubtful)
+    found = refine(column_map, problem, fit, splits, None if asked == BEST else asked, doubtful=bool(doubts))
+    doubts = (*doubts, *astray(found.train))
+    estimates = doubted(found.estimates) if doubts else found.estimates
     train, test = (_exertion_error(problem, fit.residual, rows, column_map) for rows in (problem.train, problem.test))
     return LogFit(
         model=found.model,
-        estimates=found.estimates,
-        verdict=tuple(dict.fromkeys([*doubts, *remarks, *found.verdict, *_uncertain(found.estimates)])),
+        estimates=estimates,
+        verdict=tuple(dict.fromkeys([*doubts, *remarks, *found.verdict, *_uncertain(estimates)])),
         converged=found.converged,
-        doubtful=doubtful,
+        doubtful=bool(doubts),
         train=Errors(train, found.train),
         test=Errors(test, found.test),
-        ladder=found.ladder,
+        ladder=tuple(replace(step, estimates=doubted(step.estimates)) if doubts else step for step in found.ladder),
         exertion=_trace(problem, fit, column_map),
     )
 
