@@ -18,6 +18,7 @@ from bench.logs.equation import Problem
 from bench.logs.filters import Filters, slope
 from bench.logs.grid import Stretch
 from bench.logs.log import Log
+from bench.logs.results import ErrorFigures
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -148,6 +149,15 @@ def unexplained(basic: Basic, left: float) -> Iterator[str]:
         yield (
             f"The equation leaves {min(basic.unexplained, left):.0%} of the exertion unexplained: check which column "
             "is which, their units and signs, and whether something else acted."
+        )
+
+
+def astray(motion: ErrorFigures | None) -> Iterator[str]:
+    """A simulation that was fitted to the motion and does not follow it."""
+    if motion is not None and motion.relative > UNEXPLAINED:
+        yield (
+            f"The simulated motion differs from the logged one by {motion.relative:.0%} of its spread: check which "
+            "column is which, their units and signs, and the loop's law."
         )
 
 
