@@ -36,8 +36,9 @@ def conclude(
     live: Sequence[LiveEstimate | RecordedEstimates],
     recording: Path,
     out: Path,
+    notes: Sequence[str] = (),
 ) -> Conclusion:
-    """Fit, validate and report what ``measured`` holds, into the folder ``out``."""
+    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report."""
     uses = {segment.use for segment in measured.segments}
     if Use.IDENTIFY not in uses:
         return Conclusion()
@@ -59,6 +60,7 @@ def conclude(
         blocked_map=blocked,
         live=tuple(live),
         measured=measured,
+        notes=notes,
     )
     report = write_report(out / f"{recording.stem}.report.html", data)
     return Conclusion(result, checked, static, blocked, network, report)
