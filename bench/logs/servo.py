@@ -123,4 +123,6 @@ def joined_time(logs: Sequence[ServoLog]) -> FloatArray:
     """The instants of all logs, one after the other."""
     spans = [float(log.inputs.time_s[-1] - log.inputs.time_s[0]) for log in logs]
     begins = accumulate(spans, initial=0.0)
-    return np.concatenate([log.inputs.time_s - log.inputs.time_s[0] + begin for log, begin in zip(logs, begins, strict=False)])
+    return np.concatenate(
+        [log.inputs.time_s - log.inputs.time_s[0] + begin for log, begin in zip(logs, begins, strict=False)]
+    )
