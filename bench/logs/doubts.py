@@ -45,7 +45,7 @@ FOLLOWED = 0.8
 
 @dataclass(frozen=True)
 class Basic:
-    """The equation with Coulomb and viscous friction and nothing held to a sign; ``unexplained`` is relative.
+    """The equation with Coulomb and viscous friction and nothing held to a sign. ``unexplained`` is over what varies.
 
     ``inertia``, ``gain`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where they
     are not sought.
@@ -76,7 +76,7 @@ class Basic:
         spread = float(np.sqrt(max(weights @ covariance[-2:, -2:] @ weights, 1e-300)))
         parts = np.sqrt(np.mean((linear[:, None] * columns) ** 2, axis=1))
         scale = max(
-            _rms(problem.exertion[rows]),
+            variation(problem),
             float(parts[list(equation.names).index("torque_gain")]) if "torque_gain" in equation.names else 0.0,
         )
         ratio = dict(zip(equation.names, linear / deviation, strict=False))
@@ -93,6 +93,11 @@ def _columns(problem: Problem) -> FloatArray:
     velocity = problem.equation.path.velocity
     friction = problem.equation.process(np.stack([velocity, np.sign(velocity)]))
     return np.concatenate([problem.equation.others, -friction])
+
+
+def variation(problem: Problem) -> float:
+    """By how much the exertion varies in training, about its mean: what a constant explains is no evidence."""
+    return float(np.std(problem.exertion[problem.train]))
 
 
 def _rms(values: FloatArray) -> float:

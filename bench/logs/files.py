@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -136,10 +137,12 @@ def _flat(found: Mapping[str, object], prefix: str) -> Iterator[tuple[str, objec
 def _read_text_table(path: Path, section: LogSection) -> dict[str, object]:
     from pyarrow import csv  # noqa: PLC0415  (slow to import)
 
-    separator = section.separator or _separator(path)
+    separator = section.separator or _separator(path, section.skip)
     table = csv.read_csv(
         path,
-        read_options=csv.ReadOptions(block_size=BLOCK_BYTES, autogenerate_column_names=not section.header),
+        read_options=csv.ReadOptions(
+            block_size=BLOCK_BYTES, autogenerate_column_names=not section.header, skip_rows=section.skip
+        ),
         parse_options=csv.ParseOptions(delimiter=separator),
         convert_options=csv.ConvertOptions(strings_can_be_null=True, check_utf8=False),
     )
@@ -149,10 +152,10 @@ def _read_text_table(path: Path, section: LogSection) -> dict[str, object]:
     return _arrow_columns(path, [str(name).strip() for name in names], table.columns)
 
 
-def _separator(path: Path) -> str:
-    """That of tab, semicolon and comma which the first line holds most often."""
+def _separator(path: Path, skip: int) -> str:
+    """That of tab, semicolon and comma which the first line holds most often, ``skip`` lines left out."""
     with path.open(encoding="utf-8", errors="replace") as file:
-        line = file.readline()
+        line = next(islice(file, skip, None), "")
     return max(SEPARATORS, key=line.count)
 
 

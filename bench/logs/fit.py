@@ -15,7 +15,16 @@ from bench.identification.ladder import FrictionFit, Rung, ladder, selected
 from bench.identification.results import Trace
 from bench.identification.verdict import words
 from bench.logs.column_map import ColumnMap
-from bench.logs.doubts import Basic, ahead_of_goal, out_of_step, swapped, unexplained, unlike_derivative, wrong_signs
+from bench.logs.doubts import (
+    Basic,
+    ahead_of_goal,
+    out_of_step,
+    swapped,
+    unexplained,
+    unlike_derivative,
+    variation,
+    wrong_signs,
+)
 from bench.logs.equation import Problem, make_problem
 from bench.logs.estimates import estimates_of, loose, with_back_emf, without_scale
 from bench.logs.grid import Stretch, common_interval, stretches
@@ -48,9 +57,7 @@ class Request:
 def fit_logs(request: Request) -> LogFit:
     """Raises UsageError for files, maps and splits that cannot be used, ExperimentError for data that cannot be."""
     column_map = request.column_map
-    train, test = _selections(request)
-    paths = (*request.paths, *extra_files(train, request.paths), *extra_files(test, request.paths))
-    _check_files((train, test), paths)
+    train, test, paths = _split(request)
     logs = [_checked(path, column_map) for path in paths]
     _check_alike(logs)
     remarks: list[str] = [remark for log in logs for remark in log.remarks]
@@ -58,6 +65,8 @@ def fit_logs(request: Request) -> LogFit:
     remarks += said
     splits = _splits(parts, train, test)
     problem = make_problem(column_map, parts, splits)
+    if request.test is not None and not problem.test.any():
+        raise UsageError("--test: no row that is not trained on lies there; choose another part, or a narrower --train")
     rungs = ladder(problem.equation, _models(request, problem), problem.train)
     chosen = _chosen(request, rungs)
 
@@ -72,22 +81,24 @@ def fit_logs(request: Request) -> LogFit:
     return _result(column_map, problem, rungs, chosen, doubts, remarks, motion)
 
 
-def _selections(request: Request) -> tuple[Selection | None, Selection | None]:
-    """As asked for; else as the map says, where the logs at hand are those that its split speaks of."""
-    place, written = request.column_map.place, request.column_map.split
-    usual = [
-        None if text is None else parse_selection(text, f"{place}: [split] {side}")
-        for side, text in (("train", written.train), ("test", written.test))
-    ]
-    if not all(_finds(selection, request.paths) for selection in usual if selection is not None):
-        usual = [None, None]
-    train = usual[0] if request.train is None else parse_selection(request.train, "--train")
-    test = usual[1] if request.test is None else parse_selection(request.test, "--test")
-    return train, test
+def _split(request: Request) -> tuple[Selection | None, Selection | None, tuple[Path, ...]]:
+    """What to train and to test on, and all logs. What the command line says replaces all that the map says.
+
+    The map's own split is for the logs it was written with: where it names none of those given, all are fitted.
+    """
+    if request.train is None and request.test is None:
+        split = request.column_map.split
+        train, test = (_selection(text, f"{request.column_map.place}: [split]") for text in (split.train, split.test))
+        known = train is None or not train.files or any(map(train.names, request.paths))
+        return (train, test, request.paths) if known else (None, None, request.paths)
+    train, test = _selection(request.train, "--train"), _selection(request.test, "--test")
+    paths = (*request.paths, *extra_files(train, request.paths), *extra_files(test, request.paths))
+    _check_files((train, test), paths)
+    return train, test, paths
 
 
-def _finds(selection: Selection, paths: Sequence[Path]) -> bool:
-    return not selection.files or any(map(selection.names, paths)) or bool(extra_files(selection, paths))
+def _selection(text: str | None, where: str) -> Selection | None:
+    return None if text is None else parse_selection(text, where)
 
 
 def _check_files(selections: Sequence[Selection | None], paths: Sequence[Path]) -> None:
@@ -155,7 +166,7 @@ def _doubts(
     again: Callable[[Sequence[Log]], Problem],
 ) -> tuple[str, ...]:
     basic = Basic.of(problem)
-    left = chosen.train_rms / _exertion_rms(problem)
+    left = chosen.train_rms / max(variation(problem), 1e-300)
     found = [
         *unlike_derivative(problem.stretches, problem.filters),
         *ahead_of_goal(problem.stretches, problem.filters),

@@ -90,6 +90,7 @@ class LogSection(MapSection):
     entries: str | None = Field(None, examples=["entries"])
     separator: str | None = Field(None, min_length=1, max_length=1, examples=[";"])
     header: bool = True
+    skip: int = Field(0, ge=0, examples=[2])
     rate_hz: Annotated[float, quantity_in("Hz")] | None = Field(None, alias="rate", gt=0, examples=["1 kHz"])
     gap_s: Annotated[float, quantity_in("s")] | None = Field(None, alias="gap", gt=0, examples=["50 ms"])
 

@@ -146,6 +146,16 @@ def test_units_scale_offset_sign_and_complement(tmp_path: Path) -> None:
     assert log.given("actuator", "torque_gain") == pytest.approx(2.0)
 
 
+def test_text_tables_with_lines_before_flags_and_no_names(tmp_path: Path) -> None:
+    rows = [f"{k},{k / 2},{'true' if k % 2 else 'false'}" for k in range(80)]
+    (tmp_path / "log.csv").write_text("\n".join(["made by a scope", "t,q,on", *rows]))
+    content = read_file(tmp_path / "log.csv", LogSection(motion="rotation", skip=1))
+    np.testing.assert_array_equal(content.array("on", "here"), np.arange(80) % 2)
+    (tmp_path / "log.csv").write_text("\n".join(rows))
+    content = read_file(tmp_path / "log.csv", LogSection(motion="rotation", header=False))
+    np.testing.assert_array_equal(content.array("column 2", "here"), np.arange(80) / 2)
+
+
 def test_numbers_of_the_file_itself_are_known_values(tmp_path: Path) -> None:
     as_json(tmp_path / "log.json", SHORT.log())
     text = FREE.replace('motion = "rotation"', 'motion = "rotation"\nentries = "entries"')

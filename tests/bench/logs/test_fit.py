@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import UsageError
+from bench.errors import BenchError, UsageError
 from bench.logs.fit import Request, fit_logs
 from bench.models.parameters import Status
 from tests.bench.logs.machines import FREE, LOADED, Machine, column_map, estimate, fit_of, write_csv
@@ -159,6 +159,11 @@ def test_train_and_test_by_file(tmp_path: Path) -> None:
     assert fit.test.exertion is not None
     assert fit.train.exertion is not None
     assert fit.test.exertion.rms > 3 * fit.train.exertion.rms
+    # The map's own split holds, unless it is about other logs.
+    named = column_map(FREE + '[split]\ntest = "b*"\ntrain = "a*"\n')
+    assert fit_logs(replace(request, column_map=named, test=None)).test == fit.test
+    others = column_map(FREE + '[split]\ntest = "d*"\ntrain = "c*"\n')
+    assert fit_logs(replace(request, paths=(paths[0],), column_map=others, test=None)).test.exertion is None
     # A file that is only named in --test is read too.
     again = fit_logs(replace(request, paths=tuple(paths[:2]), test=str(paths[2])))
     assert again.test == fit.test
@@ -171,11 +176,12 @@ def test_train_and_test_by_file(tmp_path: Path) -> None:
         ("0:3 m", "--train:"),
         ("nowhere.csv", 'no log is named "nowhere.csv"'),
         (" ", "--train: is empty"),
+        ("30:40 s", "0 rows are left to learn from"),
         ("0:3, x", '--train: "x" is no part of the time'),
     ],
 )
 def test_splits_that_cannot_be_are_said(tmp_path: Path, train: str, said: str) -> None:
-    with pytest.raises(UsageError) as raised:
+    with pytest.raises(BenchError) as raised:
         fit_of(tmp_path, TRUE.log(), train=train)
     assert said in str(raised.value)
 
