@@ -60,12 +60,12 @@ def refine(
     steps = tuple(_step(rung, begin, units, doubtful=doubtful) for rung in rungs)
     return Refined(
         model=chosen.fit.model.name,
-        estimates=_estimates(chosen.fit, begin, units, doubtful=doubtful),
+        estimates=_estimates(chosen, begin, units, doubtful=doubtful),
         converged=chosen.fit.converged,
         train=_figures(train, chosen.fit, units.motion),
         test=_figures(test, chosen.fit, units.motion),
         ladder=steps,
-        verdict=_verdict(chosen.fit),
+        verdict=_verdict(chosen),
     )
 
 
@@ -105,15 +105,15 @@ def beginning(column_map: ColumnMap, problem: Problem, fit: FrictionFit) -> Begi
     )
 
 
-def _estimates(fit: ServoFit, begin: Beginning, units: Units, *, doubtful: bool) -> tuple[Estimate, ...]:
-    boxes = boxes_of(fit.model, begin)
+def _estimates(rung: ServoRung, begin: Beginning, units: Units, *, doubtful: bool) -> tuple[Estimate, ...]:
+    fit, boxes = rung.fit, boxes_of(rung.fit.model, begin)
     return tuple(
         Estimate(
             _public_name(name, begin),
             value,
             fit.deviations[name],
             _unit(name, begin, units),
-            _status(name, fit, boxes[name].scale, doubtful=doubtful),
+            _status(name, rung, boxes[name].scale, doubtful=doubtful),
         )
         for name, value in fit.values.items()
     )
@@ -129,7 +129,8 @@ def _unit(name: str, begin: Beginning, units: Units) -> str:
     return UNITS[name][0 if units.motion == "rad" else 1]
 
 
-def _status(name: str, fit: ServoFit, scale: float, *, doubtful: bool) -> Status:
+def _status(name: str, rung: ServoRung, scale: float, *, doubtful: bool) -> Status:
+    fit = rung.fit
     if doubtful:
         return Status.DOUBTFUL
     if not fit.converged:
@@ -137,7 +138,7 @@ def _status(name: str, fit: ServoFit, scale: float, *, doubtful: bool) -> Status
     if name in fit.at_bound:
         return Status.AT_BOUND
     sure = fit.deviations[name] <= UNEXCITED_BEYOND * max(abs(fit.values[name]), SMALL * scale)
-    return Status.VALID if sure else Status.UNEXCITED
+    return Status.VALID if sure and rung.foretells else Status.UNEXCITED
 
 
 def _figures(trial: Trial, fit: ServoFit, unit: str) -> ErrorFigures | None:
@@ -153,12 +154,18 @@ def _step(rung: ServoRung, begin: Beginning, units: Units, *, doubtful: bool) ->
         held_out_relative=rung.held_out_relative,
         held_out_std=rung.held_out_std,
         selected=rung.selected,
-        estimates=_estimates(rung.fit, begin, units, doubtful=doubtful),
+        estimates=_estimates(rung, begin, units, doubtful=doubtful),
     )
 
 
-def _verdict(fit: ServoFit) -> tuple[str, ...]:
+def _verdict(rung: ServoRung) -> tuple[str, ...]:
     sentences = ["The parameters are those whose simulated motion is nearest to the logged one."]
+    fit = rung.fit
+    if not rung.foretells:
+        sentences.append(
+            "They do not foretell what was held out: many others would follow these logs as well; use more logs, and "
+            "several gains of the loop."
+        )
     if "source_resistance" in fit.values:
         sentences.append(
             "The source's resistance acts for the share of time that the supply is connected; it stands for all that "

@@ -18,6 +18,10 @@ SOURCE_SHARE = 0.3
 # A box reaches this many times its scale.
 REACH = 20.0
 LARGEST_COEFFICIENT = 2.0
+# A fit that errs more on what it has not seen than this many times what it errs in training, and more than this share
+# of the spread, is one of many that the training data allow.
+OVERFITTED = 3.0
+FORETOLD = 0.1
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,11 @@ class ServoRung:
     held_out_std: float
     mean_squares: tuple[float, ...]
     selected: bool = False
+
+    @property
+    def foretells(self) -> bool:
+        """Whether what is fitted to one part of the logs holds for another."""
+        return self.held_out_relative <= max(OVERFITTED * self.train_relative, FORETOLD)
 
 
 def servo_ladder(trial: Trial, begin: Beginning, models: Sequence[ServoModel] = LADDER) -> tuple[ServoRung, ...]:

@@ -88,6 +88,7 @@ def test_mistakes_are_named_with_place_and_mend(old: str, new: str, said: str) -
         ('[load]\ngravity = { kye = "m" }', '[load.gravity] kye: unknown key; did you mean "key"?'),
         ('[loop]\nproportional = "3 V/rad"', "[loop]: needs a goal"),
         ('[filter]\ncutoff = "-3 Hz"', "[filter] cutoff"),
+        ('[model]\nrefine = "motion"', "[model] refine: needs a known load"),
         ('[columns.supply]\nname = "v"\nunit = "V"', "[columns] supply: is for a command that is a share of it"),
     ],
 )

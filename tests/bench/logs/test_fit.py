@@ -194,3 +194,14 @@ def test_the_ladder_lists_every_model_and_the_best_is_the_true_one(tmp_path: Pat
     assert fit_of(tmp_path, TRUE.log(), text, model="dahl").model == "dahl"
     with pytest.raises(UsageError, match='there is no friction model "dahlia"; did you mean "dahl"'):
         fit_of(tmp_path, TRUE.log(), text, model="dahlia")
+
+
+def test_a_maps_split_counts_where_its_logs_are_at_hand(tmp_path: Path) -> None:
+    split = '[split]\ntrain = "low*.csv"\ntest = "high*.csv"\n'
+    log = TRUE.log()
+    low, high, other = (write_csv(tmp_path / f"{name}.csv", log) for name in ("low1", "high1", "other"))
+    both = fit_logs(Request((low, high), column_map(FREE + split)))
+    assert both.test.exertion is not None
+    alone = fit_logs(Request((other,), column_map(FREE + split)))
+    assert alone.train.exertion is not None
+    assert alone.test.exertion is None

@@ -43,3 +43,10 @@ def test_parameters_are_certain_and_near_what_its_authors_found(xl330: LogFit) -
     assert found["inertia"].value == pytest.approx(0.00181, rel=0.15)
     winding, source = found["winding_resistance"].value, found["source_resistance"].value
     assert winding < 4.017 < winding + source
+
+
+def test_one_short_log_gives_no_confident_numbers() -> None:
+    (log,) = [data_file("xl330", "kp200_sin_sin.json")]
+    fit = fit_logs(Request((log,), load_map(ROOT / "examples" / "logs" / "xl330.toml"), train="0:6 s"))
+    assert not any(estimate.status is Status.VALID for estimate in fit.estimates)
+    assert any("foretell" in sentence for sentence in fit.verdict)
