@@ -78,11 +78,12 @@ def _rung(equation: Equation, model: FrictionModel, rows: BoolArray, folds: list
     for index, fold in enumerate(folds):
         part[rows & (equation.fold == fold)] = index + 1
     problem = Problem.of(equation, model, part)
-    whole = problem.finish(rows, problem.refine(rows, problem.scan()))
+    best = problem.refine(rows, problem.scan())
+    whole = problem.finish(rows, best)
     squares = []
     for index in range(1, len(folds) + 1):
         train = rows & (part != index)
-        reached = problem.refine(train, problem.scan(left_out=index))
+        reached = problem.refine(train, problem.scan(index, best.at))
         held_out = part == index
         residual = equation.target[held_out] - reached.linear @ reached.columns[:, held_out]
         squares.append(float(np.mean(residual**2)))

@@ -2,13 +2,14 @@
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 # Directions that carry less than this share of the strongest say nothing.
-WEAKEST = 1e-12
+WEAKEST = 1e-9
 
 
 def bounded_solution(gram: FloatArray, moment: FloatArray, nonnegative: BoolArray) -> FloatArray:
@@ -26,11 +27,10 @@ def bounded_solution(gram: FloatArray, moment: FloatArray, nonnegative: BoolArra
     solution = np.zeros(moment.size)
     if nonnegative.any():
         left = gram[np.ix_(nonnegative, nonnegative)] - gram[np.ix_(nonnegative, free)] @ coupling
-        power, axes = np.linalg.eigh(left)
-        kept = power > WEAKEST * max(float(power[-1]), WEAKEST)
-        root = np.sqrt(power[kept])
-        right = axes[:, kept].T @ (moment[nonnegative] - coupling.T @ moment[free]) / root
-        solution[nonnegative] = nnls(root[:, None] * axes[:, kept].T, right)[0] if kept.any() else 0.0
+        # A trace of ridge: columns that are alike share what they explain.
+        root = np.linalg.cholesky(left + WEAKEST * np.eye(len(left)))
+        right = solve_triangular(root, moment[nonnegative] - coupling.T @ moment[free], lower=True)
+        solution[nonnegative] = nnls(root.T, right)[0]
     solution[free] = inverse @ moment[free] - coupling @ solution[nonnegative]
     solution[silent] = 0.0
     return np.asarray(solution / scale)

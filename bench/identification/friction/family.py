@@ -1,16 +1,25 @@
 """All models of friction, from the simplest on, by their names."""
 
 from bench.errors import UsageError
+from bench.identification.friction.asymmetric import Asymmetric
 from bench.identification.friction.model import FrictionModel
 from bench.identification.friction.path import Path
-from bench.identification.friction.static import CoulombViscous, CoulombViscousAsymmetric, LoadDependent, Stribeck
+from bench.identification.friction.presliding import Dahl, ElastoPlastic, LuGre, MaxwellSlip
+from bench.identification.friction.static import CoulombViscous, LoadDependent, Stribeck
 from bench.rig.mistakes import nearest
 
 FAMILY: tuple[FrictionModel, ...] = (
     CoulombViscous(),
-    CoulombViscousAsymmetric(),
-    Stribeck(),
+    Asymmetric(CoulombViscous(), memory=False),
     LoadDependent(),
+    Stribeck(),
+    Asymmetric(Stribeck(), memory=False),
+    Dahl(),
+    ElastoPlastic(),
+    LuGre(),
+    MaxwellSlip(),
+    Asymmetric(ElastoPlastic(), memory=True),
+    Asymmetric(MaxwellSlip(), memory=True),
 )
 
 

@@ -20,14 +20,17 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-SCAN_POINTS = 13
+POINTS_PER_DECADE = 2
 ROUNDS = 2
 MOST_STEPS = 25
 SMALL = 0.02  # relative step of the differences that stand for derivatives
 LONGEST_STEP = 1.0  # in the logarithm
 SHARES = (1.0, 0.5, 0.2, 0.05)
-# Converged once a step promises less than this many squared deviations.
-WORTH_A_STEP = 0.01
+# Of the cost: converged once a step promises less than the first, or less than the second and does not keep it
+# (Coulomb friction makes the cost rough).
+WORTH_A_STEP = 1e-5
+ROUGHNESS = 1e-3
+KEPT = 8
 AT_BOUND = 1e-3
 
 
@@ -114,6 +117,7 @@ class Problem:
     nonnegative: BoolArray
     part: IntArray
     _scanned: dict[bytes, tuple[FloatArray, FloatArray, FloatArray]] = field(default_factory=dict)
+    _kept: dict[bytes, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(cls, equation: Equation, model: FrictionModel, part: IntArray) -> "Problem":
@@ -124,6 +128,14 @@ class Problem:
 
     def columns(self, at: FloatArray) -> FloatArray:
         """Further columns, then friction's with the sign they have in the equation: (columns, n)."""
+        key = at.tobytes()
+        if key not in self._kept:
+            while len(self._kept) >= KEPT:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = self._columns(at)
+        return self._kept[key]
+
+    def _columns(self, at: FloatArray) -> FloatArray:
         friction = self.equation.process(self.model.columns(self.equation.path, np.exp(at)))
         others = [row if name not in self.model.replaces else np.zeros_like(row) for name, row in self._others()]
         return np.stack([*others, *-friction])
@@ -131,8 +143,8 @@ class Problem:
     def _others(self) -> Iterator[tuple[str, FloatArray]]:
         return zip(self.equation.names, self.equation.others, strict=True)
 
-    def scan(self, left_out: int | None = None) -> FloatArray:
-        """The best shape on a grid, one unknown after the other, for all parts but ``left_out``.
+    def scan(self, left_out: int | None = None, known: FloatArray | None = None) -> FloatArray:
+        """The best shape on a grid, one unknown after the other, for all parts but ``left_out``; or ``known``, if better.
 
         Sums over each part are kept, so that leaving out another one costs next to nothing.
         """
@@ -140,9 +152,10 @@ class Problem:
         best = 0.5 * (self.low + self.high)
         for _ in range(ROUNDS if len(best) > 1 else 1):
             for unknown, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
-                trials = [self._with(best, unknown, value) for value in np.linspace(low, high, SCAN_POINTS)]
-                best = min(trials, key=lambda at: self._cost(at, chosen))
-        return best
+                points = int(np.ceil(POINTS_PER_DECADE * (high - low) / np.log(10.0))) + 1
+                trials = [self._with(best, unknown, value) for value in np.linspace(low, high, points)]
+                best = min([best, *trials], key=lambda at: self._cost(at, chosen))
+        return best if known is None else min([best, known], key=lambda at: self._cost(at, chosen))
 
     @staticmethod
     def _with(at: FloatArray, unknown: int, value: float) -> FloatArray:
@@ -178,12 +191,12 @@ class Problem:
             step = linear_solution(np.concatenate([slopes, active]), now.residual)[: len(start)]
             step = np.clip(now.at + np.clip(step, -LONGEST_STEP, LONGEST_STEP), self.low, self.high) - now.at
             promised = float(step @ slopes @ now.residual)
-            if promised * now.residual.size < WORTH_A_STEP * now.cost:
+            if promised < WORTH_A_STEP * now.cost:
                 return replace(now, converged=True)
             trials = (self._reach(now.at + share * step, rows) for share in SHARES)
             better = next((trial for trial in trials if trial.cost < now.cost), None)
             if better is None:
-                return now
+                return replace(now, converged=promised < ROUGHNESS * now.cost)
             now = better
         return replace(now, converged=not len(start))
 

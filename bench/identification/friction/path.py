@@ -10,13 +10,16 @@ from bench.errors import ExperimentError
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+# Of the rms velocity: what moves faster slides.
+MOVING = 0.05
+
 
 @dataclass(frozen=True)
 class Path:
     """Motion in radians or in metres; arrays of shape (n,).
 
-    ``starts`` are the indices at which a stretch begins (the first is 0): what friction remembers restarts there, at
-    rest and without tension. ``load`` is the exertion transmitted, for friction that depends on it.
+    ``starts`` are the indices at which a stretch begins (the first is 0): what friction remembers restarts there.
+    ``load`` is the exertion transmitted, for friction that depends on it.
     """
 
     dt_s: float
@@ -25,6 +28,22 @@ class Path:
     starts: IntArray
     load: FloatArray | None = None
     temperature_c: FloatArray | None = None
+
+    @property
+    def begin(self) -> FloatArray:
+        """The share of a contact's strength in use where a stretch begins, NaN where one goes on, shape (n,).
+
+        What moves as a stretch begins has been sliding; what rests is taken as without tension.
+        """
+        share = np.full(self.position.size, np.nan)
+        first = self.velocity[self.starts]
+        share[self.starts] = np.sign(first) * (np.abs(first) > MOVING * self.velocity_scale)
+        return share
+
+    @property
+    def velocity_between(self) -> FloatArray:
+        """The mean velocity of the step that leads to each sample, shape (n,)."""
+        return np.asarray(0.5 * (self.velocity + np.concatenate([self.velocity[:1], self.velocity[:-1]])))
 
     @property
     def velocity_scale(self) -> float:

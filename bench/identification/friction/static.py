@@ -12,12 +12,6 @@ from bench.identification.friction.path import Path
 FloatArray = npt.NDArray[np.float64]
 
 STICTION = Term("stribeck_torque", Dimension.FRICTION)
-# Coulomb friction of one direction holds any constant exertion too, so it may have either sign.
-FORWARD_AND_BACK = tuple(
-    Term(f"{term.name}_{side}", term.dimension, nonnegative=term is VISCOUS)
-    for side in ("positive", "negative")
-    for term in (VISCOUS, COULOMB)
-)
 
 
 def bump(velocity: FloatArray, stribeck_velocity: float) -> FloatArray:
@@ -36,21 +30,6 @@ class CoulombViscous:
 
     def columns(self, path: Path, shape: FloatArray) -> FloatArray:
         return np.stack([path.velocity, np.sign(path.velocity)])
-
-
-@dataclass(frozen=True)
-class CoulombViscousAsymmetric:
-    """The same with coefficients of its own in each direction: Fv+, Fc+, Fv−, Fc−."""
-
-    name: str = "coulomb-viscous-asymmetric"
-    unknowns: tuple[Unknown, ...] = ()
-    terms: tuple[Term, ...] = FORWARD_AND_BACK
-    # A constant exertion is the difference between the two directions' friction.
-    replaces: tuple[str, ...] = ("offset",)
-
-    def columns(self, path: Path, shape: FloatArray) -> FloatArray:
-        both = np.stack([path.velocity, np.sign(path.velocity)])
-        return np.concatenate([both * (path.velocity > 0), both * (path.velocity < 0)])
 
 
 @dataclass(frozen=True)
