@@ -10,6 +10,9 @@ from bench.identification.friction.path import Path
 
 FloatArray = npt.NDArray[np.float64]
 
+# The equation's constant exertion, or the first knot of one that drifts: what is left is then a drift from there.
+CONSTANT = ("offset", "offset_1")
+
 
 @dataclass(frozen=True)
 class Asymmetric:
@@ -40,7 +43,7 @@ class Asymmetric:
 
     @property
     def replaces(self) -> tuple[str, ...]:
-        return () if self.memory else ("offset",)
+        return () if self.memory else CONSTANT
 
     def columns(self, path: Path, shape: FloatArray) -> FloatArray:
         both = self.of.columns(path, shape)

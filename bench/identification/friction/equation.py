@@ -13,8 +13,8 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Of the record, for each held-out fold: short enough that every fold meets every slow condition.
-BLOCKS_PER_FOLD = 4
+# Of blocks: enough that every fold meets every slow condition.
+ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,11 @@ class Equation:
 
 
 def blocked_folds(count: int, folds: int = 5) -> IntArray:
-    """Folds of contiguous blocks that take turns along a record of ``count`` rows, shape (count,)."""
-    blocks = folds * BLOCKS_PER_FOLD
-    return np.asarray(np.arange(count) * blocks // max(count, 1) % folds, dtype=np.int64)
+    """Folds of contiguous blocks along a record of ``count`` rows, shape (count,).
+
+    Every fold has one block in each round, in an order that changes from round to round: blocks in a fixed order would
+    fall in step with an experiment that repeats itself.
+    """
+    random = np.random.default_rng(0)
+    order = np.concatenate([random.permutation(folds) for _ in range(ROUNDS)])
+    return np.asarray(order[np.arange(count) * order.size // max(count, 1)], dtype=np.int64)

@@ -22,13 +22,13 @@ BoolArray = npt.NDArray[np.bool_]
 
 POINTS_PER_DECADE = 2
 ROUNDS = 2
-MOST_STEPS = 25
+MOST_STEPS = 20
 SMALL = 0.02  # relative step of the differences that stand for derivatives
 LONGEST_STEP = 1.0  # in the logarithm
 SHARES = (1.0, 0.5, 0.2, 0.05)
 # Of the cost: converged once a step promises less than the first, or less than the second and does not keep it
 # (Coulomb friction makes the cost rough).
-WORTH_A_STEP = 1e-5
+WORTH_A_STEP = 1e-4
 ROUGHNESS = 1e-3
 KEPT = 8
 AT_BOUND = 1e-3
@@ -144,9 +144,9 @@ class Problem:
         return zip(self.equation.names, self.equation.others, strict=True)
 
     def scan(self, left_out: int | None = None, known: FloatArray | None = None) -> FloatArray:
-        """The best shape on a grid, one unknown after the other, for all parts but ``left_out``; or ``known``, if better.
+        """The best shape on a grid, one unknown after the other, for all parts but ``left_out``; or ``known``.
 
-        Sums over each part are kept, so that leaving out another one costs next to nothing.
+        The better of the two. Sums over each part are kept, so that leaving out another one costs next to nothing.
         """
         chosen = np.array([k for k in range(int(self.part.max()) + 1) if k != left_out])
         best = 0.5 * (self.low + self.high)
@@ -169,17 +169,11 @@ class Problem:
         return float(power - 2 * linear @ moment + linear @ gram @ linear)
 
     def _sums(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Over each part: columns by columns, columns by target, target by target."""
+        from bench.identification.friction.sums import part_sums  # noqa: PLC0415  (compiled: slow to import)
+
         key = at.tobytes()
         if key not in self._scanned:
-            columns, target = self.columns(at), self.equation.target
-            parts = [self.part == k for k in range(int(self.part.max()) + 1)]
-            pieces = [(columns[:, inside], target[inside]) for inside in parts]
-            self._scanned[key] = (
-                np.stack([piece @ piece.T for piece, _ in pieces]),
-                np.stack([piece @ y for piece, y in pieces]),
-                np.array([y @ y for _, y in pieces]),
-            )
+            self._scanned[key] = part_sums(self.columns(at), self.equation.target, self.part)
         return self._scanned[key]
 
     def refine(self, rows: BoolArray, start: FloatArray) -> Reached:
@@ -201,10 +195,12 @@ class Problem:
         return replace(now, converged=not len(start))
 
     def _reach(self, at: FloatArray, rows: BoolArray) -> Reached:
-        columns = self.columns(at)
-        chosen, target = columns[:, rows], self.equation.target[rows]
-        linear = bounded_solution(chosen @ chosen.T, chosen @ target, self.nonnegative)
-        return Reached(at, columns, linear, target - linear @ chosen)
+        from bench.identification.friction.sums import part_sums  # noqa: PLC0415  (compiled: slow to import)
+
+        columns, target = self.columns(at), self.equation.target
+        gram, moment, _ = part_sums(columns, target, np.where(rows, 0, -1))
+        linear = bounded_solution(gram[0], moment[0], self.nonnegative)
+        return Reached(at, columns, linear, (target - linear @ columns)[rows])
 
     def slopes(self, reached: Reached) -> FloatArray:
         """Change of the prediction with the logarithm of each unknown, shape (unknowns, n)."""

@@ -58,7 +58,7 @@ class LuGre:
 
 @dataclass(frozen=True)
 class ElastoPlastic:
-    """Purely elastic below breakaway, then yielding to Coulomb friction (Dupont 2002): it does not drift under a load."""
+    """Purely elastic below breakaway, then yielding to Coulomb friction (Dupont 2002): it never drifts under a load."""
 
     name: str = "elasto-plastic"
     unknowns: tuple[Unknown, ...] = (PRESLIDING, BREAKAWAY)
@@ -105,6 +105,6 @@ def _contact(path: Path, strength: FloatArray, deflection: float) -> FloatArray:
     """Velocity, share and the share's rate times the deflection, shape (3, n)."""
     from bench.identification.friction import operators  # noqa: PLC0415  (compiled: slow to import)
 
-    share = operators.bristle(path.position, path.begin, strength, deflection)
+    share = operators.bristle(path.position, path.begin * strength, strength, deflection)
     rate = path.velocity * (1.0 - np.sign(path.velocity) * share / strength)
     return np.stack([path.velocity, share, rate])

@@ -16,7 +16,8 @@ STICTION = Term("stribeck_torque", Dimension.FRICTION)
 
 def bump(velocity: FloatArray, stribeck_velocity: float) -> FloatArray:
     """The share of stiction left at ``velocity`` (Stribeck's curve, exponent 2)."""
-    return np.asarray(np.exp(-np.square(velocity / stribeck_velocity)))
+    # Not less than e⁻⁶⁰: numbers near the smallest there are make everything slow.
+    return np.asarray(np.exp(-np.minimum(np.square(velocity / stribeck_velocity), 60.0)))
 
 
 @dataclass(frozen=True)
