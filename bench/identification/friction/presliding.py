@@ -20,8 +20,8 @@ from bench.identification.friction.static import STICTION, bump
 
 FloatArray = npt.NDArray[np.float64]
 
-# Fs/Fc − 1, the excess of stiction over Coulomb friction.
-EXCESS = Unknown("stiction_excess", Dimension.RATIO, 0.02, 3.0)
+# Fs/Fc − 1, the excess of stiction over Coulomb friction. Below a tenth it is Dahl's.
+EXCESS = Unknown("stiction_excess", Dimension.RATIO, 0.1, 5.0)
 BREAKAWAY = Unknown("breakaway_share", Dimension.RATIO, 0.05, 0.98)
 
 # Of maxwell-slip: elements log-spaced around the presliding displacement, finely enough for any smooth curve.

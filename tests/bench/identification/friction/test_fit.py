@@ -119,7 +119,9 @@ def test_bounded_solution_is_scipys(seed, held):
 
 def test_a_silent_column_gets_nothing():
     columns = np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
-    solution = bounded_solution(columns @ columns.T, columns @ np.array([1.0, 2.0, 3.0]), np.array([False, False, True]))
+    solution = bounded_solution(
+        columns @ columns.T, columns @ np.array([1.0, 2.0, 3.0]), np.array([False, False, True])
+    )
     assert solution == pytest.approx([0.0, 0.0, 1.0], abs=1e-6)
     assert solution[1] == 0.0
 
@@ -138,7 +140,9 @@ def test_load_dependent_only_where_the_load_is_known():
     assert len(family_for(loaded)) == len(FAMILY)
     member = model("load-dependent")
     fit = fit_friction(equation_of(member, [1e-3, 0.01, 0.02], [], loaded, NOISE), member)
-    assert fit.value("load_coefficient") == pytest.approx(0.02, abs=4.5 * fit.deviations[fit.names.index("load_coefficient")])
+    assert fit.value("load_coefficient") == pytest.approx(
+        0.02, abs=4.5 * fit.deviations[fit.names.index("load_coefficient")]
+    )
 
 
 def test_a_shaft_at_rest_is_refused():

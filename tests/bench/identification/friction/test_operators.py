@@ -48,9 +48,7 @@ def test_lugre_is_what_radau_integrates():
 
     between = 0.5 * (v + np.concatenate([v[:1], v[:-1]]))
     share = operators.bristle(x, begins(x.size), strength(between), DEFLECTION)
-    exact = radau(
-        lambda t, h: (velocity_at(t) - abs(velocity_at(t)) * h / strength(velocity_at(t))) / DEFLECTION, t
-    )
+    exact = radau(lambda t, h: (velocity_at(t) - abs(velocity_at(t)) * h / strength(velocity_at(t))) / DEFLECTION, t)
     assert np.abs(share - exact).max() < 1e-4
     assert share.max() > 1.05  # Stribeck's excess is at work
 
