@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification import loops
 from bench.identification.friction.asymmetric import Asymmetric
 from bench.identification.friction.equation import Equation, blocked_folds
 from bench.identification.friction.family import family_for

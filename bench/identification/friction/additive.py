@@ -58,7 +58,7 @@ def with_temperature(equation: Equation) -> Equation:
 
 
 def cogging_period(equation: Equation, fit: FrictionFit, rows: BoolArray | None = None) -> float:
-    """The period in position, in rad or m, of the strongest line in what ``fit`` leaves in ``rows`` (all by default)."""
+    """The period in position, in rad or m, of the strongest line in what ``fit`` leaves in ``rows``."""
     chosen = fit.rows if rows is None else rows
     position = equation.process(equation.path.position[None, :])[0][chosen]
     residual = fit.residual[chosen] - np.mean(fit.residual[chosen])
