@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from bench.identification.ladder import Rung
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.models.network import NortonNetwork
 from bench.recording.contents import RecordedEstimates
@@ -23,6 +24,7 @@ class ReportData:
     validation: Validation | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
+    ladder: Sequence[Rung] = ()
     live: Sequence[LiveEstimate | RecordedEstimates] = ()
     measured: Measured | None = None
     notes: Sequence[str] = ()

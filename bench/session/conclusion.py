@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.errors import UsageError
+from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit
+from bench.identification.ladder import Rung
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.identification.source_map import blocked_map, source_map
 from bench.identification.validation import validate
@@ -24,6 +26,7 @@ class Conclusion:
     validation: Validation | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
+    ladder: tuple[Rung, ...] = ()
     network: Path | None = None
     report: Path | None = None
 
@@ -48,6 +51,7 @@ def conclude(
     names = {segment.name for segment in measured.segments}
     static = source_map(measured) if any(name.startswith("staircase") for name in names) else None
     blocked = blocked_map(measured) if any(name.startswith("hold") for name in names) else None
+    rungs = bench_ladder(measured, result, tick_s=tick_s)
     network = out / f"{recording.stem}.network.json"
     result.network.with_provenance({**metadata, "recording": recording.name}).save(network)
     data = ReportData(
@@ -58,12 +62,13 @@ def conclude(
         validation=checked,
         source_map=static,
         blocked_map=blocked,
+        ladder=rungs,
         live=tuple(live),
         measured=measured,
         notes=notes,
     )
     report = write_report(out / f"{recording.stem}.report.html", data)
-    return Conclusion(result, checked, static, blocked, network, report)
+    return Conclusion(result, checked, static, blocked, rungs, network, report)
 
 
 def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, Conclusion]:

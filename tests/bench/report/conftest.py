@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.identification.friction.family import model
+from bench.identification.friction.fit import FrictionFit
+from bench.identification.ladder import Rung
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
 from bench.models.network import NortonNetwork
 from bench.models.parameters import PARAMETERS, Estimate, Status
@@ -103,6 +106,15 @@ def estimates(factor: float = 1.0, share: float = 0.004) -> tuple[Estimate, ...]
     )
 
 
+def rung(
+    name: str, train: float, held_out: float, std: float, *, selected: bool = False, converged: bool = True
+) -> Rung:
+    """One line of the ladder, its errors over a torque of 0.1 N·m."""
+    nothing = np.zeros(0)
+    fit = FrictionFit(model(name), (), nothing, np.zeros((0, 0)), nothing, nothing, nothing.astype(bool), converged, ())
+    return Rung(model(name), fit, 0.1 * train, 0.1 * held_out, 0.1 * std, 0.1, (), selected)
+
+
 @pytest.fixture(scope="session")
 def full() -> ReportData:
     """A report with everything in it."""
@@ -174,6 +186,11 @@ def full() -> ReportData:
         source_map=SourceMap(levels, steady, np.full(22, 0.2), np.arange(22) < 11),
         blocked_map=BlockedMap(
             blocked, GAIN * blocked - np.where(above, COULOMB, -COULOMB) * 0.95, np.full(10, 4e-4), above
+        ),
+        ladder=(
+            rung("coulomb-viscous", 0.193, 0.196, 0.023),
+            rung("dahl", 0.0099, 0.00995, 1.9e-4, selected=True),
+            rung("lugre", 0.0099, 0.00996, 1.9e-4, converged=False),
         ),
         live=live,
         measured=measured_from(velocity, command, torque, names),
