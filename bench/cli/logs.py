@@ -8,13 +8,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from bench.cli.results import file_table, parameter, parameter_table
+from bench.logs.fit import Request
 from bench.logs.results import ErrorFigures, Errors, LogFit, Step
 
 
-def log_identification(
-    fit: LogFit, paths: Sequence[Path], column_map: Path, network: Path | None, report: Path | None
-) -> dict[str, Any]:
-    """What ``--json`` prints."""
+def log_identification(fit: LogFit, paths: Sequence[Path], column_map: Path, report: Path | None) -> dict[str, Any]:
+    """What ``--json`` prints. A network file there is none: no lag of the amplifier was sought."""
     return {
         "parameters": {estimate.name: parameter(estimate) for estimate in fit.estimates},
         "model": fit.model,
@@ -26,7 +25,7 @@ def log_identification(
         "logs": list(paths),
         "columns": column_map,
         "recording": None,
-        "network": network,
+        "network": None,
         "report": report,
     }
 
@@ -59,13 +58,13 @@ def _step(step: Step) -> dict[str, Any]:
     }
 
 
-def log_summary(fit: LogFit, network: Path | None, report: Path | None) -> RenderableType:
+def log_summary(fit: LogFit, report: Path | None) -> RenderableType:
     """The same for a terminal."""
     parts: list[RenderableType] = [f"friction: {fit.model}", parameter_table(fit.estimates)]
     parts += [f"· {remark}" for remark in fit.verdict]
     parts += [line for side in ("train", "test") for line in _error_lines(side, getattr(fit, side))]
     parts.append(ladder_table(fit.ladder))
-    parts.append(file_table((("network", network), ("report", report))))
+    parts.append(file_table((("report", report),)))
     return Group(*parts)
 
 
@@ -88,3 +87,15 @@ def ladder_table(ladder: Sequence[Step]) -> Table:
         figures = (step.train_relative, step.held_out_relative, step.held_out_std)
         table.add_row(step.model, *(f"{figure:.2%}" for figure in figures), "selected" if step.selected else "")
     return table
+
+
+def report_log(path: Path, request: Request, fit: LogFit) -> Path:
+    """The report as an HTML file. Raises ExperimentError where it cannot be written."""
+    from bench.report.log_page import write_log_report  # noqa: PLC0415  (draws: slow to import)
+
+    column_map = request.column_map
+    options = [f'--{name} "{text}"' for name, text in (("train", request.train), ("test", request.test)) if text]
+    options += [f"--model {request.model}"] if request.model else []
+    command = " ".join(["norton-bench fit", *map(str, request.paths), "--columns", column_map.place, *options])
+    metadata = {"logs": ", ".join(map(str, request.paths)), "columns": column_map.place, "source": column_map.source}
+    return write_log_report(path, column_map.title or request.paths[0].stem, fit, metadata, command)

@@ -73,15 +73,17 @@ def _check_recording(first: Path, others: tuple[Path, ...], for_logs: tuple[str 
 def _fit_logs(
     paths: tuple[Path, ...], columns: Path, split: Split, model: str | None, out: Path | None, output: Output
 ) -> int:
-    from bench.cli.logs import log_identification, log_summary  # noqa: PLC0415
+    from bench.cli.logs import log_identification, log_summary, report_log  # noqa: PLC0415
     from bench.logs.column_map import load_map  # noqa: PLC0415
     from bench.logs.fit import Request, fit_logs  # noqa: PLC0415
 
     column_map = load_map(columns)
-    _made(out)
+    folder = _made(out)
     output.say(f"fitting {', '.join(map(str, paths))}")
-    found = fit_logs(Request(paths, column_map, split.train, split.test, model))
-    output.result(log_identification(found, paths, columns, None, None), log_summary(found, None, None))
+    request = Request(paths, column_map, split.train, split.test, model)
+    found = fit_logs(request)
+    report = None if folder is None else report_log(folder / f"{paths[0].stem}.report.html", request, found)
+    output.result(log_identification(found, paths, columns, report), log_summary(found, report))
     return ExitCode.OK if found.converged and not found.doubtful else ExitCode.EXPERIMENT_FAILED
 
 

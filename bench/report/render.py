@@ -40,7 +40,11 @@ class Figure:
 
 def write_report(path: Path, data: ReportData) -> Path:
     """Write the report on ``data`` to ``path``, which it returns. Raises ExperimentError where it cannot be written."""
-    text = render(data)
+    return write_page(path, render(data))
+
+
+def write_page(path: Path, text: str) -> Path:
+    """Raises ExperimentError where it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
@@ -51,6 +55,20 @@ def write_report(path: Path, data: ReportData) -> Path:
 
 def render(data: ReportData) -> str:
     """The page."""
+    with style():
+        parts = sections(data)
+    return fill(
+        data=data,
+        headline=headline(data),
+        rows=[row(estimate) for estimate in data.fit.estimates] if data.fit is not None else [],
+        verdict=verdict(data),
+        sections=parts,
+        commands=how_to_repeat(data),
+    )
+
+
+def fill(**parts: object) -> str:
+    """The template with its parts."""
     environment = Environment(
         loader=PackageLoader("bench.report", "."),
         autoescape=True,
@@ -58,18 +76,8 @@ def render(data: ReportData) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    with style():
-        parts = sections(data)
-    return environment.get_template("report.html.j2").render(
-        data=data,
-        css=Markup(environment.get_template("report.css").render()),
-        headline=headline(data),
-        rows=[row(estimate) for estimate in data.fit.estimates] if data.fit is not None else [],
-        verdict=verdict(data),
-        sections=parts,
-        markup=Markup,
-        commands=how_to_repeat(data),
-    )
+    css = Markup(environment.get_template("report.css").render())
+    return environment.get_template("report.html.j2").render(css=css, markup=Markup, **parts)
 
 
 def row(estimate: Estimate) -> Row:

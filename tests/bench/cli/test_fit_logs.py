@@ -49,6 +49,15 @@ def test_a_table_for_people(log: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert f"fitting {log}" in printed.err
 
 
+def test_a_report_where_a_folder_is_given(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert fitted(log, "--json", "--out", str(log.parent / "out")) == 0
+    report = Path(json.loads(capsys.readouterr().out)["report"])
+    page = report.read_text()
+    assert report == log.parent / "out" / "log.report.html"
+    for said in ("coulomb-viscous", "4 of 4", "--columns", "<svg", "held out"):
+        assert said in page
+
+
 def test_a_doubtful_log_fails_and_says_why(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = FREE.replace('unit = "A" }', 'unit = "A", sign = -1 }')
     (log.parent / "map.toml").write_text(text)
