@@ -44,6 +44,12 @@ class Problem:
     filters: Filters
     stretches: tuple[Stretch, ...]
 
+    @property
+    def side(self) -> int:
+        """1 where the exertion stands in the target as it is, −1 where it stands there turned round."""
+        first = self.terms[0]
+        return 1 if first.port is not None or (first.gain is None and first.load is not None) else -1
+
 
 def make_problem(
     column_map: ColumnMap,
@@ -123,7 +129,7 @@ def _running(time_s: FloatArray) -> FloatArray:
     """Time that goes on where the next log begins again."""
     steps = np.diff(time_s, prepend=time_s[0])
     steps[steps < 0] = 0.0
-    return np.asarray(np.cumsum(steps))
+    return np.asarray(time_s[0] + np.cumsum(steps))
 
 
 def _joined(terms: Sequence[Terms], name: str) -> FloatArray | None:

@@ -299,4 +299,4 @@ def _step(column_map: ColumnMap, problem: Problem, rung: Rung, *, doubtful: bool
 
 def _trace(problem: Problem, fit: FrictionFit, column_map: ColumnMap) -> Trace:
     exertion = problem.exertion
-    return Trace(problem.equation.time_s, exertion, exertion - fit.residual, column_map.units.exertion)
+    return Trace(problem.equation.time_s, exertion, exertion - problem.side * fit.residual, column_map.units.exertion)

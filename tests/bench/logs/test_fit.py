@@ -44,6 +44,17 @@ def test_a_sensor_at_the_port_gives_the_gain_too(tmp_path: Path) -> None:
     near(fit_of(tmp_path, TRUE.log(), LOADED), torque_gain=TRUE.gain, **ALL)
 
 
+@pytest.mark.parametrize("text", [FREE, LOADED], ids=["free", "loaded"])
+def test_what_is_predicted_lies_nearer_to_the_truth_than_what_was_logged(tmp_path: Path, text: str) -> None:
+    noisy = replace(TRUE, noise=0.05, coulomb=1e-6)
+    trace = fit_of(tmp_path, noisy.log(), text).exertion
+    quiet = replace(noisy, noise=0.0).log()
+    true = np.interp(trace.time_s, quiet["t"], quiet["tau"] if text is LOADED else noisy.gain * quiet["u"])
+    inside = slice(20, -20)
+    off = [np.std(values[inside] - true[inside]) for values in (trace.predicted, trace.measured)]
+    assert off[0] < 0.8 * off[1]
+
+
 def test_a_sensor_and_a_gain_that_is_known(tmp_path: Path) -> None:
     near(fit_of(tmp_path, TRUE.log(), LOADED + '[actuator]\ntorque_gain = "2 N*m/A"\n'), **ALL)
 
