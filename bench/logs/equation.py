@@ -28,15 +28,14 @@ class Problem:
 
     ``known`` is the target and ``columns`` the others, at the samples' own rate. ``exertion`` (n,) is what the actuator
     exerts, where anything measures it or a known gain gives it, else what the known load asks for, else the drive:
-    errors are relative to it. ``scaled`` says whether anything fixes the scale of exertion. ``pick`` (n,) are the rows'
-    samples among all stretches joined; ``train`` and ``test`` (n,) the split.
+    errors are relative to it. ``scaled`` says whether anything fixes the scale of exertion.
+    ``train`` and ``test`` (n,) are the split.
     """
 
     equation: Equation
     known: FloatArray
     exertion: FloatArray
     scaled: bool
-    pick: IntArray
     train: BoolArray
     test: BoolArray
     columns: Mapping[str, FloatArray]
@@ -45,10 +44,40 @@ class Problem:
     stretches: tuple[Stretch, ...]
 
     @property
+    def exertion_rms(self) -> float:
+        """Over the rows trained on."""
+        return float(np.sqrt(np.mean(self.exertion[self.train] ** 2)))
+
+    @property
     def side(self) -> int:
         """1 where the exertion stands in the target as it is, −1 where it stands there turned round."""
         first = self.terms[0]
         return 1 if first.port is not None or (first.gain is None and first.load is not None) else -1
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which samples of all stretches joined become rows, and the filter that they pass on the way.
+
+    ``starts`` (stretches + 1,) are the first samples of the stretches, and the end; ``pick`` (n,) the rows' samples.
+    """
+
+    starts: IntArray
+    pick: IntArray
+    filters: Filters
+
+    @classmethod
+    def of(cls, terms: Sequence[Terms], filters: Filters) -> "Rows":
+        lengths = [len(term.sound) for term in terms]
+        starts = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+        sound = np.concatenate([_settled(term.sound, filters.margin) for term in terms])
+        places = np.concatenate([np.arange(a, b, filters.factor) for a, b in pairwise(starts)])
+        return cls(starts, places[sound[places]], filters)
+
+    def process(self, samples: FloatArray) -> FloatArray:
+        """Columns at the samples' rate, (columns, samples), as rows, (columns, n)."""
+        pieces = [self.filters.anti_alias(samples[:, a:b]) for a, b in pairwise(self.starts)]
+        return np.asarray(np.concatenate(pieces, axis=1)[:, self.pick])
 
 
 def make_problem(
@@ -62,43 +91,31 @@ def make_problem(
     """
     filters = Filters.of(parts[0].dt_s, column_map.filter.cutoff_hz, column_map.filter.rate_hz)
     terms = tuple(Terms.of(part, column_map, filters) for part in parts)
-    lengths = [len(part.time_s) for part in parts]
-    starts = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    sound = np.concatenate([_settled(term.sound, filters.margin) for term in terms])
-    offsets = [np.arange(0, length, filters.factor) for length in lengths]
-    places = np.concatenate([start + offset for start, offset in zip(starts, offsets, strict=False)])
-    pick = places[sound[places]]
-    train, test = (np.concatenate([split[side] for split in splits])[pick] for side in (0, 1))
+    rows = Rows.of(terms, filters)
+    train, test = (np.concatenate([split[side] for split in splits])[rows.pick] for side in (0, 1))
     if np.count_nonzero(train) < LEAST_ROWS:
         raise ExperimentError(
             f"{parts[0].log.place}: {np.count_nonzero(train)} rows are left to learn from, {LEAST_ROWS} are the least; "
             "use a longer log, a wider --train, or a higher [filter] rate"
         )
-
-    def process(rows: FloatArray) -> FloatArray:
-        """The filter that the target has passed too, stretch by stretch."""
-        pieces = [filters.anti_alias(rows[:, a:b]) for a, b in pairwise(starts)]
-        return np.asarray(np.concatenate(pieces, axis=1)[:, pick])
-
     scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
     columns = _others(column_map, parts, terms, scaled=scaled)
     target, exertion = _known(terms, scaled=scaled)
-    time_s = np.concatenate([part.time_s for part in parts])[pick]
+    time_s = np.concatenate([part.time_s for part in parts])[rows.pick]
     equation = Equation(
-        target=process(target[None, :])[0],
-        others=process(np.stack(list(columns.values()))),
+        target=rows.process(target[None, :])[0],
+        others=rows.process(np.array(list(columns.values())).reshape(len(columns), target.size)),
         names=tuple(columns),
-        path=_path(parts, terms, starts[:-1]),
+        path=_path(parts, terms, rows.starts[:-1]),
         fold=_folds(train),
         time_s=_running(time_s),
-        process=process,
+        process=rows.process,
     )
     return Problem(
         equation=equation,
         known=target,
-        exertion=process(exertion[None, :])[0],
+        exertion=rows.process(exertion[None, :])[0],
         scaled=scaled,
-        pick=pick,
         train=train,
         test=test,
         columns=columns,

@@ -1,7 +1,7 @@
 """Foreign logs to a fit: read, checked, put on a grid, fitted by every model of friction, and predicted."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +11,11 @@ from bench.errors import UsageError
 from bench.identification.friction.family import family_for
 from bench.identification.friction.family import model as friction_model
 from bench.identification.friction.model import FrictionModel
-from bench.identification.ladder import FrictionFit, Rung, ladder, selected
-from bench.identification.results import Trace
-from bench.identification.verdict import words
+from bench.identification.ladder import Rung, ladder, selected
 from bench.logs.column_map import ColumnMap
 from bench.logs.doubts import (
     Basic,
     ahead_of_goal,
-    astray,
     out_of_step,
     swapped,
     unexplained,
@@ -27,16 +24,13 @@ from bench.logs.doubts import (
     wrong_signs,
 )
 from bench.logs.equation import Problem, make_problem
-from bench.logs.estimates import doubted, estimates_of, loose, with_back_emf, without_scale
 from bench.logs.grid import Stretch, common_interval, stretches
 from bench.logs.log import Log, read_log
-from bench.logs.motion import motion_errors
-from bench.logs.results import ErrorFigures, Errors, LogFit, Step
+from bench.logs.outcome import Judged, outcome, refined
+from bench.logs.results import LogFit
 from bench.logs.rows import usable_rows
 from bench.logs.split import Selection, extra_files, parse_selection, train_and_test
-from bench.models.parameters import Estimate, Status
 
-FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 BEST = "best"
@@ -76,10 +70,8 @@ def fit_logs(request: Request) -> LogFit:
         return make_problem(column_map, moved, _splits(moved, train, test))
 
     doubts = _doubts(column_map, logs, problem, chosen, again)
-    if column_map.model.refine is not None:
-        return _refined(request, problem, chosen, doubts, remarks, splits)
-    motion = motion_errors(column_map, problem, chosen.fit, splits)
-    return _result(column_map, problem, rungs, chosen, doubts, remarks, motion)
+    judged = Judged(column_map, problem, tuple(splits), rungs, chosen, doubts, tuple(remarks))
+    return outcome(judged) if column_map.model.refine is None else refined(judged, _asked(request))
 
 
 def _split(request: Request) -> tuple[Selection | None, Selection | None, tuple[Path, ...]]:
@@ -137,6 +129,12 @@ def _splits(
     return [train_and_test(train, test, Path(part.log.place), part.time_s) for part in parts]
 
 
+def _asked(request: Request) -> str | None:
+    """The model that is asked for; None for the best."""
+    asked = request.model or request.column_map.model.friction
+    return None if asked == BEST else asked
+
+
 def _models(request: Request, problem: Problem) -> tuple[FrictionModel, ...]:
     """The candidates of the map, or all that the log can tell, and the one that is asked for.
 
@@ -146,15 +144,15 @@ def _models(request: Request, problem: Problem) -> tuple[FrictionModel, ...]:
         return (friction_model(FIRST_MODEL),)
     candidates = request.column_map.model.candidates
     models = tuple(map(friction_model, candidates)) or family_for(problem.equation.path)
-    asked = request.model or request.column_map.model.friction
-    if asked == BEST or asked in {member.name for member in models}:
+    asked = _asked(request)
+    if asked is None or asked in {member.name for member in models}:
         return models
     return (*models, friction_model(asked))
 
 
 def _chosen(request: Request, rungs: Sequence[Rung]) -> Rung:
-    asked = request.model or request.column_map.model.friction
-    if asked == BEST or request.column_map.model.refine is not None:
+    asked = _asked(request)
+    if asked is None or request.column_map.model.refine is not None:
         return selected(rungs)
     return next(rung for rung in rungs if rung.name == asked)
 
@@ -177,126 +175,3 @@ def _doubts(
         # What is refined on the motion is judged by it.
         found = found or [*out_of_step(problem, column_map), *unexplained(basic, left)]
     return (*found, *(swapped(logs, basic, again) if found else ()))
-
-
-def _exertion_rms(problem: Problem) -> float:
-    return float(np.sqrt(np.mean(problem.exertion[problem.train] ** 2)))
-
-
-def _result(
-    column_map: ColumnMap,
-    problem: Problem,
-    rungs: Sequence[Rung],
-    chosen: Rung,
-    doubts: tuple[str, ...],
-    remarks: Sequence[str],
-    motion: tuple[ErrorFigures | None, ErrorFigures | None],
-) -> LogFit:
-    fit, doubtful = chosen.fit, bool(doubts)
-    estimates, verdict = _estimates(column_map, problem, fit, doubtful=doubtful)
-    together = loose(fit, estimates)
-    told = {name for direction in together for name in direction.names}
-    untold = [estimate for estimate in estimates if estimate.name not in told]
-    sentences = [*doubts, *remarks, *verdict, *map(words, together), *_uncertain(untold)]
-    residual = fit.residual
-    return LogFit(
-        model=chosen.name,
-        estimates=estimates,
-        verdict=tuple(dict.fromkeys(sentences)),
-        converged=fit.converged,
-        doubtful=doubtful,
-        train=Errors(_exertion_error(problem, residual, problem.train, column_map), motion[0]),
-        test=Errors(_exertion_error(problem, residual, problem.test, column_map), motion[1]),
-        ladder=tuple(_step(column_map, problem, rung, doubtful=doubtful) for rung in rungs),
-        exertion=_trace(problem, fit, column_map),
-    )
-
-
-def _refined(
-    request: Request,
-    problem: Problem,
-    chosen: Rung,
-    doubts: tuple[str, ...],
-    remarks: Sequence[str],
-    splits: list[tuple[BoolArray, BoolArray]],
-) -> LogFit:
-    """The fit of the equation of motion, refined on the motion itself."""
-    from bench.logs.refine import refine  # noqa: PLC0415  (compiled: slow to import)
-
-    column_map, fit = request.column_map, chosen.fit
-    asked = request.model or column_map.model.friction
-    found = refine(column_map, problem, fit, splits, None if asked == BEST else asked, doubtful=bool(doubts))
-    doubts = (*doubts, *astray(found.train))
-    estimates = doubted(found.estimates) if doubts else found.estimates
-    train, test = (_exertion_error(problem, fit.residual, rows, column_map) for rows in (problem.train, problem.test))
-    return LogFit(
-        model=found.model,
-        estimates=estimates,
-        verdict=tuple(dict.fromkeys([*doubts, *remarks, *found.verdict, *_uncertain(estimates)])),
-        converged=found.converged,
-        doubtful=bool(doubts),
-        train=Errors(train, found.train),
-        test=Errors(test, found.test),
-        ladder=tuple(replace(step, estimates=doubted(step.estimates)) if doubts else step for step in found.ladder),
-        exertion=_trace(problem, fit, column_map),
-    )
-
-
-def _estimates(
-    column_map: ColumnMap, problem: Problem, fit: FrictionFit, *, doubtful: bool
-) -> tuple[tuple[Estimate, ...], list[str]]:
-    """The fit's values as a user wants them, and what is to be said of them."""
-    estimates = estimates_of(fit, column_map.units, _exertion_rms(problem), doubtful=doubtful)
-    verdict: list[str] = []
-    log = problem.stretches[0].log
-    if column_map.actuator.voltage_driven:
-        gain = log.given("actuator", "torque_gain")
-        estimates, said = with_back_emf(estimates, log.given("actuator", "resistance"), gain)
-        verdict.append(said)
-    if not problem.scaled:
-        estimates, said = without_scale(estimates, column_map.units)
-        verdict.append(said)
-    elif log.given("actuator", "torque_gain") is not None and "exertion" not in log.columns:
-        verdict.append("No torque was measured: the scale of every exertion is that of the torque gain given.")
-    if not fit.converged:
-        verdict.append("The fit did not converge: treat every number as provisional, and use a longer log.")
-    return estimates, verdict
-
-
-def _uncertain(estimates: Sequence[Estimate]) -> list[str]:
-    sentences = []
-    for status, what in (
-        (Status.UNEXCITED, "The data hardly excite {}: {} uncertain by more than half of the value."),
-        (Status.AT_BOUND, "At the edge of what was searched: {}; {} no estimate."),
-    ):
-        names = [estimate.name.replace("_", " ") for estimate in estimates if estimate.status is status]
-        if names:
-            sentences.append(what.format(", ".join(names), "it is" if len(names) == 1 else "they are"))
-    return sentences
-
-
-def _exertion_error(
-    problem: Problem, residual: FloatArray, rows: BoolArray, column_map: ColumnMap
-) -> ErrorFigures | None:
-    if not problem.scaled or not rows.any():
-        return None
-    scale = float(np.sqrt(np.mean(problem.exertion[rows] ** 2)))
-    return ErrorFigures.of(residual[rows], scale, column_map.units.exertion)
-
-
-def _step(column_map: ColumnMap, problem: Problem, rung: Rung, *, doubtful: bool) -> Step:
-    scale = _exertion_rms(problem)
-    estimates, _ = _estimates(column_map, problem, rung.fit, doubtful=doubtful)
-    return Step(
-        rung.name,
-        rung.train_rms / scale,
-        rung.held_out_rms / scale,
-        rung.held_out_std / scale,
-        rung.selected,
-        estimates,
-    )
-
-
-def _trace(problem: Problem, fit: FrictionFit, column_map: ColumnMap) -> Trace:
-    exertion = problem.exertion
-    return Trace(problem.equation.time_s, exertion, exertion - problem.side * fit.residual, column_map.units.exertion)

@@ -1,6 +1,6 @@
 """The motion that a fit predicts from the goal or the command alone, beside the one that was logged."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,7 +35,7 @@ def can_be_simulated(column_map: ColumnMap, problem: Problem, model: FrictionMod
 
 
 def motion_errors(
-    column_map: ColumnMap, problem: Problem, fit: FrictionFit, splits: list[tuple[BoolArray, BoolArray]]
+    column_map: ColumnMap, problem: Problem, fit: FrictionFit, splits: Sequence[tuple[BoolArray, BoolArray]]
 ) -> tuple[ErrorFigures | None, ErrorFigures | None]:
     """Of the position in training and in test; None where nothing can be simulated.
 
