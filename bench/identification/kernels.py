@@ -42,9 +42,9 @@ class Kernel:
     def taps(self, offsets: FloatArray, derivative: int, *, of_means: bool = False, exact_to: int = 0) -> FloatArray:
         """Weights at ``offsets`` (samples, equally spaced) that give a signal's ``derivative`` at offset 0.
 
-        Exact on polynomials up to the derivative's order, or up to ``exact_to``: constants, ramps and parabolas come out
-        as they should, however large a position has grown. ``of_means`` is for values that are means over cells around the offsets,
-        as kinks and jumps need it: what the mean takes off high frequencies is given back.
+        Exact on polynomials up to the derivative's order, or up to ``exact_to``: constants, ramps and parabolas come
+        out as they should, however large a position has grown. ``of_means`` is for values that are means over cells
+        around the offsets, as kinks and jumps need it: what the mean takes off high frequencies is given back.
         """
         inside = np.abs(offsets) <= self.half_width
         at = np.clip(-offsets, -self.half_width, self.half_width)
