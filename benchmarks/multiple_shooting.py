@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from bench.identification.fit import PHYSICAL
 from bench.identification.results import FitResult
-from bench.identification.signals import Signals
+from bench.identification.signals import FINE, Signals
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -69,8 +69,8 @@ def aligned(signals: Signals, found: FitResult) -> Record:
     held = np.searchsorted(signals.sent_s + found.command_delay_s, finest_s, "right") - 1
     command = signals.command[np.maximum(held, 0)].reshape(count, FINEST).mean(axis=1)
     middles_s = signals.time_s[0] + (np.arange(count) + 0.5) * step_s
-    fine_s = signals.fine_time_s
-    velocity = np.gradient(signals.position_rad, fine_s[1] - fine_s[0])
+    fine_s = signals.time_s[0] + np.arange(signals.position_rad.size) * (signals.tick_s / FINE)
+    velocity = np.gradient(signals.position_rad, signals.tick_s / FINE)
     return Record(
         signals.tick_s,
         command,
