@@ -6,8 +6,9 @@ E is what is left of the friction's unknown state at the end of each rest; it fa
 looks like it is taken off every term. The same low-pass stands before every term, so it cancels.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -48,8 +49,21 @@ class Shape:
         return cls(float(np.exp(array[0])), float(np.exp(array[1])), float(array[2]), float(array[3]))
 
 
+MOST_RECENT = 4
+
 # Only its delays matter, and they are nil.
 STILL = Shape(1.0, 1.0, 0.0, 0.0)
+
+
+class _Recent(dict[tuple[str, float], FloatArray]):
+    """The few paths worked out last: differences that stand for derivatives ask for each again and again."""
+
+    def once(self, key: tuple[str, float], make: Callable[[], FloatArray]) -> FloatArray:
+        if key not in self:
+            while len(self) >= MOST_RECENT:
+                del self[next(iter(self))]
+            self[key] = make()
+        return self[key]
 
 
 @dataclass(frozen=True)
@@ -59,6 +73,7 @@ class Rows:
     signals: Signals
     kernel: Kernel
     stride: int = 1
+    _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
 
     @property
     def usable(self) -> npt.NDArray[np.bool_]:
@@ -86,14 +101,13 @@ class Rows:
 
     def lag(self, shape: Shape) -> FloatArray:
         """The amplifier's lag of the command, per unit of gain: shape (2, count), with its rate."""
-        signals = self.signals
-        lag = loops.mean_lag_of_held(
-            signals.sent_s,
-            signals.command,
-            shape.bandwidth_rad_s,
-            signals.time_s[0],
-            signals.tick_s / FINE,
-            signals.position_rad.size,
+        signals, bandwidth = self.signals, shape.bandwidth_rad_s
+        fine_s, count = signals.tick_s / FINE, signals.position_rad.size
+        lag = self._recent.once(
+            ("lag", bandwidth),
+            lambda: loops.mean_lag_of_held(
+                signals.sent_s, signals.command, bandwidth, signals.time_s[0], fine_s, count
+            ),
         )
         return self._of_fine(lag, (0, 1), -shape.command_delay_s, of_means=True)
 
@@ -107,7 +121,10 @@ class Rows:
 
     def friction(self, shape: Shape) -> FloatArray:
         """h, ḣ/s and E, shape (3, count)."""
-        path = loops.friction_path(self.signals.path_rad, shape.s_per_rad, self.signals.rests * FINE)
+        signals, s = self.signals, shape.s_per_rad
+        path = self._recent.once(
+            ("friction", s), lambda: loops.friction_path(signals.path_rad, s, signals.rests * FINE)
+        )
         sliding = self._of_fine(path[0], (0, 1), shape.motion_delay_s, of_means=True)
         left = self._of_fine(path[1], (0,), shape.motion_delay_s, of_means=True)
         return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
@@ -143,10 +160,19 @@ class Rows:
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False
     ) -> FloatArray:
         tick_s = self.signals.tick_s
-        reach = int(np.ceil(self.kernel.half_width + abs(shift_s) / tick_s)) * FINE
-        offsets = np.arange(-reach, reach + 1) / FINE - shift_s / tick_s
-        taps = np.stack([self.kernel.taps(offsets, order, of_means=of_means) / tick_s**order for order in derivatives])
+        taps = _fine_taps(self.kernel, derivatives, shift_s, tick_s, of_means)
+        reach = taps.shape[1] // 2
         return np.asarray(loops.filter_at(values, taps, -reach, self.stride * FINE, self.count))
+
+
+@lru_cache(maxsize=64)  # every stretch asks for the same, and one step of the search for several of the last's
+def _fine_taps(
+    kernel: Kernel, derivatives: tuple[int, ...], shift_s: float, tick_s: float, of_means: bool
+) -> FloatArray:
+    """Shape (derivatives, taps), of a signal at every FINE-th of a tick; not to be written to."""
+    reach = int(np.ceil(kernel.half_width + abs(shift_s) / tick_s)) * FINE
+    offsets = np.arange(-reach, reach + 1) / FINE - shift_s / tick_s
+    return np.stack([kernel.taps(offsets, order, of_means=of_means) / tick_s**order for order in derivatives])
 
 
 @dataclass(frozen=True)
