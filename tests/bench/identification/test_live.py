@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from bench.identification.live import LiveIdentifier
 from bench.identification.live_bank import BANDWIDTH_NODES, lagrange
+from bench.identification.live_streams import LiveStreams
 from bench.models.parameters import Status
 from bench.segments import Use
 from tests.bench.identification import synthetic
@@ -42,6 +43,18 @@ def test_a_network_comes_only_with_imposed_motion(experiment, history):
 def test_validation_segments_are_not_learned_from(experiment):
     unseen = tuple(replace(segment, use=Use.VALIDATE) for segment in experiment.segments)
     assert feed(LiveIdentifier("N*m", TICK_S), replace(experiment, segments=unseen))[-1].samples == 0
+
+
+def test_a_constant_speed_is_not_taken_for_the_encoders_step():
+    streams = LiveStreams(TICK_S)
+    measured = exciting_then("one speed", EXCITED_S, 4.0)
+    start, end = int(measured.ticks["tick_ns"][0]), int(measured.ticks["tick_ns"][-1])
+    backwards = [measured.between(at, at + PART_NS) for at in range(end - 3 * 10**9, end, PART_NS)]
+    for part in backwards:
+        streams.add(part)
+    for at_ns in range(start, end, PART_NS):
+        streams.add(measured.between(at_ns, at_ns + PART_NS))
+    assert streams.resolution == pytest.approx(2 * np.pi / 131072, rel=1e-3)
 
 
 def test_parts_without_torque_are_survived(without_torque):
