@@ -92,7 +92,7 @@ class Fitted:
 
 def fit_by_shooting(record: Record, start: dict[str, float]) -> Fitted:
     """Fit all seven parameters and the torque sensor's zero, from ``start``."""
-    begun_s = time.perf_counter()
+    begun_s = time.process_time()
     scale = np.array([start[name] for name in PHYSICAL] + [0.1 * start["coulomb_torque"]])
     parameters = ca.MX.sym("parameters", len(scale))
     first = _start(record, start)
@@ -127,7 +127,7 @@ def fit_by_shooting(record: Record, start: dict[str, float]) -> Fitted:
             "print_time": False,
         },
     )  # fmt: skip
-    solve_from_s = time.perf_counter()
+    solve_from_s = time.process_time()
     box = np.full(len(first), np.inf)
     box[: len(PHYSICAL)] = np.log(WITHIN)
     iterations = 0
@@ -135,7 +135,7 @@ def fit_by_shooting(record: Record, start: dict[str, float]) -> Fitted:
         found = solver(x0=first, lbx=-box, ubx=box, lbg=0, ubg=0, p=each)
         first, stats = found["x"], solver.stats()
         iterations += int(stats["iter_count"])
-    ended_s = time.perf_counter()
+    ended_s = time.process_time()
     values = np.array(found["x"]).ravel()[: len(scale)]
     physical = scale * np.concatenate([np.exp(values[:-1]), values[-1:]])
     return Fitted(
