@@ -99,8 +99,8 @@ class Rows:
         taps = self.kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)[None, :]
         return np.stack([loops.filter_at(row, taps, -reach, self.stride, self.count)[0] for row in values])
 
-    def lag(self, shape: Shape) -> FloatArray:
-        """The amplifier's lag of the command, per unit of gain: shape (2, count), with its rate."""
+    def lag(self, shape: Shape, derivative: int = 0) -> FloatArray:
+        """The amplifier's lag of the command, per unit of gain, or its rate: shape (count,)."""
         signals, bandwidth = self.signals, shape.bandwidth_rad_s
         fine_s, count = signals.tick_s / FINE, signals.position_rad.size
         lag = self._recent.once(
@@ -109,7 +109,7 @@ class Rows:
                 signals.sent_s, signals.command, bandwidth, signals.time_s[0], fine_s, count
             ),
         )
-        return self._of_fine(lag, (0, 1), -shape.command_delay_s, of_means=True)
+        return np.asarray(self._of_fine(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
 
     def kinematics(self, shape: Shape) -> FloatArray:
         """ω and ω̇, shape (2, count)."""
@@ -154,7 +154,7 @@ class Rows:
         """The five physical columns in the order of LINEAR, then E: shape (6, count)."""
         velocity, acceleration = self.kinematics(shape)
         h, rate, left = self.friction(shape)
-        return np.stack([self.lag(shape)[0], -acceleration, -velocity, -h, -rate, -left])
+        return np.stack([self.lag(shape), -acceleration, -velocity, -h, -rate, -left])
 
     def _of_fine(
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False
@@ -292,8 +292,8 @@ class Regression:
         at = self._on_own_time(shape)
         other_lag = replace(at, bandwidth_rad_s=at.bandwidth_rad_s * np.exp(SMALL))
         other_s = replace(at, s_per_rad=at.s_per_rad * np.exp(SMALL))
-        lag_rate = self.chosen([rows.lag(at)[1] for rows in self.rows])
-        lag = self.chosen([rows.lag(other_lag)[0] for rows in self.rows])
+        lag_rate = self.chosen([rows.lag(at, 1) for rows in self.rows])
+        lag = self.chosen([rows.lag(other_lag) for rows in self.rows])
         friction = -self.chosen([rows.friction(other_s)[:2] for rows in self.rows]) - columns[[COULOMB, DAMPING]]
         return np.stack(
             [
