@@ -29,6 +29,8 @@ BLOCK_S = 0.5
 # Of white noise in the band, one sample in this many is independent.
 CORRELATED = 3.0
 LEAST_BLOCKS = 4
+# So long is everything sought in all data so far: as long as drift cannot matter, nothing beats that.
+LEAST_SEARCH_BLOCKS = 40
 # When there are so many, neighbours are put together: a long search needs no more memory or time than a short one.
 MOST_BLOCKS = 64
 SCAN_EVERY_BLOCKS = 4
@@ -221,7 +223,7 @@ class _Searching:
 
     def _handed_over(self) -> "_Searching | _Tracking":
         values = self.values()
-        if values is None or self.best is None or not values[3]:
+        if values is None or self.best is None or not values[3] or self.digested < LEAST_SEARCH_BLOCKS:
             return self
         shape, linear, deviation, _ = values
         scale = np.concatenate([[1.0, 1.0, DELAY_UNIT_S, DELAY_UNIT_S], np.abs(linear)])
