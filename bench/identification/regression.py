@@ -76,6 +76,14 @@ class Rows:
     _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
 
     @property
+    def fine(self) -> int:
+        """How many times a tick motion and lag are worked out: where not every tick counts, once will do."""
+        return FINE if self.stride == 1 else 1
+
+    def _grid(self, motion: FloatArray) -> FloatArray:
+        return motion if self.fine == FINE else np.ascontiguousarray(motion[::FINE])
+
+    @property
     def usable(self) -> npt.NDArray[np.bool_]:
         return self.signals.usable[:: self.stride]
 
@@ -102,7 +110,7 @@ class Rows:
     def lag(self, shape: Shape, derivative: int = 0) -> FloatArray:
         """The amplifier's lag of the command, per unit of gain, or its rate: shape (count,)."""
         signals, bandwidth = self.signals, shape.bandwidth_rad_s
-        fine_s, count = signals.tick_s / FINE, signals.position_rad.size
+        fine_s, count = signals.tick_s / self.fine, signals.time_s.size * self.fine
         lag = self._recent.once(
             ("lag", bandwidth),
             lambda: loops.mean_lag_of_held(
@@ -113,17 +121,17 @@ class Rows:
 
     def kinematics(self, shape: Shape) -> FloatArray:
         """ω and ω̇, shape (2, count)."""
-        return self._of_fine(self.signals.position_rad, (1, 2), shape.motion_delay_s)
+        return self._of_fine(self._grid(self.signals.position_rad), (1, 2), shape.motion_delay_s)
 
     def position(self, shape: Shape) -> FloatArray:
         """θ and ω, shape (2, count)."""
-        return self._of_fine(self.signals.position_rad, (0, 1), shape.motion_delay_s)
+        return self._of_fine(self._grid(self.signals.position_rad), (0, 1), shape.motion_delay_s)
 
     def friction(self, shape: Shape) -> FloatArray:
         """h, ḣ/s and E, shape (3, count)."""
         signals, s = self.signals, shape.s_per_rad
         path = self._recent.once(
-            ("friction", s), lambda: loops.friction_path(signals.path_rad, s, signals.rests * FINE)
+            ("friction", s), lambda: loops.friction_path(self._grid(signals.path_rad), s, signals.rests * self.fine)
         )
         sliding = self._of_fine(path[0], (0, 1), shape.motion_delay_s, of_means=True)
         left = self._of_fine(path[1], (0,), shape.motion_delay_s, of_means=True)
@@ -131,7 +139,7 @@ class Rows:
 
     def cogging(self, shape: Shape, periods: float) -> FloatArray:
         """Cosine and sine of so many periods a turn, shape (2, count)."""
-        angle = periods * self.signals.position_rad
+        angle = periods * self._grid(self.signals.position_rad)
         return np.concatenate([self._of_fine(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)])
 
     def memory(self) -> npt.NDArray[np.int64]:
@@ -160,18 +168,18 @@ class Rows:
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False
     ) -> FloatArray:
         tick_s = self.signals.tick_s
-        taps = _fine_taps(self.kernel, derivatives, shift_s, tick_s, of_means)
+        taps = _fine_taps(self.kernel, derivatives, shift_s, tick_s, self.fine, of_means)
         reach = taps.shape[1] // 2
-        return np.asarray(loops.filter_at(values, taps, -reach, self.stride * FINE, self.count))
+        return np.asarray(loops.filter_at(values, taps, -reach, self.stride * self.fine, self.count))
 
 
 @lru_cache(maxsize=64)  # every stretch asks for the same, and one step of the search for several of the last's
 def _fine_taps(
-    kernel: Kernel, derivatives: tuple[int, ...], shift_s: float, tick_s: float, of_means: bool
+    kernel: Kernel, derivatives: tuple[int, ...], shift_s: float, tick_s: float, fine: int, of_means: bool
 ) -> FloatArray:
-    """Shape (derivatives, taps), of a signal at every FINE-th of a tick; not to be written to."""
-    reach = int(np.ceil(kernel.half_width + abs(shift_s) / tick_s)) * FINE
-    offsets = np.arange(-reach, reach + 1) / FINE - shift_s / tick_s
+    """Shape (derivatives, taps), of a signal known ``fine`` times a tick; not to be written to."""
+    reach = int(np.ceil(kernel.half_width + abs(shift_s) / tick_s)) * fine
+    offsets = np.arange(-reach, reach + 1) / fine - shift_s / tick_s
     return np.stack([kernel.taps(offsets, order, of_means=of_means) / tick_s**order for order in derivatives])
 
 
