@@ -134,8 +134,6 @@ def _columns(stretch: Aligned, yield_rad: FloatArray) -> FloatArray:
     path = stretch.signals.path_rad
     abrupt = loops.stop_bank(path, yield_rad)
     gradual = loops.friction_bank(path, path[0], 1 / yield_rad, np.zeros(yield_rad.size))
-    shares = [
-        stretch.rows.of_fine_signal(share, (0, 1), stretch.motion_delay_s) for share in (*abrupt, *gradual)
-    ]
+    shares = [stretch.rows.of_fine_signal(share, (0, 1), stretch.motion_delay_s) for share in (*abrupt, *gradual)]
     elements = np.stack(shares, axis=1).reshape(-1, count)
     return np.concatenate([delayed, -stretch.acceleration_rad_s2[None], -stretch.velocity_rad_s[None], -elements])

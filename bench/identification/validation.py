@@ -1,5 +1,7 @@
 """How well a network predicts what no fit has seen: the torque under a measured motion, and the free motion itself."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -25,9 +27,15 @@ def validate(result: FitResult, measured: Measured, *, tick_s: float, use: Use =
 
     Raises ExperimentError where there is nothing to validate on.
     """
-    stretches = signals(measured, tick_s, use)
+    return validate_signals(result, signals(measured, tick_s, use), measured.segments)
+
+
+def validate_signals(
+    result: FitResult, stretches: tuple[Signals, ...], segments: Sequence[SegmentInfo], *, use: Use = Use.VALIDATE
+) -> Validation:
+    """The same, from signals that stand on one grid already."""
     torque, torque_rms, torque_relative = _torque(result, stretches)
-    free = [segment for segment in measured.segments if segment.use is use and is_free(segment)]
+    free = [segment for segment in segments if segment.use is use and is_free(segment)]
     velocity, velocity_rms, velocity_relative = _free_motion(result, stretches, free)
     if np.isnan(torque_rms) and np.isnan(velocity_rms):
         raise ExperimentError("nothing to validate on: neither torque under motion nor free motion was recorded")

@@ -3,7 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from bench.identification.residuals import ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
+from bench.identification.without_model import WithoutModel
 from bench.models.network import NortonNetwork
 from bench.recording.contents import RecordedEstimates
 from bench.records import Measured
@@ -23,6 +25,8 @@ class ReportData:
     validation: Validation | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
+    without_model: WithoutModel | None = None
+    residuals: ResidualTests | None = None
     live: Sequence[LiveEstimate | RecordedEstimates] = ()
     measured: Measured | None = None
     notes: Sequence[str] = ()

@@ -1,0 +1,73 @@
+"""What the residual remembers and follows, in pictures."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bench.identification.residuals import Dependence, Memory, ResidualTests
+from bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
+from bench.report.words import in_prefixed_unit
+
+
+def residual_tests_figure(tests: ResidualTests) -> Figure:
+    """Memory and position above; below, the correlation with each input, each with the band of chance."""
+    picture = figure(4.6)
+    grid = picture.add_gridspec(2, 12, height_ratios=(1.15, 1.0))
+    memory_panel(picture.add_subplot(grid[0, :6]), tests.memory)
+    _position(picture.add_subplot(grid[0, 6:]), tests)
+    width = 12 // max(1, len(tests.dependences))
+    reach = 1.25 * max(
+        (float(np.max(np.maximum(np.abs(each.correlation), each.band))) for each in tests.dependences), default=1.0
+    )
+    for place, each in enumerate(tests.dependences):
+        axes = picture.add_subplot(grid[1, place * width : (place + 1) * width])
+        _dependence(axes, each, reach)
+        if place:
+            axes.tick_params(labelleft=False)
+        else:
+            axes.set_ylabel("correlation")
+    return picture
+
+
+def memory_panel(axes: Axes, memory: Memory) -> None:
+    """Autocorrelation within the band, and where a white residual stays 95 times in 100."""
+    lags_ms = 1e3 * memory.lags_s
+    axes.fill_between(lags_ms, -memory.band, memory.band, color=ACCENT, alpha=0.25, linewidth=0, label="white, 95 %")
+    axes.vlines(lags_ms, 0.0, memory.correlation, color=MEASURED, linewidth=1.4)
+    axes.plot(lags_ms, memory.correlation, color=MEASURED, linestyle="none", marker="o", markersize=2.5)
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    reach = 1.5 * max(float(np.max(np.abs(memory.correlation))), float(np.max(memory.band)))
+    axes.set_ylim(-reach, reach)
+    axes.set_title("What it remembers of itself")
+    axes.set_xlabel("later by [ms]")
+    axes.set_ylabel("autocorrelation")
+    axes.legend(labelcolor=INK, loc="upper right")
+
+
+def _position(axes: Axes, tests: ResidualTests) -> None:
+    factor, unit = in_prefixed_unit(float(np.nanmax(tests.spectrum_nm, initial=0.0)), "N*m")
+    periods = np.arange(1, tests.spectrum_nm.size + 1)
+    axes.plot(periods, factor * tests.spectrum_nm, color=MEASURED, linewidth=0.9)
+    for each in tests.harmonics:
+        axes.annotate(
+            str(each.periods_per_turn),
+            (each.periods_per_turn, factor * tests.spectrum_nm[each.periods_per_turn - 1]),
+            (5, -3),
+            textcoords="offset points",
+            color=PREDICTED,
+            fontsize=8.5,
+        )
+    axes.set_ylim(bottom=0.0)
+    axes.set_title("What follows the shaft's position")
+    axes.set_xlabel("periods a turn")
+    axes.set_ylabel(f"amplitude [{unit}]")
+
+
+def _dependence(axes: Axes, dependence: Dependence, reach: float) -> None:
+    lags_ms = 1e3 * dependence.lags_s
+    axes.fill_between(lags_ms, -dependence.band, dependence.band, color=ACCENT, alpha=0.25, linewidth=0)
+    axes.plot(lags_ms, dependence.correlation, color=MEASURED, marker="o", markersize=2.5, linewidth=0.8)
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    axes.set_ylim(-reach, reach)
+    axes.set_title(f"{dependence.name.capitalize()}")
+    axes.set_xlabel("earlier by [ms]")
