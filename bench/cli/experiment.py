@@ -89,11 +89,13 @@ def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:
 
 
 def _show(result: "SessionResult", output: Output) -> int:
+    from bench.cli.model_free import model_free, residual_figures  # noqa: PLC0415
     from bench.cli.results import identification, summary  # noqa: PLC0415
 
     found = result.conclusion
     about = (found.fit, found.validation, result.recording, found.network, found.report)
-    output.result(identification(*about), summary(*about))
+    about_model_free = model_free(found.source_map, found.without_model), residual_figures(found.residuals)
+    output.result(identification(*about, *about_model_free), summary(*about))
     if found.fit is not None and not found.fit.converged:
         output.say("the fit did not converge: these parameters are no result; see the report for what was not excited")
         return ExitCode.EXPERIMENT_FAILED

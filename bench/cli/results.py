@@ -1,6 +1,6 @@
 """The result of an identification, for programs and for people."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import floor, isfinite, log10
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,20 @@ from bench.models.parameters import BY_NAME, Estimate
 
 
 def identification(
-    fit: FitResult | None, validation: Validation | None, recording: Path, network: Path | None, report: Path | None
+    fit: FitResult | None,
+    validation: Validation | None,
+    recording: Path,
+    network: Path | None,
+    report: Path | None,
+    without_model: Mapping[str, Any] | None = None,
+    residuals: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """What ``--json`` prints."""
+    """What ``--json`` prints; the last two as ``bench.cli.model_free`` makes them."""
     return {
         "parameters": {estimate.name: parameter(estimate) for estimate in (fit.estimates if fit else ())},
         "validation": None if validation is None else validation_figures(validation),
+        "without_model": without_model,
+        "residuals": residuals,
         "verdict": list(fit.verdict) if fit else [],
         "converged": bool(fit and fit.converged),
         "recording": recording,

@@ -63,7 +63,7 @@ def monotone(command: FloatArray, velocity: FloatArray) -> PchipInterpolator:
 
 
 def dead_zone(command: FloatArray, velocity: FloatArray, draws: FloatArray) -> DeadZone | None:
-    """Of one branch; ``draws`` (resamples, levels) gives the intervals. None where no level is beyond rest on each side.
+    """Of one branch; ``draws`` (resamples, levels) gives the intervals. None where a side never leaves rest.
 
     Each edge is where the line through the two slowest moving levels meets zero, never outside the gap between the
     last resting level and the first moving one; with one moving level alone, the gap itself is all that is known.
@@ -120,7 +120,7 @@ def _edge(levels: FloatArray, values: FloatArray, moving: npt.NDArray[np.intp], 
     first, second = values[:, moving[0]], values[:, moving[1]]
     with np.errstate(divide="ignore", invalid="ignore"):
         edge = near - first * (levels[moving[1]] - near) / (second - first)
-    return np.clip(np.nan_to_num(edge, nan=end), min(near, end), max(near, end))
+    return np.asarray(np.clip(np.nan_to_num(edge, nan=end), min(near, end), max(near, end)))
 
 
 def _interval(draws: FloatArray) -> Interval:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import t as t_distribution
 
 from bench.identification.aligned import Aligned, usable_of
 from bench.records import SegmentInfo
@@ -40,6 +41,11 @@ class ImpedanceTable:
     torque_nm: FloatArray
     torque_std_nm: FloatArray
     seconds: FloatArray
+
+    @property
+    def half_width_nm(self) -> FloatArray:
+        """Half of each cell's 95 % interval (Student's, of so few parts)."""
+        return np.asarray(t_distribution.ppf(0.975, PARTS - 1) * self.torque_std_nm)
 
     @property
     def empty(self) -> int:

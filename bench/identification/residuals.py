@@ -180,12 +180,12 @@ def memory(whitened: FloatArray, step_s: float) -> Memory:
     centred = np.where(known, whitened - np.mean(whitened[known]), 0.0)
     power = centred**2
     total = float(np.sum(power))
-    lags = np.arange(1, MEMORY_LAGS + 1)
+    lags = range(1, MEMORY_LAGS + 1)
     products = np.array([centred[lag:] @ centred[:-lag] for lag in lags])
     variance = np.array([power[lag:] @ power[:-lag] for lag in lags])
     statistic = float(np.sum(products**2 / np.maximum(variance, 1e-300)))
     return Memory(
-        lags * step_s,
+        np.array(lags) * step_s,
         products / max(total, 1e-300),
         1.96 * np.sqrt(variance) / max(total, 1e-300),
         statistic,
@@ -212,7 +212,7 @@ def dependence(whitened: FloatArray, values: FloatArray, step_s: float, name: st
         return None
     x /= size[:, None]
     blocks = int(block[-1]) + 1
-    scores = np.stack([np.bincount(block, row * e, blocks) for row in x])
+    scores = np.array([np.bincount(block, row * e, blocks) for row in x], dtype=np.float64)
     p_value = _hotelling(scores)
     gram = x @ x.T + 1e-9 * x.shape[1] * np.eye(lags.size)
     response = np.linalg.solve(gram, x @ e) @ x
@@ -248,7 +248,7 @@ def position_harmonics(signals: Sequence1D, tick_s: float) -> tuple[FloatArray, 
         slow = cycles * periods < HIGHEST_CYCLES
         angle = periods * position[slow]
         pair = np.stack([np.cos(angle), np.sin(angle)])
-        scores = np.stack([np.bincount(block[slow], wave * left[slow]) for wave in pair])
+        scores = np.array([np.bincount(block[slow], wave * left[slow]) for wave in pair], dtype=np.float64)
         used = np.bincount(block[slow], minlength=scores.shape[1]) > 0
         p_value = min(1.0, MOST_PERIODS * _hotelling(scores[:, used]))
         if not p_value < SIGNIFICANCE:

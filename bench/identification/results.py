@@ -83,14 +83,15 @@ class SourceMap:
         """Steady free velocity [rad/s] on one branch, of the shape of ``command``: monotonic between the levels, NaN
         outside them. Raises ExperimentError where that branch was not measured."""
         levels, values, _ = self.branch(rising)
-        return np.asarray(self._curve(levels, values, rising)(command))
+        return np.asarray(self._curve(levels, values, rising)(np.asarray(command, dtype=float)))
 
     def band(self, command: npt.ArrayLike, rising: bool) -> FloatArray:
         """The 95 % band of :meth:`velocity`, shape (2, ...): lower and upper; NaN where nothing was resampled."""
         levels, _, draws = self.branch(rising)
         if not len(draws):
             return np.full((2, *np.shape(command)), np.nan)
-        drawn = [self._curve(levels, draw, rising)(command) for draw in draws]
+        at = np.asarray(command, dtype=float)
+        drawn = [self._curve(levels, draw, rising)(at) for draw in draws]
         return np.asarray(np.quantile(drawn, branches.TAILS, axis=0))
 
     def dead_zone(self, rising: bool) -> branches.DeadZone | None:

@@ -36,9 +36,9 @@ RIDGE = 1e-8
 class StopOperator:
     """Weights of the operator.
 
-    ``strength_nm`` (2, elements) is what each element holds once it has yielded, abrupt ones first, gradual ones second;
-    ``damping_nms`` (2, elements) is torque per rate of its share. ``response`` (ticks,) is torque per command, tick by
-    tick from ``LEAD_TICKS`` before it was sent.
+    ``strength_nm`` (2, elements) is what each element holds once it has yielded, the abrupt ones before the gradual
+    ones; ``damping_nms`` (2, elements) is torque per rate of its share. ``response`` (ticks,) is torque per command,
+    tick by tick from ``LEAD_TICKS`` before it was sent.
     """
 
     yield_rad: FloatArray
@@ -106,7 +106,7 @@ class Normal:
 
 
 def fit_operator(normal: Normal, *, gradual: bool = True) -> StopOperator:
-    """The operator nearest to the torque; the columns of ``normal`` are the operator's, then any that are no part of it.
+    """The operator nearest to the torque; columns of ``normal`` beyond the operator's own are no part of it.
 
     Without ``gradual`` elements it is the classical Prandtl-Ishlinskii operator, of ideal stops alone.
     """

@@ -11,7 +11,7 @@ from bench.identification.results import FitResult, LiveEstimate, Trace
 from bench.models.parameters import BY_NAME, PARAMETERS, Estimate, Status
 from bench.recording.contents import RecordedEstimates
 from bench.report.decimate import envelope
-from bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
+from bench.report.svg import ACCENT, INK, MEASURED, PREDICTED, figure
 from bench.report.words import in_prefixed_unit, power, pretty_unit, scale_of
 
 FloatArray = npt.NDArray[np.float64]

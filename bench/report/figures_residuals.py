@@ -11,25 +11,24 @@ from bench.report.words import in_prefixed_unit
 
 def residual_tests_figure(tests: ResidualTests) -> Figure:
     """Memory and position above; below, the correlation with each input, each with the band of chance."""
-    picture = figure(4.6)
-    grid = picture.add_gridspec(2, 12, height_ratios=(1.15, 1.0))
-    memory_panel(picture.add_subplot(grid[0, :6]), tests.memory)
-    _position(picture.add_subplot(grid[0, 6:]), tests)
-    width = 12 // max(1, len(tests.dependences))
-    reach = 1.25 * max(
-        (float(np.max(np.maximum(np.abs(each.correlation), each.band))) for each in tests.dependences), default=1.0
-    )
-    for place, each in enumerate(tests.dependences):
-        axes = picture.add_subplot(grid[1, place * width : (place + 1) * width])
-        _dependence(axes, each, reach)
-        if place:
-            axes.tick_params(labelleft=False)
-        else:
-            axes.set_ylabel("correlation")
+    picture = figure(4.6 if tests.dependences else 2.5)
+    parts = picture.subfigures(
+        1 + bool(tests.dependences), 1, squeeze=False, height_ratios=(1.15, 1)[-1 - bool(tests.dependences) :]
+    )[:, 0]
+    for part in parts:
+        part.patch.set_visible(False)
+    above = parts[0].subplots(1, 2)
+    _memory(above[0], tests.memory)
+    _position(above[1], tests)
+    if tests.dependences:
+        below = parts[1].subplots(1, len(tests.dependences), squeeze=False, sharey=True)[0]
+        for axes, each in zip(below, tests.dependences, strict=True):
+            _dependence(axes, each)
+        below[0].set_ylabel("correlation")
     return picture
 
 
-def memory_panel(axes: Axes, memory: Memory) -> None:
+def _memory(axes: Axes, memory: Memory) -> None:
     """Autocorrelation within the band, and where a white residual stays 95 times in 100."""
     lags_ms = 1e3 * memory.lags_s
     axes.fill_between(lags_ms, -memory.band, memory.band, color=ACCENT, alpha=0.25, linewidth=0, label="white, 95 %")
@@ -63,11 +62,10 @@ def _position(axes: Axes, tests: ResidualTests) -> None:
     axes.set_ylabel(f"amplitude [{unit}]")
 
 
-def _dependence(axes: Axes, dependence: Dependence, reach: float) -> None:
+def _dependence(axes: Axes, dependence: Dependence) -> None:
     lags_ms = 1e3 * dependence.lags_s
     axes.fill_between(lags_ms, -dependence.band, dependence.band, color=ACCENT, alpha=0.25, linewidth=0)
     axes.plot(lags_ms, dependence.correlation, color=MEASURED, marker="o", markersize=2.5, linewidth=0.8)
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    axes.set_ylim(-reach, reach)
-    axes.set_title(f"{dependence.name.capitalize()}")
+    axes.set_title(dependence.name.capitalize())
     axes.set_xlabel("earlier by [ms]")

@@ -17,50 +17,32 @@ from bench.report.words import number, pretty_unit
 FloatArray = npt.NDArray[np.float64]
 
 _MARKERS = ("o", "s", "^", "v", "D")
+# Of the widest span of velocities, between the bars of neighbouring commands.
+_APART = 0.015
 
 
 def impedance_table_figure(table: ImpedanceTable, network: NortonNetwork, command_unit: str) -> Figure:
-    """Torque against steady velocity, one line a command; beside it, what the identified network leaves of each cell."""
+    """Torque against steady velocity, one line a command; beside it, what the network leaves of each cell."""
     picture = figure(3.6)
     curves, left = picture.subplots(1, 2, width_ratios=(1.35, 1))
-    unit = pretty_unit(command_unit) or "N·m"
     for row, command in enumerate(table.command):
-        marker = _MARKERS[row % len(_MARKERS)]
-        known = np.isfinite(table.torque_nm[row])
-        for side in (table.velocity_rad_s > 0, table.velocity_rad_s < 0):
-            chosen = known & side
+        # Side by side, or the bars of one command hide those of the next.
+        shift = (row - (len(table.command) - 1) / 2) * _APART * float(np.ptp(table.velocity_rad_s))
+        for side in (-1, 1):
+            chosen = np.isfinite(table.torque_nm[row]) & (side * table.velocity_rad_s > 0)
             velocity, torque = table.velocity_rad_s[chosen], table.torque_nm[row, chosen]
-            half = 1.96 * table.torque_std_nm[row, chosen]
             expected = _sliding_torque(network, float(command), velocity)
-            first = row == 0 and bool(side[-1])
+            first = row == 0 and side < 0
             curves.plot(velocity, expected, color=PREDICTED, linewidth=0.9, label="identified" if first else None)
-            curves.plot(
-                velocity,
-                torque,
-                color=MEASURED,
-                linestyle="none",
-                marker=marker,
-                markersize=4,
-                label="measured" if first else None,
+            mark = {"color": MEASURED, "marker": _MARKERS[row % len(_MARKERS)], "linestyle": "none", "markersize": 4}
+            curves.plot(velocity, torque, **mark, label="measured" if first else None)
+            half = np.nan_to_num(table.half_width_nm[row, chosen])
+            label = _command_text(table, row, command_unit) if side < 0 else None
+            difference = 1e3 * (torque - expected)
+            left.errorbar(
+                velocity + shift, difference, 1e3 * half, **mark, ecolor=MUTED, elinewidth=0.9, capsize=2, label=label
             )
-            left.fill_between(
-                velocity,
-                *(1e3 * (torque + s * half - expected) for s in (-1, 1)),
-                color=MEASURED,
-                alpha=0.14,
-                linewidth=0,
-            )
-            label = f"{number(command, 2)} {unit}" if bool(side[-1]) else None
-            left.plot(
-                velocity,
-                1e3 * (torque - expected),
-                color=MEASURED,
-                linewidth=0.7,
-                marker=marker,
-                markersize=3.5,
-                label=label,
-            )
-        _name_curve(curves, table, row, f"{number(command, 2)} {unit}")
+        _name_curve(curves, table, row, _command_text(table, row, command_unit))
     left.axhline(0.0, color=PREDICTED, linewidth=0.9)
     curves.set_title("Torque at steady velocity")
     curves.set_ylabel("port torque [N·m]")
@@ -70,9 +52,16 @@ def impedance_table_figure(table: ImpedanceTable, network: NortonNetwork, comman
         axes.set_xlabel("velocity [rad/s]")
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
     curves.legend(labelcolor=INK, loc="lower left")
-    left.legend(labelcolor=INK, loc="best", title="command", title_fontsize=8.5)
-    left.margins(y=0.3)
+    left.legend(labelcolor=INK, loc="upper center", title="command", title_fontsize=8.5)
+    left.margins(y=0.35)
     return picture
+
+
+def _command_text(table: ImpedanceTable, row: int, command_unit: str) -> str:
+    """A command in words: what is next to nothing beside the others is nothing."""
+    command = float(table.command[row])
+    small = abs(command) < 5e-3 * float(np.max(np.abs(table.command)))
+    return f"{number(0.0 if small else command, 2)} {pretty_unit(command_unit) or 'N·m'}"
 
 
 def _sliding_torque(network: NortonNetwork, command: float, velocity: FloatArray) -> FloatArray:
@@ -87,8 +76,8 @@ def _sliding_torque(network: NortonNetwork, command: float, velocity: FloatArray
 def _name_curve(axes: Axes, table: ImpedanceTable, row: int, text: str) -> None:
     known = np.flatnonzero(np.isfinite(table.torque_nm[row]))
     if known.size:
-        place = (table.velocity_rad_s[known[-1]], table.torque_nm[row, known[-1]])
-        axes.annotate(text, place, (0, 7), textcoords="offset points", ha="right", fontsize=8.5, color=MUTED)
+        place = (table.velocity_rad_s[known[0]], table.torque_nm[row, known[0]])
+        axes.annotate(text, place, (7, 3), textcoords="offset points", fontsize=8.5, color=MUTED)
 
 
 def operator_figure(loops: list[tuple[Loop, Loop]], operator: StopOperator, deflection_rad: float) -> Figure:

@@ -77,10 +77,7 @@ def fit_section(data: ReportData) -> Section | None:
     if fit is None:
         return None
     residual = fit.trace.measured - fit.trace.predicted
-    caption = (
-        "What the fit leaves of the torque. A residual that remembers itself is structure that the model lacks "
-        "(cogging, say); the deviations in the table above allow for it."
-    )
+    caption = "What the fit leaves of the torque."
     delays = "; ".join(
         f"{name} {with_deviation(1e3 * delay_s, 1e3 * std_s)} ms"
         for name, delay_s, std_s in (

@@ -14,12 +14,14 @@ from bench.report.figures_without_model import impedance_table_figure, operator_
 from bench.report.loops import Loop, presliding_loops
 from bench.report.section import Facts, Section
 from bench.report.svg import svg
-from bench.report.words import number, percent
+from bench.report.words import number, percent, pretty_unit
 
 # Dependences smaller than this share of the residual's variance are told, but not explained.
 WORTH_A_WORD = 0.01
 # The operator's friction is said to yield one way where that way has this share of it.
 MOSTLY = 0.8
+# Of the highest frequency that the tests see: beyond this, noise that differentiation amplifies prevails.
+BAND_EDGE = 0.8
 _MEANING = {
     "command": "the forward path is not quite a first-order lag, or its delay wanders",
     "velocity": "damping that is not quite viscous",
@@ -43,15 +45,15 @@ def source_sentences(source: SourceMap, unit: str) -> list[str]:
             low, high = (number(edge, 3) for edge in zone.width_interval)
             sentences.append(
                 f"Measured with the command {name}, the dead zone is {number(zone.width, 3)} {unit} wide "
-                f"(95 %: {low} … {high})."
+                f"(95\u00a0%: {low}\u00a0…\u00a0{high})."
             )
     found = source.hysteresis()
     if found is not None:
         size, band = number(abs(found.difference_rad_s), 2), number(found.band_rad_s, 2)
         sentences.append(
-            f"The branches differ by {size} rad/s at {number(found.command, 3)} {unit}, more than chance gives ({band})."
+            f"The branches differ by {size} rad/s at {number(found.command, 3)} {unit}; chance gives {band}."
             if found.significant
-            else f"The two branches are one, to within what chance gives ({band} rad/s): no hysteresis shows."
+            else f"The two branches are one to within what chance gives ({band} rad/s): no hysteresis shows."
         )
     return sentences
 
@@ -65,7 +67,7 @@ def without_model_section(data: ReportData) -> Section | None:
     if found.table is not None:
         caption = (
             "Mean torque while a velocity and a command were held, and what the identified network leaves of it. "
-            "Bands and bars are 95 % intervals of the mean."
+            "Bars are 95 % intervals of the mean."
         )
         picture = svg(impedance_table_figure(found.table, network, data.command_unit), "impedance-table", caption)
         figures.append((picture, caption))
@@ -80,8 +82,11 @@ def without_model_section(data: ReportData) -> Section | None:
             operator_figure(_loops(data, deflection_rad), found.operator, deflection_rad), "operator", caption
         )
         figures.append((picture, caption))
-        sentences += _operator_sentences(found.operator, found.stops_alone)
-    tables = (_predictions(data, found),) if found.operator_prediction is not None else ()
+        sentences += _operator_sentences(found.operator, found.stops_alone, pretty_unit(data.command_unit) or "N·m")
+    tables: tuple[Facts, ...] = ()
+    if found.operator_prediction is not None:
+        tables = (_predictions(data, found),)
+        sentences.append("At the end stands how well each way predicts the torque of motion that no fit has looked at.")
     return Section("without-model", "Without a model", tuple(sentences), tuple(figures), tables)
 
 
@@ -109,11 +114,11 @@ def _table_sentences(found: WithoutModel) -> list[str]:
     return sentences
 
 
-def _operator_sentences(operator: StopOperator, stops_alone: Prediction | None) -> list[str]:
+def _operator_sentences(operator: StopOperator, stops_alone: Prediction | None, unit: str) -> list[str]:
     share = operator.abrupt_share
     sentences = [
-        f"The operator's friction holds {number(1e3 * operator.coulomb_torque_nm, 3)} mN·m in all, its command path "
-        f"gains {number(operator.torque_gain, 4)}."
+        f"The operator's friction holds {number(1e3 * operator.coulomb_torque_nm, 3)} mN·m in all; its command gives "
+        f"{number(operator.torque_gain, 4)} N·m per {unit}."
     ]
     if share >= MOSTLY:
         sentences.append("Its friction yields all at once, like sliders behind springs.")
@@ -138,9 +143,7 @@ def _predictions(data: ReportData, found: WithoutModel) -> Facts:
         rows.append(("operator", "history of the motion", *_figures(found.operator_prediction)))
     if found.table_prediction is not None:
         rows.append(("table", "steady motion only: no inertia, no memory", *_figures(found.table_prediction)))
-    return Facts(
-        ("torque where no fit has looked", "knows", "rms off [mN·m]", "of the torque", "predicted"), tuple(rows)
-    )
+    return Facts(("predicted by", "which knows", "rms off [mN·m]", "of the torque", "covered"), tuple(rows))
 
 
 def _figures(prediction: Prediction) -> tuple[str, str, str]:
@@ -167,9 +170,9 @@ def residual_sentences(tests: ResidualTests) -> list[str]:
     """What the tests found, largest first, and what it may mean."""
     sentences = [_harmonic_sentence(each) for each in tests.harmonics]
     proven = [each for each in tests.dependences if each.p_value < SIGNIFICANCE / max(1, len(tests.dependences))]
-    for each in sorted(proven, key=lambda each: -each.share):
-        if each.share >= WORTH_A_WORD:
-            sentences.append(_dependence_sentence(each))
+    highest_hz = 0.5 / float(tests.memory.lags_s[0])
+    greatest = sorted(proven, key=lambda each: -each.share)
+    sentences += [_dependence_sentence(each, highest_hz) for each in greatest if each.share >= WORTH_A_WORD]
     small = [_ARTICLE.get(each.name, each.name) for each in proven if each.share < WORTH_A_WORD]
     if small:
         sentences.append(
@@ -186,11 +189,18 @@ def _harmonic_sentence(harmonic: Harmonic) -> str:
     return f"The residual follows position {times}: {what} of {number(1e3 * harmonic.amplitude_nm, 2)} mN·m."
 
 
-def _dependence_sentence(each: Dependence) -> str:
-    near = f" near {number(each.peak_hz, 2)} Hz" if each.name == "acceleration" and each.peak_hz > 0 else ""
+def _dependence_sentence(each: Dependence, highest_hz: float) -> str:
+    meaning = _MEANING.get(each.name, "something the model lacks")
+    if each.name == "acceleration" and each.peak_hz > 0:
+        at = f"{number(each.peak_hz, 2)} Hz"
+        meaning = (
+            f"at the upper edge of the band ({at}), so the encoder's own noise, or a resonance beyond"
+            if each.peak_hz > BAND_EDGE * highest_hz
+            else f"{meaning} near {at}"
+        )
     return (
         f"It follows {_ARTICLE.get(each.name, each.name)} ({number(1e3 * each.rms_nm, 2)} mN·m rms, "
-        f"{percent(each.share)} of its variance): {_MEANING.get(each.name, 'something the model lacks')}{near}."
+        f"{percent(each.share)} of its variance): {meaning}."
     )
 
 
