@@ -89,6 +89,8 @@ def dead_zone(command: FloatArray, velocity: FloatArray, draws: FloatArray) -> D
 
 def hysteresis(rising: tuple[FloatArray, ...], falling: tuple[FloatArray, ...]) -> Hysteresis | None:
     """Of two branches, each (command, velocity, draws); None where they share no command or nothing gives a band."""
+    if not rising[0].size or not falling[0].size:
+        return None
     command, at_rising, at_falling = np.intersect1d(
         _rounded(rising[0], falling[0]), _rounded(falling[0], rising[0]), return_indices=True
     )

@@ -249,21 +249,3 @@ def count_readings(arrival: FloatArray, period: float, patience: int) -> FloatAr
         baseline = lag if k == 0 else baseline + 0.02 * (lag - baseline)
         numbers[k] = k + skipped
     return numbers
-
-
-@njit(cache=True, nogil=True)
-def stop_bank(position: FloatArray, radius: FloatArray) -> FloatArray:
-    """Play-and-stop elements along a path, each by its share of its yield in -1 .. 1: shape (members, n).
-
-    An element follows the position one to one until it has been strained by its ``radius``; then it slips. All begin
-    unstrained.
-    """
-    output = np.empty((radius.size, position.size))
-    for member in range(radius.size):
-        reach, strain = radius[member], 0.0
-        last = position[0]
-        for k in range(position.size):
-            strain = min(max(strain + position[k] - last, -reach), reach)
-            last = position[k]
-            output[member, k] = strain / reach
-    return output

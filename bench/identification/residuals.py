@@ -108,7 +108,7 @@ class Sequence1D:
     velocity_rad_s: FloatArray
 
 
-def tests_of_fit(fitted: Trace, stretches: Sequence[Signals], motion_delay_s: float) -> ResidualTests | None:
+def diagnose(fitted: Trace, stretches: Sequence[Signals], motion_delay_s: float) -> ResidualTests | None:
     """Of a fit's trace over ``stretches``; None where too little was fitted to judge."""
     ends = np.cumsum([len(stretch.time_s) for stretch in stretches])[:-1]
     parts = np.split(fitted.measured - fitted.predicted, ends)

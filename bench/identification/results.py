@@ -106,8 +106,8 @@ class SourceMap:
     def branch(self, rising: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Command and velocity (levels,) and resamples (resamples, levels) of one branch, where they are known."""
         chosen = (self.rising == rising) & np.isfinite(self.velocity_rad_s)
-        draws = self.resampled_rad_s
-        return self.command[chosen], self.velocity_rad_s[chosen], draws[:, chosen] if len(draws) else draws
+        draws = self.resampled_rad_s if len(self.resampled_rad_s) else np.empty((0, self.command.size))
+        return self.command[chosen], self.velocity_rad_s[chosen], draws[:, chosen]
 
     @staticmethod
     def _curve(levels: FloatArray, values: FloatArray, rising: bool) -> PchipInterpolator:

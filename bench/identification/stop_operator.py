@@ -14,13 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import lsq_linear
 
 from bench.identification import loops
 from bench.identification.aligned import Aligned, usable_of
+from bench.identification.friction import operators
+from bench.identification.friction.bounded import bounded_solution
 from bench.identification.separable import S_PER_RAD
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 # Yield displacements of each kind, evenly spread in the logarithm over what the fit of the network searches too.
 ELEMENTS = 14
@@ -28,8 +30,6 @@ YIELD_RAD = np.geomspace(1 / S_PER_RAD[1], 1 / S_PER_RAD[0], ELEMENTS)
 # The command's last values: so many ticks, beginning this much before it was sent (the torque's own delay counts).
 COMMAND_TICKS = 20
 LEAD_TICKS = 4
-# Of each column's own size: keeps columns that look alike from fighting each other.
-RIDGE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -81,27 +81,19 @@ def operator_columns(stretches: Sequence[Aligned]) -> FloatArray:
 
 @dataclass(frozen=True)
 class Normal:
-    """The normal equations of scaled columns: all that least squares needs of the samples."""
+    """The normal equations: all that least squares needs of the samples."""
 
     gram: FloatArray
-    product: FloatArray
-    scale: FloatArray
+    moment: FloatArray
 
     @classmethod
     def of(cls, columns: FloatArray, target: FloatArray) -> "Normal":
-        gram = columns @ columns.T
-        scale = np.sqrt(np.diag(gram))
-        scale[scale == 0] = 1.0
-        return cls(gram / np.outer(scale, scale), columns @ target / scale, scale)
+        return cls(columns @ columns.T, columns @ target)
 
-    def solution(self, low: FloatArray, kept: npt.NDArray[np.bool_]) -> FloatArray:
-        """The weights, not below ``low``, zero where not ``kept``."""
-        gram = self.gram[np.ix_(kept, kept)]
-        factor = np.linalg.cholesky(gram + RIDGE * np.eye(len(gram)))
-        reduced = np.linalg.solve(factor, self.product[kept])
-        bounds = (low[kept], np.full(len(gram), np.inf))
-        weights = np.zeros(len(kept))
-        weights[kept] = lsq_linear(factor.T, reduced, bounds=bounds, method="bvls").x / self.scale[kept]
+    def solution(self, nonnegative: BoolArray, kept: BoolArray) -> FloatArray:
+        """The weights, zero where not ``kept``."""
+        weights = np.zeros(self.moment.size)
+        weights[kept] = bounded_solution(self.gram[np.ix_(kept, kept)], self.moment[kept], nonnegative[kept])
         return weights
 
 
@@ -111,10 +103,10 @@ def fit_operator(normal: Normal, *, gradual: bool = True) -> StopOperator:
     Without ``gradual`` elements it is the classical Prandtl-Ishlinskii operator, of ideal stops alone.
     """
     friction = slice(COMMAND_TICKS + 2, COMMAND_TICKS + 2 + 4 * ELEMENTS)
-    low, kept = np.full(len(normal.scale), -np.inf), np.ones(len(normal.scale), dtype=bool)
-    low[friction] = 0.0
+    nonnegative, kept = np.zeros(normal.moment.size, dtype=bool), np.ones(normal.moment.size, dtype=bool)
+    nonnegative[friction] = True
     kept[friction] = np.repeat([True, gradual, True, gradual], ELEMENTS)
-    weights = normal.solution(low, kept)
+    weights = normal.solution(nonnegative, kept)
     strength, damping = weights[friction].reshape(2, 2, ELEMENTS)
     return StopOperator(
         yield_rad=YIELD_RAD,
@@ -132,7 +124,9 @@ def _columns(stretch: Aligned, yield_rad: FloatArray) -> FloatArray:
     lags = np.arange(COMMAND_TICKS)[:, None] - LEAD_TICKS
     delayed = stretch.command[np.clip(np.arange(count) - lags, 0, count - 1)]
     path = stretch.signals.path_rad
-    abrupt = loops.stop_bank(path, yield_rad)
+    begin = np.full(path.size, np.nan)
+    begin[0] = 0.0
+    abrupt = operators.stops(path, begin, yield_rad)
     gradual = loops.friction_bank(path, path[0], 1 / yield_rad, np.zeros(yield_rad.size))
     shares = [stretch.rows.of_fine_signal(share, (0, 1), stretch.motion_delay_s) for share in (*abrupt, *gradual)]
     elements = np.stack(shares, axis=1).reshape(-1, count)

@@ -44,7 +44,8 @@ def _memory(axes: Axes, memory: Memory) -> None:
 
 
 def _position(axes: Axes, tests: ResidualTests) -> None:
-    factor, unit = in_prefixed_unit(float(np.nanmax(tests.spectrum_nm, initial=0.0)), "N*m")
+    finite = tests.spectrum_nm[np.isfinite(tests.spectrum_nm)]
+    factor, unit = in_prefixed_unit(float(np.max(finite, initial=0.0)), "N*m")
     periods = np.arange(1, tests.spectrum_nm.size + 1)
     axes.plot(periods, factor * tests.spectrum_nm, color=MEASURED, linewidth=0.9)
     for each in tests.harmonics:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bench.errors import UsageError
 from bench.identification.fit import fit_signals
-from bench.identification.residuals import ResidualTests, tests_of_fit
+from bench.identification.residuals import ResidualTests, diagnose
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.identification.signals import signals
 from bench.identification.source_map import blocked_map, source_map
@@ -52,7 +52,7 @@ def conclude(
     result = fit_signals(stretches, command_unit=metadata["command_unit"])
     checked = validate_signals(result, unseen, measured.segments) if unseen else None
     modelless = without_model(result, stretches, unseen, measured.segments)
-    residuals = tests_of_fit(result.trace, stretches, result.motion_delay_s)
+    residuals = diagnose(result.trace, stretches, result.motion_delay_s)
     names = {segment.name for segment in measured.segments}
     static = source_map(measured) if any(name.startswith("staircase") for name in names) else None
     blocked = blocked_map(measured) if any(name.startswith("hold") for name in names) else None
