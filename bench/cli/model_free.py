@@ -35,8 +35,8 @@ def residual_figures(tests: ResidualTests | None) -> dict[str, Any] | None:
         return None
     return {
         "rms_nm": tests.rms_nm,
-        "white_p": tests.memory.p_value,
-        "greatest_autocorrelation": float(np.max(np.abs(tests.memory.correlation))),
+        "white_p": None if tests.memory is None else tests.memory.p_value,
+        "greatest_autocorrelation": None if tests.memory is None else tests.memory.greatest,
         "inputs": {
             each.name: {"p": each.p_value, "share": each.share, "rms_nm": each.rms_nm, "peak_hz": each.peak_hz}
             for each in tests.dependences

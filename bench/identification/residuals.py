@@ -17,7 +17,7 @@ from scipy.stats import f as f_distribution
 
 from bench.identification.aligned import Aligned, align
 from bench.identification.kernels import Kernel
-from bench.identification.results import Trace
+from bench.identification.results import FitResult
 from bench.identification.separable import FULL_BAND
 from bench.identification.signals import Signals
 
@@ -43,6 +43,8 @@ LEAST_HARMONIC_S = 2.0
 # A harmonic of a shaft that hardly travels is no different from a constant: the mean of its phasor must stay below.
 LARGEST_MEAN_PHASOR = 0.5
 SIGNIFICANCE = 0.01
+# Inputs that hold the encoder's noise.
+OWN_NOISE = ("velocity", "acceleration")
 # Slower than this share of the fastest is rest: no direction.
 REST_SHARE = 0.005
 
@@ -57,6 +59,11 @@ class Memory:
     band: FloatArray
     statistic: float
     p_value: float
+
+    @property
+    def greatest(self) -> float:
+        """The greatest correlation, either way."""
+        return float(np.max(np.abs(self.correlation)))
 
 
 @dataclass(frozen=True)
@@ -88,10 +95,14 @@ class Harmonic:
 @dataclass(frozen=True)
 class ResidualTests:
     """All tests of one residual. ``spectrum_nm`` (MOST_PERIODS,) is amplitude by periods a turn, from 1 on; NaN where
-    the shaft did not turn enough, or too fast, to tell."""
+    the shaft did not turn enough, or too fast, to tell.
+
+    ``memory`` is None where the residual is one of the motion itself: the encoder's noise, differentiated twice, is
+    coloured by nature.
+    """
 
     rms_nm: float
-    memory: Memory
+    memory: Memory | None
     dependences: tuple[Dependence, ...]
     harmonics: tuple[Harmonic, ...]
     spectrum_nm: FloatArray
@@ -108,15 +119,22 @@ class Sequence1D:
     velocity_rad_s: FloatArray
 
 
-def diagnose(fitted: Trace, stretches: Sequence[Signals], motion_delay_s: float) -> ResidualTests | None:
-    """Of a fit's trace over ``stretches``; None where too little was fitted to judge."""
+def diagnose(result: FitResult, stretches: Sequence[Signals]) -> ResidualTests | None:
+    """Of a fit's residual over ``stretches``; None where too little was fitted to judge."""
+    fitted = result.trace
     ends = np.cumsum([len(stretch.time_s) for stretch in stretches])[:-1]
     parts = np.split(fitted.measured - fitted.predicted, ends)
-    return residual_tests(parts, align(stretches, motion_delay_s))
+    return residual_tests(parts, align(stretches, result.motion_delay_s), of_motion=result.ratios_only)
 
 
-def residual_tests(residual: Sequence[FloatArray], stretches: Sequence[Aligned]) -> ResidualTests | None:
-    """Of residuals (n,), one a stretch, NaN where nothing was fitted; None where too few are left to judge."""
+def residual_tests(
+    residual: Sequence[FloatArray], stretches: Sequence[Aligned], *, of_motion: bool = False
+) -> ResidualTests | None:
+    """Of residuals (n,), one a stretch, NaN where nothing was fitted; None where too few are left to judge.
+
+    A residual ``of_motion`` shares its noise with velocity and acceleration, and follows them for that alone: neither
+    they nor its memory are then looked at.
+    """
     together = _thinned(residual, stretches)
     tick_s = together.step_s / STRIDE
     whitened = whiten(together.residual, FULL_BAND, STRIDE)
@@ -125,11 +143,14 @@ def residual_tests(residual: Sequence[FloatArray], stretches: Sequence[Aligned])
     rms = float(np.sqrt(np.nanmean(together.residual**2)))
     dependences = []
     for name, values in together.inputs.items():
+        if of_motion and name in OWN_NOISE:
+            continue
         found = dependence(whitened, whiten(values, FULL_BAND, STRIDE), together.step_s, name, rms)
         if found is not None:
             dependences.append(found)
     spectrum, harmonics = position_harmonics(together, tick_s)
-    return ResidualTests(rms, memory(whitened, together.step_s), tuple(dependences), harmonics, spectrum)
+    remembered = None if of_motion else memory(whitened, together.step_s)
+    return ResidualTests(rms, remembered, tuple(dependences), harmonics, spectrum)
 
 
 def _thinned(residual: Sequence[FloatArray], stretches: Sequence[Aligned]) -> Sequence1D:

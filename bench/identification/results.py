@@ -46,6 +46,11 @@ class FitResult:
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
 
+    @property
+    def ratios_only(self) -> bool:
+        """Whether only the free motion told anything: everything is then per unit of torque gain."""
+        return "scale" in self.network.provenance
+
     def estimate(self, name: str) -> Estimate:
         """Raises KeyError for a name that was not estimated."""
         return {estimate.name: estimate for estimate in self.estimates}[name]

@@ -9,7 +9,7 @@ from bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
 from bench.report.words import in_prefixed_unit
 
 
-def residual_tests_figure(tests: ResidualTests) -> Figure:
+def residual_tests_figure(tests: ResidualTests, unit: str = "N·m") -> Figure:
     """Memory and position above; below, the correlation with each input, each with the band of chance."""
     picture = figure(4.6 if tests.dependences else 2.5)
     parts = picture.subfigures(
@@ -17,9 +17,10 @@ def residual_tests_figure(tests: ResidualTests) -> Figure:
     )[:, 0]
     for part in parts:
         part.patch.set_visible(False)
-    above = parts[0].subplots(1, 2)
-    _memory(above[0], tests.memory)
-    _position(above[1], tests)
+    above = list(parts[0].subplots(1, 1 + (tests.memory is not None), squeeze=False)[0])
+    if tests.memory is not None:
+        _memory(above[0], tests.memory)
+    _position(above[-1], tests, unit)
     if tests.dependences:
         below = parts[1].subplots(1, len(tests.dependences), squeeze=False, sharey=True)[0]
         for axes, each in zip(below, tests.dependences, strict=True):
@@ -35,7 +36,7 @@ def _memory(axes: Axes, memory: Memory) -> None:
     axes.vlines(lags_ms, 0.0, memory.correlation, color=MEASURED, linewidth=1.4)
     axes.plot(lags_ms, memory.correlation, color=MEASURED, linestyle="none", marker="o", markersize=2.5)
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    reach = 1.5 * max(float(np.max(np.abs(memory.correlation))), float(np.max(memory.band)))
+    reach = 1.5 * max(memory.greatest, float(np.max(memory.band)))
     axes.set_ylim(-reach, reach)
     axes.set_title("What it remembers of itself")
     axes.set_xlabel("later by [ms]")
@@ -43,9 +44,9 @@ def _memory(axes: Axes, memory: Memory) -> None:
     axes.legend(labelcolor=INK, loc="upper right")
 
 
-def _position(axes: Axes, tests: ResidualTests) -> None:
+def _position(axes: Axes, tests: ResidualTests, unit: str) -> None:
     finite = tests.spectrum_nm[np.isfinite(tests.spectrum_nm)]
-    factor, unit = in_prefixed_unit(float(np.max(finite, initial=0.0)), "N*m")
+    factor, unit = in_prefixed_unit(float(np.max(finite, initial=0.0)), unit)
     periods = np.arange(1, tests.spectrum_nm.size + 1)
     axes.plot(periods, factor * tests.spectrum_nm, color=MEASURED, linewidth=0.9)
     for each in tests.harmonics:

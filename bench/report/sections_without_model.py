@@ -2,9 +2,7 @@
 
 from math import isfinite
 
-import numpy as np
-
-from bench.identification.residuals import SIGNIFICANCE, Dependence, Harmonic, ResidualTests
+from bench.identification.residuals import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
 from bench.identification.results import SourceMap
 from bench.identification.stop_operator import StopOperator
 from bench.identification.without_model import Prediction, WithoutModel
@@ -159,37 +157,44 @@ def residuals_section(data: ReportData) -> Section | None:
     if tests is None:
         return None
     caption = (
-        "The residual within the fit's band, freed of the band's own colour. Shaded is where chance keeps it 95 times "
-        "in 100. Top right: its amplitude by periods a turn of the shaft."
+        "The residual within the fit's band, freed of the band's own colour, and its amplitude by periods a turn of "
+        "the shaft. Shaded is where chance keeps correlations 95 times in 100."
     )
-    picture = svg(residual_tests_figure(tests), "residual-tests", caption)
-    return Section("residuals", "What the residual tells", tuple(residual_sentences(tests)), ((picture, caption),))
+    unit = "N·m"
+    if data.fit is not None and data.fit.ratios_only:
+        unit = f"{pretty_unit(data.command_unit) or 'N·m'} of command"
+    picture = svg(residual_tests_figure(tests, unit), "residual-tests", caption)
+    sentences = tuple(residual_sentences(tests, unit))
+    return Section("residuals", "What the residual tells", sentences, ((picture, caption),))
 
 
-def residual_sentences(tests: ResidualTests) -> list[str]:
+def residual_sentences(tests: ResidualTests, unit: str = "N·m") -> list[str]:
     """What the tests found, largest first, and what it may mean."""
-    sentences = [_harmonic_sentence(each) for each in tests.harmonics]
+    sentences = [_harmonic_sentence(each, unit) for each in tests.harmonics]
     proven = [each for each in tests.dependences if each.p_value < SIGNIFICANCE / max(1, len(tests.dependences))]
-    highest_hz = 0.5 / float(tests.memory.lags_s[0])
+    highest_hz = 0.0 if tests.memory is None else 0.5 / float(tests.memory.lags_s[0])
     greatest = sorted(proven, key=lambda each: -each.share)
-    sentences += [_dependence_sentence(each, highest_hz) for each in greatest if each.share >= WORTH_A_WORD]
+    sentences += [_dependence_sentence(each, highest_hz, unit) for each in greatest if each.share >= WORTH_A_WORD]
     small = [_ARTICLE.get(each.name, each.name) for each in proven if each.share < WORTH_A_WORD]
     if small:
         sentences.append(
             f"It also follows {' and '.join(small)}, by less than {percent(WORTH_A_WORD)} of its variance."
         )
     if not sentences:
-        sentences.append("The residual follows neither command, velocity, acceleration, direction nor position.")
-    return [*sentences, _memory_sentence(tests)]
+        looked_at = [_ARTICLE.get(each.name, each.name) for each in tests.dependences]
+        sentences.append(f"The residual follows none of {', '.join([*looked_at, 'position'])}.")
+    if tests.memory is not None:
+        sentences.append(_memory_sentence(tests.memory))
+    return [sentences[0].replace("It ", "The residual ", 1), *sentences[1:]]
 
 
-def _harmonic_sentence(harmonic: Harmonic) -> str:
+def _harmonic_sentence(harmonic: Harmonic, unit: str) -> str:
     times = "once a turn" if harmonic.periods_per_turn == 1 else f"with {harmonic.periods_per_turn} periods a turn"
     what = "cogging" if harmonic.periods_per_turn > 2 else "an eccentric or bent part"
-    return f"The residual follows position {times}: {what} of {number(1e3 * harmonic.amplitude_nm, 2)} mN·m."
+    return f"The residual follows position {times}: {what} of {number(1e3 * harmonic.amplitude_nm, 2)} m{unit}."
 
 
-def _dependence_sentence(each: Dependence, highest_hz: float) -> str:
+def _dependence_sentence(each: Dependence, highest_hz: float, unit: str) -> str:
     meaning = _MEANING.get(each.name, "something the model lacks")
     if each.name == "acceleration" and each.peak_hz > 0:
         at = f"{number(each.peak_hz, 2)} Hz"
@@ -199,18 +204,17 @@ def _dependence_sentence(each: Dependence, highest_hz: float) -> str:
             else f"{meaning} near {at}"
         )
     return (
-        f"It follows {_ARTICLE.get(each.name, each.name)} ({number(1e3 * each.rms_nm, 2)} mN·m rms, "
+        f"It follows {_ARTICLE.get(each.name, each.name)} ({number(1e3 * each.rms_nm, 2)} m{unit} rms, "
         f"{percent(each.share)} of its variance): {meaning}."
     )
 
 
-def _memory_sentence(tests: ResidualTests) -> str:
-    memory = tests.memory
+def _memory_sentence(memory: Memory) -> str:
     reach_ms = number(1e3 * float(memory.lags_s[-1]), 2)
     if memory.p_value >= SIGNIFICANCE:
         return f"It remembers nothing of itself over {reach_ms} ms (p = {number(memory.p_value, 2)}): it may be noise."
     chance = "p < 0.001" if memory.p_value < 1e-3 else f"p = {number(memory.p_value, 1)}"
-    greatest = number(float(np.max(np.abs(memory.correlation))), 2)
+    greatest = number(memory.greatest, 2)
     return (
         f"It is not white ({chance} over {reach_ms} ms; correlations up to {greatest}): the deviations in the table "
         "above allow for that."

@@ -52,7 +52,7 @@ def conclude(
     result = fit_signals(stretches, command_unit=metadata["command_unit"])
     checked = validate_signals(result, unseen, measured.segments) if unseen else None
     modelless = without_model(result, stretches, unseen, measured.segments)
-    residuals = diagnose(result.trace, stretches, result.motion_delay_s)
+    residuals = diagnose(result, stretches)
     names = {segment.name for segment in measured.segments}
     static = source_map(measured) if any(name.startswith("staircase") for name in names) else None
     blocked = blocked_map(measured) if any(name.startswith("hold") for name in names) else None

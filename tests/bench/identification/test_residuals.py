@@ -1,10 +1,13 @@
 """The tests of the residual: seldom an alarm where there is nothing, and the right one where there is something."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from bench.identification.aligned import align
+from bench.identification.fit import fit
 from bench.identification.residuals import (
     MEMORY_LAGS,
     STRIDE,
@@ -164,10 +167,19 @@ def test_what_the_motion_leaves_is_named(aligned, name, part):
 
 def test_the_cogging_of_the_simulated_motor_is_found_in_the_residual_of_its_fit(experiment, result):
     """0.3 mN·m with 42 periods a turn, which no parameter of the network stands for."""
-    tests = diagnose(result.trace, signals(experiment, TICK_S, Use.IDENTIFY), result.motion_delay_s)
+    tests = diagnose(result, signals(experiment, TICK_S, Use.IDENTIFY))
     assert tests.harmonics[0].periods_per_turn == 42
     assert tests.harmonics[0].amplitude_nm == pytest.approx(0.3e-3, rel=0.15)
     assert int(np.nanargmax(tests.spectrum_nm)) + 1 == 42
+
+
+def test_free_motion_alone_shows_the_cogging_too_but_no_verdict_on_its_own_noise(without_torque):
+    free = replace(without_torque, segments=tuple(each for each in without_torque.segments if each.procedure == "free"))
+    found = fit(free, command_unit="N*m", tick_s=TICK_S)
+    assert found.ratios_only
+    tests = diagnose(found, signals(free, TICK_S, Use.IDENTIFY))
+    assert tests.memory is None
+    assert not {"velocity", "acceleration"} & {each.name for each in tests.dependences}
 
 
 def test_too_little_is_not_judged(aligned):

@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 from bench.identification.aligned import align, usable_of
 from bench.identification.impedance_table import ImpedanceTable, impedance_table
-from bench.identification.signals import signals
+from bench.identification.signals import FINE, Signals, signals
 from bench.identification.stop_operator import COMMAND_TICKS, ELEMENTS, Normal, fit_operator, operator_columns
 from bench.identification.validation import validate
 from bench.identification.without_model import without_model
@@ -43,6 +43,49 @@ def test_the_operator_finds_what_a_motor_is_made_of_without_being_told(found):
     assert operator.abrupt_share < 0.1
     assert np.all(operator.strength_nm >= 0)
     assert np.all(operator.damping_nms >= 0)
+
+
+def slipping(seed, duration_s=20.0):
+    """A machine whose friction is two ideal stops of 1 and 8 mrad, under a random motion with many turning points.
+
+    Each stop is stepped sample by sample here, by a loop of its own.
+    """
+    rng = np.random.default_rng(seed)
+    count = round(duration_s / TICK_S)
+    fine_s = np.arange(count * FINE) * TICK_S / FINE
+    position = sum(
+        a / f * np.sin(2 * np.pi * f * fine_s + rng.uniform(0, 6)) for a, f in ((0.02, 0.7), (0.03, 2.3), (0.05, 5.9))
+    )
+    torque, command = np.zeros(position.size), np.repeat(0.05 * rng.normal(size=count // 20), 20)
+    for reach, strength in ((1e-3, 0.01), (8e-3, 0.02)):
+        strain = 0.0
+        for k in range(1, position.size):
+            strain = min(max(strain + position[k] - position[k - 1], -reach), reach)
+            torque[k] -= strength * strain / reach
+    torque -= 4e-5 * np.gradient(np.gradient(position, TICK_S / FINE), TICK_S / FINE)
+    time_s = np.arange(count) * TICK_S
+    usable = np.zeros(count, dtype=bool)
+    usable[200:-200] = True
+    return Signals(
+        TICK_S, 0, time_s, position, position, time_s, command, np.zeros(count, np.int64), usable,
+        torque[::FINE] + 0.5 * command + 1e-4 * rng.normal(size=count),
+    )  # fmt: skip
+
+
+def test_friction_that_yields_all_at_once_is_told_from_one_that_gives_way():
+    columns, target = [], []
+    for seed in (1, 2):
+        stretches = align((slipping(seed),), 0.0)
+        columns.append(operator_columns(stretches))
+        target.append(usable_of(stretches, [each.torque_nm for each in stretches]))
+    operator = fit_operator(Normal.of(columns[0], target[0]))
+    assert operator.abrupt_share > 0.8
+    assert operator.coulomb_torque_nm == pytest.approx(0.03, rel=0.05)
+    assert operator.torque_gain == pytest.approx(0.5, rel=0.02)
+    weak = operator.strength_nm[0][operator.yield_rad < 2.5e-3].sum()
+    assert weak == pytest.approx(0.01, rel=0.25)
+    unseen = target[1] - operator.predict(columns[1])
+    assert np.sqrt(np.mean(unseen**2)) < 0.03 * np.sqrt(np.mean(target[1] ** 2))
 
 
 def test_ideal_stops_alone_do_not_describe_a_contact_that_yields_gradually(found):

@@ -73,9 +73,18 @@ def quiet(tests: ResidualTests) -> ResidualTests:
 
 def test_a_residual_that_tells_nothing(full: ReportData) -> None:
     first, second = residual_sentences(quiet(full.residuals))
-    assert "follows neither" in first
+    assert "follows none of the command, velocity, acceleration, position" in first
     assert "remembers nothing" in second
     assert "p = 0.37" in second
+
+
+def test_a_residual_of_the_motion_is_told_in_the_commands_unit(full: ReportData) -> None:
+    known = replace(full.fit, network=full.fit.network.with_provenance({"scale": "free motion only"}))
+    tests = replace(full.residuals, memory=None, dependences=full.residuals.dependences[:1])
+    section = residuals_section(replace(full, fit=known, residuals=tests))
+    assert section.sentences == (
+        "The residual follows position with 42 periods a turn: cogging of 0.30 mN·m of command.",
+    )
 
 
 def test_an_acceleration_at_the_edge_of_the_band_is_no_resonance_within_it(full: ReportData) -> None:
