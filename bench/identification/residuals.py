@@ -16,10 +16,12 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from bench.identification.aligned import Aligned, align
+from bench.identification.cogging import strongest_period
 from bench.identification.kernels import Kernel
 from bench.identification.results import FitResult
 from bench.identification.separable import FULL_BAND
 from bench.identification.signals import Signals
+from bench.identification.validation import network_trace
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -34,7 +36,7 @@ INPUT_LAGS = range(-4, 9)
 BLOCK_S = 0.5
 BLOCKS_PER_LAG = 4
 PEAK_LENGTH = 128
-# Position is looked at with up to so many periods a turn, for so many of them at most.
+# Position is drawn with up to so many periods a turn; at most so many lines of it are named.
 MOST_PERIODS = 256
 MOST_HARMONICS = 3
 # A harmonic is looked for while the shaft is slow enough for it to pass the band: its frequency in cycles a tick.
@@ -87,7 +89,7 @@ class Dependence:
 class Harmonic:
     """A part of the residual that follows the shaft's position; ``p_value`` allows for all that were looked at."""
 
-    periods_per_turn: int
+    periods_per_turn: float
     amplitude_nm: float
     p_value: float
 
@@ -119,11 +121,11 @@ class Sequence1D:
     velocity_rad_s: FloatArray
 
 
-def diagnose(result: FitResult, stretches: Sequence[Signals]) -> ResidualTests | None:
-    """Of a fit's residual over ``stretches``; None where too little was fitted to judge."""
-    fitted = result.trace
+def diagnose(result: FitResult, stretches: tuple[Signals, ...]) -> ResidualTests | None:
+    """Of what the network of a fit leaves of ``stretches``; None where too little was fitted to judge."""
+    told = network_trace(result, stretches, free_motion=result.ratios_only)
     ends = np.cumsum([len(stretch.time_s) for stretch in stretches])[:-1]
-    parts = np.split(fitted.measured - fitted.predicted, ends)
+    parts = np.split(told.measured - told.predicted, ends)
     return residual_tests(parts, align(stretches, result.motion_delay_s), of_motion=result.ratios_only)
 
 
@@ -255,39 +257,39 @@ def dependence(whitened: FloatArray, values: FloatArray, step_s: float, name: st
 
 
 def position_harmonics(signals: Sequence1D, tick_s: float) -> tuple[FloatArray, tuple[Harmonic, ...]]:
-    """Amplitude by periods a turn (MOST_PERIODS,), and the harmonics that are no chance, the greatest first."""
+    """Amplitude by whole periods a turn (MOST_PERIODS,), and the harmonics that are no chance, the greatest first."""
     rows = np.isfinite(signals.residual)
     position, left = signals.position_rad[rows], signals.residual[rows] - np.nanmean(signals.residual)
     cycles = np.abs(signals.velocity_rad_s[rows]) * tick_s / (2 * np.pi)
     block = np.unique(np.flatnonzero(rows) // max(1, round(BLOCK_S / signals.step_s)), return_inverse=True)[1]
-    spectrum, evidence = _spectrum(position, left, cycles, signals.step_s)
-    shown, harmonics = spectrum, []
+    spectrum = _spectrum(position, left, cycles, signals.step_s)
+    harmonics: list[Harmonic] = []
     for _ in range(MOST_HARMONICS):
-        if not np.isfinite(evidence).any():
+        periods = strongest_period(position, left, 1.0)
+        if periods is None:
             break
-        periods = int(np.nanargmax(evidence)) + 1
         slow = cycles * periods < HIGHEST_CYCLES
         angle = periods * position[slow]
         pair = np.stack([np.cos(angle), np.sin(angle)])
         scores = np.array([np.bincount(block[slow], wave * left[slow]) for wave in pair], dtype=np.float64)
         used = np.bincount(block[slow], minlength=scores.shape[1]) > 0
-        p_value = min(1.0, MOST_PERIODS * _hotelling(scores[:, used]))
+        p_value = min(1.0, _looked_at(position) * _hotelling(scores[:, used]))
         if not p_value < SIGNIFICANCE:
             break
         weights = np.linalg.lstsq(pair @ pair.T, pair @ left[slow], rcond=None)[0]
         harmonics.append(Harmonic(periods, float(np.hypot(*weights)), p_value))
-        left = left.copy()
-        left[slow] -= weights @ pair
-        spectrum, evidence = _spectrum(position, left, cycles, signals.step_s)
-    return shown, tuple(harmonics)
+        left = left - weights @ np.stack([np.cos(periods * position), np.sin(periods * position)])
+    return spectrum, tuple(harmonics)
 
 
-def _spectrum(
-    position: FloatArray, residual: FloatArray, cycles: FloatArray, step_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """Amplitude by periods a turn, and its square times the samples it rests on; NaN where it cannot be told."""
+def _looked_at(position: FloatArray) -> float:
+    """How many different lines a search over position has to choose from."""
+    return MOST_PERIODS * max(1.0, float(np.ptp(position)) / (2 * np.pi))
+
+
+def _spectrum(position: FloatArray, residual: FloatArray, cycles: FloatArray, step_s: float) -> FloatArray:
+    """Amplitude by periods a turn; NaN where it cannot be told."""
     amplitude = np.full(MOST_PERIODS, np.nan)
-    evidence = np.full(MOST_PERIODS, np.nan)
     # Slowest first: the more periods a turn, the fewer of the samples are slow enough.
     order = np.argsort(cycles)
     ascending = cycles[order]
@@ -300,8 +302,7 @@ def _spectrum(
         phasor = phasor[:count] * turn[:count]
         if abs(np.mean(phasor)) < LARGEST_MEAN_PHASOR:
             amplitude[periods - 1] = 2 * abs(phasor @ values[:count]) / count
-            evidence[periods - 1] = amplitude[periods - 1] ** 2 * count
-    return amplitude, evidence
+    return amplitude
 
 
 def _shifted(values: FloatArray, lag: int) -> FloatArray:

@@ -25,7 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 # Yield displacements of each kind, evenly spread in the logarithm over what the fit of the network searches too.
-ELEMENTS = 14
+ELEMENTS = 20
 YIELD_RAD = np.geomspace(1 / S_PER_RAD[1], 1 / S_PER_RAD[0], ELEMENTS)
 # The command's last values: so many ticks, beginning this much before it was sent (the torque's own delay counts).
 COMMAND_TICKS = 20

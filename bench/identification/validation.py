@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from bench.errors import ExperimentError
 from bench.identification.fit import trace
-from bench.identification.regression import Regression, Shape
+from bench.identification.regression import INERTIA, Regression, Shape
 from bench.identification.results import FitResult, Trace, Validation
 from bench.identification.separable import FULL_BAND, linear_solution
 from bench.identification.signals import Signals, signals
@@ -47,15 +47,18 @@ def is_free(segment: SegmentInfo) -> bool:
     return segment.procedure in FREE_PROCEDURES and (segment.name.startswith("free") or segment.procedure == "free")
 
 
-def _torque(result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Trace, float, float]:
-    """Torque under the measured motion; the sensor's slow zero and the friction's initial state are not predicted."""
-    if any(stretch.torque_nm is None for stretch in stretches):
-        return _nothing("N*m"), NAN, NAN
-    regression = Regression.of(stretches, FULL_BAND)
+def network_trace(result: FitResult, stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Trace:
+    """Torque under the measured motion by the network alone: whatever else a fit found (cogging, say) stays in between.
+
+    The sensor's slow zero and the friction's state after a rest are not predicted. ``free_motion`` compares what the
+    network makes of the acceleration instead, as a torque per unit of torque gain: for networks that know only ratios.
+    """
     network = result.network
+    regression = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
     s = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
+    command_delay_s = result.command_delay_s + (result.motion_delay_s if free_motion else 0.0)
     columns, memory = regression.columns(
-        Shape(network.amplifier_bandwidth_rad_s, s, result.command_delay_s, result.motion_delay_s)
+        Shape(network.amplifier_bandwidth_rad_s, s, command_delay_s, result.motion_delay_s)
     )
     known = np.array(
         [
@@ -66,12 +69,25 @@ def _torque(result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Trace, f
             network.presliding_damping_nms_rad,
         ]
     )
+    unknown, to_torque = columns[5:], 1.0
+    if free_motion:
+        # Solved for the acceleration: all over the inertia, and what torque there is at the port counts for itself.
+        to_torque = network.inertia_kgm2
+        known = known / to_torque
+        known[INERTIA] = 0.0
+        unknown = np.concatenate([columns[[INERTIA]], unknown])
     target = regression.target()
-    rest = memory.taken_off(target - known @ columns[:5])
-    bias = memory.taken_off(columns[5:])
-    predicted = target - rest + linear_solution(bias, rest) @ bias
-    rms = float(np.sqrt(np.mean((target - predicted) ** 2)))
-    return trace(stretches, target, predicted), rms, rms / float(np.sqrt(np.mean(target**2)))
+    rest, seen = memory.taken_off(target - known @ columns[:5]), memory.taken_off(unknown)
+    predicted = target - rest + linear_solution(seen, rest) @ seen
+    return trace(stretches, target * to_torque, predicted * to_torque)
+
+
+def _torque(result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Trace, float, float]:
+    if any(stretch.torque_nm is None for stretch in stretches):
+        return _nothing("N*m"), NAN, NAN
+    told = network_trace(result, stretches)
+    rms = float(np.sqrt(np.nanmean((told.measured - told.predicted) ** 2)))
+    return told, rms, rms / float(np.sqrt(np.nanmean(told.measured**2)))
 
 
 def _free_motion(

@@ -49,10 +49,10 @@ def _position(axes: Axes, tests: ResidualTests, unit: str) -> None:
     factor, unit = in_prefixed_unit(float(np.max(finite, initial=0.0)), unit)
     periods = np.arange(1, tests.spectrum_nm.size + 1)
     axes.plot(periods, factor * tests.spectrum_nm, color=MEASURED, linewidth=0.9)
-    for each in tests.harmonics:
+    for each in (each for each in tests.harmonics if each.periods_per_turn <= tests.spectrum_nm.size):
         axes.annotate(
-            str(each.periods_per_turn),
-            (each.periods_per_turn, factor * tests.spectrum_nm[each.periods_per_turn - 1]),
+            f"{each.periods_per_turn:g}",
+            (each.periods_per_turn, factor * each.amplitude_nm),
             (5, -3),
             textcoords="offset points",
             color=PREDICTED,

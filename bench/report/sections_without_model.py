@@ -157,8 +157,9 @@ def residuals_section(data: ReportData) -> Section | None:
     if tests is None:
         return None
     caption = (
-        "The residual within the fit's band, freed of the band's own colour, and its amplitude by periods a turn of "
-        "the shaft. Shaded is where chance keeps correlations 95 times in 100."
+        "What the network, with its parameters alone, leaves of the torque: within the band, freed of the band's own "
+        "colour; and its amplitude by periods a turn of the shaft. Shaded is where chance keeps correlations 95 times "
+        "in 100."
     )
     unit = "N·m"
     if data.fit is not None and data.fit.ratios_only:
@@ -189,7 +190,7 @@ def residual_sentences(tests: ResidualTests, unit: str = "N·m") -> list[str]:
 
 
 def _harmonic_sentence(harmonic: Harmonic, unit: str) -> str:
-    times = "once a turn" if harmonic.periods_per_turn == 1 else f"with {harmonic.periods_per_turn} periods a turn"
+    times = "once a turn" if harmonic.periods_per_turn == 1 else f"with {harmonic.periods_per_turn:g} periods a turn"
     what = "cogging" if harmonic.periods_per_turn > 2 else "an eccentric or bent part"
     return f"The residual follows position {times}: {what} of {number(1e3 * harmonic.amplitude_nm, 2)} m{unit}."
 
