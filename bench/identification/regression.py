@@ -216,7 +216,7 @@ class Regression:
         return self.chosen([rows.signals.segment[:: rows.stride] for rows in self.rows])
 
     def columns(self, shape: Shape) -> tuple[FloatArray, "Memory"]:
-        """Physical columns, pairs of cogging, the bias: shape (unknowns, samples); and what the friction may remember."""
+        """Physical columns, cogging, bias: shape (unknowns, samples); and what the friction may remember."""
         own = self._on_own_time(shape)
         parts = [rows.columns(own) for rows in self.rows]
         chosen = self.chosen(parts)
