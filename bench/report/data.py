@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from bench.identification.ladder import Rung
 from bench.identification.residuals import ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.identification.without_model import WithoutModel
@@ -27,6 +28,7 @@ class ReportData:
     blocked_map: BlockedMap | None = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
+    ladder: Sequence[Rung] = ()
     live: Sequence[LiveEstimate | RecordedEstimates] = ()
     measured: Measured | None = None
     notes: Sequence[str] = ()

@@ -61,6 +61,30 @@ def impedance_section(data: ReportData) -> Section | None:
     return Section("impedance", "The impedance", (sentence,), ((picture, caption),))
 
 
+def friction_section(data: ReportData) -> Section | None:
+    """The ladder of friction models: how much of the torque each leaves, on data it has seen and on data it has not."""
+    if not data.ladder:
+        return None
+    best = next(rung for rung in data.ladder if rung.selected)
+    sentences = (
+        f"Judged on parts of the recording that the fit had not seen, in a low band: {best.name} is the simplest model "
+        "that is not worse than the best by more than one standard error.",
+    )
+    head = ("model", "numbers", "torque left, seen [%]", "not seen [%]", "standard error [%]", "remark")
+    rows = tuple(
+        (
+            rung.name,
+            str(rung.unknowns),
+            number(100 * rung.train_relative, 3),
+            number(100 * rung.held_out_relative, 3),
+            number(100 * rung.held_out_std / rung.target_rms, 3),
+            "selected" if rung.selected else "" if rung.fit.converged else "did not converge",
+        )
+        for rung in data.ladder
+    )
+    return Section("friction", "Friction models", sentences, tables=(Facts(head, rows),))
+
+
 def blocked_section(data: ReportData) -> Section | None:
     if data.blocked_map is None or not np.isfinite(data.blocked_map.torque_nm).any():
         return None
@@ -205,6 +229,7 @@ MAKERS: tuple[Callable[[ReportData], Section | None], ...] = (
     without_model_section,
     fit_section,
     residuals_section,
+    friction_section,
     blocked_section,
     live_section,
     timing_section,

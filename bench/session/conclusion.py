@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.errors import UsageError
+from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit_signals
+from bench.identification.ladder import Rung
 from bench.identification.residuals import ResidualTests, diagnose
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.identification.signals import signals
@@ -29,6 +31,7 @@ class Conclusion:
     blocked_map: BlockedMap | None = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
+    ladder: tuple[Rung, ...] = ()
     network: Path | None = None
     report: Path | None = None
 
@@ -56,6 +59,7 @@ def conclude(
     names = {segment.name for segment in measured.segments}
     static = source_map(measured) if any(name.startswith("staircase") for name in names) else None
     blocked = blocked_map(measured) if any(name.startswith("hold") for name in names) else None
+    rungs = bench_ladder(measured, result, tick_s=tick_s)
     network = out / f"{recording.stem}.network.json"
     result.network.with_provenance({**metadata, "recording": recording.name}).save(network)
     data = ReportData(
@@ -68,11 +72,12 @@ def conclude(
         blocked_map=blocked,
         without_model=modelless,
         residuals=residuals,
+        ladder=rungs,
         live=tuple(live),
         measured=measured,
     )
     report = write_report(out / f"{recording.stem}.report.html", data)
-    return Conclusion(result, checked, static, blocked, modelless, residuals, network, report)
+    return Conclusion(result, checked, static, blocked, modelless, residuals, rungs, network, report)
 
 
 def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, Conclusion]:

@@ -8,6 +8,9 @@ from bench.control.admittance import AdmittanceController
 from bench.control.calibration import LoadCalibration
 from bench.errors import ExperimentError
 from bench.identification.fit import fit_signals
+from bench.identification.friction.family import family_for
+from bench.identification.friction.path import Path
+from bench.identification.friction.sums import part_sums
 from bench.identification.live import LiveIdentifier
 from bench.identification.load import fit_load
 from bench.identification.signals import Port, signals
@@ -36,6 +39,16 @@ def warm_up() -> None:
     without_model(fit_signals(stretches, command_unit=COMMAND_UNIT), stretches, (), measured.segments)
     AdmittanceController(LOAD, TICK_S, torque_limit_nm=1.0)
     NETWORK.free_motion([0.0], TICK_S)
+    _warm_friction()
+
+
+def _warm_friction() -> None:
+    """The operators of the ladder, and its sums."""
+    swing = np.sin(np.arange(20.0))
+    path = Path(TICK_S, swing, swing, np.zeros(1, dtype=np.int64))
+    for model in family_for(path):
+        columns = model.columns(path, np.ones(len(model.unknowns)) * 0.5)
+        part_sums(columns, swing, np.zeros(len(swing), dtype=np.int64))
 
 
 def _made_up() -> Measured:

@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.identification.friction.family import model
+from bench.identification.friction.fit import FrictionFit
 from bench.identification.impedance_table import ImpedanceTable
+from bench.identification.ladder import Rung
 from bench.identification.residuals import Dependence, Harmonic, Memory, ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
 from bench.identification.stop_operator import StopOperator
@@ -137,6 +140,15 @@ def residuals() -> ResidualTests:
     return ResidualTests(1e-3, memory, followed, (Harmonic(42, 3e-4, 1e-30),), spectrum)
 
 
+def rung(
+    name: str, train: float, held_out: float, std: float, *, selected: bool = False, converged: bool = True
+) -> Rung:
+    """One line of the ladder, its errors over a torque of 0.1 N·m."""
+    nothing = np.zeros(0)
+    fit = FrictionFit(model(name), (), nothing, np.zeros((0, 0)), nothing, nothing, nothing.astype(bool), converged, ())
+    return Rung(model(name), fit, 0.1 * train, 0.1 * held_out, 0.1 * std, 0.1, (), selected)
+
+
 @pytest.fixture(scope="session")
 def full() -> ReportData:
     """A report with everything in it."""
@@ -213,6 +225,11 @@ def full() -> ReportData:
         ),
         without_model=without_model(replace(trace, predicted=1.01 * predicted)),
         residuals=residuals(),
+        ladder=(
+            rung("coulomb-viscous", 0.193, 0.196, 0.023),
+            rung("dahl", 0.0099, 0.00995, 1.9e-4, selected=True),
+            rung("lugre", 0.0099, 0.00996, 1.9e-4, converged=False),
+        ),
         live=live,
         measured=measured_from(velocity, command, torque, names),
         notes=("The staircase was cut short.",),

@@ -16,6 +16,7 @@ SECTIONS = [
     "without-model",
     "fit",
     "residuals",
+    "friction",
     "blocked",
     "live",
     "timing",
@@ -86,6 +87,7 @@ def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
         "residuals": {"residuals"},
         "validation": {"validation"},
         "blocked_map": {"blocked"},
+        "ladder": {"friction"},
         "live": {"live"},
         "measured": {"timing", "events", "impedance", "live"},
     }
@@ -109,6 +111,13 @@ def test_what_the_data_cannot_tell_is_said(page_of_all: str) -> None:
     assert "known only as a product" in text
     assert "The staircase was cut short." in text
     assert "unexcited" in text
+
+
+def test_the_ladder_shows_every_model_and_the_one_selected(page_of_all: str) -> None:
+    text = " ".join(re.sub(r"<[^>]+>", " ", page_of_all).split())
+    assert "dahl is the simplest model" in text
+    assert "coulomb-viscous 2 19.3 19.6 2.30" in text
+    assert "lugre 6 0.990 0.996 0.0190 did not converge" in text
 
 
 def test_text_from_outside_is_escaped(full: ReportData) -> None:

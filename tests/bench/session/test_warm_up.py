@@ -7,6 +7,7 @@ import sys
 COUNT = """
 from bench.control import core
 from bench.identification import loops
+from bench.identification.friction import operators, sums
 from bench.models import network_steps
 from bench.session.warm_up import warm_up
 
@@ -14,6 +15,7 @@ warm_up()
 called = {core: "sense track feed_forward pass_on advance put_first".split(), network_steps: ["free_motion"]}
 called[loops] = "count_readings filter_at filter_many friction_bank friction_path lag_bank lag_of_held lagrange".split()
 called[loops] += ["mean_lag_of_held"]
+called |= {operators: "bristle stops elasto_plastic".split(), sums: ["part_sums"]}
 print([name for module, names in called.items() for name in names if not getattr(module, name).signatures])
 """
 
