@@ -2,9 +2,12 @@
 
 from math import isfinite
 
-from bench.identification.residuals import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
+from bench.identification.dependence import SIGNIFICANCE, Dependence
+from bench.identification.position_lines import Harmonic
+from bench.identification.residuals import ResidualTests
 from bench.identification.results import SourceMap
 from bench.identification.stop_operator import StopOperator
+from bench.identification.whiteness import Memory
 from bench.identification.without_model import Prediction, WithoutModel
 from bench.report.data import ReportData
 from bench.report.figures_residuals import residual_tests_figure
