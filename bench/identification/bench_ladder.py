@@ -59,9 +59,8 @@ def bench_equation(stretches: tuple[Signals, ...], result: FitResult) -> Equatio
 
     def process(rows: FloatArray) -> FloatArray:
         """The low-pass that torque and motion have passed too."""
-        parts = []
-        for stretch, (first, end) in zip(regression.rows, pairwise(ends), strict=True):
-            parts.append(np.stack([stretch.of_tick_signal(row, shape.motion_delay_s) for row in rows[:, first:end]]))
+        spans = zip(regression.rows, pairwise(ends), strict=True)
+        parts = [part.of_tick_signals(rows[:, first:end], shape.motion_delay_s) for part, (first, end) in spans]
         return regression.chosen(parts)
 
     return Equation(

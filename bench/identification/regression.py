@@ -75,10 +75,14 @@ class Rows:
 
     def of_tick_signal(self, values: FloatArray, shift_s: float = 0.0) -> FloatArray:
         """Any signal given at the ticks, filtered."""
+        return np.asarray(self.of_tick_signals(values[None, :], shift_s)[0])
+
+    def of_tick_signals(self, values: FloatArray, shift_s: float = 0.0) -> FloatArray:
+        """Several at once: from (signals, ticks) to (signals, count)."""
         shift = shift_s / self.signals.tick_s
         reach = int(np.ceil(self.kernel.half_width + abs(shift)))
-        taps = self.kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)
-        return np.asarray(loops.filter_at(values, taps[None, :], -reach, self.stride, self.count)[0])
+        taps = self.kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)[None, :]
+        return np.stack([loops.filter_at(row, taps, -reach, self.stride, self.count)[0] for row in values])
 
     def lag(self, shape: Shape) -> FloatArray:
         """The amplifier's lag of the command, per unit of gain: shape (2, count), with its rate."""

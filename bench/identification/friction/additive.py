@@ -6,16 +6,16 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import UsageError
+from bench.identification.cogging import EVIDENCE
 from bench.identification.friction.equation import Equation
 from bench.identification.friction.fit import FrictionFit
 
 FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Of the spectrum over position: lines for each 1/range, and the most periods that the range is taken to hold.
 OVERSAMPLING = 4
 MOST_PERIODS = 400
-TIME_AT_ONCE = 64  # lines
+LINES_AT_ONCE = 64
 
 
 def with_columns(equation: Equation, names: tuple[str, ...], columns: FloatArray) -> Equation:
@@ -57,24 +57,36 @@ def with_temperature(equation: Equation) -> Equation:
     return with_columns(equation, names, equation.process(effects))
 
 
-def cogging_period(equation: Equation, fit: FrictionFit, rows: BoolArray | None = None) -> float:
-    """The period in position, in rad or m, of the strongest line in what ``fit`` leaves in ``rows``."""
-    chosen = fit.rows if rows is None else rows
-    position = equation.process(equation.path.position[None, :])[0][chosen]
-    residual = fit.residual[chosen] - np.mean(fit.residual[chosen])
+def cogging_period(equation: Equation, fit: FrictionFit) -> float | None:
+    """The period in position, in rad or m, of the strongest line in what ``fit`` leaves; None where none stands out.
+
+    For strokes of any length, also of less than a turn: periods from the whole stroke down to a few samples' travel.
+    """
+    position = equation.process(equation.path.position[None, :])[0][fit.rows]
+    residual = fit.residual[fit.rows] - np.mean(fit.residual[fit.rows])
     reach = float(np.ptp(position))
     # Faster lines than twice a row's travel are not sampled.
     travel = float(np.median(np.abs(np.diff(position)))) or reach
     most = int(min(MOST_PERIODS, max(reach / (2 * travel), 1.0)) * OVERSAMPLING)
     frequencies = np.arange(OVERSAMPLING, most + OVERSAMPLING) / (OVERSAMPLING * reach)
-    return float(1.0 / frequencies[np.argmax(_power(position - position[0], residual, frequencies))])
+    power = _power(position - position[0], residual, frequencies)
+    best = int(np.argmax(power))
+    return float(1.0 / frequencies[best]) if power[best] > EVIDENCE * _colour(residual) else None
 
 
 def _power(position: FloatArray, residual: FloatArray, frequencies: FloatArray) -> FloatArray:
-    """What each line explains: least squares on its sine and cosine, shape (frequencies,)."""
+    """Periodogram over position, in squared residuals: white noise gives its variance, shape (frequencies,)."""
     power = np.empty(frequencies.size)
-    for first in range(0, frequencies.size, TIME_AT_ONCE):
-        some = frequencies[first : first + TIME_AT_ONCE]
+    for first in range(0, frequencies.size, LINES_AT_ONCE):
+        some = frequencies[first : first + LINES_AT_ONCE]
         waves = np.exp(2j * np.pi * np.outer(some, position))
-        power[first : first + TIME_AT_ONCE] = np.abs(waves @ residual) ** 2 / position.size
+        power[first : first + LINES_AT_ONCE] = np.abs(waves @ residual) ** 2 / position.size
     return power
+
+
+def _colour(residual: FloatArray) -> float:
+    """The variance that coloured noise shows at its strongest: variance times the neighbours that move together."""
+    variance = float(np.mean(residual**2))
+    alike = float(np.mean(residual[1:] * residual[:-1])) / variance if variance > 0 else 0.0
+    alike = min(max(alike, 0.0), 0.99)
+    return variance * (1 + alike) / (1 - alike)

@@ -10,6 +10,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Directions that carry less than this share of the strongest say nothing.
 WEAKEST = 1e-9
+# A coefficient; columns nearly alike change places more often than scipy expects.
+MOST_EXCHANGES = 100
 
 
 def bounded_solution(gram: FloatArray, moment: FloatArray, nonnegative: BoolArray) -> FloatArray:
@@ -30,7 +32,7 @@ def bounded_solution(gram: FloatArray, moment: FloatArray, nonnegative: BoolArra
         # A trace of ridge: columns that are alike share what they explain.
         root = np.linalg.cholesky(left + WEAKEST * np.eye(len(left)))
         right = solve_triangular(root, moment[nonnegative] - coupling.T @ moment[free], lower=True)
-        solution[nonnegative] = nnls(root.T, right)[0]
+        solution[nonnegative] = nnls(root.T, right, maxiter=MOST_EXCHANGES * len(right))[0]
     solution[free] = inverse @ moment[free] - coupling @ solution[nonnegative]
     solution[silent] = 0.0
     return np.asarray(solution / scale)

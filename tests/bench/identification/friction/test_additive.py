@@ -31,6 +31,12 @@ def test_cogging_is_found_without_knowing_its_period(period):
     assert fit.rms == pytest.approx(NOISE, rel=0.03)
 
 
+def test_no_cogging_is_found_where_there_is_none():
+    for seed in range(5):
+        equation = coulomb_equation(wandering(seed))
+        assert cogging_period(equation, fit_friction(equation, COULOMB)) is None
+
+
 def test_drift_is_followed():
     equation = coulomb_equation()
     slow = 0.01 * np.sin(2 * np.pi * equation.time_s / 12.0)
