@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from bench.session.schema import Session
 
 SessionFile = Annotated[Path, Parameter(name="SESSION", help="A session file.")]
+Until = Annotated[
+    str | None, Parameter(help='Choose excitations until every 95 % interval is within ± this of its value: "1%".')
+]
+AtMost = Annotated[str, Parameter(help="Bench time that --until may take in all.")]
 OtherRig = Annotated[Path | None, Parameter(name="--rig", help="A rig file, instead of the session's.")]
 
 
@@ -23,6 +27,8 @@ def identify(
     rig_file: RigFile,
     /,
     *,
+    until: Until = None,
+    at_most: AtMost = "10 min",
     backend: Backend = None,
     seed: Seed = None,
     out: Out = None,
@@ -31,10 +37,12 @@ def identify(
 ) -> int:
     """Identify the actuator of a rig: tare, calibrate, free, blocked, imposed, validate, as far as the rig allows."""
     from bench.rig.load import load_rig  # noqa: PLC0415
-    from bench.session.schema import standard_session  # noqa: PLC0415
+    from bench.session.schema import refining_session, standard_session  # noqa: PLC0415
 
+    asked, at_most_s = _fraction(until), _quantity("--at-most", at_most, "s")
     rig = load_rig(rig_file, backend=backend)
-    return perform(rig, standard_session(rig), out=out, seed=seed, output=Output(json, quiet))
+    session = standard_session(rig) if asked is None else refining_session(rig, asked, at_most_s)
+    return perform(rig, session, out=out, seed=seed, output=Output(json, quiet))
 
 
 def run(
@@ -58,6 +66,24 @@ def run(
         raise UsageError(f'{session_file}: names no rig; add rig = "../rigs/my-rig.toml", or give --rig')
     rig = load_rig(place, backend=backend)
     return perform(rig, session, out=out, seed=session.seed if seed is None else seed, output=Output(json, quiet))
+
+
+def _fraction(until: str | None) -> float | None:
+    if until is None:
+        return None
+    asked = _quantity("--until", until, "")
+    if not 0 < asked < 1:
+        raise UsageError(f"--until {until}: must be between 0 and 100 %; write it like --until 1%")
+    return asked
+
+
+def _quantity(option: str, text: str, unit: str) -> float:
+    from bench.units import parse_quantity  # noqa: PLC0415
+
+    try:
+        return parse_quantity(text, unit)
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from None
 
 
 def perform(rig: "Rig", session: "Session", *, out: Path | None, seed: int | None, output: Output) -> int:
@@ -90,12 +116,17 @@ def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:
 
 def _show(result: "SessionResult", output: Output) -> int:
     from bench.cli.model_free import model_free, residual_figures  # noqa: PLC0415
-    from bench.cli.results import identification, summary  # noqa: PLC0415
+    from bench.cli.results import identification, summary, until_figures, until_sentences  # noqa: PLC0415
 
-    found = result.conclusion
+    found, refined = result.conclusion, result.knowledge.refinement
     about = (found.fit, found.validation, result.recording, found.network, found.report)
     about_model_free = model_free(found.source_map, found.without_model), residual_figures(found.residuals)
-    output.result(identification(*about, *about_model_free), summary(*about))
+    data, view = identification(*about, *about_model_free), summary(*about)
+    if refined is None or found.fit is None:
+        output.result(data, view)
+    else:
+        until = until_figures(refined, found.fit, len(result.measured.ticks) * result.knowledge.tick_s)
+        output.result({**data, "until": until}, view, until_sentences(until))
     if found.fit is not None and not found.fit.converged:
         output.say("the fit did not converge: these parameters are no result; see the report for what was not excited")
         return ExitCode.EXPERIMENT_FAILED

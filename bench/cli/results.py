@@ -10,6 +10,7 @@ from rich.table import Table
 
 from bench.identification.results import FitResult, Validation
 from bench.models.parameters import BY_NAME, Estimate
+from bench.procedures.refinement import Refinement, in_percent, widest_of, words
 
 
 def identification(
@@ -51,6 +52,30 @@ def validation_figures(validation: Validation) -> dict[str, float]:
         "velocity_rms_rad_s": float(validation.velocity_rms_rad_s),
         "velocity_relative": float(validation.velocity_relative),
     }
+
+
+def until_figures(refined: Refinement, fit: FitResult, bench_time_s: float) -> dict[str, Any]:
+    """What ``--json`` says of ``--until``. The final fit has the last word on what was reached."""
+    widest = widest_of(fit.estimates)
+    return {
+        "asked": refined.target,
+        "reached": refined.reached and widest is not None and widest[1] <= refined.target,
+        "rounds": refined.rounds,
+        "bench_time_s": bench_time_s,
+        "widest": None if widest is None else {"parameter": widest[0], "half_width": widest[1]},
+        "reasons": list(refined.sentences),
+    }
+
+
+def until_sentences(until: Mapping[str, Any]) -> str:
+    """The same in words."""
+    rounds = f"{until['rounds']} round{'' if until['rounds'] == 1 else 's'}"
+    verb = "Reached" if until["reached"] else "Did not reach"
+    head = f"{verb} {in_percent(until['asked'])} after {rounds}, {until['bench_time_s']:.0f} s of bench time"
+    widest = until["widest"]
+    if widest is not None:
+        head += f"; the widest interval is that of {words(widest['parameter'])}, {in_percent(widest['half_width'])}"
+    return " ".join([f"{head}.", *until["reasons"]])
 
 
 def summary(

@@ -1,6 +1,7 @@
 """A procedure and a loop brought together."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from bench.loop.loop import Loop
 from bench.procedures.knowledge import Knowledge, Procedure
@@ -34,4 +35,5 @@ def carry_out(procedure: Procedure, known: Knowledge, loop: Loop, foresee: Fores
                 segment = plan.send(measured[-1])
             except StopIteration:
                 segment = None
-    return procedure.conclude(known, join(measured))
+    record = join(measured)
+    return replace(procedure.conclude(known, record), records=(*known.records, record))

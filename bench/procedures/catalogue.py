@@ -9,7 +9,8 @@ from bench.procedures.blocked import BlockedProcedure
 from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.free import FreeProcedure
 from bench.procedures.imposed import ImposedProcedure
-from bench.procedures.knowledge import Procedure
+from bench.procedures.knowledge import Adaptive, Procedure
+from bench.procedures.refine import RefineProcedure
 from bench.procedures.tare import TareProcedure
 from bench.procedures.validate import ValidateProcedure
 from bench.rig.rig import Rig
@@ -30,20 +31,22 @@ CATALOGUE: Mapping[str, Entry] = {
     "free": Entry(FreeProcedure, after=("calibrate",)),
     "blocked": Entry(BlockedProcedure, after=("calibrate",)),
     "imposed": Entry(ImposedProcedure, after=("calibrate",)),
+    # Chosen from a first fit, which needs something to fit.
+    "refine": Entry(RefineProcedure, after=("calibrate", "imposed")),
     # Commands that nobody has tried free may drive the shaft beyond its limit.
     "validate": Entry(ValidateProcedure, after=("calibrate", "free"), after_alone=("free",)),
 }
 
 
-def make_procedures(steps: Sequence[tuple[str, Any]], rig: Rig, *, place: str) -> tuple[Procedure, ...]:
+def make_procedures(steps: Sequence[tuple[str, Any]], rig: Rig, *, place: str) -> tuple[Procedure | Adaptive, ...]:
     """The procedures for ``steps`` of (name, options), each checked against the rig before anything moves.
 
     Raises RigError for what the rig cannot do, UsageError for steps out of order.
     """
-    made: list[Procedure] = []
+    made: list[Procedure | Adaptive] = []
     for number, (name, options) in enumerate(steps, 1):
         entry = CATALOGUE[name]
-        procedure: Procedure = entry.make(options)
+        procedure: Procedure | Adaptive = entry.make(options)
         procedure.require(rig)
         needed = entry.after_alone if rig.wiring.load is None else entry.after
         missing = [before for before in needed if before not in {earlier.name for earlier in made}]

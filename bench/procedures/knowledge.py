@@ -2,11 +2,12 @@
 
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 from bench.control.calibration import LoadCalibration
 from bench.errors import RigError
 from bench.identification.results import FitResult
+from bench.procedures.refinement import Refinement
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import Segment
@@ -29,6 +30,7 @@ class Knowledge:
 
     ``actuator`` is its first fit, from being shaken in the calibration: good enough to tune by, not a result.
     ``command_span`` holds the commands, negative and positive, at which the free actuator reached the velocity asked.
+    ``records`` holds what every procedure so far has measured. ``refinement`` tells how far the last one came.
     """
 
     rig: Rig
@@ -36,6 +38,8 @@ class Knowledge:
     calibration: LoadCalibration | None = None
     actuator: FitResult | None = None
     command_span: tuple[float, float] | None = None
+    records: tuple[Measured, ...] = ()
+    refinement: Refinement | None = None
 
     @property
     def tick_s(self) -> float:
@@ -69,6 +73,34 @@ class Procedure(Protocol):
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         """What is known afterwards. Called with the drives idle, so it may take its time."""
+        ...
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What an adaptive step does next: None when it is done. ``said`` is worth a line to whoever watches."""
+
+    known: Knowledge
+    procedure: Procedure | None
+    said: str
+
+
+@runtime_checkable
+class Adaptive(Protocol):
+    """A step that is decided as it goes: procedure after procedure, each chosen from what is known by then."""
+
+    name: ClassVar[str]
+
+    def require(self, rig: Rig) -> None:
+        """Raises RigError, with the reason, before anything moves."""
+        ...
+
+    def duration_s(self, rig: Rig) -> float:
+        """How long it takes at most [s of bench time]."""
+        ...
+
+    def following(self, known: Knowledge) -> Decision:
+        """Called with the drives idle, so it may take its time; again after each procedure, until there is none."""
         ...
 
 

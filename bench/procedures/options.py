@@ -53,4 +53,14 @@ class ValidateOptions:
     seed: int = 7
 
 
-Options = TareOptions | CalibrateOptions | FreeOptions | BlockedOptions | ImposedOptions | ValidateOptions
+@dataclass(frozen=True)
+class RefineOptions:
+    """Excitations chosen as it goes, until every 95 % interval is within ± ``until`` of its value."""
+
+    until: float = 0.01
+    at_most_s: float = 300.0
+
+
+Options = (
+    TareOptions | CalibrateOptions | FreeOptions | BlockedOptions | ImposedOptions | RefineOptions | ValidateOptions
+)

@@ -7,6 +7,9 @@ import numpy as np
 
 from bench.segments import FloatArray
 
+# Of the peak; clipping far below it does best from random phases.
+CLIP_AT = 0.6
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -50,14 +53,25 @@ def staircase(levels: FloatArray, dwell_s: float, tick_s: float) -> FloatArray:
 
 
 def multisine(
-    duration_s: float, tick_s: float, *, low_hz: float, high_hz: float, seed: int, slope: float = 0.0, lines: int = 60
+    duration_s: float,
+    tick_s: float,
+    *,
+    low_hz: float,
+    high_hz: float,
+    seed: int,
+    slope: float = 0.0,
+    lines: int = 60,
+    clippings: int = 0,
 ) -> FloatArray:
-    """A random-phase multisine with peak 1 that begins and ends at zero; shape (ticks,).
+    """A multisine with peak 1 that begins and ends at zero; shape (ticks,).
 
-    ``lines`` frequencies, evenly spread over the logarithm of frequency, with amplitudes ~ frequency^slope.
+    ``lines`` frequencies, evenly spread over the logarithm of frequency, with amplitudes ~ frequency^slope. Phases are
+    random; so many ``clippings`` make them such that the wave is flat, and there is more of it below its peak.
     """
     time_s = _instants(duration_s, tick_s)
     frequency, amplitude, phase = _lines(low_hz, high_hz, seed, slope, lines)
+    if clippings:
+        phase = flat_phases(frequency, amplitude, phase, time_s, clippings)
     wave = amplitude @ np.sin(2 * np.pi * np.outer(frequency, time_s) + phase[:, None])
     wave = wave * _window(time_s, duration_s)[0]
     return np.asarray(wave / np.max(np.abs(wave)), dtype=np.float64)
@@ -78,6 +92,27 @@ def multisine_motion(
     w, w1, w2 = _window(time_s, duration_s)
     motion = Motion(w * position, w1 * position + w * velocity, w2 * position + 2 * w1 * velocity + w * acceleration)
     return motion.scaled(1.0 / np.max(np.abs(motion.velocity_rad_s)))
+
+
+def flat_phases(
+    frequency_hz: FloatArray, amplitude: FloatArray, phase: FloatArray, time_s: FloatArray, clippings: int
+) -> FloatArray:
+    """Phases, shape (lines,), with which the sum of sines has a low crest.
+
+    The wave is clipped, the clipped wave's phases are kept and the amplitudes put back, again and again (Van der
+    Ouderaa, Schoukens and Renneboog, IEEE Trans. Instrum. Meas. 37(1), 1988). The flattest wave met on the way counts.
+    """
+    angle = 2 * np.pi * np.outer(frequency_hz, time_s)
+    sine, cosine = np.sin(angle), np.cos(angle)
+    best, least = phase, np.inf
+    for _ in range(clippings + 1):
+        wave = (amplitude * np.cos(phase)) @ sine + (amplitude * np.sin(phase)) @ cosine
+        peak = float(np.max(np.abs(wave)))
+        if peak < least:
+            best, least = phase, peak
+        clipped = np.clip(wave, -CLIP_AT * peak, CLIP_AT * peak)
+        phase = np.arctan2(cosine @ clipped, sine @ clipped)
+    return best
 
 
 def velocity_steps(velocities_rad_s: FloatArray, change_s: float, dwell_s: float, tick_s: float) -> Motion:

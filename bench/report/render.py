@@ -123,7 +123,8 @@ def how_to_repeat(data: ReportData) -> list[tuple[str, str]]:
     if known.get("session", "").endswith(".toml"):
         commands.append((f"norton-bench run {known['session']}{seed}", "runs the session again"))
     elif known.get("rig_file"):
-        commands.append((f"norton-bench identify {known['rig_file']}{seed}", "runs the experiment again"))
+        arguments = f" {known['arguments']}" if known.get("arguments") else ""
+        commands.append((f"norton-bench identify {known['rig_file']}{arguments}{seed}", "runs the experiment again"))
     if known.get("recording"):
         commands.append((f"norton-bench fit {known['recording']}", "fits this recording again"))
         commands.append((f"norton-bench report {known['recording']}", "writes this report again"))

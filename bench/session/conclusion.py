@@ -44,8 +44,9 @@ def conclude(
     live: Sequence[LiveEstimate | RecordedEstimates],
     recording: Path,
     out: Path,
+    notes: Sequence[str] = (),
 ) -> Conclusion:
-    """Fit, validate and report what ``measured`` holds, into the folder ``out``."""
+    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report."""
     uses = {segment.use for segment in measured.segments}
     if Use.IDENTIFY not in uses:
         return Conclusion()
@@ -75,6 +76,7 @@ def conclude(
         ladder=rungs,
         live=tuple(live),
         measured=measured,
+        notes=notes,
     )
     report = write_report(out / f"{recording.stem}.report.html", data)
     return Conclusion(result, checked, static, blocked, modelless, residuals, rungs, network, report)

@@ -17,7 +17,7 @@ from bench.loop.loop import Loop, never_stop
 from bench.loop.outbox import Outbox
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import make_procedures
-from bench.procedures.knowledge import Knowledge, Procedure
+from bench.procedures.knowledge import Adaptive, Knowledge, Procedure
 from bench.recording.recorder import Recorder
 from bench.records import Measured, join
 from bench.rig.rig import Rig
@@ -69,8 +69,20 @@ class _Run:
             self.recorder.put_estimate(self.feed.latest)
         self.progress.part(part, self.feed.latest)
 
-    def step(self, procedure: Procedure) -> None:
-        """Carry out one procedure and let loop and controller adopt what it found."""
+    def step(self, step: Procedure | Adaptive) -> None:
+        """Carry out one procedure, or all those that an adaptive step decides on, one after the other."""
+        if not isinstance(step, Adaptive):
+            self._carry_out(step)
+            return
+        while (decision := step.following(self.knowledge)).procedure is not None:
+            self.progress.note(decision.said)
+            self.knowledge = decision.known
+            self._carry_out(decision.procedure)
+        self.progress.note(decision.said)
+        self.knowledge = decision.known
+
+    def _carry_out(self, procedure: Procedure) -> None:
+        """Let loop and controller adopt what the procedure found."""
         self.knowledge = carry_out(procedure, self.knowledge, self.loop, self._foresee)
         self._adopt()
 
@@ -130,13 +142,20 @@ def run_session(
         run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
         _step_by_step(run, procedures, progress)
     measured = join(run.parts)
+    refined = run.knowledge.refinement
     conclusion = conclude(
-        measured, rig_text=rig.text, metadata=metadata, live=run.live, recording=recorder.path, out=out
+        measured,
+        rig_text=rig.text,
+        metadata=metadata,
+        live=run.live,
+        recording=recorder.path,
+        out=out,
+        notes=() if refined is None else refined.sentences,
     )
     return SessionResult(recorder.path, conclusion, run.knowledge, measured)
 
 
-def _step_by_step(run: _Run, procedures: Sequence[Procedure], progress: Progress) -> None:
+def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], progress: Progress) -> None:
     clock, begun_s = run.loop.devices.clock, perf_counter()
     begun_ns = clock.now_ns()
     for index, procedure in enumerate(procedures):

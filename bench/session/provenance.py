@@ -19,6 +19,7 @@ def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[D
         "rig_file": rig.place,
         "backend": rig.backend,
         "session": session.place,
+        "arguments": session.arguments,
         "seed": "" if seed is None else str(seed),
         "command_unit": rig.command.unit,
         "tick_s": repr(rig.tick_s),

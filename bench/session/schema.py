@@ -8,15 +8,18 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from bench.errors import UsageError
+from bench.procedures.catalogue import make_procedures
 from bench.procedures.options import (
     BlockedOptions,
     CalibrateOptions,
     FreeOptions,
     ImposedOptions,
     Options,
+    RefineOptions,
     TareOptions,
     ValidateOptions,
 )
+from bench.procedures.refine import RefineProcedure
 from bench.rig.files import parse_toml, read_text
 from bench.rig.mistakes import Mistakes, nearest, toml
 from bench.rig.rig import Rig
@@ -33,13 +36,17 @@ class Step:
 
 @dataclass(frozen=True)
 class Session:
-    """What to do, in order. ``place`` names where it came from; ``rig`` is the rig file, if the session names one."""
+    """What to do, in order. ``place`` names where it came from; ``rig`` is the rig file, if the session names one.
+
+    ``arguments`` are those of ``identify`` that made a built-in session what it is.
+    """
 
     steps: tuple[Step, ...]
     place: str
     rig: Path | None = None
     seed: int | None = None
     text: str = ""
+    arguments: str = ""
 
 
 def _velocities(written: object) -> tuple[float, ...]:
@@ -90,6 +97,11 @@ class _Imposed(StepModel):
     duration_s: Seconds = Field(ImposedOptions.duration_s, alias="duration", ge=1, examples=["20 s"])
 
 
+class _Refine(StepModel):
+    until: Fraction = Field(RefineOptions.until, gt=0, lt=1, examples=["1 %"])
+    at_most_s: Seconds = Field(RefineOptions.at_most_s, alias="at_most", gt=0, examples=["5 min"])
+
+
 class _Validate(StepModel):
     duration_s: Seconds = Field(ValidateOptions.duration_s, alias="duration", ge=1, examples=["8 s"])
     seed: int = Field(ValidateOptions.seed, ge=0, examples=[7])
@@ -101,8 +113,15 @@ STEPS: Mapping[str, tuple[type[StepModel], type[Options]]] = {
     "free": (_Free, FreeOptions),
     "blocked": (_Blocked, BlockedOptions),
     "imposed": (_Imposed, ImposedOptions),
+    "refine": (_Refine, RefineOptions),
     "validate": (_Validate, ValidateOptions),
 }
+# Every procedure that is not decided as it goes.
+STANDARD = tuple(name for name in STEPS if name != "refine")
+# Around a refinement, which does the rest: just enough for a first fit, and for commands to validate with.
+SHORT_FREE = FreeOptions(levels=5, dwell_s=0.3, duration_s=4.0)
+SHORT_IMPOSED = ImposedOptions(commands=1, duration_s=4.0)
+LEAST_REFINING_S = 10.0
 
 
 class _File(BaseModel):
@@ -157,8 +176,36 @@ def _step(table: object, number: int, mistakes: Mistakes) -> Step | None:
 
 def standard_session(rig: Rig | None = None) -> Session:
     """The built-in session of ``identify``: everything that ``rig`` can perform, or everything there is."""
-    able = STEPS if rig is None else [name for name in STEPS if _performs(rig, name)]
+    able = STANDARD if rig is None else [name for name in STANDARD if _performs(rig, name)]
     return Session(tuple(Step(name, STEPS[name][1]()) for name in able), "the standard session")
+
+
+def refining_session(rig: Rig, until: float, at_most_s: float) -> Session:
+    """The built-in session of ``identify --until``: a short first pass, then rounds that choose themselves.
+
+    ``until`` is the half-width of the 95 % intervals asked for, relative; ``at_most_s`` the bench time of all together.
+    Raises RigError where the rig has no load drive, UsageError where there is no time for a round.
+    """
+    around: tuple[tuple[str, Options], ...] = (
+        ("tare", TareOptions()),
+        ("calibrate", CalibrateOptions()),
+        ("free", SHORT_FREE),
+        ("imposed", SHORT_IMPOSED),
+        ("refine", RefineOptions(until)),
+        ("validate", ValidateOptions()),
+    )
+    place = "--until"
+    RefineProcedure().require(rig)
+    procedures = make_procedures(around, rig, place=place)
+    taken_s = sum(procedure.duration_s(rig) for procedure in procedures if procedure.name != "refine")
+    if at_most_s - taken_s < LEAST_REFINING_S:
+        raise UsageError(
+            f"--at-most {at_most_s:g} s: the steps around the refinement take about {taken_s:.0f} s; "
+            f'allow at least "{taken_s + LEAST_REFINING_S:.0f} s"'
+        )
+    refine = RefineOptions(until, at_most_s - taken_s)
+    steps = [Step(name, refine if name == "refine" else options) for name, options in around]
+    return Session(tuple(steps), place, arguments=f'--until {100 * until:g}% --at-most "{at_most_s:g} s"')
 
 
 def _performs(rig: Rig, name: str) -> bool:

@@ -21,6 +21,7 @@ from bench.errors import ExitCode, SafetyStopError
 from bench.identification.results import FitResult, LiveEstimate, Trace
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
+from bench.procedures.refinement import Refinement
 from bench.records import Measured
 from bench.session.schema import STEPS
 
@@ -40,9 +41,17 @@ class Conclusion:
 
 
 @dataclass(frozen=True)
+class Knowledge:
+    refinement: Refinement | None = None
+    tick_s: float = 1e-3
+
+
+@dataclass(frozen=True)
 class Result:
     recording: Path
     conclusion: Conclusion
+    knowledge: Knowledge
+    measured: Measured
 
 
 class Engine:
@@ -51,6 +60,7 @@ class Engine:
     def __init__(self, fit: FitResult) -> None:
         self.fit = fit
         self.error: Exception | None = None
+        self.refinement: Refinement | None = None
         self.asked: dict[str, Any] = {}
 
     def run_session(self, rig: Any, session: Any, **asked: Any) -> Result:
@@ -63,7 +73,8 @@ class Engine:
         asked["progress"].note("a remark")
         if self.error is not None:
             raise self.error
-        return Result(recording, Conclusion(self.fit))
+        ticks = np.zeros(3000, Measured().ticks.dtype)
+        return Result(recording, Conclusion(self.fit), Knowledge(self.refinement), Measured(ticks=ticks))
 
 
 @pytest.fixture
@@ -85,11 +96,50 @@ def test_identify_runs_the_standard_session_and_prints_json(
     streams = capsys.readouterr()
     assert code == ExitCode.OK
     assert json.loads(streams.out)["parameters"]["inertia"]["std"] == 1e-7
-    assert [step.do for step in engine.asked["session"].steps] == list(STEPS)
+    assert [step.do for step in engine.asked["session"].steps] == [name for name in STEPS if name != "refine"]
+    assert "until" not in json.loads(streams.out)
     assert (engine.asked["seed"], engine.asked["rig"].backend) == (7, "simulated")
     assert engine.asked["out"] == tmp_path / "new"
     assert "[1/1] tare" in streams.err
     assert "a remark" in streams.err
+
+
+def test_identify_until_refines_and_says_how_far_it_came(
+    engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reason = "time is up; still wide: inertia ±0.39 %"
+    engine.refinement = Refinement(0.001, rounds=4).ended(reached=False, reasons=[reason])
+    arguments = ["identify", str(RIG), "--until", "0.1%", "--at-most", "3 min", "--out", str(tmp_path)]
+    assert app.main([*arguments, "--json"]) == ExitCode.OK
+    until = json.loads(capsys.readouterr().out)["until"]
+    assert until.pop("widest") == {"parameter": "inertia", "half_width": pytest.approx(1.96 * 1e-7 / 5e-5)}
+    sentence = f"{reason[0].upper()}{reason[1:]}."
+    assert until == {"asked": 0.001, "reached": False, "rounds": 4, "bench_time_s": 3.0, "reasons": [sentence]}
+    (refine,) = [step.options for step in engine.asked["session"].steps if step.do == "refine"]
+    assert refine.until == 0.001
+    assert refine.at_most_s < 180
+    assert app.main(arguments) == ExitCode.OK
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Did not reach ±0.1 % after 4 rounds, 3 s of bench time" in said
+    assert sentence in said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--until", "1 Hz"], '--until: "1 Hz" is not in a plain number'),
+        (["--until", "100%"], "--until 100%: must be between 0 and 100 %"),
+        (["--until", "tight"], '--until: "tight" is not a quantity'),
+        (["--until", "1%", "--at-most", "60"], '--at-most: "60" has no unit'),
+        (["--until", "1%", "--at-most", "20 s"], "--at-most 20 s: the steps around the refinement take about"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_in_a_sentence(
+    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert app.main(["identify", str(RIG), "--out", str(tmp_path), *options]) == ExitCode.USAGE
+    (sentence,) = capsys.readouterr().err.splitlines()
+    assert sentence.startswith(said)
 
 
 def test_quiet_is_quiet(engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,159 @@
+"""What a record tells of each parameter, or what an experiment that is only planned would tell, in the same terms.
+
+The columns and slopes of the fit's own regression, at an estimate that is there already, give the information matrix
+JᵀJ / σ²: its inverse is the covariance that noise alone would leave (the Cramér–Rao bound where σ² is the noise's
+density). Each stretch's initial friction and the sensor's wandering zero are unknowns too, and are projected out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from bench.identification.quantisation import moving
+from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Regression, Shape
+from bench.identification.results import FitResult
+from bench.identification.separable import FULL_BAND
+from bench.identification.signals import FINE, Signals
+from bench.models.network import NortonNetwork
+
+FloatArray = npt.NDArray[np.float64]
+
+# The order of rows and columns. The parameters count relative to themselves, the delays in seconds.
+KNOWN = (
+    "torque_gain",
+    "amplifier_bandwidth",
+    "inertia",
+    "viscous_damping",
+    "coulomb_torque",
+    "presliding_stiffness",
+    "presliding_damping",
+    "command_delay",
+    "motion_delay",
+)
+# What nothing has told of yet is known to about this: the box that the fit searches is as wide.
+VAGUE_RELATIVE = 3.0
+VAGUE_S = 5e-3
+# A parameter that came out as nothing has no scale of its own; with this one its relative deviation is vast.
+LEAST = 1e-12
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """A planned stretch: arrays of shape (ticks,), the motion smooth and imposed, so known ahead."""
+
+    tick_s: float
+    command: FloatArray
+    position_rad: FloatArray
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Where the information is taken: a network, and the delays at which its fit arrived."""
+
+    network: NortonNetwork
+    command_delay_s: float
+    motion_delay_s: float
+
+    @classmethod
+    def at(cls, result: FitResult) -> "Linearised":
+        return cls(result.network, result.command_delay_s, result.motion_delay_s)
+
+    @property
+    def shape(self) -> Shape:
+        network = self.network
+        s_per_rad = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
+        return Shape(network.amplifier_bandwidth_rad_s, s_per_rad, self.command_delay_s, self.motion_delay_s)
+
+    @property
+    def linear(self) -> FloatArray:
+        """In the order of the regression's first five columns."""
+        network = self.network
+        values = np.zeros(5)
+        values[GAIN], values[INERTIA] = network.torque_gain, network.inertia_kgm2
+        values[VISCOUS], values[COULOMB] = network.viscous_damping_nms_rad, network.coulomb_torque_nm
+        values[DAMPING] = network.presliding_damping_nms_rad
+        return values
+
+
+def noise_density_nm(torque_rms_nm: float) -> float:
+    """The deviation of white noise, a sample a tick, whose rms behind the fit's low-pass is ``torque_rms_nm``."""
+    return float(torque_rms_nm / np.sqrt(FULL_BAND.energy(0)))
+
+
+def information(stretches: tuple[Signals, ...], at: Linearised, noise_nm: float) -> FloatArray:
+    """The information matrix of ``stretches``, shape (9, 9), in the order of KNOWN; ``noise_nm`` is white, a tick."""
+    regression = Regression.of(stretches, FULL_BAND)
+    shape, linear = at.shape, at.linear
+    columns, memory = regression.columns(shape)
+    slope_bandwidth, slope_s, slope_command, slope_motion = regression.jacobian(shape, columns, linear)
+    scale = np.maximum(np.abs(linear), LEAST)
+    own = columns[:5] * scale[:, None]
+    # s is σ0/τc: with σ0 held, a greater τc makes the contact softer relative to its strength.
+    wanted = np.stack(
+        [own[GAIN], slope_bandwidth, own[INERTIA], own[VISCOUS], own[COULOMB] - slope_s, slope_s, own[DAMPING],
+         slope_command, slope_motion]
+    )  # fmt: skip
+    matrix = _projected(memory.taken_off(wanted), memory.taken_off(columns[5:]))
+    share = _meant(np.diag(matrix), regression.contamination() * scale**2)
+    return matrix * np.outer(share, share) / noise_nm**2
+
+
+def information_of_plan(
+    excitation: Excitation, at: Linearised, noise_nm: float, *, position_resolution_rad: float = 0.0
+) -> FloatArray:
+    """The same, of what is only planned; what the encoder's counts would hide is left out as the fit would."""
+    return information((planned_signals(excitation, position_resolution_rad),), at, noise_nm)
+
+
+def planned_signals(excitation: Excitation, position_resolution_rad: float) -> Signals:
+    """An ideal record of the plan."""
+    tick_s, ticks = excitation.tick_s, len(excitation.command)
+    time_s = np.asarray(np.arange(ticks) * tick_s, dtype=np.float64)
+    fine_s = np.arange(ticks * FINE) * (tick_s / FINE)
+    path = np.asarray(CubicSpline(time_s, excitation.position_rad)(np.minimum(fine_s, time_s[-1])), dtype=np.float64)
+    usable = moving(excitation.position_rad, position_resolution_rad)
+    return Signals(
+        tick_s=tick_s,
+        origin_ns=0,
+        time_s=time_s,
+        position_rad=path,
+        path_rad=path,
+        sent_s=time_s,
+        command=np.ascontiguousarray(excitation.command, dtype=np.float64),
+        segment=np.zeros(ticks, dtype=np.int64),
+        usable=usable if usable.any() else np.ones(ticks, dtype=bool),
+        rests=np.zeros(0, dtype=np.int64),
+        torque_nm=np.zeros(ticks),
+    )
+
+
+def vague() -> FloatArray:
+    """The information of somebody who knows next to nothing, shape (9, 9): it makes every matrix invertible."""
+    deviations = np.array([VAGUE_RELATIVE] * 7 + [VAGUE_S] * 2)
+    return np.diag(deviations**-2.0)
+
+
+def deviations(matrix: FloatArray) -> FloatArray:
+    """The standard deviations that ``matrix`` leaves, shape (9,), relative (delays: seconds)."""
+    scale = np.sqrt(np.diag(matrix))
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(matrix / np.outer(scale, scale)))) / scale)
+
+
+def _meant(squares: FloatArray, errors: FloatArray) -> FloatArray:
+    """By how much each parameter's column is motion: errors of readings look like it, and tell nothing. Shape (9,)."""
+    share = np.ones(squares.size)
+    for row, column in ((KNOWN.index("inertia"), INERTIA), (KNOWN.index("viscous_damping"), VISCOUS)):
+        share[row] = np.sqrt(max(1.0 - errors[column] / squares[row], 0.0)) if squares[row] > 0.0 else 0.0
+    return share
+
+
+def _projected(wanted: FloatArray, nuisance: FloatArray) -> FloatArray:
+    """Gram matrix of ``wanted`` (k, n) without what ``nuisance`` (m, n) could explain as well."""
+    lengths = np.linalg.norm(nuisance, axis=1)
+    unit = nuisance[lengths > 0] / lengths[lengths > 0, None]
+    shared = unit @ wanted.T
+    explained = np.linalg.lstsq(unit @ unit.T, shared, rcond=1e-12)[0]
+    matrix = wanted @ wanted.T - shared.T @ explained
+    return np.asarray(0.5 * (matrix + matrix.T))
