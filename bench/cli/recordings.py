@@ -14,6 +14,7 @@ Format = Annotated[Literal["parquet", "csv", "mat"], Parameter(name="--format", 
 
 def fit(recording: RecordingFile, /, *, out: Out = None, json: Json = False, quiet: Quiet = False) -> int:
     """Fit, validate and report a recording again, from what it holds alone."""
+    from bench.cli.model_free import model_free, residual_figures  # noqa: PLC0415
     from bench.cli.results import identification, summary  # noqa: PLC0415
     from bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
@@ -21,7 +22,8 @@ def fit(recording: RecordingFile, /, *, out: Out = None, json: Json = False, qui
     output.say(f"fitting {recording}")
     _, found = conclude_recording(recording, _made(out))
     about = (found.fit, found.validation, recording, found.network, found.report)
-    output.result(identification(*about), summary(*about))
+    about_model_free = model_free(found.source_map, found.without_model), residual_figures(found.residuals)
+    output.result(identification(*about, *about_model_free), summary(*about))
     return ExitCode.OK if found.fit is not None and found.fit.converged else ExitCode.EXPERIMENT_FAILED
 
 

@@ -117,15 +117,15 @@ class Rows:
                 signals.sent_s, signals.command, bandwidth, signals.time_s[0], fine_s, count
             ),
         )
-        return np.asarray(self._of_fine(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
+        return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
 
     def kinematics(self, shape: Shape) -> FloatArray:
         """ω and ω̇, shape (2, count)."""
-        return self._of_fine(self._grid(self.signals.position_rad), (1, 2), shape.motion_delay_s)
+        return self.of_fine_signal(self._grid(self.signals.position_rad), (1, 2), shape.motion_delay_s)
 
     def position(self, shape: Shape) -> FloatArray:
         """θ and ω, shape (2, count)."""
-        return self._of_fine(self._grid(self.signals.position_rad), (0, 1), shape.motion_delay_s)
+        return self.of_fine_signal(self._grid(self.signals.position_rad), (0, 1), shape.motion_delay_s)
 
     def friction(self, shape: Shape) -> FloatArray:
         """h, ḣ/s and E, shape (3, count)."""
@@ -133,14 +133,14 @@ class Rows:
         path = self._recent.once(
             ("friction", s), lambda: loops.friction_path(self._grid(signals.path_rad), s, signals.rests * self.fine)
         )
-        sliding = self._of_fine(path[0], (0, 1), shape.motion_delay_s, of_means=True)
-        left = self._of_fine(path[1], (0,), shape.motion_delay_s, of_means=True)
+        sliding = self.of_fine_signal(path[0], (0, 1), shape.motion_delay_s, of_means=True)
+        left = self.of_fine_signal(path[1], (0,), shape.motion_delay_s, of_means=True)
         return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
 
     def cogging(self, shape: Shape, periods: float) -> FloatArray:
         """Cosine and sine of so many periods a turn, shape (2, count)."""
         angle = periods * self._grid(self.signals.position_rad)
-        return np.concatenate([self._of_fine(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)])
+        return np.concatenate([self.of_fine_signal(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)])
 
     def memory(self) -> npt.NDArray[np.int64]:
         """After which rest each instant lies, shape (count,): from 0, before the first."""
@@ -164,9 +164,10 @@ class Rows:
         h, rate, left = self.friction(shape)
         return np.stack([self.lag(shape), -acceleration, -velocity, -h, -rate, -left])
 
-    def _of_fine(
+    def of_fine_signal(
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False
     ) -> FloatArray:
+        """Derivatives of any signal given at the motions' instants, filtered: shape (derivatives, count)."""
         tick_s = self.signals.tick_s
         taps = _fine_taps(self.kernel, derivatives, shift_s, tick_s, self.fine, of_means)
         reach = taps.shape[1] // 2
