@@ -93,6 +93,20 @@ def same_dimension(unit: str, other: str) -> bool:
     return bool(_unit(unit).dimensionality == _unit(other).dimensionality)
 
 
+def conversion(unit: str, to: str) -> tuple[float, float]:
+    """Factor and offset that turn a value in ``unit`` into one in ``to``.
+
+    Raises ValueError, in a sentence, where either is no unit or their dimensions differ. A plane angle counts as one.
+    """
+    source, target = _unit(check_unit(unit)), _unit(to)
+    if source.dimensionality != target.dimensionality:
+        raise ValueError(f'"{unit}" cannot be given in {to or "a plain number"}; write {example(to)[3:-1]} or like it')
+    quantity = _registry().Quantity
+    offset = float(quantity(0.0, source).to(target).magnitude)
+    # Taken at one: a large value would lose digits to the offset, a small one the other way.
+    return float(quantity(1.0, source).to(target).magnitude) - offset, offset
+
+
 def parse_quantity(text: object, unit: str) -> float:
     """The value of ``text`` in ``unit``.
 

@@ -1,5 +1,6 @@
 """``fit``, ``report``, ``recover`` and ``export``: what can be had from a recording."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,22 +10,81 @@ from bench.cli.arguments import Json, Out, Quiet, RecordingFile
 from bench.cli.output import Output
 from bench.errors import ExitCode, UsageError
 
+RECORDING_SUFFIX = ".mcap"
+
+Source = Annotated[Path, Parameter(name="LOG", help="A recording (.mcap), or logs from elsewhere with --columns.")]
+Columns = Annotated[Path | None, Parameter(help="Column map (TOML) of logs that were made elsewhere.")]
+Train = Annotated[str | None, Parameter(help='What is fitted: "0:12.5 s", or files by name or pattern.')]
+Test = Annotated[str | None, Parameter(help="What is only predicted, likewise.")]
+ModelName = Annotated[
+    str | None, Parameter(name="--model", help='Friction model by name, or "best" on held-out parts.')
+]
 Format = Annotated[Literal["parquet", "csv", "mat"], Parameter(name="--format", help="Kind of tables.")]
 
 
-def fit(recording: RecordingFile, /, *, out: Out = None, json: Json = False, quiet: Quiet = False) -> int:
-    """Fit, validate and report a recording again, from what it holds alone."""
+@dataclass(frozen=True)
+class Split:
+    """``--train`` and ``--test`` as written."""
+
+    train: str | None
+    test: str | None
+
+
+def fit(
+    first: Source,
+    /,
+    *others: Source,
+    columns: Columns = None,
+    train: Train = None,
+    test: Test = None,
+    model: ModelName = None,
+    out: Out = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Fit a recording again, from what it holds alone; or foreign logs, by a map of their columns."""
+    if columns is not None:
+        return _fit_logs((first, *others), columns, Split(train, test), model, out, Output(json, quiet))
+    _check_recording(first, others, (train, test, model))
     from bench.cli.model_free import model_free, residual_figures  # noqa: PLC0415
     from bench.cli.results import identification, summary  # noqa: PLC0415
     from bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
     output = Output(json, quiet)
-    output.say(f"fitting {recording}")
-    _, found = conclude_recording(recording, _made(out))
-    about = (found.fit, found.validation, recording, found.network, found.report)
+    output.say(f"fitting {first}")
+    _, found = conclude_recording(first, _made(out))
+    about = (found.fit, found.validation, first, found.network, found.report)
     about_model_free = model_free(found.source_map, found.without_model), residual_figures(found.residuals)
     output.result(identification(*about, *about_model_free), summary(*about))
     return ExitCode.OK if found.fit is not None and found.fit.converged else ExitCode.EXPERIMENT_FAILED
+
+
+def _check_recording(first: Path, others: tuple[Path, ...], for_logs: tuple[str | None, ...]) -> None:
+    """Raises UsageError where something else than one recording was given."""
+    if first.suffix.lower() != RECORDING_SUFFIX and first.is_file():
+        raise UsageError(
+            f"{first}: is no recording (.mcap); if it is a log from elsewhere, say what its columns hold: "
+            "--columns MAP, a TOML file as in docs/logs.md and examples/logs"
+        )
+    if others:
+        raise UsageError(f"{others[0]}: one recording is fitted at a time; several logs need --columns MAP")
+    if any(option is not None for option in for_logs):
+        raise UsageError("--train, --test and --model are for logs from elsewhere, with --columns MAP; leave them out")
+
+
+def _fit_logs(
+    paths: tuple[Path, ...], columns: Path, split: Split, model: str | None, out: Path | None, output: Output
+) -> int:
+    from bench.cli.logs import log_identification, log_summary  # noqa: PLC0415
+    from bench.logs.column_map import load_map  # noqa: PLC0415
+    from bench.logs.fit import Request, fit_logs  # noqa: PLC0415
+
+    column_map = load_map(columns)
+    _made(out)
+    output.say(f"fitting {', '.join(map(str, paths))}")
+    found = fit_logs(Request(paths, column_map, split.train, split.test, model))
+    output.result(log_identification(found, paths, columns, None, None), log_summary(found, None, None))
+    return ExitCode.OK if found.converged and not found.doubtful else ExitCode.EXPERIMENT_FAILED
 
 
 def report(recording: RecordingFile, /, *, out: Out = None, json: Json = False, quiet: Quiet = False) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -134,9 +134,15 @@ def _like(example: str) -> str:
 def _model_at(model: type[BaseModel], tables: list[str]) -> type[BaseModel]:
     for table in tables:
         info = keys_of(model).get(table)
-        if info is not None and isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel):
-            model = info.annotation
+        model = (info and _model_in(info.annotation)) or model
     return model
+
+
+def _model_in(annotation: object) -> type[BaseModel] | None:
+    """The model that a field is declared as, also where it may be None or has validators."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(_model_in, get_args(annotation))), None)
 
 
 def _dig(table: object, path: list[str]) -> object:

@@ -1,0 +1,90 @@
+"""``fit LOG --columns MAP``: a log that was made elsewhere."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from bench.cli.results import file_table, parameter, parameter_table
+from bench.logs.results import ErrorFigures, Errors, LogFit, Step
+
+
+def log_identification(
+    fit: LogFit, paths: Sequence[Path], column_map: Path, network: Path | None, report: Path | None
+) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {
+        "parameters": {estimate.name: parameter(estimate) for estimate in fit.estimates},
+        "model": fit.model,
+        "errors": {"train": _errors(fit.train), "test": _errors(fit.test)},
+        "ladder": [_step(step) for step in fit.ladder],
+        "validation": None,
+        "verdict": list(fit.verdict),
+        "converged": fit.converged,
+        "logs": list(paths),
+        "columns": column_map,
+        "recording": None,
+        "network": network,
+        "report": report,
+    }
+
+
+def _errors(errors: Errors) -> dict[str, Any] | None:
+    if errors.exertion is None and errors.motion is None:
+        return None
+    return {"exertion": _figures(errors.exertion), "motion": _figures(errors.motion)}
+
+
+def _figures(figures: ErrorFigures | None) -> dict[str, Any] | None:
+    if figures is None:
+        return None
+    return {
+        "rms": figures.rms,
+        "relative": figures.relative,
+        "mean_absolute": figures.mean_absolute,
+        "unit": figures.unit,
+    }
+
+
+def _step(step: Step) -> dict[str, Any]:
+    return {
+        "model": step.model,
+        "train_relative": step.train_relative,
+        "held_out_relative": step.held_out_relative,
+        "held_out_std": step.held_out_std,
+        "selected": step.selected,
+        "parameters": {estimate.name: parameter(estimate) for estimate in step.estimates},
+    }
+
+
+def log_summary(fit: LogFit, network: Path | None, report: Path | None) -> RenderableType:
+    """The same for a terminal."""
+    parts: list[RenderableType] = [f"friction: {fit.model}", parameter_table(fit.estimates)]
+    parts += [f"· {remark}" for remark in fit.verdict]
+    parts += [line for side in ("train", "test") for line in _error_lines(side, getattr(fit, side))]
+    parts.append(ladder_table(fit.ladder))
+    parts.append(file_table((("network", network), ("report", report))))
+    return Group(*parts)
+
+
+def _error_lines(side: str, errors: Errors) -> list[str]:
+    return [
+        f"{side}: {what} to {figures.rms:.3g} {figures.unit} rms ({figures.relative:.2%} of it)"
+        for what, figures in (("exertion", errors.exertion), ("motion", errors.motion))
+        if figures is not None
+    ]
+
+
+def ladder_table(ladder: Sequence[Step]) -> Table:
+    """One row a model of friction: error in training, on held-out parts, and which was selected on those."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("model", no_wrap=True)
+    for heading in ("train", "held out", "± std"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for step in ladder:
+        figures = (step.train_relative, step.held_out_relative, step.held_out_std)
+        table.add_row(step.model, *(f"{figure:.2%}" for figure in figures), "selected" if step.selected else "")
+    return table

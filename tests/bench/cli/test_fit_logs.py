@@ -1,0 +1,81 @@
+"""``norton-bench fit LOG --columns MAP``: one JSON document, a table, and sentences for what is wrong."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bench.cli.app import main
+from tests.bench.logs.machines import FREE, Machine, write_csv
+
+MACHINE = Machine(duration_s=8.0, rate_hz=200.0)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    (tmp_path / "map.toml").write_text(FREE)
+    return write_csv(tmp_path / "log.csv", MACHINE.log())
+
+
+def fitted(log: Path, *options: str) -> int:
+    return main(["fit", str(log), "--columns", str(log.parent / "map.toml"), *options])
+
+
+def test_json_is_that_of_identify_with_errors_and_ladder(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert fitted(log, "--json", "--quiet", "--test", "6:8 s") == 0
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert printed.err == ""
+    assert found["parameters"]["inertia"]["value"] == pytest.approx(MACHINE.inertia, rel=0.02)
+    assert set(found["parameters"]["inertia"]) == {"value", "std", "unit", "status"}
+    assert found["converged"] is True
+    for side in ("train", "test"):
+        for quantity, unit in (("exertion", "N*m"), ("motion", "rad")):
+            figures = found["errors"][side][quantity]
+            assert set(figures) == {"rms", "relative", "mean_absolute", "unit"}
+            assert figures["unit"] == unit
+            assert figures["relative"] > 0
+    (step,) = found["ladder"]
+    assert step["selected"] is True
+    assert step["parameters"]["inertia"]["unit"] == "kg*m^2"
+    assert found["recording"] is found["network"] is None
+
+
+def test_a_table_for_people(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert fitted(log) == 0
+    printed = capsys.readouterr()
+    assert "inertia" in printed.out
+    assert "held out" in printed.out
+    assert f"fitting {log}" in printed.err
+
+
+def test_a_doubtful_log_fails_and_says_why(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = FREE.replace('unit = "A" }', 'unit = "A", sign = -1 }')
+    (log.parent / "map.toml").write_text(text)
+    assert fitted(log, "--json") == 1
+    found = json.loads(capsys.readouterr().out)
+    assert {each["status"] for each in found["parameters"].values()} == {"doubtful"}
+    assert any("sign = -1" in said for said in found["verdict"])
+
+
+def test_a_log_without_a_map_says_how_to_write_one(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", str(log)]) == 2
+    said = capsys.readouterr().err
+    assert "--columns MAP" in said
+    assert "docs/logs.md" in said
+
+
+@pytest.mark.parametrize("options", [["--train", "0:1 s"], ["--model", "dahl"], ["other.mcap"]])
+def test_what_only_logs_have_is_refused_for_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str]
+) -> None:
+    assert main(["fit", str(tmp_path / "x.mcap"), *options]) == 2
+    assert "--columns MAP" in capsys.readouterr().err
+
+
+def test_mistakes_in_a_map_are_told_with_their_place(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (log.parent / "map.toml").write_text(FREE.replace("motion", "motoin"))
+    assert fitted(log) == 2
+    said = capsys.readouterr().err
+    assert f'{log.parent / "map.toml"}: [log] motoin: unknown key; did you mean "motion"?' in said
+    assert "Traceback" not in said

@@ -1,0 +1,207 @@
+"""What is true of a machine is found in its log, whichever columns the log has."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.errors import BenchError, UsageError
+from bench.logs.fit import Request, fit_logs
+from bench.models.parameters import Status
+from tests.bench.logs.machines import FREE, LOADED, Machine, column_map, estimate, fit_of, write_csv
+
+TRUE = Machine()
+VELOCITY = FREE.replace('position = { name = "q", unit = "rad" }', 'velocity = { name = "w", unit = "rad/s" }')
+
+
+def near(fit: object, **truth: float) -> None:
+    """Every estimate is valid and within four of its deviations, and these are small."""
+    for name, true in truth.items():
+        found = estimate(fit, name)  # type: ignore[arg-type]
+        assert found.status is Status.VALID, found
+        assert abs(found.value - true) < 4 * found.std + 1e-3 * abs(true), found
+        assert found.std < 0.05 * abs(true), found
+
+
+ALL = {"inertia": TRUE.inertia, "viscous_damping": TRUE.damping, "coulomb_torque": TRUE.coulomb, "offset": TRUE.offset}
+
+
+@pytest.mark.parametrize("text", [FREE, VELOCITY], ids=["position", "velocity"])
+def test_known_gain_and_a_free_port(tmp_path: Path, text: str) -> None:
+    fit = fit_of(tmp_path, TRUE.log(), text)
+    near(fit, **ALL)
+    assert fit.converged
+    assert not fit.doubtful
+    assert any("the scale of every exertion is that of the torque gain given" in said for said in fit.verdict)
+    assert fit.train.exertion is not None
+    needed = float(np.sqrt(np.mean(TRUE.needed(TRUE.log()["t"]) ** 2)))
+    assert fit.train.exertion.relative < 0.05
+    assert fit.train.exertion.rms == pytest.approx(fit.train.exertion.relative * needed, rel=0.05)
+
+
+def test_a_sensor_at_the_port_gives_the_gain_too(tmp_path: Path) -> None:
+    near(fit_of(tmp_path, TRUE.log(), LOADED), torque_gain=TRUE.gain, **ALL)
+
+
+def test_a_sensor_and_a_gain_that_is_known(tmp_path: Path) -> None:
+    near(fit_of(tmp_path, TRUE.log(), LOADED + '[actuator]\ntorque_gain = "2 N*m/A"\n'), **ALL)
+
+
+def test_friction_only(tmp_path: Path) -> None:
+    """No command: what the port needs is what brakes, turned round."""
+    text = LOADED.replace('command = { name = "u2", unit = "A" }\n', "")
+    log = TRUE.log()
+    near(fit_of(tmp_path, log | {"tau": log["tau"] - TRUE.gain * log["u2"]}, text), **ALL)
+
+
+def test_a_known_load_fixes_the_scale_without_any_sensor(tmp_path: Path) -> None:
+    """A pendulum at the port: its inertia and gravity are known, the motor's own are not."""
+    log = TRUE.log()
+    q, _, a = TRUE.motion(log["t"])
+    log["u"] = log["u"] + (0.2 * a + 1.5 * np.sin(q - 0.1)) / TRUE.gain
+    text = FREE.replace('torque_gain = "2 N*m/A"', "")
+    text += '[load]\ninertia = "0.2 kg*m^2"\ngravity = "1.5 N*m"\ngravity_zero = "0.1 rad"\n'
+    near(fit_of(tmp_path, log, text), torque_gain=TRUE.gain, **ALL)
+
+
+def test_gravity_that_is_not_known_is_found(tmp_path: Path) -> None:
+    log = TRUE.log()
+    q, _, _ = TRUE.motion(log["t"])
+    log["u"] = log["u"] + 1.5 * np.sin(q) / TRUE.gain
+    near(fit_of(tmp_path, log, FREE + "gravity = true\n"), gravity_sine=1.5, **ALL)
+
+
+def test_cogging_is_an_additive_option(tmp_path: Path) -> None:
+    log = TRUE.log()
+    q, _, _ = TRUE.motion(log["t"])
+    log["u"] = log["u"] + 0.2 * np.cos(2 * np.pi * q / 0.5) / TRUE.gain
+    near(fit_of(tmp_path, log, FREE + 'cogging_period = "0.5 rad"\n'), cogging_cosine=0.2, **ALL)
+
+
+def test_without_any_scale_only_ratios_are_known(tmp_path: Path) -> None:
+    fit = fit_of(tmp_path, TRUE.log(), FREE.replace('torque_gain = "2 N*m/A"', ""))
+    for name in ("torque_gain", *ALL):
+        found = estimate(fit, name)
+        assert found.status is Status.RATIO_ONLY
+        assert np.isnan(found.value)
+    (said,) = [said for said in fit.verdict if "common factor" in said]
+    assert f"coulomb torque / torque gain = {TRUE.coulomb / TRUE.gain:.2g}" in said.replace("0.399", "0.4")
+    assert fit.train.exertion is None
+
+
+def test_translation_has_other_units(tmp_path: Path) -> None:
+    text = FREE.replace("rotation", "translation").replace('"rad"', '"m"').replace("N*m/A", "N/A")
+    fit = fit_of(tmp_path, TRUE.log(), text)
+    near(fit, **ALL)
+    assert [each.unit for each in fit.estimates] == ["kg", "N", "N*s/m", "N"]
+
+
+def test_a_voltage_driven_motor_brakes_itself(tmp_path: Path) -> None:
+    """With its resistance known, the back-EMF's part Km²/R of the damping is taken out."""
+    resistance, constant = 0.05, 0.1
+    log = TRUE.log()
+    log["u"] = log["u"] + constant**2 / resistance * TRUE.motion(log["t"])[1] / TRUE.gain
+    text = FREE.replace('unit = "A"', 'unit = "V"').replace("N*m/A", "N*m/V")
+    whole = fit_of(tmp_path, log, text.replace("[actuator]", "[actuator]\nvoltage_driven = true"))
+    near(whole, **(ALL | {"viscous_damping": TRUE.damping + constant**2 / resistance}))
+    assert any("holds the back-EMF's" in said for said in whole.verdict)
+    parted = text.replace("[actuator]", '[actuator]\nvoltage_driven = true\nresistance = "0.05 ohm"')
+    near(fit_of(tmp_path, log, parted), torque_constant=constant, **ALL)
+
+
+def test_an_uneven_clock(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    time_s = np.sort(np.arange(10000) / 500 + rng.uniform(-4e-4, 4e-4, 10000))
+    near(fit_of(tmp_path, TRUE.log(time_s)), **ALL)
+
+
+def test_a_command_logged_late_is_noticed_and_can_be_shifted(tmp_path: Path) -> None:
+    log = TRUE.log()
+    log["u"] = np.roll(log["u"], 10)
+    log = {name: values[10:] for name, values in log.items()}
+    late = fit_of(tmp_path, log)
+    assert {each.status for each in late.estimates} == {Status.DOUBTFUL}
+    assert any("command is logged about" in said and "later than the motion" in said for said in late.verdict)
+    near(fit_of(tmp_path, log, FREE.replace('unit = "A" }', 'unit = "A", shift = "-20 ms" }')), **ALL)
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 250.0, 2000.0])
+def test_the_sampling_rate_does_not_matter(tmp_path: Path, rate_hz: float) -> None:
+    near(fit_of(tmp_path, replace(TRUE, rate_hz=rate_hz).log()), **ALL)
+
+
+def test_what_the_data_cannot_tell_apart_is_said(tmp_path: Path) -> None:
+    """One small sine: the acceleration is the position turned round, so gravity and the inertia are one."""
+    t = np.arange(10000) / 500
+    wave = 2 * np.pi * 0.5
+    q = 0.05 * np.sin(wave * t)
+    log = {"t": t, "q": q, "u": (0.05 * -(wave**2) * q + 0.3 * q + 0.02 * np.sign(np.cos(wave * t))) / 2}
+    log["u"] += 1e-2 * np.random.default_rng(3).standard_normal(t.size)
+    fit = fit_of(tmp_path, log, FREE + "gravity = true\n")
+    assert any("only in combination" in said and "inertia" in said and "gravity sine" in said for said in fit.verdict)
+
+
+def test_train_and_test_by_time(tmp_path: Path) -> None:
+    fit = fit_of(tmp_path, TRUE.log(), train="0:8 s, 12:15 s", test="15:20 s")
+    near(fit, **ALL)
+    assert fit.test.exertion is not None
+    assert fit.test.exertion.relative == pytest.approx(TRUE.noise * TRUE.gain / 1.0, abs=0.05)
+    assert fit_of(tmp_path, TRUE.log()).test.exertion is None
+
+
+def test_train_and_test_by_file(tmp_path: Path) -> None:
+    other = replace(TRUE, inertia=0.1)
+    paths = [write_csv(tmp_path / f"{name}.csv", one.log()) for name, one in (("a1", TRUE), ("a2", TRUE), ("b", other))]
+    request = Request(tuple(paths), column_map(FREE), test="b*")
+    fit = fit_logs(request)
+    near(fit, **ALL)
+    assert fit.test.exertion is not None
+    assert fit.train.exertion is not None
+    assert fit.test.exertion.rms > 3 * fit.train.exertion.rms
+    # The map's own split holds, unless it is about other logs.
+    named = column_map(FREE + '[split]\ntest = "b*"\ntrain = "a*"\n')
+    assert fit_logs(replace(request, column_map=named, test=None)).test == fit.test
+    others = column_map(FREE + '[split]\ntest = "d*"\ntrain = "c*"\n')
+    assert fit_logs(replace(request, paths=(paths[0],), column_map=others, test=None)).test.exertion is None
+    # A file that is only named in --test is read too.
+    again = fit_logs(replace(request, paths=tuple(paths[:2]), test=str(paths[2])))
+    assert again.test == fit.test
+
+
+@pytest.mark.parametrize(
+    ("train", "said"),
+    [
+        ("5:3 s", '--train: "5:3 s" ends before it begins'),
+        ("0:3 m", "--train:"),
+        ("nowhere.csv", 'no log is named "nowhere.csv"'),
+        (" ", "--train: is empty"),
+        ("30:40 s", "0 rows are left to learn from"),
+        ("0:3, x", '--train: "x" is no part of the time'),
+    ],
+)
+def test_splits_that_cannot_be_are_said(tmp_path: Path, train: str, said: str) -> None:
+    with pytest.raises(BenchError) as raised:
+        fit_of(tmp_path, TRUE.log(), train=train)
+    assert said in str(raised.value)
+
+
+def test_the_ladder_lists_every_model_and_the_best_is_the_true_one(tmp_path: Path) -> None:
+    text = FREE.replace('candidates = ["coulomb-viscous"]', 'candidates = ["coulomb-viscous", "stribeck", "dahl"]')
+    fit = fit_of(tmp_path, TRUE.log(), text.replace('friction = "coulomb-viscous"', 'friction = "best"'))
+    assert [step.model for step in fit.ladder] == ["coulomb-viscous", "stribeck", "dahl"]
+    assert [step.model for step in fit.ladder if step.selected] == [fit.model] == ["coulomb-viscous"]
+    assert fit_of(tmp_path, TRUE.log(), text, model="dahl").model == "dahl"
+    with pytest.raises(UsageError, match='there is no friction model "dahlia"; did you mean "dahl"'):
+        fit_of(tmp_path, TRUE.log(), text, model="dahlia")
+
+
+def test_a_maps_split_counts_where_its_logs_are_at_hand(tmp_path: Path) -> None:
+    split = '[split]\ntrain = "low*.csv"\ntest = "high*.csv"\n'
+    log = TRUE.log()
+    low, high, other = (write_csv(tmp_path / f"{name}.csv", log) for name in ("low1", "high1", "other"))
+    both = fit_logs(Request((low, high), column_map(FREE + split)))
+    assert both.test.exertion is not None
+    alone = fit_logs(Request((other,), column_map(FREE + split)))
+    assert alone.train.exertion is not None
+    assert alone.test.exertion is None

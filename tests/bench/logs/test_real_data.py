@@ -1,0 +1,92 @@
+"""Measurements by other people, and what they published of them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat, savemat
+
+from bench.logs.column_map import ColumnMap, load_map
+from bench.logs.fit import Request, fit_logs
+from bench.logs.results import LogFit
+from bench.models.parameters import Status
+from tests.bench.logs.machines import Columns, estimate
+from tests.bench.logs.real_data import ROOT, data_file
+
+# Janot, Gautier and Brunot (2019), least squares on the inverse dynamic model, and how near is near.
+EMPS = {
+    "inertia": (95.1089, 0.005),
+    "viscous_damping": (203.5034, 0.02),
+    "coulomb_torque": (20.3935, 0.02),
+    "offset": (-3.1648, 0.05),
+}
+
+
+def shipped(name: str) -> ColumnMap:
+    return load_map(ROOT / "examples" / "logs" / f"{name}.toml")
+
+
+@pytest.fixture(scope="module")
+def emps() -> LogFit:
+    return fit_logs(Request((data_file("emps", "DATA_EMPS.mat"),), shipped("emps")))
+
+
+def check_emps(fit: LogFit, looser: float = 1.0) -> None:
+    for name, (published, share) in EMPS.items():
+        found = estimate(fit, name)
+        assert found.value == pytest.approx(published, rel=share * looser)
+        assert found.status is Status.VALID
+
+
+def test_emps_is_what_its_authors_published(emps: LogFit) -> None:
+    check_emps(emps)
+    assert emps.train.exertion is not None
+    assert emps.train.exertion.relative <= 0.0408
+    by_model = {step.model: step for step in emps.ladder}
+    assert by_model["coulomb-viscous-asymmetric"].train_relative <= 0.0311
+
+
+def test_emps_best_is_lower_and_not_by_fitting_noise(emps: LogFit) -> None:
+    (best,) = [step for step in emps.ladder if step.selected]
+    published = next(step for step in emps.ladder if step.model == "coulomb-viscous")
+    assert best.train_relative < 0.0311
+    assert best.held_out_relative < published.held_out_relative
+
+
+def test_emps_moves_in_its_own_loop_as_it_was_measured(emps: LogFit) -> None:
+    assert emps.train.motion is not None
+    assert emps.train.motion.relative < 1e-3
+
+
+def emps_columns() -> Columns:
+    found = loadmat(data_file("emps", "DATA_EMPS.mat"), squeeze_me=True)
+    return {name: np.atleast_1d(values) for name, values in found.items() if not name.startswith("__")}
+
+
+def shorter(found: Columns) -> Columns:
+    return {name: values[:18000] for name, values in found.items()}
+
+
+def slower(found: Columns) -> Columns:
+    return {name: values[::2] if values.size > 1 else values for name, values in found.items()}
+
+
+def rows_without_extras(found: Columns) -> Columns:
+    return {name: found[name][None, :] for name in ("t", "qm", "vir", "gtau")}
+
+
+@pytest.mark.parametrize("change", [shorter, slower, rows_without_extras], ids=lambda change: change.__name__)
+def test_the_same_map_fits_other_records_of_that_rig(tmp_path: Path, change: Callable[[Columns], Columns]) -> None:
+    savemat(tmp_path / "other.mat", change(emps_columns()))
+    check_emps(fit_logs(Request((tmp_path / "other.mat",), shipped("emps"))), looser=1.5)
+
+
+def test_tribometer_in_presliding() -> None:
+    fit = fit_logs(Request((data_file("tribometer", "first_half.tsv"),), shipped("tribometer")))
+    assert fit.train.exertion is not None
+    assert fit.train.exertion.relative <= 0.048
+    (best,) = [step for step in fit.ladder if step.selected]
+    assert best.held_out_relative <= 0.048
+    assert fit.train.motion is None
+    assert not fit.doubtful

@@ -1,0 +1,52 @@
+"""A hobby servo measured by other people: what was learned at low gains foretells what it does at a high one."""
+
+import pytest
+
+from bench.logs.column_map import load_map
+from bench.logs.fit import Request, fit_logs
+from bench.logs.results import LogFit
+from bench.models.parameters import Status
+from tests.bench.logs.real_data import ROOT, data_file
+
+# Mean absolute error of the position at kp 800, rad: what is asked of us.
+ASKED_RAD = 0.09
+# A refit of Coulomb and viscous friction alone, trained and tested on the same logs, came to 0.045 and 0.102.
+REFIT_RAD = 0.045
+
+
+@pytest.fixture(scope="module")
+def xl330() -> LogFit:
+    folder = data_file("xl330")
+    return fit_logs(Request(tuple(sorted(folder.glob("*.json"))), load_map(ROOT / "examples" / "logs" / "xl330.toml")))
+
+
+def test_motion_at_another_gain_is_foretold(xl330: LogFit) -> None:
+    assert xl330.train.motion is not None
+    assert xl330.test.motion is not None
+    assert xl330.train.motion.mean_absolute < 0.5 * REFIT_RAD
+    assert xl330.test.motion.mean_absolute <= ASKED_RAD
+
+
+def test_friction_was_selected_on_what_was_held_out(xl330: LogFit) -> None:
+    (selected,) = [step for step in xl330.ladder if step.selected]
+    assert selected.model == xl330.model
+    assert selected.held_out_relative == min(step.held_out_relative for step in xl330.ladder)
+
+
+def test_parameters_are_certain_and_near_what_its_authors_found(xl330: LogFit) -> None:
+    """Theirs, of a model with less: 0.387 N·m/A and 0.00181 kg·m²; their 4.0 Ω lies between ours with and without the
+    source's."""
+    found = {estimate.name: estimate for estimate in xl330.estimates}
+    assert xl330.converged
+    assert all(estimate.status is Status.VALID for estimate in found.values())
+    assert found["torque_constant"].value == pytest.approx(0.387, rel=0.1)
+    assert found["inertia"].value == pytest.approx(0.00181, rel=0.15)
+    winding, source = found["winding_resistance"].value, found["source_resistance"].value
+    assert winding < 4.017 < winding + source
+
+
+def test_one_short_log_gives_no_confident_numbers() -> None:
+    (log,) = [data_file("xl330", "kp200_sin_sin.json")]
+    fit = fit_logs(Request((log,), load_map(ROOT / "examples" / "logs" / "xl330.toml"), train="0:6 s"))
+    assert not any(estimate.status is Status.VALID for estimate in fit.estimates)
+    assert any("foretell" in sentence for sentence in fit.verdict)
