@@ -140,7 +140,9 @@ class Rows:
     def cogging(self, shape: Shape, periods: float) -> FloatArray:
         """Cosine and sine of so many periods a turn, shape (2, count)."""
         angle = periods * self._grid(self.signals.position_rad)
-        return np.concatenate([self.of_fine_signal(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)])
+        return np.concatenate(
+            [self.of_fine_signal(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)]
+        )
 
     def memory(self) -> npt.NDArray[np.int64]:
         """After which rest each instant lies, shape (count,): from 0, before the first."""
