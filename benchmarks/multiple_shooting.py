@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from bench.identification.fit import PHYSICAL
 from bench.identification.results import FitResult
-from bench.identification.signals import Signals
+from bench.identification.signals import FINE, Signals
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -69,8 +69,8 @@ def aligned(signals: Signals, found: FitResult) -> Record:
     held = np.searchsorted(signals.sent_s + found.command_delay_s, finest_s, "right") - 1
     command = signals.command[np.maximum(held, 0)].reshape(count, FINEST).mean(axis=1)
     middles_s = signals.time_s[0] + (np.arange(count) + 0.5) * step_s
-    fine_s = signals.fine_time_s
-    velocity = np.gradient(signals.position_rad, fine_s[1] - fine_s[0])
+    fine_s = signals.time_s[0] + np.arange(signals.position_rad.size) * (signals.tick_s / FINE)
+    velocity = np.gradient(signals.position_rad, signals.tick_s / FINE)
     return Record(
         signals.tick_s,
         command,
@@ -92,7 +92,7 @@ class Fitted:
 
 def fit_by_shooting(record: Record, start: dict[str, float]) -> Fitted:
     """Fit all seven parameters and the torque sensor's zero, from ``start``."""
-    begun_s = time.perf_counter()
+    begun_s = time.process_time()
     scale = np.array([start[name] for name in PHYSICAL] + [0.1 * start["coulomb_torque"]])
     parameters = ca.MX.sym("parameters", len(scale))
     first = _start(record, start)
@@ -127,7 +127,7 @@ def fit_by_shooting(record: Record, start: dict[str, float]) -> Fitted:
             "print_time": False,
         },
     )  # fmt: skip
-    solve_from_s = time.perf_counter()
+    solve_from_s = time.process_time()
     box = np.full(len(first), np.inf)
     box[: len(PHYSICAL)] = np.log(WITHIN)
     iterations = 0
@@ -135,7 +135,7 @@ def fit_by_shooting(record: Record, start: dict[str, float]) -> Fitted:
         found = solver(x0=first, lbx=-box, ubx=box, lbg=0, ubg=0, p=each)
         first, stats = found["x"], solver.stats()
         iterations += int(stats["iter_count"])
-    ended_s = time.perf_counter()
+    ended_s = time.process_time()
     values = np.array(found["x"]).ravel()[: len(scale)]
     physical = scale * np.concatenate([np.exp(values[:-1]), values[-1:]])
     return Fitted(

@@ -46,6 +46,7 @@ def fit(
     if columns is not None:
         return _fit_logs((first, *others), columns, Split(train, test), model, out, Output(json, quiet))
     _check_recording(first, others, (train, test, model))
+    from bench.cli.model_free import model_free, residual_figures  # noqa: PLC0415
     from bench.cli.results import identification, summary  # noqa: PLC0415
     from bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
@@ -53,7 +54,8 @@ def fit(
     output.say(f"fitting {first}")
     _, found = conclude_recording(first, _made(out))
     about = (found.fit, found.validation, first, found.network, found.report)
-    output.result(identification(*about), summary(*about))
+    about_model_free = model_free(found.source_map, found.without_model), residual_figures(found.residuals)
+    output.result(identification(*about, *about_model_free), summary(*about))
     return ExitCode.OK if found.fit is not None and found.fit.converged else ExitCode.EXPERIMENT_FAILED
 
 

@@ -14,12 +14,20 @@ from bench.procedures.refinement import Refinement, in_percent, widest_of, words
 
 
 def identification(
-    fit: FitResult | None, validation: Validation | None, recording: Path, network: Path | None, report: Path | None
+    fit: FitResult | None,
+    validation: Validation | None,
+    recording: Path,
+    network: Path | None,
+    report: Path | None,
+    without_model: Mapping[str, Any] | None = None,
+    residuals: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """What ``--json`` prints."""
+    """What ``--json`` prints; the last two as ``bench.cli.model_free`` makes them."""
     return {
         "parameters": {estimate.name: parameter(estimate) for estimate in (fit.estimates if fit else ())},
         "validation": None if validation is None else validation_figures(validation),
+        "without_model": without_model,
+        "residuals": residuals,
         "verdict": list(fit.verdict) if fit else [],
         "converged": bool(fit and fit.converged),
         "recording": recording,

@@ -52,7 +52,7 @@ def bench_equation(stretches: tuple[Signals, ...], result: FitResult) -> Equatio
         result.motion_delay_s,
     )
     regression = Regression.of(stretches, LOW_BAND, STRIDE)
-    known = regression.chosen([np.stack([rows.lag(shape)[0], -rows.kinematics(shape)[1]]) for rows in regression.rows])
+    known = regression.chosen([np.stack([rows.lag(shape), -rows.kinematics(shape)[1]]) for rows in regression.rows])
     bias = regression.bias()
     path = _path(stretches)
     ends = [*path.starts, path.position.size]

@@ -39,12 +39,12 @@ class Kernel:
         """The kernel at TABLE_PER_UNIT points a sample, from 0 to ``half_width``."""
         return _table(self)
 
-    def taps(self, offsets: FloatArray, derivative: int, *, of_means: bool = False) -> FloatArray:
+    def taps(self, offsets: FloatArray, derivative: int, *, of_means: bool = False, exact_to: int = 0) -> FloatArray:
         """Weights at ``offsets`` (samples, equally spaced) that give a signal's ``derivative`` at offset 0.
 
-        Exact on polynomials up to the derivative's order: constants, ramps and parabolas come out as they should,
-        however large a position has grown. ``of_means`` is for values that are means over cells around the offsets,
-        as kinks and jumps need it: what the mean takes off high frequencies is given back.
+        Exact on polynomials up to the derivative's order, or up to ``exact_to``: constants, ramps and parabolas come
+        out as they should, however large a position has grown. ``of_means`` is for values that are means over cells
+        around the offsets, as kinks and jumps need it: what the mean takes off high frequencies is given back.
         """
         inside = np.abs(offsets) <= self.half_width
         at = np.clip(-offsets, -self.half_width, self.half_width)
@@ -53,8 +53,8 @@ class Kernel:
             raw = raw - (offsets[1] - offsets[0]) ** 2 / 24 * self.spline()(at, nu=derivative + 2)
         weights = np.where(inside, raw, 0.0) * (offsets[1] - offsets[0])
         window = np.where(inside, np.maximum(1 - (offsets / self.half_width) ** 2, 0.0), 0.0)
-        powers = np.stack([offsets**order for order in range(derivative + 1)])
-        wanted = np.zeros(derivative + 1)
+        powers = np.stack([offsets**order for order in range(max(derivative, exact_to) + 1)])
+        wanted = np.zeros(len(powers))
         wanted[derivative] = float(max(derivative, 1))
         # The smallest change that makes the moments exact.
         correction = np.linalg.solve((powers * window) @ powers.T, wanted - powers @ weights)

@@ -144,8 +144,8 @@ def combination(shape: Shape, tick_s: float) -> tuple[FloatArray, FloatArray]:
     (as ``motion_delay_s``) that by which motion comes later than torque.
     """
     columns, target = np.zeros((WIDTH, 6)), np.zeros(WIDTH)
-    s = lagrange(LOG_S_NODES, float(np.log(shape.s_per_rad)), 4)
-    bandwidth = lagrange(LOG_BANDWIDTH_NODES, float(np.log(shape.bandwidth_rad_s)), 4)
+    s = lagrange(LOG_S_NODES, float(np.log(shape.s_per_rad)), 6)
+    bandwidth = lagrange(LOG_BANDWIDTH_NODES, float(np.log(shape.bandwidth_rad_s)), 6)
     delay = lagrange(COMMAND_NODES, shape.command_delay_s / tick_s, 6)
     columns[LAG:TORQUE, 0] = np.outer(bandwidth, delay).ravel()
     columns[ACCELERATION, 1] = -1.0

@@ -19,6 +19,8 @@ MARGIN_S = 0.12
 FIRST_AFTER_S = 0.4
 # Parts are digested together until they make up this much: every piece costs the same, however short.
 PIECE_S = 0.5
+# Another estimate of the encoder's step replaces the one before only where it is clearly smaller.
+SMALLER_STEP = 0.7
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,7 @@ class LiveStreams:
     ) -> Piece:
         time_s = np.asarray(start_s + np.arange(count) * self.tick_s, dtype=np.float64)
         fine_s = np.asarray(start_s + np.arange(count * FINE) * (self.tick_s / FINE), dtype=np.float64)
-        if self.resolution == 0.0:
-            self.resolution = resolution_rad(position.value)
+        self._look_at_counts(position.value)
         # Only what is new, and what its smoothing reaches back to.
         position = position.between(time_s[0] - 2 * MARGIN_S, np.inf)
         smooth = unquantised(position.value, self.resolution)
@@ -111,6 +112,12 @@ class LiveStreams:
         variance = self.resolution**2 / 12.0 * position.period_s / self.tick_s
         position_rad, path_rad = position.at(fine_s), path.at(fine_s)
         return Piece(time_s, torque_nm, position_rad, path_rad, known.astype(float), sent_s, command, variance)
+
+    def _look_at_counts(self, position_rad: FloatArray) -> None:
+        """The smallest step ever seen is the count: a constant speed makes all steps alike, and larger."""
+        step = resolution_rad(position_rad)
+        if step > 0.0 and (self.resolution == 0.0 or step < SMALLER_STEP * self.resolution):
+            self.resolution = step
 
     def _joined(self, name: str) -> Table:
         return stacked([getattr(part, name) for part in self.parts])

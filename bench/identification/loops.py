@@ -98,8 +98,15 @@ def mean_lag_of_held(
         held = command[event]
         state = held
         event += 1
+    whole = exp(-bandwidth * cell)
+    mean_of_whole = (1.0 - whole) / (bandwidth * cell)
     for k in range(count):
         end, area = start + (k + 0.5) * cell, 0.0
+        if event == sent.size or sent[event] > end:
+            # Nothing arrives, as in most cells.
+            output[k] = held + (state - held) * mean_of_whole
+            state, now = held + (state - held) * whole, end
+            continue
         while now < end:
             arrived = event < sent.size and sent[event] <= end
             until = sent[event] if arrived else end

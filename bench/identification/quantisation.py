@@ -1,8 +1,10 @@
 """Undoing an encoder's counts: a smooth motion that agrees with every reading.
 
 A count only says that the shaft is somewhere within one step. Taken literally, a shaft at rest on the edge of two
-counts seems to travel back and forth, and its friction to slide. So every stretch is smoothed as heavily as its counts
-allow: by the longest low-pass whose result stays inside the steps that were read. The result never leaves them.
+counts seems to travel back and forth, and its friction to slide; where it turns round, the outermost count makes the
+way too long, and a low-pass that is too heavy makes it too short. So every stretch is smoothed as heavily as its counts
+allow: by the longest low-pass, exact on cubics, whose result stays inside the steps that were read and within the
+errors of all shorter ones (Lepski's rule). What is returned never leaves the steps.
 """
 
 from functools import cache
@@ -16,9 +18,23 @@ from bench.identification.kernels import Kernel
 FloatArray = npt.NDArray[np.float64]
 
 # From the gentlest to the heaviest; cutoffs in cycles a reading.
-LEVELS = (Kernel(0.12, 6.0), Kernel(0.05, 12.0), Kernel(0.02, 24.0), Kernel(0.01, 48.0), Kernel(0.005, 80.0))
+LEVELS = (
+    Kernel(0.3, 3.0),
+    Kernel(0.2, 5.0),
+    Kernel(0.12, 8.0),
+    Kernel(0.07, 12.0),
+    Kernel(0.04, 20.0),
+    Kernel(0.02, 32.0),
+    Kernel(0.01, 56.0),
+    Kernel(0.005, 80.0),
+)
+EXACT_TO = 3
 REACH = round(LEVELS[-1].half_width)
-# A low-pass that leaves the steps is not trusted within this share of its half-width either.
+# A low-pass is too heavy where it departs from a lighter one by more than this share of the lighter one's deviation.
+DEPARTS = 0.75
+# Of an error that is as likely anywhere within one step, in steps.
+UNIFORM_DEVIATION = 1 / np.sqrt(12)
+# A low-pass that is too heavy is not trusted within this share of its half-width either.
 DOUBTED_SHARE = 0.3
 AT_REST_STEPS = 1.5
 # From one level to the next within so many readings.
@@ -63,14 +79,28 @@ def unquantised(position_rad: FloatArray, step_rad: float) -> FloatArray:
     half_rad, path = 0.5 * step_rad, position_rad
     # At rest on the edge of two counts the readings change at random, and only the edge itself fits both.
     rests = _travelled(position_rad, 2 * REACH + 1) < AT_REST_STEPS * step_rad
+    lighter: list[tuple[FloatArray, FloatArray]] = []
     for level in LEVELS:
         smooth = _smoothed(position_rad, level)
+        too_heavy = np.abs(smooth - position_rad) > half_rad
+        for other, tolerance in lighter:
+            too_heavy |= np.abs(smooth - other) > tolerance
+        lighter.append((smooth, _tolerance(position_rad, step_rad, level)))
         doubted = round(DOUBTED_SHARE * level.half_width) + BLEND
-        outside = (np.abs(smooth - position_rad) > half_rad) & ~rests
-        outside = maximum_filter1d(outside, 2 * doubted + 1)
-        trust = uniform_filter1d(1.0 - outside, 2 * BLEND + 1)
+        trust = uniform_filter1d(1.0 - maximum_filter1d(too_heavy & ~rests, 2 * doubted + 1), 2 * BLEND + 1)
         path = path + trust * (smooth - path)
     return np.clip(path, position_rad - half_rad, position_rad + half_rad)
+
+
+def _tolerance(position_rad: FloatArray, step_rad: float, level: Kernel) -> FloatArray:
+    """By how much something heavier may differ from this low-pass, shape (n,).
+
+    Where many counts pass by within the low-pass their errors average out; where few do, they do not.
+    """
+    white = DEPARTS * UNIFORM_DEVIATION * float(np.linalg.norm(_taps(level)))
+    width = round(level.half_width)
+    counts = width * uniform_filter1d(np.abs(np.diff(position_rad, prepend=position_rad[0])), width) / step_rad
+    return np.asarray(step_rad * np.maximum(white, 0.5 / (1.0 + counts)))
 
 
 def _travelled(path_rad: FloatArray, within: int) -> FloatArray:
@@ -87,4 +117,4 @@ def _smoothed(values: FloatArray, level: Kernel) -> FloatArray:
 @cache
 def _taps(level: Kernel) -> FloatArray:
     reach = round(level.half_width)
-    return level.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
+    return level.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0, exact_to=EXACT_TO)

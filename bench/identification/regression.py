@@ -6,8 +6,9 @@ E is what is left of the friction's unknown state at the end of each rest; it fa
 looks like it is taken off every term. The same low-pass stands before every term, so it cancels.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -48,8 +49,21 @@ class Shape:
         return cls(float(np.exp(array[0])), float(np.exp(array[1])), float(array[2]), float(array[3]))
 
 
+MOST_RECENT = 4
+
 # Only its delays matter, and they are nil.
 STILL = Shape(1.0, 1.0, 0.0, 0.0)
+
+
+class _Recent(dict[tuple[str, float], FloatArray]):
+    """The few paths worked out last: differences that stand for derivatives ask for each again and again."""
+
+    def once(self, key: tuple[str, float], make: Callable[[], FloatArray]) -> FloatArray:
+        if key not in self:
+            while len(self) >= MOST_RECENT:
+                del self[next(iter(self))]
+            self[key] = make()
+        return self[key]
 
 
 @dataclass(frozen=True)
@@ -59,6 +73,15 @@ class Rows:
     signals: Signals
     kernel: Kernel
     stride: int = 1
+    _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
+
+    @property
+    def fine(self) -> int:
+        """How many times a tick motion and lag are worked out: where not every tick counts, once will do."""
+        return FINE if self.stride == 1 else 1
+
+    def _grid(self, motion: FloatArray) -> FloatArray:
+        return motion if self.fine == FINE else np.ascontiguousarray(motion[::FINE])
 
     @property
     def usable(self) -> npt.NDArray[np.bool_]:
@@ -84,38 +107,42 @@ class Rows:
         taps = self.kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)[None, :]
         return np.stack([loops.filter_at(row, taps, -reach, self.stride, self.count)[0] for row in values])
 
-    def lag(self, shape: Shape) -> FloatArray:
-        """The amplifier's lag of the command, per unit of gain: shape (2, count), with its rate."""
-        signals = self.signals
-        lag = loops.mean_lag_of_held(
-            signals.sent_s,
-            signals.command,
-            shape.bandwidth_rad_s,
-            signals.time_s[0],
-            signals.tick_s / FINE,
-            signals.position_rad.size,
+    def lag(self, shape: Shape, derivative: int = 0) -> FloatArray:
+        """The amplifier's lag of the command, per unit of gain, or its rate: shape (count,)."""
+        signals, bandwidth = self.signals, shape.bandwidth_rad_s
+        fine_s, count = signals.tick_s / self.fine, signals.time_s.size * self.fine
+        lag = self._recent.once(
+            ("lag", bandwidth),
+            lambda: loops.mean_lag_of_held(
+                signals.sent_s, signals.command, bandwidth, signals.time_s[0], fine_s, count
+            ),
         )
-        return self._of_fine(lag, (0, 1), -shape.command_delay_s, of_means=True)
+        return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
 
     def kinematics(self, shape: Shape) -> FloatArray:
         """ω and ω̇, shape (2, count)."""
-        return self._of_fine(self.signals.position_rad, (1, 2), shape.motion_delay_s)
+        return self.of_fine_signal(self._grid(self.signals.position_rad), (1, 2), shape.motion_delay_s)
 
     def position(self, shape: Shape) -> FloatArray:
         """θ and ω, shape (2, count)."""
-        return self._of_fine(self.signals.position_rad, (0, 1), shape.motion_delay_s)
+        return self.of_fine_signal(self._grid(self.signals.position_rad), (0, 1), shape.motion_delay_s)
 
     def friction(self, shape: Shape) -> FloatArray:
         """h, ḣ/s and E, shape (3, count)."""
-        path = loops.friction_path(self.signals.path_rad, shape.s_per_rad, self.signals.rests * FINE)
-        sliding = self._of_fine(path[0], (0, 1), shape.motion_delay_s, of_means=True)
-        left = self._of_fine(path[1], (0,), shape.motion_delay_s, of_means=True)
+        signals, s = self.signals, shape.s_per_rad
+        path = self._recent.once(
+            ("friction", s), lambda: loops.friction_path(self._grid(signals.path_rad), s, signals.rests * self.fine)
+        )
+        sliding = self.of_fine_signal(path[0], (0, 1), shape.motion_delay_s, of_means=True)
+        left = self.of_fine_signal(path[1], (0,), shape.motion_delay_s, of_means=True)
         return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
 
     def cogging(self, shape: Shape, periods: float) -> FloatArray:
         """Cosine and sine of so many periods a turn, shape (2, count)."""
-        angle = periods * self.signals.position_rad
-        return np.concatenate([self._of_fine(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)])
+        angle = periods * self._grid(self.signals.position_rad)
+        return np.concatenate(
+            [self.of_fine_signal(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)]
+        )
 
     def memory(self) -> npt.NDArray[np.int64]:
         """After which rest each instant lies, shape (count,): from 0, before the first."""
@@ -137,16 +164,26 @@ class Rows:
         """The five physical columns in the order of LINEAR, then E: shape (6, count)."""
         velocity, acceleration = self.kinematics(shape)
         h, rate, left = self.friction(shape)
-        return np.stack([self.lag(shape)[0], -acceleration, -velocity, -h, -rate, -left])
+        return np.stack([self.lag(shape), -acceleration, -velocity, -h, -rate, -left])
 
-    def _of_fine(
+    def of_fine_signal(
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False
     ) -> FloatArray:
+        """Derivatives of any signal given at the motions' instants, filtered: shape (derivatives, count)."""
         tick_s = self.signals.tick_s
-        reach = int(np.ceil(self.kernel.half_width + abs(shift_s) / tick_s)) * FINE
-        offsets = np.arange(-reach, reach + 1) / FINE - shift_s / tick_s
-        taps = np.stack([self.kernel.taps(offsets, order, of_means=of_means) / tick_s**order for order in derivatives])
-        return np.asarray(loops.filter_at(values, taps, -reach, self.stride * FINE, self.count))
+        taps = _fine_taps(self.kernel, derivatives, shift_s, tick_s, self.fine, of_means)
+        reach = taps.shape[1] // 2
+        return np.asarray(loops.filter_at(values, taps, -reach, self.stride * self.fine, self.count))
+
+
+@lru_cache(maxsize=64)  # every stretch asks for the same, and one step of the search for several of the last's
+def _fine_taps(
+    kernel: Kernel, derivatives: tuple[int, ...], shift_s: float, tick_s: float, fine: int, of_means: bool
+) -> FloatArray:
+    """Shape (derivatives, taps), of a signal known ``fine`` times a tick; not to be written to."""
+    reach = int(np.ceil(kernel.half_width + abs(shift_s) / tick_s)) * fine
+    offsets = np.arange(-reach, reach + 1) / fine - shift_s / tick_s
+    return np.stack([kernel.taps(offsets, order, of_means=of_means) / tick_s**order for order in derivatives])
 
 
 @dataclass(frozen=True)
@@ -266,8 +303,8 @@ class Regression:
         at = self._on_own_time(shape)
         other_lag = replace(at, bandwidth_rad_s=at.bandwidth_rad_s * np.exp(SMALL))
         other_s = replace(at, s_per_rad=at.s_per_rad * np.exp(SMALL))
-        lag_rate = self.chosen([rows.lag(at)[1] for rows in self.rows])
-        lag = self.chosen([rows.lag(other_lag)[0] for rows in self.rows])
+        lag_rate = self.chosen([rows.lag(at, 1) for rows in self.rows])
+        lag = self.chosen([rows.lag(other_lag) for rows in self.rows])
         friction = -self.chosen([rows.friction(other_s)[:2] for rows in self.rows]) - columns[[COULOMB, DAMPING]]
         return np.stack(
             [

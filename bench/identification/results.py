@@ -4,7 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import PchipInterpolator
 
+from bench.errors import ExperimentError
+from bench.identification import branches
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate
 
@@ -43,6 +46,11 @@ class FitResult:
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
 
+    @property
+    def ratios_only(self) -> bool:
+        """Whether only the free motion told anything: everything is then per unit of torque gain."""
+        return "scale" in self.network.provenance
+
     def estimate(self, name: str) -> Estimate:
         """Raises KeyError for a name that was not estimated."""
         return {estimate.name: estimate for estimate in self.estimates}[name]
@@ -64,13 +72,54 @@ class Validation:
 class SourceMap:
     """The static motion source as measured: steady free velocity against command; arrays of shape (levels,).
 
-    ``rising`` says from which side each level was approached.
+    ``rising`` says from which side each level was approached. ``resampled_rad_s`` (resamples, levels) are velocities as
+    a repetition of the experiment might have given them (block bootstrap): every interval comes from them.
+    ``settling_s`` is the time constant with which the shaft was seen to settle, 0 where it was not.
     """
 
     command: FloatArray
     velocity_rad_s: FloatArray
     velocity_std_rad_s: FloatArray
     rising: npt.NDArray[np.bool_]
+    resampled_rad_s: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    settling_s: float = 0.0
+
+    def velocity(self, command: npt.ArrayLike, rising: bool) -> FloatArray:
+        """Steady free velocity [rad/s] on one branch, of the shape of ``command``: monotonic between the levels, NaN
+        outside them. Raises ExperimentError where that branch was not measured."""
+        levels, values, _ = self.branch(rising)
+        return np.asarray(self._curve(levels, values, rising)(np.asarray(command, dtype=float)))
+
+    def band(self, command: npt.ArrayLike, rising: bool) -> FloatArray:
+        """The 95 % band of :meth:`velocity`, shape (2, ...): lower and upper; NaN where nothing was resampled."""
+        levels, _, draws = self.branch(rising)
+        if not len(draws):
+            return np.full((2, *np.shape(command)), np.nan)
+        at = np.asarray(command, dtype=float)
+        drawn = [self._curve(levels, draw, rising)(at) for draw in draws]
+        return np.asarray(np.quantile(drawn, branches.TAILS, axis=0))
+
+    def dead_zone(self, rising: bool) -> branches.DeadZone | None:
+        """The commands between which the shaft rests; None where the branch does not show both ends."""
+        levels, values, draws = self.branch(rising)
+        return branches.dead_zone(levels, values, draws) if levels.size else None
+
+    def hysteresis(self) -> branches.Hysteresis | None:
+        """How far the two branches lie apart; None where the data cannot tell."""
+        return branches.hysteresis(self.branch(True), self.branch(False))
+
+    def branch(self, rising: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Command and velocity (levels,) and resamples (resamples, levels) of one branch, where they are known."""
+        chosen = (self.rising == rising) & np.isfinite(self.velocity_rad_s)
+        draws = self.resampled_rad_s if len(self.resampled_rad_s) else np.empty((0, self.command.size))
+        return self.command[chosen], self.velocity_rad_s[chosen], draws[:, chosen]
+
+    @staticmethod
+    def _curve(levels: FloatArray, values: FloatArray, rising: bool) -> PchipInterpolator:
+        if np.unique(levels).size < 2:
+            side = "rising" if rising else "falling"
+            raise ExperimentError(f"the {side} branch of the source was not measured: run the step 'free' to its end")
+        return branches.monotone(levels, values)
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 CONVERGED_STEP = np.array([1e-4, 1e-4, 1e-7, 1e-7])
 # The low band only finds where to begin in the full one.
 ROUGH_STEP = np.array([0.03, 0.03, 2e-5, 2e-5])
+# After so many steps from each start, only the best is followed further.
+TELLING_STEPS = 2
 MOST_STEPS = 40
 # The full band is narrowed only where it is worth the time.
 NARROWED_BELOW = 0.7
@@ -64,8 +66,8 @@ class Solution:
 def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solution:
     """The best fit of all stretches; ``free_motion`` as in Regression."""
     low = Regression.of(stretches, LOW_BAND, LOW_STRIDE, free_motion=free_motion)
-    starts = [_iterate(low, start, most_steps=15, within=ROUGH_STEP) for start in _starts(low)]
-    best = min(starts, key=lambda solution: solution.cost)
+    starts = [_descend(low, start, most_steps=TELLING_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
+    best, _ = _descend(low, min(starts, key=lambda at: at.cost), most_steps=15, within=ROUGH_STEP)
     full = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
     solution = _iterate(full, best.shape, most_steps=MOST_STEPS)
     band = worthwhile_band(full, solution)
@@ -138,6 +140,7 @@ class _At:
     shape: Shape
     columns: FloatArray
     memory: Memory
+    seen: FloatArray  # of the columns, what friction's memory leaves
     linear: FloatArray
     residual: FloatArray
     cost: float
@@ -151,16 +154,15 @@ class _At:
         residual = target - linear @ seen
         # Errors in the columns add this to the squares of the residual.
         cost = float(residual @ residual - contamination @ linear[:5] ** 2)
-        return cls(shape, columns, memory, linear, residual, cost)
+        return cls(shape, columns, memory, seen, linear, residual, cost)
 
     def solution(self, regression: Regression, *, converged: bool) -> Solution:
         """What the search ends with."""
-        seen = self.memory.taken_off(self.columns)
         return Solution(
             shape=self.shape,
             linear=self.linear,
             residual=self.residual,
-            jacobian=np.concatenate([seen, self.slopes(regression)]).T,
+            jacobian=np.concatenate([self.seen, self.slopes(regression)]).T,
             free=regression.free,
             contamination=regression.contamination(),
             cost=self.cost,
@@ -175,39 +177,44 @@ class _At:
 
     def step(self, regression: Regression) -> FloatArray:
         """Of Gauss-Newton, shape (4,); zero for what is not free."""
-        seen, contamination = self.memory.taken_off(self.columns), regression.contamination()
-        every = np.concatenate([seen, self.slopes(regression)])
+        contamination = regression.contamination()
+        every = np.concatenate([self.seen, self.slopes(regression)])
         right = every @ self.residual
         # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
         right[:5] += contamination * self.linear[:5]
         step = np.zeros(4)
-        step[list(regression.free)] = normal_solution(every, right, contamination)[len(seen) :]
+        step[list(regression.free)] = normal_solution(every, right, contamination)[len(self.seen) :]
         return np.clip(step, -LONGEST_STEP, LONGEST_STEP)
 
 
-def _starts(regression: Regression) -> list[Shape]:
+def _starts(regression: Regression) -> list[_At]:
     tick_s = regression.rows[0].signals.tick_s
     shapes = [Shape(START_BANDWIDTHS[1], s, tick_s, 0.0) for s in SCAN_S]
     best = min(shapes, key=lambda shape: _At.of(regression, shape).cost)
-    return [replace(best, bandwidth_rad_s=bandwidth) for bandwidth in START_BANDWIDTHS]
+    return [_At.of(regression, replace(best, bandwidth_rad_s=bandwidth)) for bandwidth in START_BANDWIDTHS]
 
 
-def _iterate(regression: Regression, shape: Shape, *, most_steps: int, within: FloatArray = CONVERGED_STEP) -> Solution:
-    """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that."""
+def _iterate(regression: Regression, shape: Shape, *, most_steps: int) -> Solution:
+    """To the minimum nearest to ``shape``."""
+    at, converged = _descend(regression, _At.of(regression, shape), most_steps=most_steps, within=CONVERGED_STEP)
+    return at.solution(regression, converged=converged)
+
+
+def _descend(regression: Regression, at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool]:
+    """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that.
+
+    Returns where it ended and whether it converged.
+    """
     low, high = limits(regression.rows[0].signals.tick_s)
-    at = _At.of(regression, shape)
-    converged = False
     for _ in range(most_steps):
         step = at.step(regression)
         if np.all(np.abs(step) < within):
-            converged = True
-            break
+            return at, True
         moved = (np.clip(at.shape.as_array() + share * step, low, high) for share in STEP_SHARES)
         better = (trial for each in moved if (trial := _At.of(regression, Shape.of(each))).cost < at.cost)
         found = next(better, None)
         if found is None:
             # Gauss-Newton cannot improve: at the minimum to within rounding, or held by the box.
-            converged = bool(np.all(np.abs(step) < 100 * within))
-            break
+            return at, bool(np.all(np.abs(step) < 100 * within))
         at = found
-    return at.solution(regression, converged=converged)
+    return at, False

@@ -4,34 +4,41 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
+from bench.identification.dwells import PIECES, SKIPPED_SHARE, pieces_of, settled
 from bench.identification.results import BlockedMap, SourceMap
 from bench.records import Measured, SegmentInfo, Table
 
 FloatArray = npt.NDArray[np.float64]
 
-# The last part of a dwell counts: before it the shaft still settles.
+# The last part of a hold counts: before it the shaft still settles.
 SETTLED_SHARE = 0.5
 SHORTEST_DWELL_TICKS = 20
-# Dwells are averaged in this many blocks; the scatter of the blocks is that of correlated noise.
+LEAST_READINGS = 3 * PIECES
+# Holds are averaged in this many blocks; the scatter of the blocks is that of correlated noise.
 BLOCKS = 5
 
 
 def source_map(measured: Measured) -> SourceMap:
     """Steady free velocity against command, from the staircases. Raises ExperimentError where there is none."""
-    levels = []
+    levels, velocities, spans_s = [], [], []
     for segment in measured.segments:
         if segment.procedure != "free" or not segment.name.startswith("staircase"):
             continue
         before = _command_before(measured.ticks, segment)
         for command, start_ns, end_ns in _dwells(measured.ticks, segment):
-            velocity = _slope(measured.motion, start_ns, end_ns)
-            if velocity is not None:
-                levels.append((command, *velocity, command >= before))
+            rows = measured.motion[_rows(measured.motion, "arrival_ns", start_ns, end_ns)]
+            if len(rows) >= LEAST_READINGS:
+                levels.append((command, command >= before))
+                time_s = (rows["arrival_ns"] - rows["arrival_ns"][0]) * 1e-9
+                velocities.append(pieces_of(time_s, rows["position_rad"]))
+                spans_s.append(time_s[-1])
             before = command
     if not levels:
         raise ExperimentError("no staircase was recorded: run the step 'free' to measure the static source map")
-    table = np.array(levels, dtype=float)
-    return SourceMap(table[:, 0], table[:, 1], table[:, 2], table[:, 3] > 0)
+    command, rising = np.array(levels, dtype=float).T
+    found = settled(np.array(velocities), np.array(spans_s))
+    deviation = np.std(found.resampled, axis=0)
+    return SourceMap(command, found.velocity, deviation, rising > 0, found.resampled, found.settling_s)
 
 
 def blocked_map(measured: Measured) -> BlockedMap:
@@ -69,29 +76,15 @@ def _command_before(ticks: Table, segment: SegmentInfo) -> float:
 
 
 def _dwells(ticks: Table, segment: SegmentInfo) -> list[tuple[float, int, int]]:
-    """Each level with the settled part of its dwell."""
+    """Each level with its dwell, less the beginning."""
     own = ticks[_rows(ticks, "tick_ns", segment.start_ns, segment.end_ns)]
     edges = np.flatnonzero(np.diff(own["command"]) != 0) + 1
     dwells = []
     for part in np.split(own, edges):
         if len(part) >= SHORTEST_DWELL_TICKS:
             start_ns, end_ns = int(part["tick_ns"][0]), int(part["tick_ns"][-1])
-            dwells.append((float(part["command"][0]), round(end_ns - SETTLED_SHARE * (end_ns - start_ns)), end_ns))
+            dwells.append((float(part["command"][0]), round(start_ns + SKIPPED_SHARE * (end_ns - start_ns)), end_ns))
     return dwells
-
-
-def _slope(motion: Table, start_ns: int, end_ns: int) -> tuple[float, float] | None:
-    """Mean velocity over a span and its deviation, from positions: no drive's own filter stands in between."""
-    rows = motion[_rows(motion, "arrival_ns", start_ns, end_ns)]
-    if len(rows) < 4 * BLOCKS:
-        return None
-    time_s = (rows["arrival_ns"] - rows["arrival_ns"][0]) * 1e-9
-    slopes = [
-        np.polyfit(time_s[part], rows["position_rad"][part], 1)[0]
-        for part in np.array_split(np.arange(len(rows)), BLOCKS)
-    ]
-    whole = np.polyfit(time_s, rows["position_rad"], 1)[0]
-    return float(whole), float(np.std(slopes, ddof=1) / np.sqrt(BLOCKS))
 
 
 def _mean(values: FloatArray) -> tuple[float, float] | None:

@@ -1,11 +1,13 @@
 """How well a network predicts what no fit has seen: the torque under a measured motion, and the free motion itself."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
 from bench.identification.fit import trace
-from bench.identification.regression import Regression, Shape
+from bench.identification.regression import INERTIA, Regression, Shape
 from bench.identification.results import FitResult, Trace, Validation
 from bench.identification.separable import FULL_BAND, linear_solution
 from bench.identification.signals import Signals, signals
@@ -25,9 +27,15 @@ def validate(result: FitResult, measured: Measured, *, tick_s: float, use: Use =
 
     Raises ExperimentError where there is nothing to validate on.
     """
-    stretches = signals(measured, tick_s, use)
+    return validate_signals(result, signals(measured, tick_s, use), measured.segments)
+
+
+def validate_signals(
+    result: FitResult, stretches: tuple[Signals, ...], segments: Sequence[SegmentInfo], *, use: Use = Use.VALIDATE
+) -> Validation:
+    """The same, from signals that stand on one grid already."""
     torque, torque_rms, torque_relative = _torque(result, stretches)
-    free = [segment for segment in measured.segments if segment.use is use and is_free(segment)]
+    free = [segment for segment in segments if segment.use is use and is_free(segment)]
     velocity, velocity_rms, velocity_relative = _free_motion(result, stretches, free)
     if np.isnan(torque_rms) and np.isnan(velocity_rms):
         raise ExperimentError("nothing to validate on: neither torque under motion nor free motion was recorded")
@@ -39,15 +47,18 @@ def is_free(segment: SegmentInfo) -> bool:
     return segment.procedure in FREE_PROCEDURES and (segment.name.startswith("free") or segment.procedure == "free")
 
 
-def _torque(result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Trace, float, float]:
-    """Torque under the measured motion; the sensor's slow zero and the friction's initial state are not predicted."""
-    if any(stretch.torque_nm is None for stretch in stretches):
-        return _nothing("N*m"), NAN, NAN
-    regression = Regression.of(stretches, FULL_BAND)
+def network_trace(result: FitResult, stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Trace:
+    """Torque under the measured motion by the network alone: whatever else a fit found (cogging, say) stays in between.
+
+    The sensor's slow zero and the friction's state after a rest are not predicted. ``free_motion`` compares what the
+    network makes of the acceleration instead, as a torque per unit of torque gain: for networks that know only ratios.
+    """
     network = result.network
+    regression = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
     s = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
+    command_delay_s = result.command_delay_s + (result.motion_delay_s if free_motion else 0.0)
     columns, memory = regression.columns(
-        Shape(network.amplifier_bandwidth_rad_s, s, result.command_delay_s, result.motion_delay_s)
+        Shape(network.amplifier_bandwidth_rad_s, s, command_delay_s, result.motion_delay_s)
     )
     known = np.array(
         [
@@ -58,12 +69,25 @@ def _torque(result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Trace, f
             network.presliding_damping_nms_rad,
         ]
     )
+    unknown, to_torque = columns[5:], 1.0
+    if free_motion:
+        # Solved for the acceleration: all over the inertia, and what torque there is at the port counts for itself.
+        to_torque = network.inertia_kgm2
+        known = known / to_torque
+        known[INERTIA] = 0.0
+        unknown = np.concatenate([columns[[INERTIA]], unknown])
     target = regression.target()
-    rest = memory.taken_off(target - known @ columns[:5])
-    bias = memory.taken_off(columns[5:])
-    predicted = target - rest + linear_solution(bias, rest) @ bias
-    rms = float(np.sqrt(np.mean((target - predicted) ** 2)))
-    return trace(stretches, target, predicted), rms, rms / float(np.sqrt(np.mean(target**2)))
+    rest, seen = memory.taken_off(target - known @ columns[:5]), memory.taken_off(unknown)
+    predicted = target - rest + linear_solution(seen, rest) @ seen
+    return trace(stretches, target * to_torque, predicted * to_torque)
+
+
+def _torque(result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Trace, float, float]:
+    if any(stretch.torque_nm is None for stretch in stretches):
+        return _nothing("N*m"), NAN, NAN
+    told = network_trace(result, stretches)
+    rms = float(np.sqrt(np.nanmean((told.measured - told.predicted) ** 2)))
+    return told, rms, rms / float(np.sqrt(np.nanmean(told.measured**2)))
 
 
 def _free_motion(

@@ -4,7 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from bench.identification.ladder import Rung
+from bench.identification.residuals import ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
+from bench.identification.without_model import WithoutModel
 from bench.models.network import NortonNetwork
 from bench.recording.contents import RecordedEstimates
 from bench.records import Measured
@@ -24,6 +26,8 @@ class ReportData:
     validation: Validation | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
+    without_model: WithoutModel | None = None
+    residuals: ResidualTests | None = None
     ladder: Sequence[Rung] = ()
     live: Sequence[LiveEstimate | RecordedEstimates] = ()
     measured: Measured | None = None

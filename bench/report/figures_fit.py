@@ -11,29 +11,26 @@ from bench.identification.results import FitResult, LiveEstimate, Trace
 from bench.models.parameters import BY_NAME, PARAMETERS, Estimate, Status
 from bench.recording.contents import RecordedEstimates
 from bench.report.decimate import envelope
-from bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
+from bench.report.svg import ACCENT, INK, MEASURED, PREDICTED, figure
 from bench.report.words import in_prefixed_unit, power, pretty_unit, scale_of
 
 FloatArray = npt.NDArray[np.float64]
 
-LAGS = 200
 ZOOM_SAMPLES = 600
 _COLUMNS = 4
 
 
 def residual_figure(trace: Trace) -> Figure:
-    """The residual over time, how it is distributed, and how long it remembers."""
-    picture = figure(4.2)
-    grid = picture.add_gridspec(2, 2, height_ratios=(1.0, 1.1))
-    over_time = picture.add_subplot(grid[0, :])
+    """The residual over time, and how it is distributed."""
+    picture = figure(2.3)
+    over_time, spread = picture.subplots(1, 2, width_ratios=(2.4, 1))
     factor, unit = in_prefixed_unit(greatest(trace.measured - trace.predicted), trace.unit)
     residual = factor * (trace.measured - trace.predicted)
     over_time.plot(*envelope(trace.time_s, residual), color=MEASURED, linewidth=0.7)
     over_time.set_xlabel("bench time [s]")
     over_time.set_ylabel(f"residual [{unit}]")
-    finite = residual[np.isfinite(residual)]
-    _histogram(picture.add_subplot(grid[1, 0]), finite, unit)
-    _memory(picture.add_subplot(grid[1, 1]), finite)
+    over_time.set_title("Over time")
+    _histogram(spread, residual[np.isfinite(residual)], unit)
     return picture
 
 
@@ -61,32 +58,6 @@ def _histogram(axes: Axes, residual: FloatArray, unit: str) -> None:
     axes.set_xlabel(f"residual [{unit}]")
     axes.set_yticks([])
     axes.margins(y=0.25)
-
-
-def _memory(axes: Axes, residual: FloatArray) -> None:
-    """Autocorrelation, with the band in which white noise would stay 95 times in 100."""
-    lags = min(LAGS, residual.size // 2)
-    correlation = autocorrelation(residual, lags)[1:]
-    band = 1.96 / np.sqrt(max(1, residual.size))
-    axes.axhspan(-band, band, color=ACCENT, alpha=0.25, linewidth=0, label="white noise, 95 %")
-    axes.plot(np.arange(1, lags + 1), correlation, color=MEASURED)
-    axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    axes.set_title("What it remembers of itself")
-    axes.set_xlabel("lag [samples]")
-    axes.set_ylabel("autocorrelation")
-    reach = min(1.05, max(4 * band, 1.3 * greatest(correlation)))
-    axes.set_ylim(-reach, reach)
-    axes.legend(labelcolor=INK, loc="upper right")
-
-
-def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
-    """Of lags 0 to ``lags``, shape (lags + 1,); NaN where the values are constant."""
-    centred = values - values.mean() if values.size else values
-    size = 1 << (2 * max(1, centred.size) - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
-    products = np.fft.irfft(spectrum, size)[: lags + 1]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(products / products[0] if products.size else products)
 
 
 def validation_figure(trace: Trace, what: str) -> Figure:

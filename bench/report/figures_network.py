@@ -5,6 +5,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bench.identification.branches import TAILS
 from bench.identification.results import BlockedMap, SourceMap
 from bench.models.network import NortonNetwork
 from bench.report.decimate import thinned
@@ -18,9 +19,21 @@ _SIDES = (("▲ rising", "^", True), ("▼ falling", "v", False))
 
 
 def source_map_figure(measured: SourceMap | None, network: NortonNetwork | None, command_unit: str) -> Figure:
-    """Steady free velocity against command: measured from both sides, and the identified three branches."""
-    picture = figure(3.6)
-    axes = picture.subplots()
+    """Steady free velocity against command: measured from both sides, and the identified three branches.
+
+    Below, what is left between the two, where both are known: there the bands are wide enough to be seen.
+    """
+    compared = measured is not None and network is not None and bool(np.isfinite(measured.velocity_rad_s).any())
+    picture = figure(5.0 if compared else 3.6)
+    panels = picture.subplots(1 + compared, 1, squeeze=False, sharex=True, height_ratios=(1.7, 1)[: 1 + compared])[:, 0]
+    _source(panels[0], measured, network)
+    if measured is not None and network is not None and compared:
+        _source_difference(panels[1], measured, network)
+    panels[-1].set_xlabel(f"command [{pretty_unit(command_unit) or 'N·m'}]")
+    return picture
+
+
+def _source(axes: Axes, measured: SourceMap | None, network: NortonNetwork | None) -> None:
     if network is not None:
         span = _span(measured, network)
         command = np.unique(np.concatenate([np.linspace(-span, span, 201), network.thresholds]))
@@ -39,10 +52,31 @@ def source_map_figure(measured: SourceMap | None, network: NortonNetwork | None,
                 marker,
                 f"measured, {label[2:]}",
             )
-    axes.set_xlabel(f"command [{pretty_unit(command_unit) or 'N·m'}]")
     axes.set_ylabel("steady free velocity [rad/s]")
-    _legend(axes)
-    return picture
+    legend(axes)
+
+
+def _source_difference(axes: Axes, measured: SourceMap, network: NortonNetwork) -> None:
+    """Measured less identified, with the 95 % band of each branch."""
+    axes.axhline(0.0, color=PREDICTED, linewidth=0.9)
+    for _, marker, rising in _SIDES:
+        levels, velocity, draws = measured.branch(rising)
+        order = np.argsort(levels)
+        left = (velocity - network.source_velocity(levels))[order]
+        colour = MEASURED if rising else MUTED
+        if len(draws):
+            low, high = np.quantile(draws - network.source_velocity(levels), TAILS, axis=0)[:, order]
+            axes.fill_between(levels[order], low, high, color=colour, alpha=0.18, linewidth=0)
+        axes.plot(
+            levels[order],
+            left,
+            color=colour,
+            linewidth=0.8,
+            marker=marker,
+            markersize=4,
+            markerfacecolor=MEASURED if rising else "none",
+        )
+    axes.set_ylabel("less identified [rad/s]")
 
 
 def blocked_figure(blocked: BlockedMap, network: NortonNetwork | None, command_unit: str) -> Figure:
@@ -67,7 +101,7 @@ def blocked_figure(blocked: BlockedMap, network: NortonNetwork | None, command_u
         )
     axes.set_xlabel(f"command [{pretty_unit(command_unit) or 'N·m'}]")
     axes.set_ylabel("blocked torque [N·m]")
-    _legend(axes)
+    legend(axes)
     return picture
 
 
@@ -101,7 +135,7 @@ def _presliding(axes: Axes, loops: list[Loop]) -> None:
     axes.set_title("Small loops")
     axes.set_xlabel("position [mrad]")
     axes.set_ylabel("port torque [N·m]")
-    _legend(axes)
+    legend(axes)
 
 
 def _sliding(axes: Axes, loop: Loop) -> None:
@@ -124,7 +158,7 @@ def _sliding(axes: Axes, loop: Loop) -> None:
     axes.set_title("Steady velocities")
     axes.set_xlabel("velocity [rad/s]")
     axes.set_ylabel("port torque [N·m]")
-    _legend(axes)
+    legend(axes)
 
 
 def _points(axes: Axes, x: FloatArray, y: FloatArray, std: FloatArray, marker: str, label: str) -> None:
@@ -152,6 +186,7 @@ def _span(measured: SourceMap | None, network: NortonNetwork) -> float:
     return 4 * network.thresholds[1]
 
 
-def _legend(axes: Axes) -> None:
+def legend(axes: Axes) -> None:
+    """Above the panel, on its right, where there is anything to explain."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(labelcolor=INK, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)

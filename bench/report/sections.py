@@ -1,7 +1,6 @@
 """The sections of a report, each from the data that it needs, or left out."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,28 +11,11 @@ from bench.report.figures_fit import live_figure, residual_figure, validation_fi
 from bench.report.figures_network import blocked_figure, impedance_figure, source_map_figure
 from bench.report.figures_timing import timing_figure
 from bench.report.loops import bench_time_s, presliding_loops, sliding_samples
+from bench.report.section import Facts, Section
+from bench.report.sections_without_model import residuals_section, source_sentences, without_model_section
 from bench.report.streams import StreamQuality, stream_qualities
 from bench.report.svg import svg
 from bench.report.words import number, percent, pretty_unit, with_deviation
-
-
-@dataclass(frozen=True)
-class Facts:
-    """A small table: its head and its rows, all text."""
-
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading, sentences, pictures and tables; ``figures`` are (SVG, caption)."""
-
-    name: str  # the anchor
-    title: str
-    sentences: tuple[str, ...] = ()
-    figures: tuple[tuple[str, str], ...] = ()
-    tables: tuple[Facts, ...] = field(default=())
 
 
 def sections(data: ReportData) -> list[Section]:
@@ -47,7 +29,8 @@ def source_section(data: ReportData) -> Section | None:
         return None
     caption = (
         "Steady velocity with no torque at the port, against command. Where the command is too weak for friction "
-        "the shaft rests; outside, the velocity follows in two straight branches. Bars are 95 % intervals."
+        "the shaft rests; outside, the velocity follows in two straight branches. Below, what lies between measured "
+        "and identified; bars and bands are 95 % intervals."
     )
     picture = svg(source_map_figure(data.source_map, data.network, data.command_unit), "source", caption)
     sentences = []
@@ -55,6 +38,8 @@ def source_section(data: ReportData) -> Section | None:
         unit = pretty_unit(data.command_unit)
         low, high = (f"{number(threshold, 3)} {unit}".strip() for threshold in data.network.thresholds)
         sentences = [f"The shaft rests for commands between {low} and {high}; beyond, it turns."]
+    if data.source_map is not None:
+        sentences += source_sentences(data.source_map, pretty_unit(data.command_unit))
     return Section("source", "The motion source", tuple(sentences), ((picture, caption),))
 
 
@@ -116,10 +101,7 @@ def fit_section(data: ReportData) -> Section | None:
     if fit is None:
         return None
     residual = fit.trace.measured - fit.trace.predicted
-    caption = (
-        "What the fit leaves of the torque. A residual that remembers itself is structure that the model lacks "
-        "(cogging, say); the deviations in the table above allow for it."
-    )
+    caption = "What the fit leaves of the torque."
     delays = "; ".join(
         f"{name} {with_deviation(1e3 * delay_s, 1e3 * std_s)} ms"
         for name, delay_s, std_s in (
@@ -244,7 +226,9 @@ MAKERS: tuple[Callable[[ReportData], Section | None], ...] = (
     source_section,
     impedance_section,
     validation_section,
+    without_model_section,
     fit_section,
+    residuals_section,
     friction_section,
     blocked_section,
     live_section,

@@ -6,11 +6,14 @@ from pathlib import Path
 
 from bench.errors import UsageError
 from bench.identification.bench_ladder import bench_ladder
-from bench.identification.fit import fit
+from bench.identification.fit import fit_signals
 from bench.identification.ladder import Rung
+from bench.identification.residuals import ResidualTests, diagnose
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
+from bench.identification.signals import signals
 from bench.identification.source_map import blocked_map, source_map
-from bench.identification.validation import validate
+from bench.identification.validation import validate_signals
+from bench.identification.without_model import WithoutModel, without_model
 from bench.recording.contents import RecordedEstimates, Recording
 from bench.recording.reader import read_recording
 from bench.records import Measured
@@ -26,6 +29,8 @@ class Conclusion:
     validation: Validation | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
+    without_model: WithoutModel | None = None
+    residuals: ResidualTests | None = None
     ladder: tuple[Rung, ...] = ()
     network: Path | None = None
     report: Path | None = None
@@ -46,8 +51,12 @@ def conclude(
     if Use.IDENTIFY not in uses:
         return Conclusion()
     tick_s = float(metadata["tick_s"])
-    result = fit(measured, command_unit=metadata["command_unit"], tick_s=tick_s)
-    checked = validate(result, measured, tick_s=tick_s) if Use.VALIDATE in uses else None
+    stretches = signals(measured, tick_s, Use.IDENTIFY)
+    unseen = signals(measured, tick_s, Use.VALIDATE) if Use.VALIDATE in uses else ()
+    result = fit_signals(stretches, command_unit=metadata["command_unit"])
+    checked = validate_signals(result, unseen, measured.segments) if unseen else None
+    modelless = without_model(result, stretches, unseen, measured.segments)
+    residuals = diagnose(result, stretches)
     names = {segment.name for segment in measured.segments}
     static = source_map(measured) if any(name.startswith("staircase") for name in names) else None
     blocked = blocked_map(measured) if any(name.startswith("hold") for name in names) else None
@@ -62,13 +71,15 @@ def conclude(
         validation=checked,
         source_map=static,
         blocked_map=blocked,
+        without_model=modelless,
+        residuals=residuals,
         ladder=rungs,
         live=tuple(live),
         measured=measured,
         notes=notes,
     )
     report = write_report(out / f"{recording.stem}.report.html", data)
-    return Conclusion(result, checked, static, blocked, rungs, network, report)
+    return Conclusion(result, checked, static, blocked, modelless, residuals, rungs, network, report)
 
 
 def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, Conclusion]:

@@ -14,6 +14,7 @@ from bench.identification.friction.sums import part_sums
 from bench.identification.live import LiveIdentifier
 from bench.identification.load import fit_load
 from bench.identification.signals import Port, signals
+from bench.identification.without_model import without_model
 from bench.models.network import NortonNetwork
 from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
 from bench.segments import Use
@@ -34,7 +35,8 @@ def warm_up() -> None:
         live.update(measured.between(round(begun_s * 1e9), round((begun_s + PART_S) * 1e9)))
     with suppress(ExperimentError):
         fit_load(measured, TICK_S)
-    fit_signals(signals(measured, TICK_S, Use.CALIBRATE, Port.ACTUATOR), command_unit=COMMAND_UNIT)
+    stretches = signals(measured, TICK_S, Use.CALIBRATE, Port.ACTUATOR)
+    without_model(fit_signals(stretches, command_unit=COMMAND_UNIT), stretches, (), measured.segments)
     AdmittanceController(LOAD, TICK_S, torque_limit_nm=1.0)
     NETWORK.free_motion([0.0], TICK_S)
     _warm_friction()

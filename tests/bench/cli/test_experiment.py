@@ -33,6 +33,9 @@ RIG = ROOT / "rigs" / "sim-odrive.toml"
 class Conclusion:
     fit: FitResult | None = None
     validation: None = None
+    source_map: None = None
+    without_model: None = None
+    residuals: None = None
     network: Path | None = None
     report: Path | None = None
 

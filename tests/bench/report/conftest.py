@@ -5,10 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.identification.dependence import Dependence
 from bench.identification.friction.family import model
 from bench.identification.friction.fit import FrictionFit
+from bench.identification.impedance_table import ImpedanceTable
 from bench.identification.ladder import Rung
+from bench.identification.position_lines import Harmonic
+from bench.identification.residuals import ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
+from bench.identification.stop_operator import StopOperator
+from bench.identification.whiteness import Memory
+from bench.identification.without_model import Prediction, WithoutModel
 from bench.models.network import NortonNetwork
 from bench.models.parameters import PARAMETERS, Estimate, Status
 from bench.records import MOTION, TICK, TORQUE, Event, Measured, SegmentInfo
@@ -106,6 +113,36 @@ def estimates(factor: float = 1.0, share: float = 0.004) -> tuple[Estimate, ...]
     )
 
 
+def table() -> ImpedanceTable:
+    command, velocity = np.array([-0.08, 0.0, 0.08]), np.array([-40.0, -16.0, -4.0, 4.0, 16.0, 40.0])
+    torque = GAIN * command[:, None] - DAMPING * velocity - COULOMB * np.sign(velocity)
+    torque[0, 5] = np.nan
+    return ImpedanceTable(command, velocity, torque, np.full_like(torque, 1e-4), np.full_like(torque, 0.3))
+
+
+def without_model(trace: Trace) -> WithoutModel:
+    yields = np.geomspace(2e-5, 0.2, 14)
+    strength = np.zeros((2, 14))
+    strength[1, 6:8] = COULOMB / 2
+    operator = StopOperator(yields, strength, np.zeros((2, 14)), INERTIA, DAMPING, np.full(20, GAIN / 20))
+    figures = (Prediction(1.56e-2, 0.6, 0.93), Prediction(1.13e-3, 0.0145, 1.0), Prediction(2.2e-3, 0.03, 1.0))
+    return WithoutModel(table(), operator, trace, trace, *figures)
+
+
+def residuals() -> ResidualTests:
+    lags_s, input_lags_s = np.arange(1, 26) * 3e-3, np.arange(-4, 9) * 3e-3
+    spectrum = np.full(256, 2e-5)
+    spectrum[41] = 3e-4
+    memory = Memory(lags_s, 0.1 * 0.8 ** np.arange(25), np.full(25, 0.014), 400.0, 1e-60)
+    bell = np.exp(-((input_lags_s / 5e-3) ** 2))
+    followed = (
+        Dependence("command", input_lags_s, 0.004 * bell, np.full(13, 0.014), 0.6, 0.0, 0.0, 3.0),
+        Dependence("velocity", input_lags_s, 0.02 * bell, np.full(13, 0.014), 1e-5, 0.004, 6e-5, 3.0),
+        Dependence("acceleration", input_lags_s, 0.2 * bell, np.full(13, 0.014), 1e-20, 0.05, 2.2e-4, 110.0),
+    )
+    return ResidualTests(1e-3, memory, followed, (Harmonic(42, 3e-4, 1e-30),), spectrum)
+
+
 def rung(
     name: str, train: float, held_out: float, std: float, *, selected: bool = False, converged: bool = True
 ) -> Rung:
@@ -183,10 +220,14 @@ def full() -> ReportData:
             Trace(time_s[last], torque[last], predicted[last], "N*m"),
             Trace(time_s[last], free + 0.2 * rng.normal(size=4000), free, "rad/s"),
         ),
-        source_map=SourceMap(levels, steady, np.full(22, 0.2), np.arange(22) < 11),
+        source_map=SourceMap(
+            levels, steady, np.full(22, 0.2), np.arange(22) < 11, steady + rng.normal(0, 0.2, (200, 22))
+        ),
         blocked_map=BlockedMap(
             blocked, GAIN * blocked - np.where(above, COULOMB, -COULOMB) * 0.95, np.full(10, 4e-4), above
         ),
+        without_model=without_model(replace(trace, predicted=1.01 * predicted)),
+        residuals=residuals(),
         ladder=(
             rung("coulomb-viscous", 0.193, 0.196, 0.023),
             rung("dahl", 0.0099, 0.00995, 1.9e-4, selected=True),

@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.identification.results import Trace
 from bench.report.data import ReportData
-from bench.report.figures_fit import autocorrelation, close_up
+from bench.report.figures_fit import close_up
 from bench.report.figures_network import source_map_figure
 from bench.report.loops import presliding_loops, sliding_samples
 from bench.report.svg import style
@@ -35,17 +35,6 @@ def test_no_grid_gives_no_cloud(full: ReportData) -> None:
     assert sliding_samples(replace(full.measured, segments=()), full.fit.trace) is None
 
 
-def test_autocorrelation_of_a_known_process() -> None:
-    """A first-order process forgets by a fixed factor a sample; the estimate's deviation is about 1/sqrt(n)."""
-    rng = np.random.default_rng(0)
-    noise, values = rng.normal(size=100_000), np.zeros(100_000)
-    for k in range(1, len(values)):
-        values[k] = 0.8 * values[k - 1] + noise[k]
-    found = autocorrelation(values, 20)
-    assert found[0] == 1.0
-    np.testing.assert_allclose(found, 0.8 ** np.arange(21), atol=5 * 3 / np.sqrt(len(values)))
-
-
 def test_the_close_up_is_where_most_happens() -> None:
     values = np.zeros(5000)
     values[3000:3400] = 1.0
@@ -56,7 +45,7 @@ def test_the_close_up_is_where_most_happens() -> None:
 
 def test_the_source_is_drawn_with_its_corners(full: ReportData) -> None:
     with style():
-        (axes,) = source_map_figure(full.source_map, full.network, "N*m").axes
+        axes, _ = source_map_figure(full.source_map, full.network, "N*m").axes
     line = axes.get_lines()[0]
     command, velocity = line.get_data()
     low, high = full.network.thresholds

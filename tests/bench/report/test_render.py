@@ -13,7 +13,9 @@ SECTIONS = [
     "source",
     "impedance",
     "validation",
+    "without-model",
     "fit",
+    "residuals",
     "friction",
     "blocked",
     "live",
@@ -55,7 +57,7 @@ def page_of_all(full: ReportData) -> str:
 def test_everything_known_shows_every_section(page_of_all: str) -> None:
     page = Outline(page_of_all)
     assert page.sections == SECTIONS
-    assert page.pictures == 8
+    assert page.pictures == 11
 
 
 def test_the_same_data_give_the_same_bytes(full: ReportData, page_of_all: str, tmp_path) -> None:
@@ -80,7 +82,9 @@ def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
     empty = ReportData(full.rig_name)
     page = Outline(render(replace(full, **{missing: getattr(empty, missing)})))
     gone = {
-        "fit": {"fit", "impedance"},
+        "fit": {"fit", "impedance", "without-model"},
+        "without_model": {"without-model"},
+        "residuals": {"residuals"},
         "validation": {"validation"},
         "blocked_map": {"blocked"},
         "ladder": {"friction"},

@@ -1,0 +1,114 @@
+"""What the report says and draws of table, operator and residual."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bench.identification.residuals import ResidualTests
+from bench.report.data import ReportData
+from bench.report.figures_residuals import residual_tests_figure
+from bench.report.figures_without_model import impedance_table_figure, operator_figure
+from bench.report.sections_without_model import (
+    residual_sentences,
+    residuals_section,
+    source_sentences,
+    without_model_section,
+)
+from bench.report.svg import style
+
+
+def test_each_way_of_predicting_has_its_row(full: ReportData) -> None:
+    (table,) = without_model_section(full).tables
+    assert [row[0] for row in table.rows] == ["network", "operator", "table"]
+    assert [row[2] for row in table.rows] == ["1.10", "1.13", "15.6"]
+    assert table.rows[2][4] == "93 %"
+
+
+def test_empty_cells_are_said_to_be_empty(full: ReportData) -> None:
+    text = " ".join(without_model_section(full).sentences)
+    assert "1 cell is empty" in text
+    assert "yields gradually" in text
+    assert "2.20 mN·m off" in text
+
+
+def test_nothing_unseen_leaves_the_comparison_out(full: ReportData) -> None:
+    found = replace(full.without_model, operator_prediction=None, table_prediction=None, stops_alone=None)
+    assert without_model_section(replace(full, without_model=found)).tables == ()
+
+
+def test_a_table_alone_or_an_operator_alone_will_do(full: ReportData) -> None:
+    for missing in ("table", "operator"):
+        found = replace(full.without_model, **{missing: None})
+        assert len(without_model_section(replace(full, without_model=found)).figures) == 1
+
+
+def test_every_measured_cell_is_drawn(full: ReportData) -> None:
+    with style():
+        curves, left = impedance_table_figure(full.without_model.table, full.network, "N*m").axes
+    drawn = sum(len(line.get_xdata()) for line in curves.get_lines() if line.get_linestyle() == "None")
+    assert drawn == 17
+    assert len(left.containers) == 6  # bars of three commands on either side of rest
+
+
+def test_the_operators_strengths_are_drawn(full: ReportData) -> None:
+    with style():
+        (axes,) = operator_figure([], full.without_model.operator, 2e-3).axes
+    assert sum(bar.get_height() for bar in axes.patches) == np.float64(20.0)
+
+
+def test_the_residual_in_words(full: ReportData) -> None:
+    text = " ".join(residual_sentences(full.residuals))
+    assert "with 42 periods a turn: cogging of 0.30 mN·m" in text
+    assert "follows acceleration (0.22 mN·m rms, 5.0 % of its variance): inertia or a resonance near 110 Hz" in text
+    assert "follows velocity" in text
+    assert "command" not in text
+    assert "not white (p < 0.001" in text
+
+
+def quiet(tests: ResidualTests) -> ResidualTests:
+    """The same, with nothing found."""
+    calm = tuple(replace(each, p_value=0.4) for each in tests.dependences)
+    return replace(tests, harmonics=(), dependences=calm, memory=replace(tests.memory, p_value=0.37))
+
+
+def test_a_residual_that_tells_nothing(full: ReportData) -> None:
+    first, second = residual_sentences(quiet(full.residuals))
+    assert "follows none of the command, velocity, acceleration, position" in first
+    assert "remembers nothing" in second
+    assert "p = 0.37" in second
+
+
+def test_a_residual_of_the_motion_is_told_in_the_commands_unit(full: ReportData) -> None:
+    known = replace(full.fit, network=full.fit.network.with_provenance({"scale": "free motion only"}))
+    tests = replace(full.residuals, memory=None, dependences=full.residuals.dependences[:1])
+    section = residuals_section(replace(full, fit=known, residuals=tests))
+    assert section.sentences == (
+        "The residual follows position with 42 periods a turn: cogging of 0.30 mN·m of command.",
+    )
+
+
+def test_an_acceleration_at_the_edge_of_the_band_is_no_resonance_within_it(full: ReportData) -> None:
+    edge = tuple(replace(each, peak_hz=160.0) for each in full.residuals.dependences)
+    text = " ".join(residual_sentences(replace(full.residuals, dependences=edge)))
+    assert "upper edge of the band" in text
+    assert "near 160" not in text
+
+
+def test_a_panel_for_each_input_beside_memory_and_position(full: ReportData) -> None:
+    with style():
+        titles = [axes.get_title(loc="left") for axes in residual_tests_figure(full.residuals).axes]
+        alone = residual_tests_figure(replace(full.residuals, dependences=())).axes
+    assert titles[2:] == ["Command", "Velocity", "Acceleration"]
+    assert len(alone) == 2
+
+
+def test_a_spectrum_of_nothing_can_be_drawn(full: ReportData) -> None:
+    blank = replace(full.residuals, spectrum_nm=np.full(256, np.nan), harmonics=())
+    assert residuals_section(replace(full, residuals=blank)) is not None
+
+
+def test_the_branches_in_words(full: ReportData) -> None:
+    text = " ".join(source_sentences(full.source_map, "N·m"))
+    assert "rising, the dead zone is 0.04" in text
+    assert "falling, the dead zone is 0.04" in text
+    assert "hysteresis" in text or "branches differ" in text
