@@ -63,8 +63,8 @@ def _check_recording(first: Path, others: tuple[Path, ...], for_logs: tuple[str 
     """Raises UsageError where something else than one recording was given."""
     if first.suffix.lower() != RECORDING_SUFFIX and first.is_file():
         raise UsageError(
-            f"{first}: is no recording (.mcap); if it is a log from elsewhere, say what its columns hold: "
-            "--columns MAP, a TOML file as in docs/logs.md and examples/logs"
+            f"{first} is not an MCAP recording; name a .mcap file or, for a log from elsewhere, say what its columns "
+            "hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
         )
     if others:
         raise UsageError(f"{others[0]}: one recording is fitted at a time; several logs need --columns MAP")

@@ -82,7 +82,9 @@ def read_file(path: Path, section: LogSection) -> Content:
     except UsageError:
         raise
     except Exception as wrong:  # each library has errors of its own
-        first = str(wrong).splitlines()[0] if str(wrong) else type(wrong).__name__
+        first = (
+            "".join(filter(str.isprintable, str(wrong).splitlines()[0][:80])) if str(wrong) else type(wrong).__name__
+        )
         raise UsageError(
             f"{path}: cannot be read as {kind} ({first}); check the file, or write [log] format"
         ) from wrong
