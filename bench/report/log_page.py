@@ -8,7 +8,7 @@ from bench.models.parameters import Status
 from bench.report.data import ReportData
 from bench.report.figures_fit import residual_figure, validation_figure
 from bench.report.render import Figure, fill, row, write_page
-from bench.report.sections import Facts, Section
+from bench.report.section import Facts, Section
 from bench.report.svg import style, svg
 from bench.report.words import number, percent, pretty_unit
 
