@@ -24,7 +24,7 @@ check: $(READY)  ## style, types, import floors
 	$(BIN)/lint-imports
 
 bench: $(READY)  ## print the benchmarks' figures
-	$(BIN)/python benchmarks/identification.py --vary --seeds 1-5
+	$(BIN)/python benchmarks/identification.py --seeds 1-5
 	$(BIN)/python benchmarks/fit_speed.py
 	$(BIN)/python benchmarks/zero_torque.py
 	$(BIN)/python benchmarks/simulation_speed.py

@@ -17,10 +17,7 @@ from bench.identification.ladder import Rung, ladder
 from bench.identification.regression import Regression, Shape
 from bench.identification.results import FitResult
 from bench.identification.separable import LOW_BAND
-from bench.identification.signals import FINE, Signals, signals
-from bench.models.parameters import Status
-from bench.records import Measured
-from bench.segments import Use
+from bench.identification.signals import FINE, Signals
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -28,14 +25,12 @@ FloatArray = npt.NDArray[np.float64]
 STRIDE = 10
 
 
-def bench_ladder(measured: Measured, result: FitResult, *, tick_s: float) -> tuple[Rung, ...]:
+def bench_ladder(stretches: tuple[Signals, ...], result: FitResult) -> tuple[Rung, ...]:
     """Every model that needs nothing but the motion, symmetric where it remembers.
 
     Empty where no torque was measured, or torque does not tell the scale: there is nothing to compare by.
     """
-    stretches = signals(measured, tick_s, Use.IDENTIFY)
-    ratios = any(estimate.status is Status.RATIO_ONLY for estimate in result.estimates)
-    if ratios or any(stretch.torque_nm is None for stretch in stretches):
+    if result.ratios_only or any(stretch.torque_nm is None for stretch in stretches):
         return ()
     equation = bench_equation(stretches, result)
     # Asymmetric elements by the dozen would take longer than all others together.

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from bench.identification.kernels import Kernel
 from bench.identification.quantisation import moving
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Regression, Shape
 from bench.identification.results import FitResult
@@ -82,9 +83,11 @@ def noise_density_nm(torque_rms_nm: float) -> float:
     return float(torque_rms_nm / np.sqrt(FULL_BAND.energy(0)))
 
 
-def information(stretches: tuple[Signals, ...], at: Linearised, noise_nm: float) -> FloatArray:
+def information(
+    stretches: tuple[Signals, ...], at: Linearised, noise_nm: float, band: Kernel = FULL_BAND
+) -> FloatArray:
     """The information matrix of ``stretches``, shape (9, 9), in the order of KNOWN; ``noise_nm`` is white, a tick."""
-    regression = Regression.of(stretches, FULL_BAND)
+    regression = Regression.of(stretches, band)
     shape, linear = at.shape, at.linear
     columns, memory = regression.columns(shape)
     slope_bandwidth, slope_s, slope_command, slope_motion = regression.jacobian(shape, columns, linear)

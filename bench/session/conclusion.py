@@ -60,7 +60,7 @@ def conclude(
     names = {segment.name for segment in measured.segments}
     static = source_map(measured) if any(name.startswith("staircase") for name in names) else None
     blocked = blocked_map(measured) if any(name.startswith("hold") for name in names) else None
-    rungs = bench_ladder(measured, result, tick_s=tick_s)
+    rungs = bench_ladder(stretches, result)
     network = out / f"{recording.stem}.network.json"
     result.network.with_provenance({**metadata, "recording": recording.name}).save(network)
     data = ReportData(

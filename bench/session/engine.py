@@ -1,7 +1,7 @@
 """A session from beginning to end: check, open, run step by step, put away, conclude."""
 
 import gc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +34,17 @@ from drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
 LOCK_STEP_PATIENCE_S = 30.0
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What an experiment leaves behind before anything is concluded from it."""
+
+    recording: Path
+    metadata: Mapping[str, str]
+    knowledge: Knowledge
+    measured: Measured
+    live: Sequence[LiveEstimate]
 
 
 @dataclass(frozen=True)
@@ -117,6 +128,33 @@ def run_session(
 ) -> SessionResult:
     """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
 
+    Raises as :func:`record_session` does, and ExperimentError where the data tell nothing.
+    """
+    done = record_session(rig, session, out=out, seed=seed, progress=progress, stop_request=stop_request)
+    refined = done.knowledge.refinement
+    conclusion = conclude(
+        done.measured,
+        rig_text=rig.text,
+        metadata=done.metadata,
+        live=done.live,
+        recording=done.recording,
+        out=out,
+        notes=() if refined is None else refined.sentences,
+    )
+    return SessionResult(done.recording, conclusion, done.knowledge, done.measured)
+
+
+def record_session(
+    rig: Rig,
+    session: Session,
+    *,
+    out: Path,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    stop_request: Callable[[], str | None] = never_stop,
+) -> Recorded:
+    """The experiment alone, recorded into the folder ``out``.
+
     Raises RigError and UsageError before anything moves; DeviceError, SafetyStopError, OperatorStopError and
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
@@ -141,18 +179,7 @@ def run_session(
         )
         run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
         _step_by_step(run, procedures, progress)
-    measured = join(run.parts)
-    refined = run.knowledge.refinement
-    conclusion = conclude(
-        measured,
-        rig_text=rig.text,
-        metadata=metadata,
-        live=run.live,
-        recording=recorder.path,
-        out=out,
-        notes=() if refined is None else refined.sentences,
-    )
-    return SessionResult(recorder.path, conclusion, run.knowledge, measured)
+    return Recorded(recorder.path, metadata, run.knowledge, join(run.parts), run.live)
 
 
 def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], progress: Progress) -> None:

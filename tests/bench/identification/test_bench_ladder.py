@@ -21,7 +21,7 @@ def equation(experiment, result):
 
 
 def test_dahl_is_recognised(experiment, result):
-    rungs = bench_ladder(experiment, result, tick_s=TICK_S)
+    rungs = bench_ladder(signals(experiment, TICK_S, Use.IDENTIFY), result)
     best = selected(rungs)
     assert best.name == "dahl"
     static = next(rung for rung in rungs if rung.name == "coulomb-viscous")
@@ -55,4 +55,4 @@ def test_friction_without_memory_is_not_taken_for_dahls(equation, name, coeffici
 
 
 def test_nothing_without_torque(without_torque, result):
-    assert bench_ladder(without_torque, result, tick_s=TICK_S) == ()
+    assert bench_ladder(signals(without_torque, TICK_S, Use.IDENTIFY), result) == ()
