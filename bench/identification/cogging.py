@@ -14,6 +14,8 @@ MOST_PERIODS = 400.0
 FEWEST_TURNS = 3.0
 # Power over that of noise: noise alone passes it in one search of thousands, so long as residuals are nearly white.
 EVIDENCE = 25.0
+# A wave smaller than this share of the residual is not worth its two unknowns, however sure it is.
+LEAST_SHARE = 0.1
 # Nearer to an integer than the turns can resolve is that integer.
 RESOLVED = 0.5
 
@@ -34,7 +36,8 @@ def strongest_period(position_rad: FloatArray, residual: FloatArray, correlated:
     periods = np.arange(spectrum.size) * (BINS_A_TURN / length)
     searched = (periods >= 1 - RESOLVED / turns) & (periods <= MOST_PERIODS)
     best = int(np.argmax(np.where(searched, spectrum, 0.0)))
-    if spectrum[best] < EVIDENCE:
+    share = 2.0 * np.sqrt(correlated * spectrum[best] / residual.size)
+    if spectrum[best] < EVIDENCE or share < LEAST_SHARE:
         return None
     whole = float(np.round(periods[best]))
     return whole if abs(whole - periods[best]) < RESOLVED / turns else float(periods[best])

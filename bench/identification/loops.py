@@ -125,30 +125,38 @@ def mean_lag_of_held(
 def friction_path(position: FloatArray, s: float, starts: IntArray) -> FloatArray:
     """The sliding share h = s·φ of the Dahl friction along a path, shape (2, n), each in -1 .. 1.
 
-    Values are means over cells of time centred at the samples, with the path straight between samples. Row 0 begins
-    at h = 0; row 1 is what is left of a difference of 1 in h since the last of ``starts`` (the flow is affine in h, so
-    any other start is row 0 plus its multiple of row 1).
+    Values are means over cells of time centred at the samples, with the path a parabola between samples: where it turns
+    round, what it travels beyond them counts. Row 0 begins at h = 0; row 1 is what is left of a difference of 1 in h
+    since the last of ``starts`` (the flow is affine in h, so any other start is row 0 plus its multiple of row 1).
     """
-    output = np.empty((2, position.size))
+    output = np.zeros((2, position.size))
     h, left, event = 0.0, 1.0, 0
     for k in range(position.size):
-        before_h, before_left = h, left
         if k > 0:
-            displacement = 0.5 * (position[k] - position[k - 1])
-            side = 1.0 if displacement > 0.0 else -1.0
-            kept, mean = _kept(s * abs(displacement))
-            half = side + (h - side) * kept
-            output[0, k - 1] += 0.5 * (side + (h - side) * mean)
-            output[1, k - 1] += 0.5 * left * mean
-            before_h, before_left = side + (half - side) * mean, left * kept * mean
-            h, left = side + (half - side) * kept, left * kept * kept
+            way = position[k] - position[k - 1]
+            bend = 0.0
+            if 1 < k < position.size - 1:
+                bend = 0.5 * (position[k + 1] - position[k] - position[k - 1] + position[k - 2])
+            turn = 0.5 - way / bend if abs(way) < 0.5 * abs(bend) else 2.0
+            for half in range(2):
+                begin, end = 0.5 * half, 0.5 * half + 0.5
+                middle = min(max(turn, begin), end) if turn < 1.0 else end
+                for part in range(2):
+                    u, v = (begin, middle) if part == 0 else (middle, end)
+                    if v <= u:
+                        continue
+                    displacement = way * (v - u) + 0.5 * bend * ((v * v - v) - (u * u - u))
+                    kept, mean = _kept(s * abs(displacement))
+                    side = 1.0 if displacement > 0.0 else -1.0
+                    output[0, k - 1 + half] += (v - u) * (side + (h - side) * mean)
+                    output[1, k - 1 + half] += (v - u) * left * mean
+                    h, left = side + (h - side) * kept, left * kept
         if event < starts.size and starts[event] == k:
-            before_left, left = 1.0, 1.0
+            output[1, k], left = 0.5, 1.0
             event += 1
-        output[0, k] = 0.5 * before_h
-        output[1, k] = 0.5 * before_left
-    output[0, -1] += 0.5 * h
-    output[1, -1] += 0.5 * left
+    for edge in (0, -1):
+        output[0, edge] *= 2.0
+        output[1, edge] *= 2.0
     return output
 
 
