@@ -34,6 +34,14 @@ PHYSICAL = (
     "presliding_stiffness",
     "presliding_damping",
 )
+# What no residual shows: friction sees the motion between an encoder's readings and within its counts, the fit does not.
+# Relative deviations, from errors made on simulated benches of many true values (docs/identification.md).
+MODEL_ERROR = {
+    "viscous_damping": 0.0002,
+    "coulomb_torque": 0.0002,
+    "presliding_stiffness": 0.002,
+    "presliding_damping": 0.004,
+}
 # What free motion tells only as a ratio to the torque gain.
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 # The command must explain this many times what nothing explains, or the port's torque sets no scale.
@@ -94,7 +102,8 @@ def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatA
     for position, unknown in enumerate(solution.free):
         row, slope = slopes[unknown]
         gradient[row, columns + position] = slope
-    return ordered, gradient @ covariance @ gradient.T
+    unseen = np.array([MODEL_ERROR.get(name, 0.0) for name in (*PHYSICAL, "", "")]) * np.abs(ordered)
+    return ordered, gradient @ covariance @ gradient.T + np.diag(unseen**2)
 
 
 def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
