@@ -72,6 +72,9 @@ SUITS = {
     ("quick", "sim-odrive"): True,
     ("quick", "sim-dbc"): True,
     ("quick", "sim-free-shaft"): False,
+    ("refine", "sim-odrive"): True,
+    ("refine", "sim-dbc"): True,
+    ("refine", "sim-free-shaft"): False,
 }
 
 

@@ -24,7 +24,7 @@ from sim_backend.tools import true_parameters
 ROOT = Path(__file__).parents[3]
 RIG = load_rig(ROOT / "rigs" / "sim-odrive.toml")
 SEED = 3
-ASKED = 0.045
+ASKED = 0.02
 AT_MOST_S = 40.0
 STEPS = (
     Step("tare", TareOptions(0.5)),
@@ -66,7 +66,7 @@ def test_every_interval_becomes_as_narrow_as_asked(refined: Refined) -> None:
     assert figures["reached"]
     assert figures["rounds"] == log.rounds >= 1
     assert figures["widest"]["half_width"] <= figures["asked"] == ASKED
-    assert until_sentences(figures).startswith("Reached ±4.5 % after")
+    assert until_sentences(figures).startswith("Reached ±2 % after")
 
 
 def test_the_truth_is_within_the_intervals(refined: Refined) -> None:
