@@ -17,6 +17,9 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
+# A richer model has to leave this much less, relative.
+LEAST_GAIN = 0.01
+
 
 @dataclass(frozen=True)
 class Rung:
@@ -104,12 +107,16 @@ def _standard_error(values: FloatArray) -> float:
 
 
 def _select(rungs: list[Rung]) -> tuple[Rung, ...]:
-    """The one-standard-error rule, on differences fold by fold: folds differ far more than models do."""
+    """The one-standard-error rule, on differences fold by fold: folds differ far more than models do.
+
+    A gain too small to matter is none, however sure it is: no model is quite what a machine does.
+    """
     best = min(rungs, key=lambda rung: rung.held_out_rms)
 
     def as_good(rung: Rung) -> bool:
         excess = np.array(rung.fold_mean_squares) - np.array(best.fold_mean_squares)
-        return float(np.mean(excess)) <= _standard_error(excess)
+        matters = (LEAST_GAIN**2 + 2 * LEAST_GAIN) * best.held_out_rms**2
+        return float(np.mean(excess)) <= max(_standard_error(excess), matters)
 
     simplest = min((rung for rung in rungs if as_good(rung)), key=lambda rung: (rung.unknowns, rung.held_out_rms))
     return tuple(replace(rung, selected=rung is simplest) for rung in rungs)
