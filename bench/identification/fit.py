@@ -34,7 +34,7 @@ PHYSICAL = (
     "presliding_stiffness",
     "presliding_damping",
 )
-# What no residual shows: friction sees the motion between an encoder's readings and within its counts, the fit does not.
+# What no residual shows: friction sees the motion between readings and within counts, the fit does not.
 # Relative deviations, from errors made on simulated benches of many true values (docs/identification.md).
 MODEL_ERROR = {
     "viscous_damping": 0.0002,
