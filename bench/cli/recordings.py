@@ -12,7 +12,9 @@ from bench.errors import ExitCode, UsageError
 
 RECORDING_SUFFIX = ".mcap"
 
-Source = Annotated[Path, Parameter(name="LOG", help="A recording (.mcap), or logs from elsewhere with --columns.")]
+Source = Annotated[
+    Path, Parameter(name="LOG", help="Recordings (.mcap) of one rig, or logs from elsewhere with --columns.")
+]
 Columns = Annotated[Path | None, Parameter(help="Column map (TOML) of logs that were made elsewhere.")]
 Train = Annotated[str | None, Parameter(help='What is fitted: "0:12.5 s", or files by name or pattern.')]
 Test = Annotated[str | None, Parameter(help="What is only predicted, likewise.")]
@@ -42,10 +44,13 @@ def fit(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Fit a recording again, from what it holds alone; or foreign logs, by a map of their columns."""
+    """Fit a recording again, from what it holds alone; several sessions of one rig; or foreign logs, by a map of their
+    columns."""
     if columns is not None:
         return _fit_logs((first, *others), columns, Split(train, test), model, out, Output(json, quiet))
-    _check_recording(first, others, (train, test, model))
+    _check_recordings((first, *others), (train, test, model))
+    if others:
+        return _fit_several((first, *others), out, Output(json, quiet))
     from bench.cli.model_free import model_free, residual_figures  # noqa: PLC0415
     from bench.cli.results import identification, summary  # noqa: PLC0415
     from bench.session.conclusion import conclude_recording  # noqa: PLC0415
@@ -59,17 +64,25 @@ def fit(
     return ExitCode.OK if found.fit is not None and found.fit.converged else ExitCode.EXPERIMENT_FAILED
 
 
-def _check_recording(first: Path, others: tuple[Path, ...], for_logs: tuple[str | None, ...]) -> None:
-    """Raises UsageError where something else than one recording was given."""
-    if first.suffix.lower() != RECORDING_SUFFIX and first.is_file():
-        raise UsageError(
-            f"{first} is not an MCAP recording; name a .mcap file or, for a log from elsewhere, say what its columns "
-            "hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
-        )
-    if others:
-        raise UsageError(f"{others[0]}: one recording is fitted at a time; several logs need --columns MAP")
+def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...]) -> None:
+    """Raises UsageError where something else than recordings was given."""
+    for path in paths:
+        if path.suffix.lower() != RECORDING_SUFFIX and path.is_file():
+            raise UsageError(
+                f"{path} is not an MCAP recording; name a .mcap file or, for a log from elsewhere, say what its columns "
+                "hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
+            )
     if any(option is not None for option in for_logs):
         raise UsageError("--train, --test and --model are for logs from elsewhere, with --columns MAP; leave them out")
+
+
+def _fit_several(paths: tuple[Path, ...], out: Path | None, output: Output) -> int:
+    from bench.cli.several import several_identification, several_summary  # noqa: PLC0415
+    from bench.session.several import conclude_several  # noqa: PLC0415
+
+    found = conclude_several(paths, _made(out), output.say)
+    output.result(several_identification(found), several_summary(found))
+    return ExitCode.OK if found.together.combined else ExitCode.EXPERIMENT_FAILED
 
 
 def _fit_logs(

@@ -1,6 +1,6 @@
 """Reads a recording back into the form in which it was measured."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from bench.models.parameters import Estimate, Status
 from bench.recording import frames
 from bench.recording.contents import RecordedEstimates, Recording
 from bench.recording.layout import HEADER, Rows, table_from
-from bench.recording.scan import Scan, scan
+from bench.recording.scan import KeepChannel, Scan, scan
 from bench.recording.schemas import layout_in, message_class
 from bench.recording.streams import (
     ESTIMATES,
@@ -37,19 +37,33 @@ def read_recording(path: Path, *, raw_frames: bool = True) -> Recording:
 
     Raises UsageError, with the mend, where the file is missing, is not one of our recordings, or was cut off.
     """
-    found = scan(path, keep=lambda channel: raw_frames or not channel.topic.startswith(RAW_PREFIX))
+    return recording_in(_sound(path, lambda channel: raw_frames or not channel.topic.startswith(RAW_PREFIX)), path)
+
+
+def read_metadata(path: Path) -> Mapping[str, str]:
+    """What the recording says of its making, without its measurements. Raises UsageError as :func:`read_recording`."""
+    return _metadata(_sound(path, lambda _: False), path)
+
+
+def _sound(path: Path, keep: KeepChannel) -> Scan:
+    found = scan(path, keep=keep)
     if not found.finished or found.damaged:
         raise UsageError(
             f"the recording {path} is {_fault(found)}; rescue what it holds with: norton-bench recover {path}"
         )
-    return recording_in(found, path)
+    return found
+
+
+def _metadata(found: Scan, path: Path) -> Mapping[str, str]:
+    metadata = found.entries(METADATA)
+    if not metadata:
+        raise UsageError(f"{path} was not recorded by norton-bench; name one of its recordings")
+    return metadata
 
 
 def recording_in(found: Scan, path: Path) -> Recording:
     """The recording as far as the scan found it. Raises UsageError where it is not one of ours."""
-    metadata = found.entries(METADATA)
-    if not metadata:
-        raise UsageError(f"{path} was not recorded by norton-bench; name one of its recordings")
+    metadata = _metadata(found, path)
     try:
         measured = _measured(found)
         live = tuple(_estimates(message) for message in _messages(found, ESTIMATES, "Estimates"))

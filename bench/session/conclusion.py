@@ -20,6 +20,9 @@ from bench.records import Measured
 from bench.report.render import ReportData, write_report
 from bench.segments import Use
 
+# What a recording must say of its making to be fitted.
+NEEDED = ("rig", "command_unit", "tick_s")
+
 
 @dataclass(frozen=True)
 class Conclusion:
@@ -82,12 +85,17 @@ def conclude(
     return Conclusion(result, checked, static, blocked, modelless, residuals, rungs, network, report)
 
 
+def check_metadata(path: Path, metadata: Mapping[str, str]) -> None:
+    """Raises UsageError where they lack what a fit needs."""
+    for key in NEEDED:
+        if key not in metadata:
+            raise UsageError(f"{path}: its metadata lack '{key}'; it was not recorded by norton-bench")
+
+
 def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, Conclusion]:
     """The same, from a recording alone. Raises UsageError for a file that cannot be read or holds nothing to fit."""
     recording = read_recording(path, raw_frames=False)
-    for key in ("rig", "command_unit", "tick_s"):
-        if key not in recording.metadata:
-            raise UsageError(f"{path}: its metadata lack '{key}'; it was not recorded by norton-bench")
+    check_metadata(path, recording.metadata)
     conclusion = conclude(
         recording.measured,
         rig_text=recording.rig_text,

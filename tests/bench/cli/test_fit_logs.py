@@ -74,7 +74,7 @@ def test_a_log_without_a_map_says_how_to_write_one(log: Path, capsys: pytest.Cap
     assert "docs/logs.md" in said
 
 
-@pytest.mark.parametrize("options", [["--train", "0:1 s"], ["--model", "dahl"], ["other.mcap"]])
+@pytest.mark.parametrize("options", [["--train", "0:1 s"], ["--model", "dahl"], ["other.mcap", "--test", "x"]])
 def test_what_only_logs_have_is_refused_for_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str]
 ) -> None:

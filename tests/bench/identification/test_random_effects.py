@@ -1,0 +1,113 @@
+"""One value out of several: against published results, and against simulated sessions whose truth is known."""
+
+import numpy as np
+import pytest
+
+from bench.identification.random_effects import NORMAL_95, Combined, between_limit, combine
+
+# Thirteen trials of the BCG vaccine, cases and others with it, cases and others without (Colditz et al. 1994, as in
+# the R package metadat, dat.bcg): the example on which programs for such analyses are compared.
+BCG = np.array(
+    [
+        (4, 119, 11, 128), (6, 300, 29, 274), (3, 228, 11, 209), (62, 13536, 248, 12619), (33, 5036, 47, 5761),
+        (180, 1361, 372, 1079), (8, 2537, 10, 619), (505, 87886, 499, 87892), (29, 7470, 45, 7232),
+        (17, 1699, 65, 1600), (186, 50448, 141, 27197), (5, 2493, 3, 2338), (27, 16886, 29, 17825),
+    ], dtype=float,
+).T  # fmt: skip
+
+
+def log_risks() -> tuple[np.ndarray, np.ndarray]:
+    a, b, c, d = BCG
+    return np.log(a / (a + b) / (c / (c + d))), 1 / a - 1 / (a + b) + 1 / c - 1 / (c + d)
+
+
+def sessions(rng: np.random.Generator, count: int, between_std: float) -> tuple[np.ndarray, np.ndarray]:
+    stds = rng.uniform(0.5, 2.0, count)
+    return 10.0 + rng.normal(0.0, between_std, count) + stds * rng.normal(size=count), stds
+
+
+def draws(count: int, between_std: float, number: int, seed: int) -> list[Combined]:
+    rng = np.random.default_rng([seed, count])
+    return [combine(*sessions(rng, count, between_std)) for _ in range(number)]
+
+
+def test_a_published_example_comes_out_as_published() -> None:
+    values, variances = log_risks()
+    found = combine(values, np.sqrt(variances))
+    # metafor 4: rma(yi, vi, data = dat, method = "REML", test = "knha"), Q of the same, and confint() of it.
+    assert found.value == pytest.approx(-0.7145, abs=5e-5)
+    assert found.between_std**2 == pytest.approx(0.3132, abs=5e-5)
+    assert found.q == pytest.approx(152.2330, abs=5e-5)
+    assert found.value + NORMAL_95 * found.std == pytest.approx(-0.3206, abs=5e-4)
+    assert between_limit(values, variances, 0.975) ** 2 == pytest.approx(1.1115, abs=5e-5)
+    assert between_limit(values, variances, 0.025) ** 2 == pytest.approx(0.1197, abs=5e-5)
+
+
+def test_sessions_that_agree_give_the_weighted_mean() -> None:
+    values, stds = np.array([1.00, 1.02, 0.995, 1.01]), np.array([0.02, 0.03, 0.01, 0.05])
+    found = combine(values, stds)
+    assert found.between_std == 0.0
+    assert found.value == pytest.approx(np.average(values, weights=stds**-2), rel=1e-12)
+    assert found.std == pytest.approx(np.sum(stds**-2.0) ** -0.5)  # Student's would be narrower, by chance
+    assert found.shared_std == 0.0
+    assert found.p > 0.5
+    assert found.between_std_upper > found.within_std  # four sessions do not tell more
+
+
+def test_sessions_far_apart_are_a_sample_of_their_own() -> None:
+    values = np.array([1.0, 1.4, 0.9, 1.2, 1.1])
+    found = combine(values, np.full(5, 1e-4))
+    assert found.value == pytest.approx(values.mean(), rel=1e-6)
+    assert found.between_std == pytest.approx(values.std(ddof=1), rel=1e-4)
+    # Student's interval of a mean: t(4) = 2.776; the deviation's limit: chi-square(4) exceeds 0.711 with 95 %.
+    assert NORMAL_95 * found.std == pytest.approx(2.7764 * values.std(ddof=1) / np.sqrt(5), rel=1e-3)
+    assert found.between_std_upper == pytest.approx(values.std(ddof=1) * np.sqrt(4 / 0.7107), rel=1e-3)
+
+
+@pytest.mark.parametrize("between_std", [0.0, 1.0, 5.0])
+@pytest.mark.parametrize("count", [3, 5, 10])
+def test_intervals_cover_what_they_promise(count: int, between_std: float) -> None:
+    found = draws(count, between_std, 600, seed=3)
+    covered = np.mean([abs(each.value - 10.0) <= NORMAL_95 * each.std for each in found])
+    below = np.mean([each.between_std_upper >= between_std for each in found])
+    # 600 draws: a standard error of 0.9 %. Where nothing differs, the interval is cautious.
+    assert 0.92 <= covered <= (0.995 if between_std == 0.0 else 0.98)
+    assert below >= 0.92
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_chance_alone_alarms_as_often_as_it_says(count: int) -> None:
+    alarms = np.mean([each.p < 0.05 for each in draws(count, 0.0, 800, seed=4)])
+    assert alarms == pytest.approx(0.05, abs=0.025)
+
+
+def test_the_unit_does_not_matter() -> None:
+    values, variances = log_risks()
+    found, scaled = combine(values, np.sqrt(variances)), combine(1e-6 * values, 1e-6 * np.sqrt(variances))
+    for name in ("value", "std", "within_std", "between_std", "between_std_upper"):
+        assert getattr(scaled, name) == pytest.approx(1e-6 * getattr(found, name), rel=1e-5)
+
+
+def test_equal_values_are_no_spread() -> None:
+    found = combine(np.array([2.0, 2.0, 2.0]), np.array([0.1, 0.2, 0.1]))
+    assert (found.between_std, found.between_std_upper, found.q) == (0.0, 0.0, 0.0)
+    assert found.std == pytest.approx(np.hypot(225.0**-0.5, found.within_std))
+
+
+def test_an_error_that_all_sessions_share_does_not_average_out() -> None:
+    rng = np.random.default_rng(5)
+    covered, stds = [], np.full(8, 1.0)
+    for _ in range(300):
+        shared, own = 0.98 * rng.normal(), 0.2 * rng.normal(size=8)  # 1 together, as the deviations say
+        found = combine(10.0 + shared + own, stds)
+        covered.append(abs(found.value - 10.0) <= NORMAL_95 * found.std)
+    assert 0.90 <= np.mean(covered) <= 0.99
+    assert found.std > 0.8 > 2 / np.sqrt(8)
+
+
+@pytest.mark.parametrize(
+    ("values", "stds"), [([1.0], [0.1]), ([1.0, 2.0], [0.1, 0.0]), ([1.0, np.nan], [0.1, 0.1]), ([1, 2], [0.1, np.inf])]
+)
+def test_what_cannot_be_combined_is_refused(values: list[float], stds: list[float]) -> None:
+    with pytest.raises(ValueError, match="two finite values"):
+        combine(np.array(values), np.array(stds))
