@@ -137,20 +137,23 @@ def friction_path(position: FloatArray, s: float, starts: IntArray) -> FloatArra
             bend = 0.0
             if 1 < k < position.size - 1:
                 bend = 0.5 * (position[k + 1] - position[k] - position[k - 1] + position[k - 2])
-            turn = 0.5 - way / bend if abs(way) < 0.5 * abs(bend) else 2.0
-            for half in range(2):
-                begin, end = 0.5 * half, 0.5 * half + 0.5
-                middle = min(max(turn, begin), end) if turn < 1.0 else end
-                for part in range(2):
-                    u, v = (begin, middle) if part == 0 else (middle, end)
-                    if v <= u:
-                        continue
-                    displacement = way * (v - u) + 0.5 * bend * ((v * v - v) - (u * u - u))
-                    kept, mean = _kept(s * abs(displacement))
-                    side = 1.0 if displacement > 0.0 else -1.0
-                    output[0, k - 1 + half] += (v - u) * (side + (h - side) * mean)
-                    output[1, k - 1 + half] += (v - u) * left * mean
-                    h, left = side + (h - side) * kept, left * kept
+            # Parts of the step: its halves, for the cells on either side, and what lies before and behind the turn.
+            turn = 0.5 - way / bend if abs(way) < 0.5 * abs(bend) else 0.5
+            first, second = min(turn, 0.5), max(turn, 0.5)
+            u = 0.0
+            for v in (first, second, 1.0):
+                if v <= u:
+                    continue
+                displacement = way * (v - u)
+                if turn != 0.5:
+                    displacement += 0.5 * bend * ((v * v - v) - (u * u - u))
+                kept, mean = _kept(s * abs(displacement))
+                side = 1.0 if displacement > 0.0 else -1.0
+                cell = k - 1 if u < 0.5 else k
+                output[0, cell] += (v - u) * (side + (h - side) * mean)
+                output[1, cell] += (v - u) * left * mean
+                h, left = side + (h - side) * kept, left * kept
+                u = v
         if event < starts.size and starts[event] == k:
             output[1, k], left = 0.5, 1.0
             event += 1
