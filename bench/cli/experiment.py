@@ -115,13 +115,10 @@ def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:
 
 
 def _show(result: "SessionResult", output: Output) -> int:
-    from bench.cli.model_free import model_free, residual_figures  # noqa: PLC0415
     from bench.cli.results import identification, summary, until_figures, until_sentences  # noqa: PLC0415
 
     found, refined = result.conclusion, result.knowledge.refinement
-    about = (found.fit, found.validation, result.recording, found.network, found.report)
-    about_model_free = model_free(found.source_map, found.without_model), residual_figures(found.residuals)
-    data, view = identification(*about, *about_model_free), summary(*about)
+    data, view = identification(found, result.recording), summary(found, result.recording)
     if refined is None or found.fit is None:
         output.result(data, view)
     else:

@@ -51,16 +51,13 @@ def fit(
     _check_recordings((first, *others), (train, test, model))
     if others:
         return _fit_several((first, *others), out, Output(json, quiet))
-    from bench.cli.model_free import model_free, residual_figures  # noqa: PLC0415
     from bench.cli.results import identification, summary  # noqa: PLC0415
     from bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
     output = Output(json, quiet)
     output.say(f"fitting {first}")
     _, found = conclude_recording(first, _made(out))
-    about = (found.fit, found.validation, first, found.network, found.report)
-    about_model_free = model_free(found.source_map, found.without_model), residual_figures(found.residuals)
-    output.result(identification(*about, *about_model_free), summary(*about))
+    output.result(identification(found, first), summary(found, first))
     return ExitCode.OK if found.fit is not None and found.fit.converged else ExitCode.EXPERIMENT_FAILED
 
 
@@ -69,8 +66,8 @@ def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...])
     for path in paths:
         if path.suffix.lower() != RECORDING_SUFFIX and path.is_file():
             raise UsageError(
-                f"{path} is not an MCAP recording; name a .mcap file or, for a log from elsewhere, say what its columns "
-                "hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
+                f"{path} is not an MCAP recording; name a .mcap file or, for a log from elsewhere, say what its "
+                "columns hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
             )
     if any(option is not None for option in for_logs):
         raise UsageError("--train, --test and --model are for logs from elsewhere, with --columns MAP; leave them out")

@@ -8,31 +8,39 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.table import Table
 
+from bench.cli.model_free import model_free, residual_figures
+from bench.identification.ladder import Rung
 from bench.identification.results import FitResult, Validation
 from bench.models.parameters import BY_NAME, Estimate
 from bench.procedures.refinement import Refinement, in_percent, widest_of, words
+from bench.session.conclusion import Conclusion
 
 
-def identification(
-    fit: FitResult | None,
-    validation: Validation | None,
-    recording: Path,
-    network: Path | None,
-    report: Path | None,
-    without_model: Mapping[str, Any] | None = None,
-    residuals: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
-    """What ``--json`` prints; the last two as ``bench.cli.model_free`` makes them."""
+def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    fit = found.fit
     return {
         "parameters": {estimate.name: parameter(estimate) for estimate in (fit.estimates if fit else ())},
-        "validation": None if validation is None else validation_figures(validation),
-        "without_model": without_model,
-        "residuals": residuals,
+        "validation": None if found.validation is None else validation_figures(found.validation),
+        "without_model": model_free(found.source_map, found.without_model),
+        "residuals": residual_figures(found.residuals),
+        "ladder": [rung_figures(rung) for rung in found.ladder],
         "verdict": list(fit.verdict) if fit else [],
         "converged": bool(fit and fit.converged),
         "recording": recording,
-        "network": network,
-        "report": report,
+        "network": found.network,
+        "report": found.report,
+    }
+
+
+def rung_figures(rung: Rung) -> dict[str, Any]:
+    """One friction model of the ladder."""
+    return {
+        "model": rung.name,
+        "train_relative": rung.train_relative,
+        "held_out_relative": rung.held_out_relative,
+        "held_out_std": rung.held_out_std / rung.target_rms,
+        "selected": rung.selected,
     }
 
 
@@ -78,17 +86,15 @@ def until_sentences(until: Mapping[str, Any]) -> str:
     return " ".join([f"{head}.", *until["reasons"]])
 
 
-def summary(
-    fit: FitResult | None, validation: Validation | None, recording: Path, network: Path | None, report: Path | None
-) -> RenderableType:
+def summary(found: Conclusion, recording: Path) -> RenderableType:
     """The same for a terminal: table, validation, verdict, and where the files lie."""
     parts: list[RenderableType] = []
-    if fit is not None:
-        parts.append(parameter_table(fit.estimates))
-        parts += [f"· {remark}" for remark in fit.verdict]
-    if validation is not None:
-        parts.append(validation_sentence(validation))
-    parts.append(file_table((("recording", recording), ("network", network), ("report", report))))
+    if found.fit is not None:
+        parts.append(parameter_table(found.fit.estimates))
+        parts += [f"· {remark}" for remark in found.fit.verdict]
+    if found.validation is not None:
+        parts.append(validation_sentence(found.validation))
+    parts.append(file_table((("recording", recording), ("network", found.network), ("report", found.report))))
     return Group(*parts)
 
 

@@ -23,21 +23,11 @@ from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
 from bench.procedures.refinement import Refinement
 from bench.records import Measured
+from bench.session.conclusion import Conclusion
 from bench.session.schema import STEPS
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"
-
-
-@dataclass(frozen=True)
-class Conclusion:
-    fit: FitResult | None = None
-    validation: None = None
-    source_map: None = None
-    without_model: None = None
-    residuals: None = None
-    network: Path | None = None
-    report: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from bench.cli.results import identification, parameter_table, summary, with_dig
 from bench.identification.results import FitResult, Trace, Validation
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
+from bench.session.conclusion import Conclusion
 
 TRACE = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
 VALIDATION = Validation(1.5e-3, 0.012, 0.2, 0.034, TRACE, TRACE)
@@ -42,8 +43,12 @@ def shown(renderable: RenderableType) -> str:
 FILES = (Path("runs/a/r.mcap"), Path("runs/a/r.network.json"), Path("runs/a/r.report.html"))
 
 
+def concluded(fit: FitResult) -> Conclusion:
+    return Conclusion(fit, VALIDATION, network=FILES[1], report=FILES[2])
+
+
 def test_json_has_the_documented_shape(fit: FitResult) -> None:
-    data = json.loads(to_json(identification(fit, VALIDATION, *FILES)))
+    data = json.loads(to_json(identification(concluded(fit), FILES[0])))
     assert data["parameters"]["torque_gain"] == {
         "value": 0.9004,
         "std": 0.0012,
@@ -64,13 +69,13 @@ def test_json_has_the_documented_shape(fit: FitResult) -> None:
 
 
 def test_json_of_a_session_that_told_nothing() -> None:
-    data = json.loads(to_json(identification(None, None, FILES[0], None, None)))
+    data = json.loads(to_json(identification(Conclusion(), FILES[0])))
     assert data["parameters"] == {}
     assert data["validation"] is data["network"] is data["report"] is None
 
 
 def test_the_summary_names_parameters_verdict_and_files(fit: FitResult) -> None:
-    text = shown(summary(fit, VALIDATION, *FILES))
+    text = shown(summary(concluded(fit), FILES[0]))
     row = next(line for line in text.splitlines() if "inertia" in line)
     assert row.split() == ["Im", "inertia", "5.003e-5", "0.012e-5", "kg*m^2", "valid"]
     assert "Km·Ka" in text
