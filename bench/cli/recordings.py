@@ -69,8 +69,8 @@ def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...])
     for path in paths:
         if path.suffix.lower() != RECORDING_SUFFIX and path.is_file():
             raise UsageError(
-                f"{path} is not an MCAP recording; name a .mcap file or, for a log from elsewhere, say what its columns "
-                "hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
+                f"{path} is not an MCAP recording; name a .mcap file or, for a log from elsewhere, say what its "
+                "columns hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
             )
     if any(option is not None for option in for_logs):
         raise UsageError("--train, --test and --model are for logs from elsewhere, with --columns MAP; leave them out")
