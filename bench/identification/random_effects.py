@@ -42,8 +42,11 @@ class Combined:
     weights: FloatArray
 
 
-def combine(values: FloatArray, stds: FloatArray) -> Combined:
-    """Of two sessions or more, shapes (sessions,). Raises ValueError for fewer, or a deviation that is not positive."""
+def combine(values: FloatArray, stds: FloatArray, known_shared_std: float = 0.0) -> Combined:
+    """Of two sessions or more, shapes (sessions,). ``known_shared_std`` is what of these is known to be common.
+
+    Raises ValueError for fewer sessions, or a deviation that is not positive.
+    """
     count = len(values)
     if count < 2 or not (np.isfinite(values).all() and np.isfinite(stds).all() and (stds > 0).all()):
         raise ValueError("needs two finite values or more, each with a positive deviation")
@@ -55,7 +58,7 @@ def combine(values: FloatArray, stds: FloatArray) -> Combined:
     half_width = max(float(t.ppf(0.975, count - 1)) * np.sqrt(scatter), NORMAL_95) / np.sqrt(weights.sum())
     q = float(cochran(values, variances))
     within = float(np.sqrt(count / np.sum(1.0 / variances)))
-    shared = within * shared_share(q, count)
+    shared = max(known_shared_std, within * shared_share(q, count))
     return Combined(
         value=value,
         std=float(np.hypot(half_width / NORMAL_95, shared)),

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification.fit import PHYSICAL, network_of
+from bench.identification import current
+from bench.identification.fit import MODEL_ERROR, PHYSICAL, network_of
 from bench.identification.random_effects import Combined, combine
 from bench.identification.results import FitResult
 from bench.identification.verdict import LOOSE_BEYOND
@@ -15,6 +16,8 @@ from bench.models.parameters import PARAMETERS, Estimate, Status
 
 FloatArray = npt.NDArray[np.float64]
 
+# Relative errors that a fit makes alike in every session of one bench: no average makes them smaller.
+SHARED = {**MODEL_ERROR, "torque_constant": current.FLOOR, "amplifier_gain": current.FLOOR}
 # What chance may name, of all parameters together, as different between sessions where nothing is.
 ALARM = 0.05
 # Probabilities below this say no more than that they are.
@@ -83,7 +86,9 @@ def differing(spreads: Mapping[str, Combined]) -> tuple[str, ...]:
 
 def _combined(name: str, takers: Sequence[Fitted]) -> Combined:
     estimates = [session.fit.estimate(name) for session in takers]
-    return combine(np.array([each.value for each in estimates]), np.array([each.std for each in estimates]))
+    values = np.array([each.value for each in estimates])
+    shared = SHARED.get(name, 0.0) * float(np.mean(np.abs(values)))
+    return combine(values, np.array([each.std for each in estimates]), shared)
 
 
 def _estimate(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> Estimate:

@@ -66,7 +66,7 @@ def _forest(data: SessionsData) -> Section:
         "Each session's own value with its 95 % interval, in the order of the table below, and the combined one. "
         "A session without a valid value is left out."
     )
-    sessions = [Fitted(row.recording, row.fit) for row in data.sessions]
+    sessions = [Fitted(one.recording, one.fit) for one in data.sessions]
     combined = [estimate for estimate in data.together.estimates if estimate.name in data.together.spreads]
     return Section(
         "forest", "Session by session", (), ((svg(forest_figure(sessions, combined), "forest", caption), caption),)
@@ -97,8 +97,8 @@ def _between(data: SessionsData) -> Section:
 
 def _recordings(data: SessionsData) -> Section:
     rows = tuple(
-        (str(place), row.recording, row.started.replace("T", " ").replace("+00:00", " UTC"), _convergence(row.fit))
-        for place, row in enumerate(data.sessions, 1)
+        (str(place), one.recording, one.started.replace("T", " ").replace("+00:00", " UTC"), _convergence(one.fit))
+        for place, one in enumerate(data.sessions, 1)
     )
     return Section("sessions", "The sessions", tables=(Facts(("", "recording", "started", "fit"), rows),))
 

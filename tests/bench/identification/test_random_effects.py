@@ -105,6 +105,14 @@ def test_an_error_that_all_sessions_share_does_not_average_out() -> None:
     assert found.std > 0.8 > 2 / np.sqrt(8)
 
 
+def test_an_error_known_to_be_shared_comes_on_top() -> None:
+    values, stds = np.array([1.00, 1.02, 0.995, 1.01]), np.array([0.02, 0.03, 0.01, 0.05])
+    without, with_it = combine(values, stds), combine(values, stds, 0.005)
+    assert with_it.shared_std == 0.005
+    assert with_it.std == pytest.approx(np.hypot(without.std, 0.005))
+    assert (with_it.value, with_it.p) == (without.value, without.p)
+
+
 @pytest.mark.parametrize(
     ("values", "stds"), [([1.0], [0.1]), ([1.0, 2.0], [0.1, 0.0]), ([1.0, np.nan], [0.1, 0.1]), ([1, 2], [0.1, np.inf])]
 )

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.fit import PHYSICAL, fit
+from bench.identification.fit import MODEL_ERROR, PHYSICAL, fit
 from bench.identification.results import FitResult
 from bench.identification.sessions import Fitted, differing, together
 from bench.models.parameters import Estimate, Status
@@ -44,6 +44,12 @@ def test_the_same_bench_does_not_differ_and_is_known_better(alike: tuple[Fitted,
     for estimate in found.estimates:
         assert estimate.status is Status.VALID
         assert abs(estimate.value - getattr(Truth(), estimate.name)) < 3 * estimate.std, estimate
+
+
+def test_an_error_that_every_session_makes_stays(alike: tuple[Fitted, ...]) -> None:
+    found = {each.name: each for each in together(alike, "N*m").estimates}
+    assert found["torque_constant"].std > 0.98e-3 * Truth().torque_constant  # the current sensor's gain
+    assert found["presliding_stiffness"].std > MODEL_ERROR["presliding_stiffness"] * Truth().presliding_stiffness * 0.98
 
 
 def test_a_bench_that_changed_is_named(alike: tuple[Fitted, ...], worn: Fitted) -> None:
