@@ -1,0 +1,80 @@
+"""What stands between the readings and the normal equations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.identification.regression import INERTIA, VISCOUS, Memory, Regression, Shape
+from bench.identification.separable import FULL_BAND, NARROWEST_CUTOFF, normal_solution, solve, worthwhile_band
+from bench.identification.signals import signals
+from bench.segments import Use
+from tests.bench.identification import synthetic
+from tests.bench.identification.synthetic import TICK_S, Bench, Truth
+
+
+@given(st.integers(0, 1000), st.integers(1, 5))
+def test_what_friction_may_remember_is_taken_off_exactly(seed: int, rests: int):
+    """As if every rest had an unknown of its own in the least squares."""
+    rng = np.random.default_rng(seed)
+    left, rest = rng.uniform(0.1, 1.0, 60), np.sort(rng.integers(0, rests, 60))
+    columns, target = rng.standard_normal((3, 60)), rng.standard_normal(60)
+    memory = Memory.of(left, rest)
+    own = np.stack([np.where(rest == number, left, 0.0) for number in np.unique(rest)])
+    every = np.linalg.lstsq(np.concatenate([columns, own]).T, target, rcond=None)[0]
+    seen = memory.taken_off(columns)
+    assert np.linalg.lstsq(seen.T, memory.taken_off(target), rcond=None)[0] == pytest.approx(every[:3])
+
+
+def test_errors_in_a_column_no_longer_shrink_its_coefficient():
+    rng = np.random.default_rng(2)
+    true = rng.standard_normal((2, 20_000))
+    target = np.array([3.0, -2.0]) @ true + 0.1 * rng.standard_normal(20_000)
+    read = true + np.array([[0.5], [0.0]]) * rng.standard_normal((2, 20_000))
+    plain = normal_solution(read, read @ target)
+    mended = normal_solution(read, read @ target, np.array([0.25 * 20_000, 0.0]))
+    assert plain[0] == pytest.approx(3.0 / 1.25, rel=0.03)
+    assert mended == pytest.approx([3.0, -2.0], abs=0.07)
+
+
+def read_by(counts: float):
+    """The same motion, read by an encoder of so many counts."""
+    measured = synthetic.experiment(4, bench=Bench(counts=counts, cogging_nm=0.0), blocked=False)
+    return signals(measured, TICK_S, Use.IDENTIFY)
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    return read_by(2048.0)
+
+
+def test_contamination_is_what_the_counts_add_to_the_squares(coarse):
+    fine = read_by(2.0**23)
+    shape = Shape(600.0, 500.0, 1.41e-3, -0.91e-3)
+    squares = []
+    for stretches in (coarse, fine):
+        # The same rows of both.
+        pairs = zip(stretches, coarse, strict=True)
+        regression = Regression.of(tuple(replace(one, usable=other.usable) for one, other in pairs), FULL_BAND)
+        squares.append(np.sum(regression.columns(shape)[0][:5] ** 2, axis=1))
+    added = Regression.of(coarse, FULL_BAND).contamination()
+    assert squares[0][INERTIA] - squares[1][INERTIA] == pytest.approx(added[INERTIA], rel=0.1)
+    assert squares[0][VISCOUS] - squares[1][VISCOUS] == pytest.approx(added[VISCOUS], rel=0.5)
+
+
+def test_the_band_ends_where_a_coarse_encoder_drowns_the_torque(coarse):
+    solution = solve(coarse)
+    band = solution.regression.rows[0].kernel
+    # (S_τ / S_θ)^(1/4) / (2π √Im), with 1 mN·m and 2π/2048/√12 a reading.
+    corner_hz = np.sqrt(1e-3 / (2 * np.pi / 2048 / np.sqrt(12))) / (2 * np.pi * np.sqrt(Truth().inertia))
+    assert band.cutoff == pytest.approx(corner_hz * TICK_S, rel=0.15)
+    assert NARROWEST_CUTOFF < band.cutoff < FULL_BAND.cutoff
+    assert solution.linear[INERTIA] == pytest.approx(Truth().inertia, rel=0.02)
+
+
+def test_a_fine_encoder_leaves_the_full_band(experiment):
+    stretches = signals(experiment, TICK_S, Use.IDENTIFY)
+    solution = solve(stretches)
+    assert worthwhile_band(solution.regression, solution) == FULL_BAND
