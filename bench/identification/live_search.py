@@ -17,6 +17,8 @@ SCAN_BANDWIDTHS = (150.0, 600.0, 2000.0)
 SCAN_TORQUE_DELAYS = (-1.0, 0.0)
 LOW = np.array([np.log(BANDWIDTH_NODES[0]), np.log(S_NODES[0]), -2e-3, -3e-3])
 HIGH = np.array([np.log(BANDWIDTH_NODES[-1]), np.log(S_NODES[-1]), 4e-3, 3e-3])
+# The deviation of what nothing tells of.
+UNKNOWN = 1e9
 
 
 @dataclass(frozen=True)
@@ -97,14 +99,18 @@ def covariance(candidate: Candidate, blocks: list[FloatArray], samples: int, cor
     total = np.sum(blocks, axis=0)
     every = candidate.gradient()
     information = every.T @ total @ every
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    excited = np.diag(information) > 0.0
+    scale = np.sqrt(np.where(excited, np.diag(information), 1.0))
     bread = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12, hermitian=True)
     scores = np.stack([every.T @ (block @ candidate.residual) for block in blocks]) / scale
     sandwich = np.diag(bread @ (scores.T @ scores) @ bread)
     white = np.diag(bread) * correlated * candidate.cost(total) / samples
     deviation = np.sqrt(np.maximum(np.maximum(sandwich, white), 1e-300))
-    own = np.sqrt(np.maximum(np.diag(bread), 1e-300))
-    return np.asarray(bread / np.outer(own, own) * np.outer(deviation, deviation) / np.outer(scale, scale))
+    own = np.sqrt(np.where(np.diag(bread) > 0.0, np.diag(bread), 1.0))
+    found = bread / np.outer(own, own) * np.outer(deviation / scale, deviation / scale)
+    # What nothing has moved yet may be anything.
+    found[~excited, ~excited] = UNKNOWN**2
+    return np.asarray(found)
 
 
 def evidence(candidate: Candidate, gram: FloatArray) -> float:
