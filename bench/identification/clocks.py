@@ -32,10 +32,11 @@ def in_order(table: Table, stamp: str) -> Table:
         again = np.diff(table["sequence"][order]) == 0
         # Rows of one number are one row, if they were stamped at once; else the numbers are none.
         if np.all(np.diff(table[stamp][order])[again] == 0):
-            return table[order[np.concatenate([[True], ~again])]]
+            once: Table = table[order[np.concatenate([[True], ~again])]]
+            return once
     back = np.diff(table[stamp]) < 0
     if back.any() and (np.count_nonzero(back) > MOST_JUMPS or np.diff(table[stamp]).min() > -SET_BACK_NS):
-        return table[np.argsort(table[stamp], kind="stable")]
+        return np.asarray(table[np.argsort(table[stamp], kind="stable")])
     return table
 
 

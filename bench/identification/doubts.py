@@ -32,6 +32,7 @@ CHANGE_SHARE = 0.1
 BLOCK_ROWS = 500
 FEWEST_BLOCKS = 16
 SPLITS = 15
+TELLING_BLOCKS = 6.0
 DELAYS = {2: "command", 3: "motion"}
 
 
@@ -141,13 +142,14 @@ def _changing(solution: Solution, tick_s: float) -> Iterator[Doubt]:
 
 def _judged(solution: Solution, tick_s: float) -> Iterator[tuple[int, str, float, str]]:
     """Columns of the jacobian, what they are called, the least change worth a word, and its unit ("": relative)."""
+    slowest_s = max(rows.signals.torque_period_s for rows in solution.regression.rows)
     for column, name in ((GAIN, "torque gain"), (INERTIA, "inertia")):
         if not (solution.free_motion and column == INERTIA):
             yield column, name, CHANGE_SHARE * abs(float(solution.linear[column])), ""
     for position, unknown in enumerate(solution.free):
         if unknown in DELAYS:
             name = f"delay between {DELAYS[unknown]} and torque"
-            yield len(solution.linear) + position, name, CHANGE_TICKS * tick_s, "s"
+            yield len(solution.linear) + position, name, CHANGE_TICKS * max(tick_s, slowest_s), "s"
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,8 @@ class _Blocks:
     def change(self, column: int, split: int) -> tuple[float, float]:
         """By how much one unknown changes at ``split``, the others being the same throughout, and its deviation.
 
-        That is one more column: the unknown's own, after the split, less what all the columns explain of it.
+        That is one more column: the unknown's own, after the split, less what all the columns explain of it. Where few
+        blocks tell it, on either side, their scatter is no deviation, and nothing is said.
         """
         gram = self.gram.sum(axis=0)
         explained = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ self.gram[split:, :, column].sum(axis=0)
@@ -178,6 +181,13 @@ class _Blocks:
         weights[:, column] += after
         size = np.einsum("bi,bij,bj->b", weights, self.gram, weights)
         score = np.sum(weights * self.score, axis=1)
+        if min(_as_many(size[:split]), _as_many(size[split:])) < TELLING_BLOCKS:
+            return 0.0, float("inf")
         step = float(score.sum() / max(size.sum(), 1e-300))
         deviation = float(np.sqrt(np.sum((score - step * size) ** 2)) / max(size.sum(), 1e-300))
         return step / self.scale[column], deviation / self.scale[column]
+
+
+def _as_many(weights: FloatArray) -> float:
+    """How many equal weights would tell as much as these."""
+    return float(weights.sum() ** 2 / max(np.sum(weights**2), 1e-300))

@@ -43,7 +43,7 @@ class Bins:
     def of(cls, ticks: Table) -> "Bins":
         start, end = float(ticks["tick_ns"][0]), float(ticks["tick_ns"][-1])
         count = max(int((end - start) * 1e-9 / BIN_S), 1)
-        return cls(start + np.arange(count + 1) * BIN_S * 1e9)
+        return cls(np.asarray(start + np.arange(count + 1) * BIN_S * 1e9, dtype=np.float64))
 
     def mean(self, stamp_ns: npt.NDArray[np.int64], values: FloatArray) -> FloatArray:
         """Of what was stamped in each bin, shape (n,); NaN where nothing was."""
@@ -192,6 +192,6 @@ def _out_of_scale(position: FloatArray, torque: FloatArray, command: FloatArray)
 def _slope(columns: FloatArray, target: FloatArray, rows: BoolArray) -> tuple[float, float]:
     """Of ``target`` over the first column beside the others, and its deviation."""
     linear = linear_solution(columns, target)
-    time_s = np.flatnonzero(rows) * BIN_S
+    time_s = np.asarray(np.flatnonzero(rows) * BIN_S, dtype=np.float64)
     covariance = sandwich(columns.T, target - linear @ columns, time_s)
     return float(linear[0]), float(np.sqrt(max(covariance[0, 0], 1e-300)))

@@ -5,6 +5,7 @@ A reading that is left out is a gap, which all that follows knows how to bridge 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,8 @@ LEAP_MARGIN_S = 0.03
 # At the end of a record a shaft may rest, though not while others swing by half of their range.
 AT_END = 0.5
 FEWEST = 100
+# Readings that are new more rarely than this tell nothing of a machine.
+SLOWEST_S = 0.025
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,7 @@ def sound(measured: Measured) -> Sound:
     for stream in MOTIONS:
         if stream.field in tables:
             tables[stream.field] = _motion(stream, tables, origin_ns, remarks)
-    kept = replace(measured, **tables)
+    kept = replace(measured, **cast(dict[str, Any], tables))
     return Sound(kept, Findings(tuple(remarks), tuple(contradictions(kept))))
 
 
@@ -107,7 +110,7 @@ def _finite(stream: Stream, table: Table, remarks: list[str]) -> Table:
     if good.all():
         return table
     remarks.append(f"{stream.name}: {_of_all(~good)} are not finite numbers, left out.")
-    return table[good]
+    return np.asarray(table[good])
 
 
 def _of_all(chosen: BoolArray) -> str:
@@ -197,6 +200,11 @@ def _thinned(stream: Stream, table: Table, remarks: list[str]) -> Table:
         return table
     every, first = rhythm
     period_s = every * nominal_period_s(table["arrival_ns"])
+    if period_s > SLOWEST_S:
+        raise ExperimentError(
+            f"{stream.name}: each reading is repeated {every} times, so there is a new one only every "
+            f"{1e3 * period_s:.3g} ms: too slow for a fit; set the sensor to a higher rate"
+        )
     remarks.append(
         f"{stream.name}: each reading is repeated {every} times, so there is a new one only every "
         f"{1e3 * period_s:.3g} ms; set the sensor to a higher rate."
