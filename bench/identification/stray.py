@@ -24,9 +24,9 @@ def spikes(values: npt.NDArray[np.float64]) -> BoolArray:
         return found
     steps = np.diff(values)
     ways = np.abs(steps)
-    changing = ways[ways > 0]
-    if not changing.size:
-        return found
-    far = np.minimum(ways[:-1], ways[1:]) > SPIKE * float(np.quantile(changing, USUAL))
+    changes = ways[ways > 0]
+    # At rest one count is the usual change, if there are enough of them to call it usual.
+    counts = float(np.median(changes)) if changes.size >= FEWEST else 0.0
+    far = np.minimum(ways[:-1], ways[1:]) > SPIKE * (float(np.quantile(ways, USUAL)) or counts)
     found[1:-1] = far & (steps[:-1] * steps[1:] < 0.0)
     return found
