@@ -13,10 +13,12 @@ import numpy.typing as npt
 from bench.errors import ExperimentError
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
+from bench.identification.doubts import Doubt, doubts, status_of
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
 from bench.identification.results import FitResult, Trace
 from bench.identification.separable import Solution, limits, linear_solution, solve
 from bench.identification.signals import Port, Signals, signals
+from bench.identification.soundness import NOTHING_FOUND, Findings, sound
 from bench.identification.verdict import LOOSE_BEYOND, loose_directions, verdict
 from bench.models.network import NortonNetwork
 from bench.models.parameters import BY_NAME, Estimate, Status
@@ -50,12 +52,22 @@ LEAST_EVIDENCE = 5.0
 
 def fit(measured: Measured, *, command_unit: str, tick_s: float, use: Use = Use.IDENTIFY) -> FitResult:
     """Fit the actuator to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit."""
-    return fit_signals(signals(measured, tick_s, use), command_unit=command_unit)
+    believed = sound(measured)
+    return fit_signals(signals(believed.measured, tick_s, use), command_unit=command_unit, findings=believed.findings)
 
 
-def fit_signals(stretches: tuple[Signals, ...], *, command_unit: str, port: Port = Port.ACTUATOR) -> FitResult:
-    """The same, from signals that stand on one grid already. Raises ExperimentError where no command was given."""
-    if not any(np.any(stretch.command != 0.0) for stretch in stretches):
+def fit_signals(
+    stretches: tuple[Signals, ...],
+    *,
+    command_unit: str,
+    port: Port = Port.ACTUATOR,
+    findings: Findings = NOTHING_FOUND,
+) -> FitResult:
+    """The same, from signals that stand on one grid already, and what was found when they were made.
+
+    Raises ExperimentError where no command was given.
+    """
+    if not any(np.ptp(stretch.command) > 0.0 for stretch in stretches):
         raise ExperimentError(f"the {port.value} was never commanded: nothing can be learned of its forward path")
     measured = all(stretch.torque_nm is not None for stretch in stretches)
     solution = solve(stretches, free_motion=not measured)
@@ -66,7 +78,7 @@ def fit_signals(stretches: tuple[Signals, ...], *, command_unit: str, port: Port
         )
     if measured and scale_evidence(solution) < LEAST_EVIDENCE:
         solution = solve(stretches, free_motion=True)
-    return _result(stretches, solution, command_unit)
+    return _result(stretches, solution, command_unit, findings)
 
 
 def scale_evidence(solution: Solution) -> float:
@@ -122,11 +134,15 @@ def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
     return linear, gradient
 
 
-def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: str) -> FitResult:
+def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: str, findings: Findings) -> FitResult:
     regression = solution.regression
     target, time_s = regression.target(), regression.time_s()
     values, covariance = physical(solution, time_s)
     deviations = np.sqrt(np.diag(covariance))
+    doubted = (
+        *(Doubt(sentence) for sentence in findings.doubts),
+        *doubts(solution, values, deviations, tick_s=stretches[0].tick_s),
+    )
     statuses = _statuses(solution, values, deviations, stretches[0].tick_s)
     estimates = [
         Estimate(name, float(value), float(std), BY_NAME[name].unit_for(command_unit), status)
@@ -138,10 +154,11 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
     network = network_of(estimates, command_unit, covariance[:7, :7])
     ratios = []
     if solution.free_motion:
-        ratios = [estimate for estimate in estimates if estimate.name in PER_GAIN]
+        ratios = [estimate for estimate in estimates if estimate.name in PER_GAIN and not doubted]
         network = replace(network, provenance={"scale": "free motion only: everything per unit of torque gain"})
         estimates = [_without_scale(estimate) for estimate in estimates]
-    to_torque = values[PHYSICAL.index("inertia")] if solution.free_motion else 1.0
+    estimates = [replace(each, status=status_of(each.status, each.name, doubted)) for each in estimates]
+    to_torque = abs(values[PHYSICAL.index("inertia")]) if solution.free_motion else 1.0
     rms = float(np.sqrt(np.mean(solution.residual**2)))
     return FitResult(
         estimates=tuple(estimates),
@@ -156,12 +173,16 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
         motion_delay_std_s=float(deviations[8]),
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
         torque_bias_nm=_bias(solution),
-        verdict=verdict(
-            estimates,
-            loose_directions(PHYSICAL, _relative(solution, values, covariance)),
-            ratios=ratios,
-            converged=solution.converged,
-            has_current=current is not None,
+        verdict=(
+            *(doubt.sentence for doubt in doubted),
+            *verdict(
+                estimates,
+                loose_directions(PHYSICAL, _relative(solution, values, covariance)),
+                ratios=ratios,
+                converged=solution.converged,
+                has_current=current is not None,
+            ),
+            *findings.remarks,
         ),
     )
 

@@ -17,6 +17,7 @@ from bench.identification.regression import STILL, Regression, Rows
 from bench.identification.results import FitResult
 from bench.identification.separable import FULL_BAND, linear_solution
 from bench.identification.signals import Port, Signals, signals
+from bench.identification.soundness import sound
 from bench.records import Measured
 from bench.segments import Use
 
@@ -42,11 +43,13 @@ class LoadFit:
 
 def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> LoadFit:
     """Fit the load to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit."""
+    believed = sound(measured)
+    measured = believed.measured
     load = signals(measured, tick_s, use, Port.LOAD)
     actuator = signals(measured, tick_s, use, Port.ACTUATOR)
     if len(load) != len(actuator):
         raise ExperimentError("one drive's readings were interrupted while the other's went on: repeat the calibration")
-    result = fit_signals(load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD)
+    result = fit_signals(load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD, findings=believed.findings)
     stiffness, deviation, damping = _spring(load, actuator, result.motion_delay_s)
     step_rad = resolution_rad(measured.load_motion["position_rad"])
     return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad)

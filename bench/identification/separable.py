@@ -87,18 +87,22 @@ def worthwhile_band(regression: Regression, solution: Solution) -> Kernel:
     """The band in which the residual's noise is nearly white, so that least squares wastes no information.
 
     Above it the encoder's errors, which inertia makes grow with the square of the frequency, drown the torque sensor's:
-    weighting by the innovation's spectrum would leave out the same. Never wider than FULL_BAND.
+    weighting by the innovation's spectrum would leave out the same. Never wider than FULL_BAND, nor than what a sensor
+    slower than the loop can tell.
     """
+    tick_s = regression.rows[0].signals.tick_s
+    periods_s = [(rows.signals.position_period_s, rows.signals.torque_period_s) for rows in regression.rows]
+    cutoff = FULL_BAND.cutoff * min(1.0, tick_s / max(np.max(periods_s), tick_s))
     torque, position = 0.0, 0.0
     for rows in regression.rows:
         count = int(np.count_nonzero(rows.usable))
         torque += count * rows.signals.torque_noise
         position += count * rows.signals.position_noise
     inertia = abs(float(solution.linear[INERTIA]))
-    if solution.free_motion or not (torque > 0 and position > 0 and inertia > 0):
-        return FULL_BAND
-    corner_hz = (torque / position) ** 0.25 / (2 * np.pi * np.sqrt(inertia))
-    cutoff = max(corner_hz * regression.rows[0].signals.tick_s, NARROWEST_CUTOFF)
+    if not solution.free_motion and torque > 0 and position > 0 and inertia > 0:
+        corner_hz = (torque / position) ** 0.25 / (2 * np.pi * np.sqrt(inertia))
+        cutoff = min(cutoff, corner_hz * tick_s)
+    cutoff = max(cutoff, NARROWEST_CUTOFF)
     if cutoff > NARROWED_BELOW * FULL_BAND.cutoff:
         return FULL_BAND
     return Kernel(cutoff, FULL_BAND.half_width * FULL_BAND.cutoff / cutoff)

@@ -69,6 +69,8 @@ class Signals:
     current: "Stream | None" = None
     position_noise: float = 0.0  # spectral density of the readings' own errors [rad²/Hz], two-sided
     torque_noise: float = 0.0  # [N² m²/Hz]
+    position_period_s: float = 0.0  # between two readings
+    torque_period_s: float = 0.0
 
 
 def signals(measured: Measured, tick_s: float, use: Use, port: Port = Port.ACTUATOR) -> tuple[Signals, ...]:
@@ -226,6 +228,8 @@ def _stretch(
         current=streams["current"].between(start_s, end_s) if "current" in streams else None,
         position_noise=_density(streams["position"], time_s, usable),
         torque_noise=0.0 if torque is None else _density(torque, time_s, usable),
+        position_period_s=streams["position"].period_s,
+        torque_period_s=0.0 if torque is None else torque.period_s,
     )
 
 

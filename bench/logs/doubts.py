@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from bench.errors import BenchError
 from bench.identification.covariance import sandwich
+from bench.identification.redundancy import AGREEMENT, SLOPE, agreement
 from bench.identification.separable import linear_solution
 from bench.logs.column_map import ColumnMap
 from bench.logs.equation import Problem
@@ -34,9 +35,6 @@ LATE_EXPLAINS = 0.3
 # Swapping two columns is suspected where it leaves less than this share of what is left otherwise.
 BETTER = 0.5
 AS_GOOD = 1.5  # where signs are wrong as it is
-# A logged velocity, as a multiple of the position's derivative, and how well the two must agree.
-SLOPE = (0.8, 1.25)
-AGREEMENT = 0.8
 SWAPPABLE = ("position", "velocity", "command", "exertion", "goal")
 # A position that leads its goal by more than this many samples, and by this many deviations.
 LEAD_SAMPLES = 0.5
@@ -191,13 +189,13 @@ def unlike_derivative(parts: Sequence[Stretch], filters: Filters) -> Iterator[st
     if not all({"position", "velocity"} <= set(part.columns) for part in parts):
         return
     derived, logged = _derivatives(parts, filters, "position", "velocity")
-    factor, agreement = _agreement(derived, logged)
-    if agreement > AGREEMENT and SLOPE[0] < factor < SLOPE[1]:
+    factor, alike = agreement(derived, logged)
+    if alike > AGREEMENT and SLOPE[0] < factor < SLOPE[1]:
         return
-    swapped_factor, swapped_agreement = _agreement(*_derivatives(parts, filters, "velocity", "position"))
-    if swapped_agreement > AGREEMENT and SLOPE[0] < swapped_factor < SLOPE[1]:
+    swapped_factor, swapped_alike = agreement(*_derivatives(parts, filters, "velocity", "position"))
+    if swapped_alike > AGREEMENT and SLOPE[0] < swapped_factor < SLOPE[1]:
         yield "position and velocity seem to be swapped: change them round in [columns]."
-    elif agreement > AGREEMENT:
+    elif alike > AGREEMENT:
         yield f"velocity is {factor:.3g} times the derivative of position: check the units, scales and signs of both."
     else:
         yield "velocity is not the derivative of position: check which column is which, and the clock."
@@ -213,15 +211,6 @@ def _derivatives(
         derived.append(slope(filters.smooth(part.columns[position]), part.dt_s)[keep])
         logged.append(filters.smooth(part.columns[velocity])[keep])
     return np.concatenate(derived), np.concatenate(logged)
-
-
-def _agreement(derived: FloatArray, logged: FloatArray) -> tuple[float, float]:
-    """``logged`` as a multiple of ``derived``, and their correlation about zero."""
-    power = float(derived @ derived) * float(logged @ logged)
-    if power == 0.0:
-        return 0.0, 0.0
-    product = float(derived @ logged)
-    return product / float(derived @ derived), abs(product) / float(np.sqrt(power))
 
 
 def ahead_of_goal(parts: Sequence[Stretch], filters: Filters) -> Iterator[str]:

@@ -9,8 +9,9 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from bench.errors import UsageError
+from bench.identification.standstill import resolution
 from bench.logs.log import Log
-from bench.logs.sensors import resolution, untrustworthy
+from bench.logs.sensors import untrustworthy
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

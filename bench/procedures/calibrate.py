@@ -12,6 +12,7 @@ from bench.identification.fit import fit_signals
 from bench.identification.load import LoadFit, fit_load
 from bench.identification.results import FitResult
 from bench.identification.signals import Port, signals
+from bench.identification.soundness import sound
 from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import coasting, pushed
 from bench.procedures.options import CalibrateOptions
@@ -77,7 +78,7 @@ class CalibrateProcedure:
         fit = fit_load(measured, tick_s=known.tick_s)
         if not fit.result.converged:
             raise ExperimentError("calibrate: the load's fit did not converge; " + "; ".join(fit.result.verdict))
-        shaken = signals(measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
+        shaken = signals(sound(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
         actuator = fit_signals(shaken, command_unit=known.rig.command.unit)
         return replace(known, calibration=calibration_from(fit, actuator, known), actuator=actuator)
 

@@ -11,6 +11,7 @@ from bench.identification.ladder import Rung
 from bench.identification.residuals import ResidualTests, diagnose
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.identification.signals import signals
+from bench.identification.soundness import sound
 from bench.identification.source_map import blocked_map, source_map
 from bench.identification.validation import validate_signals
 from bench.identification.without_model import WithoutModel, without_model
@@ -54,9 +55,11 @@ def conclude(
     if Use.IDENTIFY not in uses:
         return Conclusion()
     tick_s = float(metadata["tick_s"])
+    believed = sound(measured)
+    measured = believed.measured
     stretches = signals(measured, tick_s, Use.IDENTIFY)
     unseen = signals(measured, tick_s, Use.VALIDATE) if Use.VALIDATE in uses else ()
-    result = fit_signals(stretches, command_unit=metadata["command_unit"])
+    result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=believed.findings)
     checked = validate_signals(result, unseen, measured.segments) if unseen else None
     modelless = without_model(result, stretches, unseen, measured.segments)
     residuals = diagnose(result, stretches)
