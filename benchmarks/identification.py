@@ -109,8 +109,8 @@ def bounds(stretches: tuple[Signals, ...], result: FitResult, true: dict[str, fl
         presliding_damping_nms_rad=true["presliding_damping"],
         command_unit=result.network.command_unit,
     )
-    at = Linearised(network, result.command_delay_s, result.motion_delay_s)
-    covariance = np.linalg.pinv(information(stretches, at, noise, WIDE_BAND), hermitian=True)
+    at = Linearised(network, result.command_delay_s, result.motion_delay_s, WIDE_BAND)
+    covariance = np.linalg.pinv(information(stretches, at, noise), hermitian=True)
     return dict(zip(KNOWN, np.sqrt(np.diag(covariance)), strict=True))
 
 

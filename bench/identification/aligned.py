@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification import loops
+from bench.identification.kernels import FULL_BAND
 from bench.identification.regression import Rows
-from bench.identification.separable import FULL_BAND
 from bench.identification.signals import FINE, Signals
 
 FloatArray = npt.NDArray[np.float64]

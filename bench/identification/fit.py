@@ -15,7 +15,7 @@ from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
 from bench.identification.doubts import Doubt, doubts, status_of
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
-from bench.identification.results import FitResult, Trace
+from bench.identification.results import Cogging, FitResult, Trace
 from bench.identification.separable import Solution, limits, linear_solution, solve
 from bench.identification.signals import Port, Signals, signals
 from bench.identification.soundness import NOTHING_FOUND, Findings, sound
@@ -172,6 +172,8 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
         motion_delay_s=float(values[8]),
         motion_delay_std_s=float(deviations[8]),
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
+        band=regression.rows[0].kernel,
+        cogging=_cogging(solution, to_torque),
         torque_bias_nm=_bias(solution),
         verdict=(
             *(doubt.sentence for doubt in doubted),
@@ -185,6 +187,14 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
             *findings.remarks,
         ),
     )
+
+
+def _cogging(solution: Solution, to_torque: float) -> tuple[Cogging, ...]:
+    """The waves found, from the pairs that follow the five linear unknowns."""
+    periods = solution.regression.cogging
+    pairs = solution.linear[5 : 5 + 2 * len(periods)].reshape(-1, 2)
+    amplitudes = np.hypot(pairs[:, 0], pairs[:, 1]) * to_torque
+    return tuple(Cogging(period, float(amplitude)) for period, amplitude in zip(periods, amplitudes, strict=True))
 
 
 def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) -> FloatArray:

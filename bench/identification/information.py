@@ -5,17 +5,16 @@ JᵀJ / σ²: its inverse is the covariance that noise alone would leave (the Cr
 density). Each stretch's initial friction and the sensor's wandering zero are unknowns too, and are projected out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from bench.identification.kernels import Kernel
+from bench.identification.kernels import FULL_BAND, Kernel
 from bench.identification.quantisation import moving
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Regression, Shape
 from bench.identification.results import FitResult
-from bench.identification.separable import FULL_BAND
 from bench.identification.signals import FINE, Signals
 from bench.models.network import NortonNetwork
 
@@ -51,15 +50,18 @@ class Excitation:
 
 @dataclass(frozen=True)
 class Linearised:
-    """Where the information is taken: a network, and the delays at which its fit arrived."""
+    """Where the information is taken: a network, delays, the band, and the waves of cogging."""
 
     network: NortonNetwork
     command_delay_s: float
     motion_delay_s: float
+    band: Kernel = FULL_BAND
+    cogging: tuple[float, ...] = ()
 
     @classmethod
     def at(cls, result: FitResult) -> "Linearised":
-        return cls(result.network, result.command_delay_s, result.motion_delay_s)
+        waves = tuple(wave.periods_per_turn for wave in result.cogging)
+        return cls(result.network, result.command_delay_s, result.motion_delay_s, result.band, waves)
 
     @property
     def shape(self) -> Shape:
@@ -78,16 +80,14 @@ class Linearised:
         return values
 
 
-def noise_density_nm(torque_rms_nm: float) -> float:
-    """The deviation of white noise, a sample a tick, whose rms behind the fit's low-pass is ``torque_rms_nm``."""
-    return float(torque_rms_nm / np.sqrt(FULL_BAND.energy(0)))
+def noise_density_nm(result: FitResult) -> float:
+    """The deviation of white noise, a sample a tick, whose rms behind the fit's low-pass is that of its residual."""
+    return float(result.torque_rms_nm / np.sqrt(result.band.energy(0)))
 
 
-def information(
-    stretches: tuple[Signals, ...], at: Linearised, noise_nm: float, band: Kernel = FULL_BAND
-) -> FloatArray:
+def information(stretches: tuple[Signals, ...], at: Linearised, noise_nm: float) -> FloatArray:
     """The information matrix of ``stretches``, shape (9, 9), in the order of KNOWN; ``noise_nm`` is white, a tick."""
-    regression = Regression.of(stretches, band)
+    regression = replace(Regression.of(stretches, at.band), cogging=at.cogging)
     shape, linear = at.shape, at.linear
     columns, memory = regression.columns(shape)
     slope_bandwidth, slope_s, slope_command, slope_motion = regression.jacobian(shape, columns, linear)

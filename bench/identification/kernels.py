@@ -61,6 +61,10 @@ class Kernel:
         return np.asarray(weights + window * (correction @ powers))
 
 
+# The band of the final and of the live fit, in cycles a tick.
+FULL_BAND = Kernel(cutoff=0.18, half_width=8.0)
+
+
 @cache
 def _table(kernel: Kernel) -> FloatArray:
     u = np.arange(round(kernel.half_width * TABLE_PER_UNIT) + 2) / TABLE_PER_UNIT

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification import loops
+from bench.identification.kernels import FULL_BAND
 from bench.identification.live_streams import Piece
 from bench.identification.regression import Shape
-from bench.identification.separable import FULL_BAND
 from bench.identification.signals import FINE
 
 FloatArray = npt.NDArray[np.float64]

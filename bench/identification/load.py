@@ -12,10 +12,11 @@ import numpy.typing as npt
 from bench.errors import ExperimentError
 from bench.identification.covariance import sandwich
 from bench.identification.fit import fit_signals
+from bench.identification.kernels import FULL_BAND
 from bench.identification.quantisation import resolution_rad
 from bench.identification.regression import STILL, Regression, Rows
 from bench.identification.results import FitResult
-from bench.identification.separable import FULL_BAND, linear_solution
+from bench.identification.separable import linear_solution
 from bench.identification.signals import Port, Signals, signals
 from bench.identification.soundness import sound
 from bench.records import Measured

@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from bench.identification.aligned import Aligned, align
 from bench.identification.dependence import Dependence, dependence
+from bench.identification.kernels import FULL_BAND
 from bench.identification.position_lines import Harmonic, position_harmonics
 from bench.identification.results import FitResult
-from bench.identification.separable import FULL_BAND
 from bench.identification.signals import Signals
 from bench.identification.validation import network_trace
 from bench.identification.whiteness import MEMORY_LAGS, ORDER, Memory, memory, whiten

@@ -8,6 +8,7 @@ from scipy.interpolate import PchipInterpolator
 
 from bench.errors import ExperimentError
 from bench.identification import branches
+from bench.identification.kernels import FULL_BAND, Kernel
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate
 
@@ -22,6 +23,14 @@ class Trace:
     measured: FloatArray
     predicted: FloatArray
     unit: str
+
+
+@dataclass(frozen=True)
+class Cogging:
+    """Torque that goes with the position, taken out of every estimate: so many periods a turn."""
+
+    periods_per_turn: float
+    amplitude_nm: float
 
 
 @dataclass(frozen=True)
@@ -43,6 +52,8 @@ class FitResult:
     motion_delay_s: float
     motion_delay_std_s: float
     trace: Trace
+    band: Kernel = FULL_BAND  # the low-pass through which everything was looked at
+    cogging: tuple[Cogging, ...] = ()
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
 

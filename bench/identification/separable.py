@@ -10,14 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification.cogging import strongest_period
-from bench.identification.kernels import Kernel
+from bench.identification.kernels import FULL_BAND, Kernel
 from bench.identification.regression import INERTIA, Memory, Regression, Shape
 from bench.identification.signals import Signals
 
 FloatArray = npt.NDArray[np.float64]
 
 # In cycles a tick. The low band leaves delays of some ticks within the reach of Gauss-Newton.
-FULL_BAND = Kernel(cutoff=0.18, half_width=8.0)
 LOW_BAND = Kernel(cutoff=0.05, half_width=24.0)
 LOW_STRIDE = 5
 

@@ -7,9 +7,10 @@ import numpy.typing as npt
 
 from bench.errors import ExperimentError
 from bench.identification.fit import trace
+from bench.identification.kernels import FULL_BAND
 from bench.identification.regression import INERTIA, Regression, Shape
 from bench.identification.results import FitResult, Trace, Validation
-from bench.identification.separable import FULL_BAND, linear_solution
+from bench.identification.separable import linear_solution
 from bench.identification.signals import Signals, signals
 from bench.records import Measured, SegmentInfo
 from bench.segments import Use

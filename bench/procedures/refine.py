@@ -21,6 +21,7 @@ from bench.identification.information import (
 from bench.identification.quantisation import resolution_rad
 from bench.identification.results import FitResult
 from bench.identification.signals import signals
+from bench.identification.soundness import sound
 from bench.models.network import NortonNetwork
 from bench.procedures.excitations import Bounds, Candidate, candidates
 from bench.procedures.knowledge import Decision, Knowledge, Plan, require_load
@@ -140,8 +141,9 @@ class _View:
     @classmethod
     def of(cls, result: FitResult, record: Measured, known: Knowledge) -> "_View":
         assert known.calibration is not None
-        at, noise_nm = Linearised.at(result), noise_density_nm(result.torque_rms_nm)
-        there = vague() + information(signals(record, known.tick_s, Use.IDENTIFY), at, noise_nm)
+        at, noise_nm = Linearised.at(result), noise_density_nm(result)
+        stretches = signals(sound(record).measured, known.tick_s, Use.IDENTIFY)
+        there = vague() + information(stretches, at, noise_nm)
         return cls(
             intervals=intervals_of(result.estimates, deviations(there)),
             known=there,
@@ -155,8 +157,9 @@ class _View:
     def delivered(self, record: Measured, number: int) -> dict[str, FloatArray]:
         """What each excitation of round ``number`` really told: the load may not have followed as it was asked to."""
         prefix = _round(number)
+        believed = sound(record).measured
         segments = [segment for segment in record.segments if segment.name.startswith(prefix)]
-        return {segment.name.removeprefix(prefix): self._told(record, segment) for segment in segments}
+        return {segment.name.removeprefix(prefix): self._told(believed, segment) for segment in segments}
 
     def _told(self, record: Measured, segment: SegmentInfo) -> FloatArray:
         piece = record.between(segment.start_ns - MEMORY_NS, segment.end_ns)

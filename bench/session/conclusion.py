@@ -1,10 +1,11 @@
 """What follows from a recording: the fit, its validation, the maps, the network file and the report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
-from bench.errors import UsageError
+from bench.errors import ExperimentError, UsageError
 from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit_signals
 from bench.identification.ladder import Rung
@@ -15,11 +16,14 @@ from bench.identification.soundness import sound
 from bench.identification.source_map import blocked_map, source_map
 from bench.identification.validation import validate_signals
 from bench.identification.without_model import WithoutModel, without_model
+from bench.models.parameters import Status
 from bench.recording.contents import RecordedEstimates, Recording
 from bench.recording.reader import read_recording
 from bench.records import Measured
 from bench.report.render import ReportData, write_report
 from bench.segments import Use
+
+Map = TypeVar("Map")
 
 # What a recording must say of its making to be fitted.
 NEEDED = ("rig", "command_unit", "tick_s")
@@ -56,19 +60,16 @@ def conclude(
         return Conclusion()
     tick_s = float(metadata["tick_s"])
     believed = sound(measured)
-    measured = believed.measured
-    stretches = signals(measured, tick_s, Use.IDENTIFY)
-    unseen = signals(measured, tick_s, Use.VALIDATE) if Use.VALIDATE in uses else ()
+    stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
+    unseen = signals(believed.measured, tick_s, Use.VALIDATE) if Use.VALIDATE in uses else ()
     result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=believed.findings)
     checked = validate_signals(result, unseen, measured.segments) if unseen else None
     modelless = without_model(result, stretches, unseen, measured.segments)
     residuals = diagnose(result, stretches)
-    names = {segment.name for segment in measured.segments}
-    static = source_map(measured) if any(name.startswith("staircase") for name in names) else None
-    blocked = blocked_map(measured) if any(name.startswith("hold") for name in names) else None
+    static = _where_measured(source_map, believed.measured)
+    blocked = _where_measured(blocked_map, believed.measured)
     rungs = bench_ladder(stretches, result)
-    network = out / f"{recording.stem}.network.json"
-    result.network.with_provenance({**metadata, "recording": recording.name}).save(network)
+    network = _saved(result, out / f"{recording.stem}.network.json", {**metadata, "recording": recording.name})
     data = ReportData(
         rig_name=metadata["rig"],
         rig_text=rig_text,
@@ -86,6 +87,22 @@ def conclude(
     )
     report = write_report(out / f"{recording.stem}.report.html", data)
     return Conclusion(result, checked, static, blocked, modelless, residuals, rungs, network, report)
+
+
+def _where_measured(map_of: Callable[[Measured], Map], measured: Measured) -> Map | None:
+    """None where the session had no such part, or nothing of it can be believed."""
+    try:
+        return map_of(measured)
+    except ExperimentError:
+        return None
+
+
+def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path | None:
+    """The network file; none where the data contradict themselves: a file is used without its verdict."""
+    if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates):
+        return None
+    result.network.with_provenance(provenance).save(path)
+    return path
 
 
 def check_metadata(path: Path, metadata: Mapping[str, str]) -> None:

@@ -96,7 +96,7 @@ def test_plan_record_reported_deviation_and_scatter_of_fits_agree():
         found = [result.estimate(name) for name in synthetic.NAMES]
         values.append([each.value for each in found])
         reported.append([each.std / abs(each.value) for each in found])
-        noise_nm = noise_density_nm(result.torque_rms_nm)
+        noise_nm = noise_density_nm(result)
         matrix = information(signals(measured, TICK_S, Use.IDENTIFY), Linearised.at(result), noise_nm)
         recorded.append(deviations(matrix + vague())[:7])
     command, velocity = (np.concatenate([part[index] for part in plan.parts[1:]]) for index in (3, 6))

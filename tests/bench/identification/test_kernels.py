@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.identification import loops
-from bench.identification.kernels import TABLE_PER_UNIT, Kernel
-from bench.identification.separable import FULL_BAND
+from bench.identification.kernels import FULL_BAND, TABLE_PER_UNIT, Kernel
 from bench.identification.signals import INTERPOLATION
 
 

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench.identification.kernels import FULL_BAND
 from bench.identification.regression import INERTIA, VISCOUS, Memory, Regression, Shape
-from bench.identification.separable import FULL_BAND, NARROWEST_CUTOFF, normal_solution, solve, worthwhile_band
+from bench.identification.separable import NARROWEST_CUTOFF, normal_solution, solve, worthwhile_band
 from bench.identification.signals import signals
 from bench.segments import Use
 from tests.bench.identification import synthetic

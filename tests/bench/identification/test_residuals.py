@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 from bench.identification.aligned import align
 from bench.identification.dependence import dependence
 from bench.identification.fit import fit
+from bench.identification.kernels import FULL_BAND
 from bench.identification.residuals import STRIDE, diagnose, residual_tests
-from bench.identification.separable import FULL_BAND
 from bench.identification.signals import signals
 from bench.identification.whiteness import MEMORY_LAGS, memory, whiten
 from bench.segments import Use
