@@ -10,15 +10,13 @@ from bench.errors import ExperimentError
 from bench.identification.friction.equation import Equation, blocked_folds
 from bench.identification.friction.fit import FrictionFit, Problem, fit_friction
 from bench.identification.friction.model import FrictionModel
+from bench.identification.held_out import held_out_rms, simplest_as_good
 
 __all__ = ["Equation", "FrictionFit", "Rung", "blocked_folds", "fit_friction", "ladder", "selected"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
-
-# A richer model has to leave this much less, relative.
-LEAST_GAIN = 0.01
 
 
 @dataclass(frozen=True)
@@ -59,15 +57,15 @@ class Rung:
 def ladder(equation: Equation, models: Sequence[FrictionModel], rows: BoolArray | None = None) -> tuple[Rung, ...]:
     """Every model on the folds of ``rows`` (all by default), in the order given, one of them selected.
 
-    Selected is the simplest model that is not worse than the best on held-out data by more than one standard error
-    of the difference between them. Raises ExperimentError for fewer than two folds.
+    ``simplest_as_good`` selects. Raises ExperimentError for fewer than two folds.
     """
     rows = np.ones(equation.target.size, dtype=bool) if rows is None else rows
     folds = [int(fold) for fold in np.unique(equation.fold[rows]) if fold >= 0]
     if len(folds) < 2:
         raise ExperimentError("models are compared on data held out: the record needs at least two parts")
     rungs = [_rung(equation, model, rows, folds) for model in models]
-    return _select(rungs)
+    chosen = simplest_as_good([rung.fold_mean_squares for rung in rungs], [rung.unknowns for rung in rungs])
+    return tuple(replace(rung, selected=index == chosen) for index, rung in enumerate(rungs))
 
 
 def selected(rungs: Sequence[Rung]) -> Rung:
@@ -90,33 +88,13 @@ def _rung(equation: Equation, model: FrictionModel, rows: BoolArray, folds: list
         held_out = part == index
         residual = equation.target[held_out] - reached.linear @ reached.columns[:, held_out]
         squares.append(float(np.mean(residual**2)))
-    mean = float(np.mean(squares))
+    rms, std = held_out_rms(squares)
     return Rung(
         model=model,
         fit=whole,
         train_rms=whole.rms,
-        held_out_rms=float(np.sqrt(mean)),
-        held_out_std=_standard_error(np.array(squares)) / (2 * float(np.sqrt(mean))) if mean > 0 else 0.0,
+        held_out_rms=rms,
+        held_out_std=std,
         target_rms=float(np.sqrt(np.mean(equation.target[rows] ** 2))),
         fold_mean_squares=tuple(squares),
     )
-
-
-def _standard_error(values: FloatArray) -> float:
-    return float(np.std(values, ddof=1) / np.sqrt(values.size))
-
-
-def _select(rungs: list[Rung]) -> tuple[Rung, ...]:
-    """The one-standard-error rule, on differences fold by fold: folds differ far more than models do.
-
-    A gain too small to matter is none, however sure it is: no model is quite what a machine does.
-    """
-    best = min(rungs, key=lambda rung: rung.held_out_rms)
-
-    def as_good(rung: Rung) -> bool:
-        excess = np.array(rung.fold_mean_squares) - np.array(best.fold_mean_squares)
-        matters = (LEAST_GAIN**2 + 2 * LEAST_GAIN) * best.held_out_rms**2
-        return float(np.mean(excess)) <= max(_standard_error(excess), matters)
-
-    simplest = min((rung for rung in rungs if as_good(rung)), key=lambda rung: (rung.unknowns, rung.held_out_rms))
-    return tuple(replace(rung, selected=rung is simplest) for rung in rungs)

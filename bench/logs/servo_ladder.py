@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from bench.identification.held_out import held_out_rms, simplest_as_good
 from bench.logs.servo import LADDER, ServoModel
 from bench.logs.servo_fit import Box, ServoFit, Trial, fit_servo
 
@@ -47,7 +48,7 @@ class ServoRung:
     train_relative: float
     held_out_relative: float
     held_out_std: float
-    mean_squares: tuple[float, ...]
+    fold_mean_squares: tuple[float, ...]
     selected: bool = False
 
     @property
@@ -57,11 +58,7 @@ class ServoRung:
 
 
 def servo_ladder(trial: Trial, begin: Beginning, models: Sequence[ServoModel] = LADDER) -> tuple[ServoRung, ...]:
-    """Every model, each also started from the one before it; one is selected.
-
-    Selected is the simplest that is not worse than the best on held-out data by more than one standard error of the
-    difference between them.
-    """
+    """Every model, each also started from the one before it; ``simplest_as_good`` selects one."""
     folds = held_out(trial)
     rungs: list[ServoRung] = []
     for model in models:
@@ -69,7 +66,8 @@ def servo_ladder(trial: Trial, begin: Beginning, models: Sequence[ServoModel] = 
         starts = [start_of(begin), *(rung.fit.values for rung in rungs[-1:])]
         fit = fit_servo(trial, model, boxes, starts)
         rungs.append(_judged(trial, folds, fit, boxes))
-    return _select(rungs)
+    chosen = simplest_as_good([rung.fold_mean_squares for rung in rungs], [len(rung.fit.values) for rung in rungs])
+    return tuple(replace(rung, selected=index == chosen) for index, rung in enumerate(rungs))
 
 
 def boxes_of(model: ServoModel, begin: Beginning) -> dict[str, Box]:
@@ -149,10 +147,9 @@ def _judged(trial: Trial, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit,
         unseen = Trial(trial.logs, fold).each(others[-1].values)
         squares += [float(np.mean(error[out] ** 2)) for error, out in zip(unseen, fold, strict=True) if out.any()]
     fit = replace(fit, deviations=_widened(fit, others))
-    mean, spread = float(np.mean(squares)), trial.spread
-    rms = float(np.sqrt(np.mean(trial.errors(fit.values) ** 2)))
-    std = _standard_error(np.array(squares)) / (2 * np.sqrt(mean)) if mean > 0 else 0.0
-    return ServoRung(fit, rms / spread, float(np.sqrt(mean)) / spread, float(std) / spread, tuple(squares))
+    train = float(np.sqrt(np.mean(trial.errors(fit.values) ** 2)))
+    rms, std = held_out_rms(squares)
+    return ServoRung(fit, train / trial.spread, rms / trial.spread, std / trial.spread, tuple(squares))
 
 
 def _widened(fit: ServoFit, others: Sequence[ServoFit]) -> dict[str, float]:
@@ -163,19 +160,3 @@ def _widened(fit: ServoFit, others: Sequence[ServoFit]) -> dict[str, float]:
         jackknife = np.sqrt((len(others) - 1) / len(others) * np.sum((values - np.mean(values)) ** 2))
         wide[name] = max(deviation, float(jackknife))
     return wide
-
-
-def _standard_error(values: FloatArray) -> float:
-    return float(np.std(values, ddof=1) / np.sqrt(values.size))
-
-
-def _select(rungs: Sequence[ServoRung]) -> tuple[ServoRung, ...]:
-    """The one-standard-error rule, on differences log by log: logs differ far more than models do."""
-    best = min(rungs, key=lambda rung: rung.held_out_relative)
-
-    def as_good(rung: ServoRung) -> bool:
-        excess = np.array(rung.mean_squares) - np.array(best.mean_squares)
-        return float(np.mean(excess)) <= _standard_error(excess)
-
-    simplest = min(filter(as_good, rungs), key=lambda rung: (len(rung.fit.values), rung.held_out_relative))
-    return tuple(replace(rung, selected=rung is simplest) for rung in rungs)
