@@ -182,5 +182,3 @@ def _check_refinement(column_map: ColumnMap, mistakes: Mistakes) -> None:
         mistakes.add("[model] refine", "is for a log without a torque sensor; leave it out, or the exertion")
     if column_map.load.inertia is None:
         mistakes.add("[model] refine", 'needs a known load; add [load] inertia = "0.005 kg*m^2", or leave it out')
-    if column_map.translation and column_map.load.gravity is not None:
-        mistakes.add("[model] refine", "knows gravity on a turning load only; leave one of them out")

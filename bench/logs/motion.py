@@ -1,7 +1,6 @@
 """The motion that a fit predicts from the goal or the command alone, beside the one that was logged."""
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -10,19 +9,18 @@ from bench.identification.friction.model import Dimension, FrictionModel
 from bench.identification.friction.path import Path
 from bench.identification.ladder import FrictionFit
 from bench.logs.column_map import ColumnMap
-from bench.logs.columns import enabled
+from bench.logs.driven import inputs_of, load_of, loop_of
 from bench.logs.equation import Problem
 from bench.logs.grid import Stretch
 from bench.logs.results import ErrorFigures
-
-if TYPE_CHECKING:
-    from bench.logs.motion_steps import Inputs, Law, Machine
+from bench.logs.steps import Axis, Inputs, Load, Motor, Table, simulate
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 SPEEDS = 400
 FASTEST = 4.0  # of the table of friction, over the fastest logged
+STEPS_A_SAMPLE = 4
 # Shorter parts than this tell nothing of a simulated motion.
 LEAST_SAMPLES = 50
 
@@ -66,69 +64,64 @@ def _parts(
     column_map: ColumnMap, problem: Problem, fit: FrictionFit, index: int, stretch: Stretch, chosen: BoolArray
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Logged and simulated position of every uninterrupted part of a stretch."""
-    from bench.logs import motion_steps  # noqa: PLC0415  (compiled: slow to import)
-
     motion = problem.terms[index].motion
     # The filters' ends give no velocity to start with.
     chosen = chosen & (np.arange(chosen.size) >= problem.filters.margin)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))
-    machine, law = _machine(problem, fit, stretch, translation=column_map.translation), _law(stretch)
-    offset = _offset(problem, fit, index)
+    axis, loop = _axis(problem, fit, stretch), loop_of(stretch, sampled=True)
+    load, inputs = _load(fit, stretch, translation=column_map.translation), _inputs(problem, fit, index)
+    step_s = stretch.dt_s / STEPS_A_SAMPLE
     for first, end in edges.reshape(-1, 2):
         if end - first < LEAST_SAMPLES:
             continue
         part = slice(int(first), int(end))
-        inputs = _inputs(stretch, part, offset[part])
         start = float(motion.position[first]), float(motion.velocity[first])
-        yield motion.position[part], motion_steps.simulate(machine, law, inputs, *start, stretch.dt_s)
+        yield (
+            motion.position[part],
+            simulate(axis, load, loop, inputs.part(part), *start, step_s),
+        )
 
 
-def _machine(problem: Problem, fit: FrictionFit, stretch: Stretch, *, translation: bool) -> "Machine":
-    """The fit and the known load as one axis."""
-    from bench.logs.motion_steps import Machine  # noqa: PLC0415  (compiled: slow to import)
-
-    known, log = dict(zip(fit.names, fit.values, strict=True)), stretch.log
-    speed, braking = _braking(problem, fit)
-    pull, zero = log.given("load", "gravity") or 0.0, log.given("load", "gravity_zero") or 0.0
-    # A sensor at the port measures what the load asks for.
-    loaded = "exertion" not in log.columns
-    gravity = np.array([known.get("gravity_sine", 0.0), known.get("gravity_cosine", 0.0)])
-    if loaded and not translation:
-        gravity += pull * np.array([np.cos(zero), -np.sin(zero)])
-    period = log.given("model", "cogging_period")
-    return Machine(
-        inertia=float(known["inertia"]) + (loaded * (log.given("load", "inertia") or 0.0)),
-        gain=float(log.given("actuator", "torque_gain") or known["torque_gain"]),
-        speed=speed,
-        braking=braking,
-        weight=pull if loaded and translation else 0.0,
-        gravity=gravity,
-        cogging=np.array([known.get("cogging_sine", 0.0), known.get("cogging_cosine", 0.0)]),
+def _axis(problem: Problem, fit: FrictionFit, stretch: Stretch) -> Axis:
+    """The fit without what pulls at its load."""
+    known = dict(zip(fit.names, fit.values.tolist(), strict=True))
+    period = stretch.log.given("model", "cogging_period")
+    return Axis(
+        inertia=known["inertia"],
+        motor=Motor(stretch.log.given("actuator", "torque_gain") or known["torque_gain"]),
+        table=_table(problem, fit),
+        cogging=(known.get("cogging_sine", 0.0), known.get("cogging_cosine", 0.0)),
         cogging_wave_number=2 * np.pi / period if period else 0.0,
     )
 
 
-def _braking(problem: Problem, fit: FrictionFit) -> tuple[FloatArray, FloatArray]:
-    """Friction of velocity alone as a table: speeds from next to nothing on, and what brakes either way."""
+def _load(fit: FrictionFit, stretch: Stretch, *, translation: bool) -> Load:
+    """The known load with the gravity that was fitted; a sensor at the port measures what the known one asks for."""
+    known = dict(zip(fit.names, fit.values.tolist(), strict=True))
+    load = load_of(stretch, translation=translation) if "exertion" not in stretch.columns else Load(0.0)
+    sine = known.get("gravity_sine", 0.0) + load.gravity * np.cos(load.gravity_zero)
+    cosine = known.get("gravity_cosine", 0.0) - load.gravity * np.sin(load.gravity_zero)
+    return load._replace(gravity=float(np.hypot(sine, cosine)), gravity_zero=float(np.arctan2(-cosine, sine)))
+
+
+def _table(problem: Problem, fit: FrictionFit) -> Table:
+    """Friction of velocity alone, from next to nothing on."""
     fastest = FASTEST * float(np.max(np.abs(problem.equation.path.velocity)))
-    speed = fastest * np.geomspace(1e-7, 1.0, SPEEDS)
+    speeds = fastest * np.geomspace(1e-7, 1.0, SPEEDS)
     coefficients = fit.values[len(problem.equation.names) : len(problem.equation.names) + len(fit.model.terms)]
     sides = []
     for sign in (1.0, -1.0):
-        path = Path(problem.filters.dt_s, np.zeros(SPEEDS), sign * speed, np.zeros(1, dtype=np.int64))
+        path = Path(problem.filters.dt_s, np.zeros(SPEEDS), sign * speeds, np.zeros(1, dtype=np.int64))
         sides.append(sign * coefficients @ fit.model.columns(path, fit.shape))
-    return speed, np.stack(sides)
+    return Table(speeds, np.stack(sides))
 
 
-def _law(stretch: Stretch) -> "Law":
-    """The device's own law where the map knows it, or the command as logged."""
-    from bench.logs.motion_steps import Law  # noqa: PLC0415  (compiled: slow to import)
-
-    proportional = stretch.log.given("loop", "proportional")
-    closed = proportional is not None and "goal" in stretch.columns
-    limit = stretch.log.given("loop", "limit")
-    derivative = stretch.log.given("loop", "derivative") or 0.0
-    return Law(closed, proportional or 0.0, derivative, float("inf") if limit is None else limit)
+def _inputs(problem: Problem, fit: FrictionFit, index: int) -> Inputs:
+    """With what was measured at the port, and what brakes at any speed."""
+    stretch = problem.stretches[index]
+    inputs = inputs_of(stretch)
+    port = stretch.columns.get("exertion", inputs.port)
+    return inputs._replace(port=port + _offset(problem, fit, index))
 
 
 def _offset(problem: Problem, fit: FrictionFit, index: int) -> FloatArray:
@@ -140,17 +133,3 @@ def _offset(problem: Problem, fit: FrictionFit, index: int) -> FloatArray:
         if name.startswith("offset"):
             offset -= fit.value(name) * column[first : first + lengths[index]]
     return offset
-
-
-def _inputs(stretch: Stretch, part: slice, offset: FloatArray) -> "Inputs":
-    from bench.logs.motion_steps import Inputs  # noqa: PLC0415  (compiled: slow to import)
-
-    nothing = np.zeros(len(stretch.time_s))
-    columns = stretch.columns
-    return Inputs(
-        command=columns["command"][part],
-        goal=columns.get("goal", nothing)[part],
-        supply=(columns.get("supply", nothing + 1.0) * enabled(stretch))[part],
-        port=columns.get("exertion", nothing)[part],
-        offset=offset,
-    )

@@ -13,7 +13,6 @@ from bench.logs.column_map import ColumnMap
 from bench.logs.doubts import astray
 from bench.logs.equation import Problem
 from bench.logs.estimates import doubted, estimates_of, loose, with_back_emf, without_scale
-from bench.logs.motion import motion_errors
 from bench.logs.results import ErrorFigures, Errors, LogFit, Step
 from bench.models.parameters import Estimate, Status
 
@@ -46,6 +45,8 @@ class Judged:
 
 def outcome(judged: Judged) -> LogFit:
     """As the equation of motion has it."""
+    from bench.logs.motion import motion_errors  # noqa: PLC0415  (compiled: slow to import)
+
     column_map, problem, fit = judged.column_map, judged.problem, judged.chosen.fit
     doubtful = bool(judged.doubts)
     estimates, verdict = _estimates(column_map, problem, fit, doubtful=doubtful)

@@ -52,7 +52,7 @@ def refine(
     """
     models = _models(column_map, asked)
     begin = beginning(column_map, problem, fit)
-    logs = tuple(ServoLog.of(stretch) for stretch in problem.stretches)
+    logs = tuple(ServoLog.of(stretch, translation=column_map.translation) for stretch in problem.stretches)
     train, test = (Trial(logs, tuple(split[side] for split in splits)) for side in (0, 1))
     rungs = servo_ladder(train, begin, models)
     chosen = next(rung for rung in rungs if (rung.selected if asked is None else rung.fit.model.name == asked))

@@ -7,9 +7,9 @@ from itertools import accumulate
 import numpy as np
 import numpy.typing as npt
 
-from bench.logs.columns import enabled
+from bench.logs.driven import inputs_of, load_of, loop_of
 from bench.logs.grid import Stretch
-from bench.logs.servo_steps import Inputs, Load, Loop, Servo, simulate
+from bench.logs.steps import Axis, Friction, Inputs, Load, Loop, Motor, simulate
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -60,32 +60,12 @@ class ServoLog:
     start_velocity: float
 
     @classmethod
-    def of(cls, stretch: Stretch) -> "ServoLog":
-        columns, given = stretch.columns, stretch.log.given
-        nothing = np.zeros(len(stretch.time_s))
-        switched = "supply" in columns
-        proportional = given("loop", "proportional")
-        limit = given("loop", "limit")
-        position = columns["position"]
-        few = slice(0, START_SAMPLES)
+    def of(cls, stretch: Stretch, *, translation: bool) -> "ServoLog":
+        position, few = stretch.columns["position"], slice(0, START_SAMPLES)
         return cls(
-            inputs=Inputs(
-                time_s=stretch.time_s,
-                goal=columns.get("goal", nothing),
-                command=columns.get("command", nothing),
-                supply=_supply(stretch),
-                enabled=enabled(stretch),
-            ),
-            load=Load(
-                given("load", "inertia") or 0.0, given("load", "gravity") or 0.0, given("load", "gravity_zero") or 0.0
-            ),
-            loop=Loop(
-                closed=proportional is not None,
-                proportional=proportional or 0.0,
-                derivative=given("loop", "derivative") or 0.0,
-                limit=float("inf") if limit is None else limit,
-                switched=switched,
-            ),
+            inputs=inputs_of(stretch)._replace(supply=_supply(stretch)),
+            load=load_of(stretch, translation=translation),
+            loop=loop_of(stretch, sampled=False),
             position=position,
             start_velocity=float(np.polyfit(stretch.time_s[few], position[few], 1)[0]),
         )
@@ -102,21 +82,20 @@ def simulate_motion(log: ServoLog, values: Mapping[str, float], longest_s: float
     """The position at the log's instants, shape (n,), from its start on. ``values`` by the names of ``UNITS``, in SI;
     what is not among them is zero."""
     get = values.get
-    servo = Servo(
-        constant=values["torque_constant"],
-        resistance=get("winding_resistance", 0.0),
-        source_resistance=get("source_resistance", 0.0),
+    axis = Axis(
         inertia=values["inertia"],
-        viscous=get("viscous_damping", 0.0),
-        coulomb=get("coulomb_torque", 0.0),
+        motor=Motor(values["torque_constant"], get("winding_resistance", 0.0), get("source_resistance", 0.0)),
+        friction=Friction(
+            viscous=get("viscous_damping", 0.0),
+            coulomb=get("coulomb_torque", 0.0),
+            stiction=get("stribeck_torque", 0.0),
+            load_coefficient=get("load_coefficient", 0.0),
+            load_stiction=get("load_stiction_coefficient", 0.0),
+            stribeck_velocity=get("stribeck_velocity", 1.0),
+        ),
         offset=get("offset", 0.0),
-        stiction=get("stribeck_torque", 0.0),
-        load_coefficient=get("load_coefficient", 0.0),
-        load_stiction=get("load_stiction_coefficient", 0.0),
-        stribeck_velocity=get("stribeck_velocity", 1.0),
     )
-    begin = float(log.position[0]), log.start_velocity
-    return simulate(servo, log.load, log.loop, log.inputs, *begin, longest_s)
+    return simulate(axis, log.load, log.loop, log.inputs, float(log.position[0]), log.start_velocity, longest_s)
 
 
 def joined_time(logs: Sequence[ServoLog]) -> FloatArray:

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.logs.servo import ServoLog, simulate_motion
-from bench.logs.servo_steps import Inputs, Load, Loop
+from bench.logs.steps import Inputs, Load, Loop
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -27,7 +27,7 @@ def pendulum(proportional: float, *, seconds: float = 3.0, phase: float = 0.0, d
     t = np.arange(0.0, seconds, PERIOD_S)
     goal = np.sin(1.7 * t**1.5 + phase) - np.sin(phase) + 0.5 * np.sin(3.1 * t)
     return ServoLog(
-        inputs=Inputs(t, goal, np.zeros(t.size), np.full(t.size, 7.0), t < drop_s),
+        inputs=Inputs(t, goal, np.zeros(t.size), np.full(t.size, 7.0), t < drop_s, np.zeros(t.size)),
         load=Load(inertia=0.005, gravity=0.5, gravity_zero=0.0),
         loop=Loop(closed=True, proportional=proportional, derivative=0.0, limit=1.0, switched=True),
         position=np.zeros(t.size),

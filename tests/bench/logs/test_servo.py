@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from bench.logs.servo import ServoLog, simulate_motion
-from bench.logs.servo_steps import Inputs, Load, Loop, Servo, electric
+from bench.logs.steps import Inputs, Load, Loop, Motor, electric
 from tests.bench.logs.servos import TICK_RAD, TRUTH, pendulum
 
 FloatArray = npt.NDArray[np.float64]
@@ -20,8 +20,9 @@ SMOOTH = {name: TRUTH[name] for name in ("torque_constant", "winding_resistance"
 def lifted(command: float, seconds: float = 1.0) -> ServoLog:
     """A pendulum that a constant share of the supply lifts or holds, from rest at 0.4 rad."""
     t = np.arange(0.0, seconds, 0.005)
+    none = np.zeros(t.size)
     return ServoLog(
-        inputs=Inputs(t, np.zeros(t.size), np.full(t.size, command), np.full(t.size, 7.0), np.ones(t.size, dtype=bool)),
+        inputs=Inputs(t, none, np.full(t.size, command), np.full(t.size, 7.0), np.ones(t.size, dtype=bool), none),
         load=Load(0.005, 0.5, 0.0),
         loop=Loop(closed=False, proportional=0.0, derivative=0.0, limit=np.inf, switched=True),
         position=np.full(t.size, 0.4),
@@ -116,15 +117,15 @@ def test_holds_up_to_the_limit_of_friction_and_no_further(side: float) -> None:
 
 
 def test_the_source_weakens_the_motor_while_it_is_connected() -> None:
-    servo = Servo(0.4, 3.5, 1.5, 0.002, *[0.0] * 6, 1.0)
-    loop = Loop(True, 1.0, 0.0, 1.0, True)
-    assert electric(servo, loop, -0.5, 7.0) == pytest.approx((-0.4 * 3.5 / 4.25, 0.4**2 / 4.25))
-    assert electric(servo, loop._replace(switched=False), -3.5, 1.0) == pytest.approx((-0.4, 0.4**2 / 3.5))
+    motor = Motor(0.4, 3.5, 1.5)
+    loop = Loop(True, 1.0, 0.0, 1.0, switched=True)
+    assert electric(motor, loop, -0.5, 7.0) == pytest.approx((-0.4 * 3.5 / 4.25, 0.4**2 / 4.25))
+    assert electric(motor, loop._replace(switched=False), -3.5, 1.0) == pytest.approx((-0.4, 0.4**2 / 3.5))
 
 
 def test_a_motor_on_a_current_has_no_back_emf() -> None:
-    servo = Servo(0.4, 0.0, 0.0, 0.002, *[0.0] * 6, 1.0)
-    assert electric(servo, Loop(False, 0.0, 0.0, 1.0, False), 2.0, 1.0) == pytest.approx((0.8, 0.0))
+    motor = Motor(0.4)
+    assert electric(motor, Loop(False, 0.0, 0.0, 1.0), 2.0, 1.0) == pytest.approx((0.8, 0.0))
 
 
 def test_friction_brings_a_switched_off_pendulum_to_rest_beside_the_bottom() -> None:
