@@ -15,7 +15,8 @@ QUICK = ("coulomb-viscous", "coulomb-viscous-asymmetric", "stribeck", "dahl", "e
 
 
 def rungs_of(name, coefficients, shape=(), seed=1):
-    return ladder(equation_of(model(name), coefficients, shape, wandering(seed), NOISE, seed), list(map(model, QUICK)))
+    path = wandering(seed, seconds=6.0)
+    return ladder(equation_of(model(name), coefficients, shape, path, NOISE, seed), list(map(model, QUICK)))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -34,7 +35,7 @@ def test_the_truth_is_selected(truth, coefficients, shape, wanted, seed):
     rungs = rungs_of(truth, coefficients, shape, seed)
     best = selected(rungs)
     assert best.name in wanted
-    # What is left on data not seen is the noise, to within its scatter and the few numbers learnt.
+    # What is left on data not seen is the noise, to within its scatter (0.9 %) and the few numbers learnt.
     assert best.held_out_rms == pytest.approx(NOISE, rel=0.03)
     assert sum(rung.selected for rung in rungs) == 1
 

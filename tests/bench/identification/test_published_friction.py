@@ -4,9 +4,6 @@ EMPS: A. Janot, M. Gautier, M. Brunot, "Data Set and Reference Models of EMPS" (
 Tribometer: the measured record of FrictionModels.jl. Read here by hand; the column maps have tests of their own.
 """
 
-import os
-from pathlib import Path as FilePath
-
 import numpy as np
 import pytest
 from scipy.io import loadmat
@@ -16,22 +13,13 @@ from bench.identification.friction.equation import Equation, blocked_folds
 from bench.identification.friction.family import model
 from bench.identification.friction.path import Path
 from bench.identification.ladder import fit_friction, ladder, selected
-
-ROOT = FilePath(__file__).resolve().parents[3]
-DATA = FilePath(os.environ.get("NORTON_BENCH_DATA", ROOT.parent / "shared" / "data"))
-
-
-def measured(name):
-    path = DATA / name
-    if not path.exists():
-        pytest.skip(f"{path} is not here: set NORTON_BENCH_DATA to the folder of measurements by other people")
-    return path
+from tests.bench.real_data import data_file
 
 
 @pytest.fixture(scope="module")
 def emps():
     """By the published method: zero-phase 100 Hz on position, central differences, decimation of both sides."""
-    record = loadmat(measured("emps/DATA_EMPS.mat"))
+    record = loadmat(data_file("emps", "DATA_EMPS.mat"))
     t, position = record["t"].ravel(), record["qm"].ravel()
     force = float(record["gtau"].ravel()[0]) * record["vir"].ravel()
     dt_s = float(np.median(np.diff(t)))
@@ -95,7 +83,7 @@ def test_emps_better_still_on_data_not_seen(emps):
 @pytest.fixture(scope="module")
 def tribometer():
     """The record as it stands from where the load is on; mm and µN to SI."""
-    t, load, position, friction = np.loadtxt(measured("tribometer/first_half.tsv"), skiprows=1).T
+    t, load, position, friction = np.loadtxt(data_file("tribometer", "first_half.tsv"), skiprows=1).T
     dt_s = 0.005
     uniform = np.arange(t[0], t[-1], dt_s)
     load, position, friction = (

@@ -9,7 +9,7 @@ from bench.identification.tracking import BEYOND_DRIFT, Tracker
 
 UNKNOWN = 1e6
 STILL = 0.0
-UPDATES = 20_000
+UPDATES = 8_000
 
 
 def tracker(size, variance=UNKNOWN, drift_per_s=STILL, start=1.0):

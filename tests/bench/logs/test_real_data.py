@@ -1,6 +1,7 @@
 """Measurements by other people, and what they published of them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from bench.logs.fit import Request, fit_logs
 from bench.logs.results import LogFit
 from bench.models.parameters import Status
 from tests.bench.logs.machines import Columns, estimate
-from tests.bench.logs.real_data import ROOT, data_file
+from tests.bench.real_data import ROOT, data_file
 
 # Janot, Gautier and Brunot (2019), least squares on the inverse dynamic model, and how near is near.
 EMPS = {
@@ -79,7 +80,10 @@ def rows_without_extras(found: Columns) -> Columns:
 @pytest.mark.parametrize("change", [shorter, slower, rows_without_extras], ids=lambda change: change.__name__)
 def test_the_same_map_fits_other_records_of_that_rig(tmp_path: Path, change: Callable[[Columns], Columns]) -> None:
     savemat(tmp_path / "other.mat", change(emps_columns()))
-    check_emps(fit_logs(Request((tmp_path / "other.mat",), shipped("emps"))), looser=1.5)
+    column_map = shipped("emps")
+    # The ladder has nothing to say here, and takes its time.
+    alone = replace(column_map, model=column_map.model.model_copy(update={"candidates": ("coulomb-viscous",)}))
+    check_emps(fit_logs(Request((tmp_path / "other.mat",), alone)), looser=1.5)
 
 
 def test_tribometer_in_presliding() -> None:

@@ -6,7 +6,7 @@ from bench.logs.column_map import load_map
 from bench.logs.fit import Request, fit_logs
 from bench.logs.results import LogFit
 from bench.models.parameters import Status
-from tests.bench.logs.real_data import ROOT, data_file
+from tests.bench.real_data import ROOT, data_file
 
 # Mean absolute error of the position at kp 800, rad: what is asked of us.
 ASKED_RAD = 0.09

@@ -1,8 +1,10 @@
 import re
 from dataclasses import fields, replace
 from html.parser import HTMLParser
+from typing import TextIO
 
 import pytest
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from bench.errors import ExperimentError
 from bench.report.data import ReportData
@@ -54,6 +56,16 @@ def page_of_all(full: ReportData) -> str:
     return render(full)
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made and left blank: drawing takes nearly all of a page's time."""
+
+    def blank(_: FigureCanvasSVG, file: TextIO, **_more: object) -> None:
+        file.write('<svg viewBox="0 0 1 1"></svg>')
+
+    monkeypatch.setattr(FigureCanvasSVG, "print_svg", blank)
+
+
 def test_everything_known_shows_every_section(page_of_all: str) -> None:
     page = Outline(page_of_all)
     assert page.sections == SECTIONS
@@ -77,6 +89,7 @@ def test_no_stand_in_colour_is_left(page_of_all: str) -> None:
     assert "#0a00" not in page_of_all
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("missing", [f.name for f in fields(ReportData) if f.name not in ("rig_name", "rig_text")])
 def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
     empty = ReportData(full.rig_name)
