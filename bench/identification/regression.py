@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification import loops
+from bench.identification.friction.additive import hats
 from bench.identification.kernels import Kernel
 from bench.identification.signals import FINE, Signals
 
@@ -295,8 +296,7 @@ class Regression:
     def bias(self) -> FloatArray:
         """The sensor's slowly wandering zero, as hats in time: shape (knots, samples)."""
         time_s = self.time_s()
-        knots = np.linspace(time_s[0], time_s[-1], round((time_s[-1] - time_s[0]) / DRIFT_KNOT_S) + 2)
-        return np.stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
+        return hats(time_s, round((time_s[-1] - time_s[0]) / DRIFT_KNOT_S) + 2)
 
     def jacobian(self, shape: Shape, columns: FloatArray, linear: FloatArray) -> FloatArray:
         """Change of the prediction with (log β, log s, d_c, d_m), shape (4, samples)."""

@@ -169,6 +169,8 @@ def _check_sense(column_map: ColumnMap, mistakes: Mistakes) -> None:
         mistakes.add("[actuator] torque_gain", "has no command to act on; add [columns] command, or leave it out")
     if column_map.loop is not None and columns.goal is None:
         mistakes.add("[loop]", "needs a goal; add [columns] goal, or leave [loop] out")
+    if column_map.model.temperature and columns.temperature is None:
+        mistakes.add("[model] temperature", 'needs one; add [columns] temperature = "name", or leave it out')
     if column_map.model.refine is not None:
         _check_refinement(column_map, mistakes)
 

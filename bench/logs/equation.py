@@ -7,7 +7,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from bench.errors import ExperimentError
+from bench.errors import ExperimentError, UsageError
+from bench.identification.friction import additive
 from bench.identification.friction.path import Path
 from bench.identification.ladder import Equation, blocked_folds
 from bench.logs.column_map import ColumnMap
@@ -188,7 +189,7 @@ def _gained(term: Terms) -> FloatArray:
 def _others(
     column_map: ColumnMap, parts: Sequence[Stretch], terms: Sequence[Terms], *, scaled: bool
 ) -> dict[str, FloatArray]:
-    """What is not friction and not known, as columns of the target."""
+    """What is not friction and not known, as columns of the target. Raises UsageError for a temperature unknown."""
     model = column_map.model
     position = np.concatenate([term.motion.position for term in terms])
     columns: dict[str, FloatArray] = {}
@@ -201,17 +202,14 @@ def _others(
         columns |= {"gravity_sine": -np.sin(position), "gravity_cosine": -np.cos(position)}
     period = parts[0].log.given("model", "cogging_period")
     if period is not None:
-        phase = 2 * np.pi * position / period
-        columns |= {"cogging_sine": -np.sin(phase), "cogging_cosine": -np.cos(phase)}
+        columns |= additive.cogging(position, period)
+    if model.temperature:
+        warmth = _joined(terms, "temperature")
+        if warmth is None:
+            raise UsageError(f"{parts[0].log.place}: [model] temperature: the log holds none; leave it out of the map")
+        columns |= additive.temperature(np.concatenate([term.motion.velocity for term in terms]), warmth)
     if model.drift_s is not None:
-        columns |= _drift(np.concatenate([part.time_s for part in parts]), model.drift_s)
+        columns |= additive.drift(np.concatenate([part.time_s for part in parts]), model.drift_s)
     elif model.offset:
         columns["offset"] = -np.ones(position.size)
     return columns
-
-
-def _drift(time_s: FloatArray, spacing_s: float) -> dict[str, FloatArray]:
-    """The offset as a line with a knot every ``spacing_s``."""
-    first, last = float(time_s.min()), float(time_s.max())
-    knots = np.linspace(first, last, max(2, round((last - first) / spacing_s) + 1))
-    return {f"offset_{index}": -np.interp(time_s, knots, row) for index, row in enumerate(np.eye(len(knots)), 1)}

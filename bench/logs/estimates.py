@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bench.identification.friction.model import Dimension
 from bench.identification.ladder import FrictionFit
 from bench.identification.verdict import Direction, loose_directions
 from bench.logs.column_map import Units
@@ -14,6 +15,7 @@ from bench.models.parameters import Estimate, Status
 UNEXCITED_BEYOND = 0.5
 # These may be nothing at all, and then have a deviation beyond their value.
 MAY_VANISH = ("offset", "cogging_", "stribeck_torque")
+PER_DEGREE = "_per_degree"
 # One of many elements of a contact, of which most may have no strength.
 ELEMENT = "slip_torque"
 SIGNED = ("coulomb_torque_",)
@@ -24,6 +26,9 @@ def unit_of(name: str, fit: FrictionFit, units: Units) -> str:
     dimension = fit.dimension(name)
     if dimension is not None:
         return dimension.unit(rotation=units.motion == "rad")
+    if name.endswith(PER_DEGREE):
+        dimension = Dimension.DAMPING if name.startswith("viscous") else Dimension.FRICTION
+        return f"{dimension.unit(rotation=units.motion == 'rad')}/K"
     known = {"torque_gain": units.gain, "inertia": units.inertia}
     return known.get(name, units.exertion)
 

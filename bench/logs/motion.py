@@ -27,9 +27,10 @@ LEAST_SAMPLES = 50
 
 def can_be_simulated(column_map: ColumnMap, problem: Problem, model: FrictionModel) -> bool:
     """Whether something drives the motion, its scale is known, and friction follows from velocity alone."""
+    alone = "load" not in model.name and not column_map.model.temperature
     remembers = any(unknown.dimension is Dimension.DISPLACEMENT for unknown in model.unknowns)
     driven = problem.terms[0].drive is not None
-    return driven and problem.scaled and not remembers and "load" not in model.name and column_map.model.inertia
+    return driven and problem.scaled and not remembers and alone and column_map.model.inertia
 
 
 def motion_errors(

@@ -145,6 +145,7 @@ class ModelSection(MapSection):
     inertia: bool = True
     offset: bool = True
     gravity: bool = False
+    temperature: bool = False
     drift_s: Annotated[float, quantity_in("s")] | None = Field(None, alias="drift", gt=0, examples=["30 s"])
     cogging_period: GivenQuantity | None = Field(None, examples=["0.01 m"])
 

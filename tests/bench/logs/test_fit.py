@@ -90,6 +90,22 @@ def test_cogging_is_an_additive_option(tmp_path: Path) -> None:
     near(fit_of(tmp_path, log, FREE + 'cogging_period = "0.5 rad"\n'), cogging_cosine=0.2, **ALL)
 
 
+def test_friction_may_change_with_the_temperature(tmp_path: Path) -> None:
+    log = TRUE.log()
+    _, v, _ = TRUE.motion(log["t"])
+    log["temp"] = 20.0 + log["t"]
+    thinned = -0.004 * v * (log["temp"] - np.mean(log["temp"]))
+    log["u"] = log["u"] + thinned / TRUE.gain
+    text = (
+        FREE.replace("[actuator]", 'temperature = { name = "temp", unit = "degC" }\n[actuator]')
+        + "temperature = true\n"
+    )
+    fit = fit_of(tmp_path, log, text)
+    near(fit, viscous_damping_per_degree=-0.004, **ALL)
+    assert estimate(fit, "viscous_damping_per_degree").unit == "N*m*s/rad/K"
+    assert estimate(fit, "coulomb_torque_per_degree").unit == "N*m/K"
+
+
 def test_without_any_scale_only_ratios_are_known(tmp_path: Path) -> None:
     fit = fit_of(tmp_path, TRUE.log(), FREE.replace('torque_gain = "2 N*m/A"', ""))
     for name in ("torque_gain", *ALL):

@@ -1,10 +1,11 @@
-"""Cogging, drift and temperature: found where they are, and only there."""
+"""Cogging, drift and temperature: found where they are, beside the friction."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bench.errors import UsageError
-from bench.identification.friction.additive import cogging_period, with_cogging, with_drift, with_temperature
+from bench.identification.friction import additive
 from bench.identification.friction.family import model
 from bench.identification.ladder import fit_friction
 from tests.bench.identification.friction.paths import equation_of, path_of, wandering
@@ -17,46 +18,50 @@ def coulomb_equation(path=None):
     return equation_of(COULOMB, [1e-3, 0.02], [], path or wandering(), NOISE)
 
 
+def fit_with(equation, columns):
+    """The fit with further columns; they replace the offset where they hold one."""
+    kept = [
+        k for k, name in enumerate(equation.names) if name != "offset" or not any("offset" in new for new in columns)
+    ]
+    names = (*(equation.names[k] for k in kept), *columns)
+    others = np.concatenate([equation.others[kept], np.stack(list(columns.values()))])
+    return fit_friction(replace(equation, names=names, others=others), COULOMB)
+
+
 @pytest.mark.parametrize("period", [0.5, 2 * np.pi / 7])
-def test_cogging_is_found_without_knowing_its_period(period):
+def test_cogging_is_found_beside_the_friction(period):
     equation = coulomb_equation()
-    position = equation.path.position - equation.path.position[0]
-    equation.target[:] += 4e-3 * np.cos(2 * np.pi * position / period) + 1e-3 * np.sin(4 * np.pi * position / period)
-    found = cogging_period(equation, fit_friction(equation, COULOMB))
-    reach = np.ptp(position)
-    assert found == pytest.approx(period, rel=period / reach / 4)  # a quarter of a line
-    fit = fit_friction(with_cogging(equation, period), COULOMB)
-    assert fit.value("cogging_cosine_1") == pytest.approx(4e-3, abs=2e-4)
-    assert fit.value("cogging_sine_2") == pytest.approx(1e-3, abs=2e-4)
+    phase = 2 * np.pi * equation.path.position / period
+    equation.target[:] -= 4e-3 * np.cos(phase) + 1e-3 * np.sin(phase)
+    fit = fit_with(equation, additive.cogging(equation.path.position, period))
+    assert fit.value("cogging_cosine") == pytest.approx(4e-3, abs=2e-4)
+    assert fit.value("cogging_sine") == pytest.approx(1e-3, abs=2e-4)
     assert fit.rms == pytest.approx(NOISE, rel=0.03)
-
-
-def test_no_cogging_is_found_where_there_is_none():
-    for seed in range(5):
-        equation = coulomb_equation(wandering(seed))
-        assert cogging_period(equation, fit_friction(equation, COULOMB)) is None
 
 
 def test_drift_is_followed():
     equation = coulomb_equation()
-    slow = 0.01 * np.sin(2 * np.pi * equation.time_s / 12.0)
-    equation.target[:] += slow
-    fit = fit_friction(with_drift(equation, 1.0), COULOMB)
+    equation.target[:] += 0.01 * np.sin(2 * np.pi * equation.time_s / 12.0)
+    fit = fit_with(equation, additive.drift(equation.time_s, 1.0))
     assert fit.rms == pytest.approx(NOISE, rel=0.05)
     assert fit.value("coulomb_torque") == pytest.approx(0.02, rel=0.01)
 
 
+def test_hats_draw_any_broken_line_with_these_knots():
+    time_s = np.random.default_rng(1).uniform(5.0, 25.0, 300)
+    time_s[:2] = 5.0, 25.0
+    heights = np.array([1.0, -2.0, 0.5, 4.0, 0.0])
+    expected = np.interp(time_s, [5.0, 10.0, 15.0, 20.0, 25.0], heights)
+    np.testing.assert_allclose(heights @ additive.hats(time_s, 5), expected, atol=1e-12)
+
+
 def test_temperature_thins_the_oil():
     path = wandering()
-    warming = path_of(path.position, temperature_c=20.0 + 30.0 * np.linspace(0, 1, path.position.size))
-    equation = coulomb_equation(warming)
-    about = warming.temperature_c - np.mean(warming.temperature_c)
-    equation.target[:] += 1e-5 * about * warming.velocity
-    fit = fit_friction(with_temperature(equation), COULOMB)
+    warm = 20.0 + 30.0 * np.linspace(0, 1, path.position.size)
+    equation = coulomb_equation(path_of(path.position))
+    about = warm - np.mean(warm)
+    equation.target[:] += 1e-5 * about * path.velocity - 2e-5 * about * np.sign(path.velocity)
+    fit = fit_with(equation, additive.temperature(path.velocity, warm))
     assert fit.value("viscous_damping_per_degree") == pytest.approx(-1e-5, rel=0.05)
+    assert fit.value("coulomb_torque_per_degree") == pytest.approx(2e-5, rel=0.1)
     assert fit.value("viscous_damping") == pytest.approx(1e-3, rel=0.02)
-
-
-def test_temperature_must_be_known():
-    with pytest.raises(UsageError, match="temperature"):
-        with_temperature(coulomb_equation())
