@@ -14,7 +14,7 @@ LEAST_GAIN = 0.01
 def held_out_rms(mean_squares: Sequence[float]) -> tuple[float, float]:
     """The error over all folds and its standard error, from each fold's mean square (folds,)."""
     rms = float(np.sqrt(np.mean(mean_squares)))
-    return rms, standard_error(np.array(mean_squares)) / (2 * rms) if rms > 0 else 0.0
+    return rms, _standard_error(np.array(mean_squares)) / (2 * rms) if rms > 0 else 0.0
 
 
 def simplest_as_good(mean_squares: Sequence[Sequence[float]], unknowns: Sequence[int]) -> int:
@@ -31,11 +31,11 @@ def simplest_as_good(mean_squares: Sequence[Sequence[float]], unknowns: Sequence
 
     def as_good(model: int) -> bool:
         excess = squares[model] - squares[best]
-        return bool(np.mean(excess) <= max(standard_error(excess), matters))
+        return bool(np.mean(excess) <= max(_standard_error(excess), matters))
 
     return min(filter(as_good, range(len(squares))), key=lambda model: (unknowns[model], means[model]))
 
 
-def standard_error(values: FloatArray) -> float:
+def _standard_error(values: FloatArray) -> float:
     """Of the mean of independent values."""
     return float(np.std(values, ddof=1) / np.sqrt(values.size))

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from bench.identification.fit import PHYSICAL
 from bench.identification.kernels import FULL_BAND, Kernel
 from bench.identification.quantisation import moving
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Regression, Shape
@@ -21,17 +22,7 @@ from bench.models.network import NortonNetwork
 FloatArray = npt.NDArray[np.float64]
 
 # The order of rows and columns. The parameters count relative to themselves, the delays in seconds.
-KNOWN = (
-    "torque_gain",
-    "amplifier_bandwidth",
-    "inertia",
-    "viscous_damping",
-    "coulomb_torque",
-    "presliding_stiffness",
-    "presliding_damping",
-    "command_delay",
-    "motion_delay",
-)
+KNOWN = (*PHYSICAL, "command_delay", "motion_delay")
 # What nothing has told of yet is known to about this: the box that the fit searches is as wide.
 VAGUE_RELATIVE = 3.0
 VAGUE_S = 5e-3

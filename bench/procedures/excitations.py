@@ -24,7 +24,6 @@ CLIPPINGS = 50
 HIGHEST_MOTION_HZ = 60.0
 CHANGE_S = 0.15
 DWELL_S = 0.35
-RAMP_S = 0.1
 # The load holds against a command up to about this frequency; above, both inertias swing, and the spring of the torque
 # sensor between them lets the actuator's swing by so much more.
 HELD_TO_HZ = 10.0
