@@ -5,7 +5,7 @@ amplifier's bandwidth, the shape of the friction and two delays are given: see d
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -134,37 +134,40 @@ def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
     return linear, gradient
 
 
+@dataclass(frozen=True)
+class _Found:
+    """The solution in the terms of the network. ``ratios`` are what is known per unit of gain where no scale is."""
+
+    estimates: tuple[Estimate, ...]
+    network: NortonNetwork
+    ratios: tuple[Estimate, ...]
+    has_current: bool
+
+
 def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: str, findings: Findings) -> FitResult:
     regression = solution.regression
-    target, time_s = regression.target(), regression.time_s()
-    values, covariance = physical(solution, time_s)
+    target = regression.target()
+    values, covariance = physical(solution, regression.time_s())
     deviations = np.sqrt(np.diag(covariance))
     doubted = (
         *(Doubt(sentence) for sentence in findings.doubts),
         *doubts(solution, values, deviations, tick_s=stretches[0].tick_s),
     )
-    statuses = _statuses(solution, values, deviations, stretches[0].tick_s)
-    estimates = [
-        Estimate(name, float(value), float(std), BY_NAME[name].unit_for(command_unit), status)
-        for name, value, std, status in zip(PHYSICAL, values, deviations, statuses, strict=False)
-    ]
-    current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
-    if current is not None:
-        estimates += current.estimates(command_unit, statuses[0])
-    network = network_of(estimates, command_unit, covariance[:7, :7])
-    ratios = []
-    if solution.free_motion:
-        ratios = [estimate for estimate in estimates if estimate.name in PER_GAIN and not doubted]
-        network = replace(network, provenance={"scale": "free motion only: everything per unit of torque gain"})
-        estimates = [_without_scale(estimate) for estimate in estimates]
-    estimates = [replace(each, status=status_of(each.status, each.name, doubted)) for each in estimates]
-    to_torque = abs(values[PHYSICAL.index("inertia")]) if solution.free_motion else 1.0
+    found = _found(stretches, solution, values, covariance, command_unit, doubted)
+    said = verdict(
+        found.estimates,
+        loose_directions(PHYSICAL, _relative(solution, values, covariance)),
+        ratios=found.ratios,
+        converged=solution.converged,
+        has_current=found.has_current,
+    )
+    to_torque = float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0
     rms = float(np.sqrt(np.mean(solution.residual**2)))
     return FitResult(
-        estimates=tuple(estimates),
-        network=network,
+        estimates=found.estimates,
+        network=found.network,
         converged=solution.converged,
-        torque_rms_nm=rms * float(to_torque),
+        torque_rms_nm=rms * to_torque,
         torque_relative=rms / float(np.sqrt(np.mean(target**2))),
         samples=len(target),
         command_delay_s=float(values[7] - values[8] if solution.free_motion else values[7]),
@@ -175,18 +178,35 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
         band=regression.rows[0].kernel,
         cogging=_cogging(solution, to_torque),
         torque_bias_nm=_bias(solution),
-        verdict=(
-            *(doubt.sentence for doubt in doubted),
-            *verdict(
-                estimates,
-                loose_directions(PHYSICAL, _relative(solution, values, covariance)),
-                ratios=ratios,
-                converged=solution.converged,
-                has_current=current is not None,
-            ),
-            *findings.remarks,
-        ),
+        verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
     )
+
+
+def _found(
+    stretches: tuple[Signals, ...],
+    solution: Solution,
+    values: FloatArray,
+    covariance: FloatArray,
+    command_unit: str,
+    doubted: tuple[Doubt, ...],
+) -> _Found:
+    deviations = np.sqrt(np.diag(covariance))
+    statuses = _statuses(solution, values, deviations, stretches[0].tick_s)
+    estimates = [
+        Estimate(name, float(value), float(std), BY_NAME[name].unit_for(command_unit), status)
+        for name, value, std, status in zip(PHYSICAL, values, deviations, statuses, strict=False)
+    ]
+    current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
+    if current is not None:
+        estimates += current.estimates(command_unit, statuses[0])
+    network = network_of(estimates, command_unit, covariance[:7, :7])
+    ratios: tuple[Estimate, ...] = ()
+    if solution.free_motion:
+        ratios = tuple(estimate for estimate in estimates if estimate.name in PER_GAIN and not doubted)
+        network = replace(network, provenance={"scale": "free motion only: everything per unit of torque gain"})
+        estimates = [_without_scale(estimate) for estimate in estimates]
+    judged = tuple(replace(each, status=status_of(each.status, each.name, doubted)) for each in estimates)
+    return _Found(judged, network, ratios, current is not None)
 
 
 def _cogging(solution: Solution, to_torque: float) -> tuple[Cogging, ...]:
