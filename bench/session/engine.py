@@ -195,6 +195,7 @@ def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], progres
 @contextmanager
 def _settled_memory() -> Iterator[None]:
     """Inside, the garbage collector lets be what is there already: all that was imported takes it 0.1 s each time."""
+    gc.collect()  # or a session's leavings would stay for as long as this one's
     gc.freeze()
     try:
         yield
