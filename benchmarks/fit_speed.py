@@ -29,7 +29,7 @@ import lsoda
 import numpy as np
 
 from bench.identification.fit import PHYSICAL, fit
-from bench.identification.live import LiveIdentifier
+from bench.identification.live.identifier import LiveIdentifier
 from bench.identification.results import FitResult, LiveEstimate
 from bench.identification.signals import signals
 from bench.records import Measured

@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.identification.branches import TAILS, DeadZone, Hysteresis
-from bench.identification.impedance_table import ImpedanceTable
-from bench.identification.residuals import ResidualTests
+from bench.identification.model_free.branches import TAILS, DeadZone, Hysteresis
+from bench.identification.model_free.impedance_table import ImpedanceTable
+from bench.identification.model_free.stop_operator import StopOperator
+from bench.identification.model_free.without_model import Prediction, WithoutModel
+from bench.identification.residuals.diagnosis import ResidualTests
 from bench.identification.results import SourceMap
-from bench.identification.stop_operator import StopOperator
-from bench.identification.without_model import Prediction, WithoutModel
 
 
 def model_free(source: SourceMap | None, found: WithoutModel | None) -> dict[str, Any] | None:

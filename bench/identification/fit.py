@@ -13,12 +13,12 @@ import numpy.typing as npt
 from bench.errors import ExperimentError
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
-from bench.identification.doubts import Doubt, doubts, status_of
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
 from bench.identification.results import Cogging, FitResult, Trace
 from bench.identification.separable import Solution, limits, linear_solution, solve
 from bench.identification.signals import Port, Signals, signals
-from bench.identification.soundness import NOTHING_FOUND, Findings, sound
+from bench.identification.soundness.doubts import Doubt, doubts, status_of
+from bench.identification.soundness.recording import NOTHING_FOUND, Findings, sound
 from bench.identification.verdict import LOOSE_BEYOND, loose_directions, verdict
 from bench.models.network import NortonNetwork
 from bench.models.parameters import BY_NAME, Estimate, Status

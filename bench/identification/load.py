@@ -18,7 +18,7 @@ from bench.identification.regression import STILL, Regression, Rows
 from bench.identification.results import FitResult
 from bench.identification.separable import linear_solution
 from bench.identification.signals import Port, Signals, signals
-from bench.identification.soundness import sound
+from bench.identification.soundness.recording import sound
 from bench.records import Measured
 from bench.segments import Use
 

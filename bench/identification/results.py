@@ -7,8 +7,8 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 from bench.errors import ExperimentError
-from bench.identification import branches
 from bench.identification.kernels import FULL_BAND, Kernel
+from bench.identification.model_free import branches
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate
 

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from bench.errors import BenchError
 from bench.identification.covariance import sandwich
-from bench.identification.redundancy import AGREEMENT, SLOPE, agreement
 from bench.identification.separable import linear_solution
+from bench.identification.soundness.redundancy import AGREEMENT, SLOPE, agreement
 from bench.logs.column_map import ColumnMap
 from bench.logs.equation import Problem
 from bench.logs.filters import Filters, slope

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from bench.errors import UsageError
-from bench.identification.standstill import resolution
+from bench.identification.soundness.standstill import resolution
 from bench.logs.log import Log
 from bench.logs.sensors import untrustworthy
 

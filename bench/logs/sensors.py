@@ -4,8 +4,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import UsageError
-from bench.identification import standstill
-from bench.identification.standstill import FROZEN_ROWS, flat_tops, rows_of
+from bench.identification.soundness import standstill
+from bench.identification.soundness.standstill import FROZEN_ROWS, flat_tops, rows_of
 from bench.logs.log import Log
 
 FloatArray = npt.NDArray[np.float64]

@@ -12,7 +12,7 @@ from bench.identification.fit import fit_signals
 from bench.identification.load import LoadFit, fit_load
 from bench.identification.results import FitResult
 from bench.identification.signals import Port, signals
-from bench.identification.soundness import sound
+from bench.identification.soundness.recording import sound
 from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import coasting, pushed
 from bench.procedures.options import CalibrateOptions

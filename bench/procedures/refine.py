@@ -21,7 +21,7 @@ from bench.identification.information import (
 from bench.identification.quantisation import resolution_rad
 from bench.identification.results import FitResult
 from bench.identification.signals import signals
-from bench.identification.soundness import sound
+from bench.identification.soundness.recording import sound
 from bench.models.network import NortonNetwork
 from bench.procedures.excitations import Bounds, Candidate, candidates
 from bench.procedures.knowledge import Decision, Knowledge, Plan, require_load

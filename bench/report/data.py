@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from bench.identification.ladder import Rung
-from bench.identification.residuals import ResidualTests
+from bench.identification.model_free.without_model import WithoutModel
+from bench.identification.residuals.diagnosis import ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
-from bench.identification.without_model import WithoutModel
 from bench.models.network import NortonNetwork
 from bench.recording.contents import RecordedEstimates
 from bench.records import Measured

@@ -5,7 +5,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.identification.branches import TAILS
+from bench.identification.model_free.branches import TAILS
 from bench.identification.results import BlockedMap, SourceMap
 from bench.models.network import NortonNetwork
 from bench.report.decimate import thinned

@@ -4,9 +4,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.identification.dependence import Dependence
-from bench.identification.residuals import ResidualTests
-from bench.identification.whiteness import Memory
+from bench.identification.residuals.dependence import Dependence
+from bench.identification.residuals.diagnosis import ResidualTests
+from bench.identification.residuals.whiteness import Memory
 from bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
 from bench.report.words import in_prefixed_unit
 

@@ -5,8 +5,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.identification.impedance_table import ImpedanceTable
-from bench.identification.stop_operator import StopOperator
+from bench.identification.model_free.impedance_table import ImpedanceTable
+from bench.identification.model_free.stop_operator import StopOperator
 from bench.models.network import NortonNetwork
 from bench.report.decimate import thinned
 from bench.report.figures_network import legend

@@ -2,13 +2,13 @@
 
 from math import isfinite
 
-from bench.identification.dependence import SIGNIFICANCE, Dependence
-from bench.identification.position_lines import Harmonic
-from bench.identification.residuals import ResidualTests
+from bench.identification.model_free.stop_operator import StopOperator
+from bench.identification.model_free.without_model import Prediction, WithoutModel
+from bench.identification.residuals.dependence import SIGNIFICANCE, Dependence
+from bench.identification.residuals.diagnosis import ResidualTests
+from bench.identification.residuals.position_lines import Harmonic
+from bench.identification.residuals.whiteness import Memory
 from bench.identification.results import SourceMap
-from bench.identification.stop_operator import StopOperator
-from bench.identification.whiteness import Memory
-from bench.identification.without_model import Prediction, WithoutModel
 from bench.report.data import ReportData
 from bench.report.figures_residuals import residual_tests_figure
 from bench.report.figures_without_model import impedance_table_figure, operator_figure

@@ -9,13 +9,13 @@ from bench.errors import ExperimentError, UsageError
 from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit_signals
 from bench.identification.ladder import Rung
-from bench.identification.residuals import ResidualTests, diagnose
+from bench.identification.model_free.source_map import blocked_map, source_map
+from bench.identification.model_free.without_model import WithoutModel, without_model
+from bench.identification.residuals.diagnosis import ResidualTests, diagnose
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.identification.signals import signals
-from bench.identification.soundness import sound
-from bench.identification.source_map import blocked_map, source_map
+from bench.identification.soundness.recording import sound
 from bench.identification.validation import validate_signals
-from bench.identification.without_model import WithoutModel, without_model
 from bench.models.parameters import Status
 from bench.recording.contents import RecordedEstimates, Recording
 from bench.recording.reader import read_recording

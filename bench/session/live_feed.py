@@ -8,7 +8,7 @@ from dataclasses import replace
 from multiprocessing.queues import Queue
 from typing import Protocol
 
-from bench.identification.live import LiveIdentifier
+from bench.identification.live.identifier import LiveIdentifier
 from bench.identification.results import LiveEstimate
 from bench.records import Measured
 

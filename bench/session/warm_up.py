@@ -11,10 +11,10 @@ from bench.identification.fit import fit_signals
 from bench.identification.friction.family import family_for
 from bench.identification.friction.path import Path
 from bench.identification.friction.sums import part_sums
-from bench.identification.live import LiveIdentifier
+from bench.identification.live.identifier import LiveIdentifier
 from bench.identification.load import fit_load
+from bench.identification.model_free.without_model import without_model
 from bench.identification.signals import Port, signals
-from bench.identification.without_model import without_model
 from bench.models.network import NortonNetwork
 from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
 from bench.segments import Use

@@ -6,14 +6,14 @@ import numpy as np
 
 from bench.cli.model_free import model_free, residual_figures
 from bench.cli.output import to_json
-from bench.identification.dependence import Dependence
-from bench.identification.impedance_table import ImpedanceTable
-from bench.identification.position_lines import Harmonic
-from bench.identification.residuals import ResidualTests
+from bench.identification.model_free.impedance_table import ImpedanceTable
+from bench.identification.model_free.stop_operator import StopOperator
+from bench.identification.model_free.without_model import Prediction, WithoutModel
+from bench.identification.residuals.dependence import Dependence
+from bench.identification.residuals.diagnosis import ResidualTests
+from bench.identification.residuals.position_lines import Harmonic
+from bench.identification.residuals.whiteness import Memory
 from bench.identification.results import SourceMap
-from bench.identification.stop_operator import StopOperator
-from bench.identification.whiteness import Memory
-from bench.identification.without_model import Prediction, WithoutModel
 
 LEVELS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 VELOCITY = np.array([-3.0, -1.0, 0.0, 1.0, 3.0])

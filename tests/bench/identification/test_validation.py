@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.errors import ExperimentError
-from bench.identification.source_map import blocked_map, source_map
+from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.validation import validate
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth

@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.dependence import Dependence
 from bench.identification.friction.family import model
 from bench.identification.friction.fit import FrictionFit
-from bench.identification.impedance_table import ImpedanceTable
 from bench.identification.ladder import Rung
-from bench.identification.position_lines import Harmonic
-from bench.identification.residuals import ResidualTests
+from bench.identification.model_free.impedance_table import ImpedanceTable
+from bench.identification.model_free.stop_operator import StopOperator
+from bench.identification.model_free.without_model import Prediction, WithoutModel
+from bench.identification.residuals.dependence import Dependence
+from bench.identification.residuals.diagnosis import ResidualTests
+from bench.identification.residuals.position_lines import Harmonic
+from bench.identification.residuals.whiteness import Memory
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
-from bench.identification.stop_operator import StopOperator
-from bench.identification.whiteness import Memory
-from bench.identification.without_model import Prediction, WithoutModel
 from bench.models.network import NortonNetwork
 from bench.models.parameters import PARAMETERS, Estimate, Status
 from bench.records import MOTION, TICK, TORQUE, Event, Measured, SegmentInfo

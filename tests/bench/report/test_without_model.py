@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.identification.residuals import ResidualTests
+from bench.identification.residuals.diagnosis import ResidualTests
 from bench.report.data import ReportData
 from bench.report.figures_residuals import residual_tests_figure
 from bench.report.figures_without_model import impedance_table_figure, operator_figure

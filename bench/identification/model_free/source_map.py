@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
-from bench.identification.dwells import PIECES, SKIPPED_SHARE, pieces_of, settled
+from bench.identification.model_free.dwells import PIECES, SKIPPED_SHARE, pieces_of, settled
 from bench.identification.results import BlockedMap, SourceMap
 from bench.records import Measured, SegmentInfo, Table
 

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from bench.errors import ExperimentError
 from bench.identification.fit import fit
-from bench.identification.soundness import NOTHING_FOUND, sound
+from bench.identification.soundness.recording import NOTHING_FOUND, sound
 from bench.models.parameters import Status
-from tests.bench.identification import faulty, synthetic
-from tests.bench.identification.faulty import command, late, position, rows, stepped, torque, values, without
+from tests.bench.identification import synthetic
+from tests.bench.identification.soundness import faulty
+from tests.bench.identification.soundness.faulty import command, late, position, rows, stepped, torque, values, without
 from tests.bench.identification.synthetic import NAMES, TICK_S, Bench, Truth
 
 # Fits that are right differ from the truth by less than this many deviations.

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from bench.identification import loops
 from bench.identification.kernels import FULL_BAND
-from bench.identification.live_streams import Piece
+from bench.identification.live.streams import Piece
 from bench.identification.regression import Shape
 from bench.identification.signals import FINE
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification import cogging
-from bench.identification.dependence import SIGNIFICANCE, blocks_of, chance_of_sum
+from bench.identification.residuals.dependence import SIGNIFICANCE, blocks_of, chance_of_sum
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -8,13 +8,13 @@ import numpy.typing as npt
 
 from bench.identification.aligned import Aligned, align, usable_of
 from bench.identification.fit import trace
-from bench.identification.impedance_table import ImpedanceTable, impedance_table
 from bench.identification.kernels import FULL_BAND
+from bench.identification.model_free.impedance_table import ImpedanceTable, impedance_table
+from bench.identification.model_free.stop_operator import Normal, StopOperator, fit_operator, operator_columns
 from bench.identification.regression import Regression
 from bench.identification.results import FitResult, Trace
 from bench.identification.separable import linear_solution
 from bench.identification.signals import Signals
-from bench.identification.stop_operator import Normal, StopOperator, fit_operator, operator_columns
 from bench.records import SegmentInfo
 
 FloatArray = npt.NDArray[np.float64]

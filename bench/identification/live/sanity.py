@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.identification.stray import rising, spikes
+from bench.identification.soundness.stray import rising, spikes
 from bench.records import Measured, Table
 
 # Readings arrive within so long of the ticks of their part.

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.identification.live_sanity import sound
-from tests.bench.identification import phases
-from tests.bench.identification.phases import PART_NS
+from bench.identification.live.sanity import sound
+from tests.bench.identification.live import phases
+from tests.bench.identification.live.phases import PART_NS
 
 
 @pytest.fixture(scope="module")

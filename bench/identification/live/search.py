@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification.live_bank import BANDWIDTH_NODES, COMMAND_NODES, S_NODES, WIDTH, combination
+from bench.identification.live.bank import BANDWIDTH_NODES, COMMAND_NODES, S_NODES, WIDTH, combination
 from bench.identification.regression import Shape
 
 FloatArray = npt.NDArray[np.float64]

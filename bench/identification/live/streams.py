@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification.live_sanity import sound
+from bench.identification.live.sanity import sound
 from bench.identification.quantisation import moving, resolution_rad, unquantised
 from bench.identification.signals import FINE, LONGEST_GAP_S, Stream, stream_of
 from bench.records import Measured, Table, stacked

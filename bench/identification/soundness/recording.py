@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
-from bench.identification import clocks, standstill
 from bench.identification.quantisation import SMALLEST_STEP_RAD
-from bench.identification.redundancy import contradictions
-from bench.identification.stray import spikes
+from bench.identification.soundness import clocks, standstill
+from bench.identification.soundness.redundancy import contradictions
+from bench.identification.soundness.stray import spikes
 from bench.identification.timing import nominal_period_s, sampled_at_s
 from bench.records import NO_DEVICE_TIME, Measured, Table
 

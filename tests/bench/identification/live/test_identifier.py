@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.identification.live import LiveIdentifier
-from bench.identification.live_bank import BANDWIDTH_NODES, lagrange
-from bench.identification.live_streams import LiveStreams
+from bench.identification.live.bank import BANDWIDTH_NODES, lagrange
+from bench.identification.live.identifier import LiveIdentifier
+from bench.identification.live.streams import LiveStreams
 from bench.models.parameters import Status
 from bench.segments import Use
 from tests.bench.identification import synthetic
-from tests.bench.identification.phases import PART_NS, drifting, exciting_for, exciting_then, feed
+from tests.bench.identification.live.phases import PART_NS, drifting, exciting_for, exciting_then, feed
 from tests.bench.identification.synthetic import NAMES, TICK_S, Truth
 
 # While everything is still sought in all data, and after the handing over.

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification.fit import LEAST_EVIDENCE
-from bench.identification.live_bank import WIDTH
-from bench.identification.live_search import HIGH, LOW, Candidate, covariance, evaluate, evidence, improved, scan
+from bench.identification.live.bank import WIDTH
+from bench.identification.live.search import HIGH, LOW, Candidate, covariance, evaluate, evidence, improved, scan
+from bench.identification.live.tracking import Tracker
 from bench.identification.regression import Shape
-from bench.identification.tracking import Tracker
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bench.identification.live_bank import WIDTH, LiveBank
-from bench.identification.live_search import Candidate, covariance, evaluate, scan
-from bench.identification.live_streams import LiveStreams
+from bench.identification.live.bank import WIDTH, LiveBank
+from bench.identification.live.search import Candidate, covariance, evaluate, scan
+from bench.identification.live.streams import LiveStreams
 from bench.identification.regression import Shape
-from tests.bench.identification import phases
-from tests.bench.identification.phases import PART_NS
+from tests.bench.identification.live import phases
+from tests.bench.identification.live.phases import PART_NS
 from tests.bench.identification.synthetic import TICK_S, Truth
 
 SHAPE = Shape(430.0, 350.0, 3e-4, -2e-4)

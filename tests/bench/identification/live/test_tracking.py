@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.identification.tracking import BEYOND_DRIFT, Tracker
+from bench.identification.live.tracking import BEYOND_DRIFT, Tracker
 
 UNKNOWN = 1e6
 STILL = 0.0

@@ -7,12 +7,12 @@ import pytest
 from scipy.signal import lfilter
 
 from bench.identification.aligned import align
-from bench.identification.dependence import dependence
 from bench.identification.fit import fit
 from bench.identification.kernels import FULL_BAND
-from bench.identification.residuals import STRIDE, diagnose, residual_tests
+from bench.identification.residuals.dependence import dependence
+from bench.identification.residuals.diagnosis import STRIDE, diagnose, residual_tests
+from bench.identification.residuals.whiteness import MEMORY_LAGS, memory, whiten
 from bench.identification.signals import signals
-from bench.identification.whiteness import MEMORY_LAGS, memory, whiten
 from bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S
 

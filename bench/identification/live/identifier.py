@@ -1,9 +1,9 @@
 """Identification while the experiment runs, without an initial guess.
 
-Parts of about 100 ms become rows of a bank (live_bank); their Gram matrix answers, for any friction shape, bandwidth
-and delays, what the best linear parameters are. Until everything is known, the best of all is sought in all data so far
-(live_stages, live_search). From then on a Kalman filter follows shape, delays and linear parameters together, block by
-block (tracking), and what is older than that is forgotten.
+Parts of about 100 ms become rows of a bank; their Gram matrix answers, for any friction shape, bandwidth and delays,
+what the best linear parameters are. Until everything is known, the best of all is sought in all data so far (stages,
+search). From then on a Kalman filter follows shape, delays and linear parameters together, block by block (tracking),
+and what is older than that is forgotten.
 """
 
 from dataclasses import dataclass, field, replace
@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification.fit import PHYSICAL, network_of
-from bench.identification.live_bank import BANDWIDTH_NODES, S_NODES, LiveBank
-from bench.identification.live_stages import VALID_WITHIN, VALID_WITHIN_ELSE, Block, Searching, Tracking
-from bench.identification.live_streams import LiveStreams
+from bench.identification.live.bank import BANDWIDTH_NODES, S_NODES, LiveBank
+from bench.identification.live.stages import VALID_WITHIN, VALID_WITHIN_ELSE, Block, Searching, Tracking
+from bench.identification.live.streams import LiveStreams
 from bench.identification.regression import Shape
 from bench.identification.results import LiveEstimate
 from bench.models.network import NortonNetwork

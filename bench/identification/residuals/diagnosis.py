@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification.aligned import Aligned, align
-from bench.identification.dependence import Dependence, dependence
 from bench.identification.kernels import FULL_BAND
-from bench.identification.position_lines import Harmonic, position_harmonics
+from bench.identification.residuals.dependence import Dependence, dependence
+from bench.identification.residuals.position_lines import Harmonic, position_harmonics
+from bench.identification.residuals.whiteness import MEMORY_LAGS, ORDER, Memory, memory, whiten
 from bench.identification.results import FitResult
 from bench.identification.signals import Signals
 from bench.identification.validation import network_trace
-from bench.identification.whiteness import MEMORY_LAGS, ORDER, Memory, memory, whiten
 
 FloatArray = npt.NDArray[np.float64]
 
