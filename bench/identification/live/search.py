@@ -99,14 +99,14 @@ def covariance(candidate: Candidate, blocks: list[FloatArray], samples: int, cor
     total = np.sum(blocks, axis=0)
     every = candidate.gradient()
     information = every.T @ total @ every
-    excited = np.diag(information) > 0.0
-    scale = np.sqrt(np.where(excited, np.diag(information), 1.0))
+    scale = np.sqrt(np.where(np.diag(information) > 0.0, np.diag(information), 1.0))
     bread = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12, hermitian=True)
     scores = np.stack([every.T @ (block @ candidate.residual) for block in blocks]) / scale
     sandwich = np.diag(bread @ (scores.T @ scores) @ bread)
     white = np.diag(bread) * correlated * candidate.cost(total) / samples
     deviation = np.sqrt(np.maximum(np.maximum(sandwich, white), 1e-300))
-    own = np.sqrt(np.where(np.diag(bread) > 0.0, np.diag(bread), 1.0))
+    excited = np.diag(bread) > 0.0
+    own = np.sqrt(np.where(excited, np.diag(bread), 1.0))
     found = bread / np.outer(own, own) * np.outer(deviation / scale, deviation / scale)
     # What nothing has moved yet may be anything.
     found[~excited, ~excited] = UNKNOWN**2
