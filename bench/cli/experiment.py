@@ -127,4 +127,7 @@ def _show(result: "SessionResult", output: Output) -> int:
     if found.fit is not None and not found.fit.converged:
         output.say("the fit did not converge: these parameters are no result; see the report for what was not excited")
         return ExitCode.EXPERIMENT_FAILED
+    if found.fit is not None and found.fit.doubtful:
+        output.say("the data contradict themselves: what is called doubtful is no result; the verdict says why")
+        return ExitCode.EXPERIMENT_FAILED
     return ExitCode.OK

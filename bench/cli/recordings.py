@@ -58,7 +58,8 @@ def fit(
     output.say(f"fitting {first}")
     _, found = conclude_recording(first, _made(out))
     output.result(identification(found, first), summary(found, first))
-    return ExitCode.OK if found.fit is not None and found.fit.converged else ExitCode.EXPERIMENT_FAILED
+    sound = found.fit is not None and found.fit.converged and not found.fit.doubtful
+    return ExitCode.OK if sound else ExitCode.EXPERIMENT_FAILED
 
 
 def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...]) -> None:

@@ -10,7 +10,7 @@ from bench.errors import ExperimentError
 from bench.identification.kernels import FULL_BAND, Kernel
 from bench.identification.model_free import branches
 from bench.models.network import NortonNetwork
-from bench.models.parameters import Estimate
+from bench.models.parameters import Estimate, Status
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -56,6 +56,11 @@ class FitResult:
     cogging: tuple[Cogging, ...] = ()
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the data contradict themselves: some estimates are then none, as the verdict says."""
+        return any(estimate.status is Status.DOUBTFUL for estimate in self.estimates)
 
     @property
     def ratios_only(self) -> bool:

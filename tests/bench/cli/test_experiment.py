@@ -186,6 +186,18 @@ def test_a_fit_that_did_not_converge_is_a_failure(
     assert "did not converge" in streams.err
 
 
+def test_data_that_contradict_themselves_are_a_failure(
+    engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (estimate,) = engine.fit.estimates
+    engine.fit = replace(engine.fit, estimates=(replace(estimate, status=Status.DOUBTFUL),))
+    code = app.main(["identify", str(RIG), "--out", str(tmp_path), "--json"])
+    streams = capsys.readouterr()
+    assert code == ExitCode.EXPERIMENT_FAILED
+    assert json.loads(streams.out)["parameters"]["inertia"]["status"] == "doubtful"
+    assert "contradict themselves" in streams.err
+
+
 def test_runs_go_to_a_folder_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     folder = run_folder(None, "bench-3")
