@@ -26,6 +26,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from bench.errors import ExperimentError
 from bench.identification.fit import PHYSICAL, fit_signals
 from bench.identification.information import KNOWN, Linearised, information
 from bench.identification.kernels import Kernel
@@ -133,9 +134,15 @@ def under(text: str, condition: str) -> str:
 
 
 def one(rig_file: Path, seed: int, condition: str, *, fixed: bool) -> list[Outcome]:
-    """One session of one seed."""
+    """One session of one seed; one that fails leaves outcomes without numbers."""
     text = under(rig_file.read_text(encoding="utf-8"), condition)
-    return list(outcomes(parse_rig(text if fixed else varied(text, seed), place=str(rig_file)), seed, condition))
+    rig = parse_rig(text if fixed else varied(text, seed), place=str(rig_file))
+    try:
+        return list(outcomes(rig, seed, condition))
+    except ExperimentError as error:
+        print(f"seed {seed} {condition}: {error}", file=sys.stderr, flush=True)
+        nothing = (float("nan"),) * 3
+        return [Outcome(condition, seed, name, *nothing, False, False, 0.0) for name in PHYSICAL]
 
 
 def main() -> None:
@@ -155,9 +162,12 @@ def main() -> None:
     # Fresh processes: what one session leaves behind in memory is not the next one's business.
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         jobs = [pool.submit(one, options.rig, seed, condition, fixed=options.fixed) for seed, condition in todo]
-        for job in jobs:
-            found += job.result()
-            print(progress_line(found[-len(PHYSICAL) :]), file=sys.stderr, flush=True)
+        try:
+            for job in jobs:
+                found += job.result()
+                print(progress_line(found[-len(PHYSICAL) :]), file=sys.stderr, flush=True)
+        except KeyboardInterrupt:  # what is done is shown
+            pool.shutdown(cancel_futures=True)
     summaries = {condition: summary([o for o in found if o.condition == condition]) for condition in (PLAIN, DISTURBED)}
     if options.json:
         json.dump({"conditions": summaries, "outcomes": [asdict(outcome) for outcome in found]}, sys.stdout, indent=2)
@@ -175,11 +185,11 @@ def progress_line(session: Sequence[Outcome]) -> str:
 def summary(found: Sequence[Outcome]) -> dict[str, object]:
     """Figures of one condition, by parameter and in all."""
     parameters = {name: of_parameter([o for o in found if o.parameter == name]) for name in PHYSICAL}
-    coverage = float(np.mean([abs(o.error) <= WITHIN * o.std for o in found]))
+    coverage = float(np.mean([abs(o.error) <= WITHIN * o.std for o in found if o.converged]))
     return {
         "sessions": len(found) // len(PHYSICAL),
         "converged": sum(o.converged for o in found) // len(PHYSICAL),
-        "data_s": float(np.mean([o.data_s for o in found])),
+        "data_s": float(np.mean([o.data_s for o in found if o.converged])),
         "parameters": parameters,
         "coverage_95": coverage,
         "coverage_reached": COVERAGE[0] <= coverage <= COVERAGE[1],
@@ -189,6 +199,7 @@ def summary(found: Sequence[Outcome]) -> dict[str, object]:
 
 def of_parameter(rows: Sequence[Outcome]) -> dict[str, float]:
     """Figures of one parameter; ``std_over_bound`` is the rms error over the bound, so that a bias counts too."""
+    rows = [row for row in rows if row.converged]
     error = np.array([row.error for row in rows])
     std, bound = np.array([row.std for row in rows]), np.array([row.bound for row in rows])
     return {

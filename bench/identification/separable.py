@@ -31,8 +31,8 @@ LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 CONVERGED_STEP = np.array([1e-4, 1e-4, 1e-7, 1e-7])
 # The low band only finds where to begin in the full one.
 ROUGH_STEP = np.array([0.03, 0.03, 2e-5, 2e-5])
-# After so many steps from each start, only the best is followed further.
-TELLING_STEPS = 2
+# From each start; a local minimum may look the better one after a few.
+LOW_STEPS = 15
 MOST_STEPS = 40
 # The full band is narrowed only where it is worth the time.
 NARROWED_BELOW = 0.7
@@ -65,10 +65,9 @@ class Solution:
 def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solution:
     """The best fit of all stretches; ``free_motion`` as in Regression."""
     low = Regression.of(stretches, LOW_BAND, LOW_STRIDE, free_motion=free_motion)
-    starts = [_descend(low, start, most_steps=TELLING_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
-    best, _ = _descend(low, min(starts, key=lambda at: at.cost), most_steps=15, within=ROUGH_STEP)
+    ends = [_descend(low, start, most_steps=LOW_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
     full = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
-    solution = _iterate(full, best.shape, most_steps=MOST_STEPS)
+    solution = _first_settled(full, sorted(ends, key=lambda at: at.cost))
     band = worthwhile_band(full, solution)
     if band != FULL_BAND:
         full = Regression.of(stretches, band, free_motion=free_motion)
@@ -195,6 +194,16 @@ def _starts(regression: Regression) -> list[_At]:
     shapes = [Shape(START_BANDWIDTHS[1], s, tick_s, 0.0) for s in SCAN_S]
     best = min(shapes, key=lambda shape: _At.of(regression, shape).cost)
     return [_At.of(regression, replace(best, bandwidth_rad_s=bandwidth)) for bandwidth in START_BANDWIDTHS]
+
+
+def _first_settled(regression: Regression, ends: list[_At]) -> Solution:
+    """From the best end of the low band; from the next where that leads nowhere."""
+    solutions = []
+    for end in ends:
+        solutions.append(_iterate(regression, end.shape, most_steps=MOST_STEPS))
+        if solutions[-1].converged:
+            break
+    return min(solutions, key=lambda solution: (not solution.converged, solution.cost))
 
 
 def _iterate(regression: Regression, shape: Shape, *, most_steps: int) -> Solution:

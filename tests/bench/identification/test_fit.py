@@ -170,3 +170,14 @@ def test_cogging_is_taken_out(result, experiment):
     assert solution.regression.cogging == (42.0,)
     cosine, sine = solution.linear[5:7]
     assert np.hypot(cosine, sine) == pytest.approx(0.3e-3, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fast_machine_behind_a_slow_sensor_is_found_from_nothing(seed):
+    """Bandwidth and delays make up for each other: a lower band has minima in which they do."""
+    load = Truth(0.9974, 1921.0, 9.5e-5, 5.33e-4, 7.66e-3, 15.4, 7e-3)
+    bench = Bench(load=load, serial_delay_s=1660e-6)
+    found = fit_load(synthetic.calibration(seed, bench=bench), TICK_S)
+    assert found.result.converged
+    assert found.result.estimate("amplifier_bandwidth").value == pytest.approx(1921.0, rel=0.15)
+    assert found.result.estimate("inertia").value == pytest.approx(9.5e-5, rel=0.03)
