@@ -25,8 +25,8 @@ SHORTEST_S = 2.0
 SLOWEST_TICKS = 2.5
 # A delay that is used up to this share of what was searched is cut off.
 USED_UP = 0.999
-# What differs before and after an instant by so many deviations, and by so much, has changed. (A busy host alone shifts the
-# delay of readings without a clock of their own by half a tick, which no estimate minds.)
+# What differs before and after an instant by so many deviations, and by so much, has changed. (A busy host alone shifts
+# the delay of readings without a clock of their own by half a tick, which no estimate minds.)
 CHANGE_SIGNIFICANT = 6.0
 CHANGE_TICKS = 1.5
 CHANGE_SHARE = 0.1
