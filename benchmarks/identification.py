@@ -18,7 +18,7 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
@@ -27,12 +27,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from bench.errors import ExperimentError
-from bench.identification.fit import PHYSICAL, fit_signals
+from bench.identification.fit import PHYSICAL, fit_signals, network_of
 from bench.identification.information import KNOWN, Linearised, information
 from bench.identification.kernels import Kernel
 from bench.identification.results import FitResult
 from bench.identification.signals import Signals, signals
-from bench.models.network import NortonNetwork
 from bench.models.parameters import Status
 from bench.rig.load import parse_rig
 from bench.rig.rig import Rig
@@ -100,16 +99,8 @@ def noise_nm(rig: Rig) -> float:
 
 def bounds(stretches: tuple[Signals, ...], result: FitResult, true: dict[str, float], noise: float) -> dict[str, float]:
     """Cramér-Rao, relative, by parameter."""
-    network = NortonNetwork(
-        torque_gain=true["torque_gain"],
-        amplifier_bandwidth_rad_s=true["amplifier_bandwidth"],
-        inertia_kgm2=true["inertia"],
-        viscous_damping_nms_rad=true["viscous_damping"],
-        coulomb_torque_nm=true["coulomb_torque"],
-        presliding_stiffness_nm_rad=true["presliding_stiffness"],
-        presliding_damping_nms_rad=true["presliding_damping"],
-        command_unit=result.network.command_unit,
-    )
+    known = [replace(result.estimate(name), value=value) for name, value in true.items()]
+    network = network_of(known, result.network.command_unit)
     at = Linearised(network, result.command_delay_s, result.motion_delay_s, WIDE_BAND)
     covariance = np.linalg.pinv(information(stretches, at, noise), hermitian=True)
     return dict(zip(KNOWN, np.sqrt(np.diag(covariance)), strict=True))

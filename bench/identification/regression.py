@@ -191,7 +191,8 @@ def _fine_taps(
 class Memory:
     """What is left of unknown states of the friction, one a rest, each with an unknown factor: all solved for at once.
 
-    ``left`` (samples,) in order of time, ``first`` where each rest's samples begin, ``of`` the rest of each sample.
+    ``left`` (samples,) in order of time, ``first`` where each rest's samples begin, ``rest`` the number of each
+    sample's, ``power`` the sum of squares of ``left`` over each.
     """
 
     left: FloatArray
