@@ -8,7 +8,7 @@ looks like it is taken off every term. The same low-pass stands before every ter
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -245,6 +245,10 @@ class Regression:
 
     def target(self) -> FloatArray:
         """What the columns explain, shape (samples,)."""
+        return self._target
+
+    @cached_property  # the same at every step of the search, as are the others below
+    def _target(self) -> FloatArray:
         if self.free_motion:
             return self.chosen([rows.kinematics(STILL)[1] for rows in self.rows])
         return self.chosen([rows.torque() for rows in self.rows])
@@ -263,8 +267,9 @@ class Regression:
         if self.free_motion:
             chosen[INERTIA] = -self._torque_at(shape.motion_delay_s)
         waves = [self.chosen([rows.cogging(own, periods) for rows in self.rows]) for periods in self.cogging]
-        return np.concatenate([chosen[:5], *waves, self.bias()]), Memory.of(chosen[5], self._rest())
+        return np.concatenate([chosen[:5], *waves, self.bias()]), Memory.of(chosen[5], self._rest)
 
+    @cached_property
     def _rest(self) -> npt.NDArray[np.int64]:
         """A number for each rest of each stretch, at every sample."""
         numbers, first = [], 0
@@ -296,6 +301,10 @@ class Regression:
 
     def bias(self) -> FloatArray:
         """The sensor's slowly wandering zero, as hats in time: shape (knots, samples)."""
+        return self._bias
+
+    @cached_property
+    def _bias(self) -> FloatArray:
         time_s = self.time_s()
         return hats(time_s, round((time_s[-1] - time_s[0]) / DRIFT_KNOT_S) + 2)
 
