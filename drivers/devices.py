@@ -21,18 +21,26 @@ class Device(Protocol):
 
 
 class Amplifier(Device, Protocol):
-    """A motor drive commanded in torque [N m] (signs are the bench's)."""
+    """A motor drive (signs are the bench's)."""
+
+    @property
+    def command_unit(self) -> str:
+        """What a command of 1 is: "N*m", "A", or "1" for a share of the supply's voltage."""
+        ...
 
     def enable(self, timeout_s: float = 2.0) -> None:
-        """Clear errors, arm the watchdog, close the torque loop at zero torque, and wait until the drive says so.
+        """Clear errors, arm the watchdog, close the drive's loop at a command of zero, and wait until it says so.
 
         Raises DeviceTimeoutError or DeviceError with the drive's own errors in words. The caller must then send a
         command within every watchdog period.
         """
         ...
 
-    def command_torque(self, torque_nm: float) -> None:
-        """Command a torque; also feeds the drive's watchdog. Raises ConnectionFailedError."""
+    def command(self, value: float) -> None:
+        """Command ``value``, in :attr:`command_unit`; also feeds the drive's watchdog.
+
+        Raises ConnectionFailedError, and DeviceError for what cannot be sent, such as a value that is no number.
+        """
         ...
 
     def take_motion(self) -> list[MotionReading]:
@@ -57,8 +65,25 @@ class Amplifier(Device, Protocol):
         """The step of the position reading, as the device states it (0 where it is unknown)."""
         ...
 
+    @property
+    def watchdog_s(self) -> float:
+        """Silence after which the drive makes itself safe; 0 where it does not, or nobody knows."""
+        ...
+
+    def provoke_watchdog(self) -> None:
+        """The last command before the caller falls silent to see whether the drive makes itself safe.
+
+        Where the drive tells its state that is a command of zero; a drive that does not is given a command so small
+        that nothing moves, but large enough to see it end. Raises ConnectionFailedError.
+        """
+        ...
+
+    def made_itself_safe(self) -> bool | None:
+        """Whether the watchdog has acted since :meth:`provoke_watchdog`; None where this drive cannot show it."""
+        ...
+
     def stop(self) -> None:
-        """Zero torque, then idle. Never raises: it is called when things have already gone wrong."""
+        """A command of zero, then idle. Never raises: it is called when things have already gone wrong."""
         ...
 
 

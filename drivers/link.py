@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any, TypeVar, cast
 
 from drivers.backend import Backend
 from drivers.clock import Clock
 from drivers.errors import WiringError
 from drivers.ports import CanPort, SerialPort, Tap
 from drivers.wiring import CanBusSettings, DeviceSettings
+
+Shared = TypeVar("Shared")
 
 # How long a waiting driver lets pass between two looks at its ports.
 POLL_INTERVAL_NS = 1_000_000
@@ -18,6 +21,8 @@ class Link:
     """Opens ports on first use and shares each between the devices on it.
 
     ``keep_alive`` is called while a driver waits: drives that are already enabled want their watchdogs fed.
+    ``questions`` are called before every poll: a device that speaks only when it is spoken to is asked there. Neither
+    may wait.
     """
 
     backend: Backend
@@ -25,6 +30,8 @@ class Link:
     can_ports: dict[str, CanPort] = field(default_factory=dict)
     serial_ports: dict[str, SerialPort] = field(default_factory=dict)
     keep_alive: Callable[[], None] | None = None
+    questions: list[Callable[[], None]] = field(default_factory=list)
+    _shared: dict[object, Any] = field(default_factory=dict, init=False)
 
     @property
     def clock(self) -> Clock:
@@ -48,8 +55,16 @@ class Link:
             self.serial_ports[device.port] = self.backend.open_serial(device.port, baud)
         return self.serial_ports[device.port]
 
+    def shared(self, key: object, make: Callable[[], Shared]) -> Shared:
+        """What the drivers on this bench have only one of, such as a bus's master: made by the first that asks."""
+        if key not in self._shared:
+            self._shared[key] = make()
+        return cast(Shared, self._shared[key])
+
     def poll(self) -> None:
-        """Hand on everything that has arrived anywhere. Raises ConnectionFailedError."""
+        """Ask those that want to be asked, then hand on all that has arrived. Raises ConnectionFailedError."""
+        for ask in self.questions:
+            ask()
         for can_port in self.can_ports.values():
             can_port.poll()
         for serial_port in self.serial_ports.values():
@@ -73,6 +88,8 @@ class Link:
             port.close()
         self.can_ports.clear()
         self.serial_ports.clear()
+        self.questions.clear()
+        self._shared.clear()
 
     def _ports(self) -> list[CanPort | SerialPort]:
         return [*self.can_ports.values(), *self.serial_ports.values()]

@@ -89,6 +89,8 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "ODrive":
 class ODrive:
     """One axis of an ODrive. ``malformed`` counts frames that could not be decoded."""
 
+    command_unit = "N*m"
+
     def __init__(self, settings: DeviceSettings, options: ODriveOptions, port: CanPort, link: Link) -> None:
         self.role = settings.role
         self.options = options
@@ -150,19 +152,19 @@ class ODrive:
         self._status = None
         self.send(protocol.ClearErrors())
         self.send(protocol.SetControllerMode(protocol.ControlMode.TORQUE, protocol.InputMode.PASSTHROUGH))
-        self.command_torque(0.0)
+        self.command(0.0)
         self.send(protocol.SetAxisState(protocol.AxisState.CLOSED_LOOP_CONTROL))
         asked = self._heartbeats
         self.wait_for(lambda: self._is_closed_loop(asked), timeout_s, "did not close its torque loop")
         self._closed_loop_wanted = True
         self._status = None
 
-    def command_torque(self, torque_nm: float) -> None:
+    def command(self, value: float) -> None:
         """Command a torque [N m], which also feeds the watchdog. Raises ConnectionFailedError, DeviceError."""
         try:
-            payload = protocol.torque_value(self._direction * torque_nm)
+            payload = protocol.torque_value(self._direction * value)
         except CodecError as error:
-            raise DeviceError(f"{self.place}: cannot command a torque of {torque_nm} N*m") from error
+            raise DeviceError(f"{self.place}: cannot command a torque of {value} N*m") from error
         self._port.send(self._torque_id, payload)
 
     def take_motion(self) -> list[MotionReading]:
@@ -191,6 +193,16 @@ class ODrive:
         wire_step_rev = ldexp(1.0, exponent - _FLOAT32_BITS)
         encoder_step_rev = 1 / self.options.counts_per_turn if self.options.counts_per_turn else 0.0
         return TURN_RAD * max(wire_step_rev, encoder_step_rev)
+
+    @property
+    def watchdog_s(self) -> float:
+        return self.options.watchdog_s
+
+    def provoke_watchdog(self) -> None:
+        self.command(0.0)
+
+    def made_itself_safe(self) -> bool | None:
+        return self._heartbeat_ns is not None and not self._in_closed_loop
 
     def stop(self) -> None:
         """Zero torque, then idle, each tried whatever became of the other."""
@@ -224,7 +236,7 @@ class ODrive:
         now_ns = self._link.clock.now_ns()
         if now_ns - self._fed_ns >= _FEED_INTERVAL_NS:
             self._fed_ns = now_ns
-            self.command_torque(0.0)
+            self.command(0.0)
 
     # ---- State ---------------------------------------------------------------------------------------------------
 

@@ -34,7 +34,7 @@ class WatchedDrive(Protocol):
     @property
     def place(self) -> str: ...
     def send(self, message: protocol.RxSdo) -> None: ...
-    def command_torque(self, torque_nm: float) -> None: ...
+    def command(self, value: float) -> None: ...
     def wait_for(self, arrived: Callable[[], bool], timeout_s: float, otherwise: str) -> None: ...
 
 
@@ -48,7 +48,7 @@ def arm_watchdog(drive: WatchedDrive) -> None:
     timeout_at, enable_at = options.watchdog_timeout_endpoint, options.enable_watchdog_endpoint
     _check_endpoints(drive, timeout_at, enable_at)
     _write(drive, timeout_at, protocol.f32_value(options.watchdog_s))
-    drive.command_torque(0.0)
+    drive.command(0.0)
     _write(drive, enable_at, protocol.u32_value(1))
     timeout_s = protocol.f32_of(_read(drive, timeout_at))
     enabled = _read(drive, enable_at)[0]

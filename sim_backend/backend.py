@@ -81,8 +81,11 @@ class SimulatedBackend:
 
     def _serial_plug(self, port: str) -> SerialPlug:
         transport = self._truth.transport
-        delay = Delay(transport.serial_delay_ns, transport.serial_jitter_ns, self._random(port, "to host"))
-        self._serial_wires[port] = SimulatedSerialWire(self.world, delay)
+        delays = [
+            Delay(transport.serial_delay_ns, transport.serial_jitter_ns, self._random(port, direction))
+            for direction in ("to host", "to device")
+        ]
+        self._serial_wires[port] = SimulatedSerialWire(self.world, *delays)
         return SerialPlug(self._serial_wires[port])
 
     def _random(self, wire: str, direction: str) -> Random:

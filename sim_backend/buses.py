@@ -8,8 +8,8 @@ from collections import deque
 import can
 from can.typechecking import CanFilters
 
-from sim_backend.plugs import CanPlug
-from sim_backend.transport import ByteStream, Delay
+from sim_backend.plugs import CanPlug, SerialPlug
+from sim_backend.transport import BITS_PER_BYTE, ByteStream, Delay
 from sim_backend.world import World
 
 Inbox = deque[tuple[int, can.Message]]
@@ -107,12 +107,20 @@ class SimulatedBus(can.BusABC):
 
 
 class SimulatedSerialWire:
-    """A serial line from one device; bytes sent while no host has it open are lost."""
+    """A serial line to one device; bytes that it sends while no host has it open are lost."""
 
-    def __init__(self, world: World, delay: Delay) -> None:
+    def __init__(self, world: World, to_host: Delay, to_device: Delay) -> None:
         self._world = world
-        self._delay = delay
+        self._delay = to_host
+        self._to_device_delay = to_device
         self._stream: ByteStream | None = None
+        self._plug: SerialPlug | None = None
+        self._underway: deque[bytes] = deque()  # to the device; nothing overtakes
+        self._free_ns = 0  # when the last byte on its way to the device has arrived
+        self._byte_ns = 0.0
+
+    def attach(self, plug: SerialPlug) -> None:
+        self._plug = plug
 
     def to_host(self, data: bytes) -> None:
         if self._stream is not None:
@@ -121,10 +129,23 @@ class SimulatedSerialWire:
     def open(self, baud: int) -> ByteStream:
         """A host opens the line, with an empty input buffer."""
         self._stream = ByteStream(baud, self._delay)
+        self._byte_ns = BITS_PER_BYTE * 1e9 / baud
         return self._stream
+
+    def to_device(self, data: bytes) -> None:
+        """Carry what the host wrote: it acts when its last byte is there."""
+        start_ns = max(self._free_ns, self._to_device_delay.arrival_ns(self._world.now_ns))
+        self._free_ns = start_ns + round(len(data) * self._byte_ns)
+        self._underway.append(data)
+        self._world.at(self._free_ns, self._deliver)
 
     def close(self) -> None:
         self._stream = None
+
+    def _deliver(self, _stamp_ns: int) -> None:
+        data = self._underway.popleft()
+        if self._plug is not None:
+            self._plug.deliver(data)
 
 
 class SimulatedLine:
@@ -143,7 +164,7 @@ class SimulatedLine:
         return self._stream.take(size, self._world.now_ns)
 
     def write(self, data: bytes, /) -> int:
-        # The devices on serial lines only talk; their plugs drop what they are sent.
+        self._wire.to_device(data)
         return len(data)
 
     def arrival_ns(self) -> int:

@@ -25,6 +25,10 @@ class SerialWire(Protocol):
         """Write bytes towards the host."""
         ...
 
+    def attach(self, plug: "SerialPlug") -> None:
+        """Deliver what the host writes to ``plug``."""
+        ...
+
 
 class CanPlug:
     """Connects one device to a CAN bus."""
@@ -59,16 +63,27 @@ class CanPlug:
 
 
 class SerialPlug:
-    """Connects one device to a serial line; these devices only talk, what they are sent is dropped."""
+    """Connects one device to a serial line."""
 
     def __init__(self, wire: SerialWire) -> None:
         self.connected = True
         self._wire = wire
+        self._receive: Callable[[bytes], None] = _ignore
+        wire.attach(self)
+
+    def on_bytes(self, receive: Callable[[bytes], None]) -> None:
+        """Call ``receive`` for what the host writes, however it is cut."""
+        self._receive = receive
 
     def send(self, data: bytes) -> None:
         """Send bytes, where the plug is in."""
         if self.connected:
             self._wire.to_host(data)
+
+    def deliver(self, data: bytes) -> None:
+        """Hand bytes to the device, where the plug is in."""
+        if self.connected:
+            self._receive(data)
 
     def cut(self) -> None:
         """Pull the plug: nothing passes any more."""
@@ -79,5 +94,5 @@ class SerialPlug:
         self.connected = True
 
 
-def _ignore(message: can.Message) -> None:
+def _ignore(_received: object) -> None:
     """A device that listens to nothing."""

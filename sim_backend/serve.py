@@ -124,10 +124,15 @@ class ServedSlcan:
 
 
 class ServedLine:
-    """A serial line on a pseudo-terminal; the devices on it only talk."""
+    """A serial line on a pseudo-terminal, with one device."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, wall: _WallTime) -> None:
+        self._wall = wall
         self._port = ServedPort(path)
+        self._plug: SerialPlug | None = None
+
+    def attach(self, plug: SerialPlug) -> None:
+        self._plug = plug
 
     def to_host(self, data: bytes) -> None:
         self._port.write(data)
@@ -136,7 +141,10 @@ class ServedLine:
         return self._port.fileno()
 
     def receive(self) -> None:
-        self._port.read()
+        data = self._port.read()
+        if data and self._plug is not None:
+            self._wall.catch_up()  # the line says nothing of when its bytes came
+            self._plug.deliver(data)
 
     def close(self) -> None:
         self._port.close()
@@ -209,7 +217,7 @@ class _ServedWires:
         return ServedBus(settings, self._backend, self._wall)
 
     def serial(self, port: str) -> SerialPlug:
-        wire = ServedLine(port)
+        wire = ServedLine(port, self._wall)
         self._keep(wire)
         return SerialPlug(wire)
 

@@ -3,9 +3,10 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from bench.errors import ExperimentError
+from bench.errors import ExperimentError, RigError
 from bench.loop.guard import Commands, DriveHealth
 from bench.rig.rig import Rig
+from bench.units import conversion
 from drivers.backend import Backend
 from drivers.clock import Clock
 from drivers.devices import Amplifier, Device, TorqueSensor
@@ -72,9 +73,9 @@ class Devices:
 
     def send(self, commands: Commands) -> None:
         """Raises ConnectionFailedError."""
-        self.actuator.command_torque(commands.command)
+        self.actuator.command(commands.command)
         if self.load is not None:
-            self.load.command_torque(commands.load_torque_nm)
+            self.load.command(commands.load_torque_nm)
 
     def health(self) -> tuple[DriveHealth, ...]:
         """The last word of every drive."""
@@ -86,7 +87,7 @@ class Devices:
 
         def feed_watchdogs() -> None:
             for drive in enabled:
-                drive.command_torque(0.0)
+                drive.command(0.0)
 
         self.link.keep_alive = feed_watchdogs
         try:
@@ -144,16 +145,41 @@ class Devices:
 
 
 def open_devices(rig: Rig, backend: Backend) -> Devices:
-    """Open the rig's ports and drivers; nothing moves. Raises WiringError, ConnectionFailedError."""
+    """Open the rig's ports and drivers; nothing moves. Raises WiringError, RigError, ConnectionFailedError."""
     wiring = rig.wiring
     link = Link(backend, wiring.buses)
     try:
-        return Devices(
+        devices = Devices(
             link,
             open_amplifier(wiring.actuator, link),
             open_amplifier(wiring.load, link) if wiring.load is not None else None,
             open_torque_sensor(wiring.torque_sensor, link) if wiring.torque_sensor is not None else None,
         )
+        check_command_units(rig, devices)
     except BaseException:
         link.close()
         raise
+    return devices
+
+
+def check_command_units(rig: Rig, devices: Devices) -> None:
+    """Whether each drive takes commands in the unit it is given them. Raises RigError."""
+    actuator, load = devices.actuator, devices.load
+    if not _same_unit(rig.command.unit, actuator.command_unit):
+        raise RigError(
+            f'{rig.place}: [actuator.command] unit = "{rig.command.unit}", but driver = '
+            f'"{rig.wiring.actuator.driver}" as it is set here takes commands in "{actuator.command_unit}"'
+        )
+    if load is not None and not _same_unit(load.command_unit, "N*m"):
+        driver = rig.wiring.load.driver if rig.wiring.load else ""
+        raise RigError(
+            f'{rig.place}: [load] driver = "{driver}" as it is set here takes commands in "{load.command_unit}", but a '
+            "load is commanded in newton metres; set its torque mode"
+        )
+
+
+def _same_unit(unit: str, other: str) -> bool:
+    try:
+        return conversion(unit, other) == (1.0, 0.0)
+    except ValueError:
+        return False

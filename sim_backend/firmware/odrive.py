@@ -18,7 +18,7 @@ from drivers.codecs.odrive import AxisState, Command
 from drivers.odrive import ODriveOptions
 from drivers.options import parse_options
 from sim_backend.firmware.heating import Heating
-from sim_backend.firmware.site import Site
+from sim_backend.firmware.site import DriveFault, Site
 from sim_backend.firmware.watchdog import Watchdog
 from sim_backend.plant import Machine
 
@@ -38,6 +38,11 @@ RESULT_INVALID_STATE = 13
 ERROR_BAD_CONFIGURATION = 1 << 4
 ERROR_MISSING_INPUT = 1 << 6
 ERROR_INVERTER_TOO_HOT = 1 << 14
+ERROR_BITS = {
+    DriveFault.FAULT: 1 << 5,  # system level
+    DriveFault.UNDERVOLTAGE: 1 << 9,  # DC bus under voltage
+    DriveFault.OVER_TEMPERATURE: ERROR_INVERTER_TOO_HOT,
+}
 
 
 class _Answer(Protocol):
@@ -77,6 +82,13 @@ class ODriveAxis:
         if self.axis_state == AxisState.CLOSED_LOOP_CONTROL:
             self.disarm_reason = error_bits
             self._go_idle(RESULT_DISARMED)
+
+    @property
+    def armed(self) -> bool:
+        return self.axis_state == AxisState.CLOSED_LOOP_CONTROL
+
+    def break_down(self, fault: DriveFault) -> None:
+        self.fail(ERROR_BITS[fault])
 
     def freeze(self) -> None:
         """From now on report the position and velocity of this instant."""
@@ -178,7 +190,7 @@ class ODriveAxis:
     def _set_controller_mode(self, data: bytearray) -> None:
         mode = odrive.SetControllerMode.decode(data)
         self._mode = (mode.control_mode, mode.input_mode)
-        if self._armed and self._mode != TORQUE_CONTROL:
+        if self.armed and self._mode != TORQUE_CONTROL:
             self.fail(ERROR_BAD_CONFIGURATION)
 
     def _clear_errors(self, _data: bytearray) -> None:
@@ -194,7 +206,7 @@ class ODriveAxis:
             self._plug.send(self._ids[Command.TX_SDO], odrive.TxSdo(request.endpoint, value).encode())
 
     def _starve(self) -> None:
-        if self._armed:
+        if self.armed:
             self.fail(odrive.ERROR_WATCHDOG)
 
     def _request(self, state: int) -> None:
@@ -224,20 +236,16 @@ class ODriveAxis:
         self._plant.release(self._machine)
 
     def _drive(self) -> None:
-        if self._armed:
+        if self.armed:
             self._plant.command(self._machine, self._target_nm())
 
     def _target_nm(self) -> float:
-        if not self._armed:
+        if not self.armed:
             return 0.0
         input_nm, limit_nm = self._input_nm, self._limit_nm
         if -limit_nm <= input_nm <= limit_nm:
             return input_nm
         return min(max(input_nm, -limit_nm), limit_nm)
-
-    @property
-    def _armed(self) -> bool:
-        return self.axis_state == AxisState.CLOSED_LOOP_CONTROL
 
 
 def _amperes_per_nm(site: Site) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from random import Random
 from typing import Protocol
 
@@ -20,6 +21,27 @@ class Firmware(Protocol):
 
     def freeze(self) -> None:
         """From now on report the values of this instant, in ever new messages."""
+        ...
+
+
+class DriveFault(Enum):
+    """What can go wrong in any drive, whatever its maker calls it."""
+
+    FAULT = "fault"
+    UNDERVOLTAGE = "undervoltage"
+    OVER_TEMPERATURE = "over-temperature"
+
+
+class DriveFirmware(Firmware, Protocol):
+    """An emulated drive."""
+
+    @property
+    def armed(self) -> bool:
+        """Whether it drives its motor, be it with a current of zero."""
+        ...
+
+    def break_down(self, fault: DriveFault) -> None:
+        """Detect ``fault`` now: react and report as the real drive would."""
         ...
 
 

@@ -209,7 +209,7 @@ def test_signs(world, drive, link, open_drive, direction):
     assert motion.position_rad == pytest.approx(direction * TURN / 4)
     assert motion.velocity_rad_s == pytest.approx(-direction * 2 * TURN)
     assert current.current_a == direction * 3.0
-    amplifier.command_torque(0.5)
+    amplifier.command(0.5)
     assert protocol.SetInputTorque.decode(world.bus.sent[-1].data).torque_nm == direction * 0.5
 
 
@@ -331,7 +331,7 @@ def test_the_resolution_is_the_coarser_of_encoder_and_wire(drive, link, open_dri
 def test_stop_is_zero_torque_then_idle(drive, open_drive):
     amplifier = open_drive()
     amplifier.enable()
-    amplifier.command_torque(0.3)
+    amplifier.command(0.3)
     amplifier.stop()
     assert drive.commands[-2:] == [(Command.SET_INPUT_TORQUE, bytes(8)), (Command.SET_AXIS_STATE, b"\1" + bytes(7))]
     drive.heartbeat()
@@ -359,7 +359,7 @@ def test_a_torque_that_is_no_number_is_not_sent(world, drive, open_drive):
     amplifier = open_drive()
     before = len(world.bus.sent)
     with pytest.raises(DeviceError, match="cannot command a torque of nan"):
-        amplifier.command_torque(math.nan)
+        amplifier.command(math.nan)
     assert len(world.bus.sent) == before
 
 
@@ -367,7 +367,7 @@ def test_a_lost_bus_is_told(world, drive, open_drive):
     amplifier = open_drive()
     world.bus.broken = True
     with pytest.raises(ConnectionFailedError, match="bus can0: cannot send"):
-        amplifier.command_torque(0.0)
+        amplifier.command(0.0)
 
 
 @pytest.mark.parametrize(

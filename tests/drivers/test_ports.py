@@ -114,3 +114,18 @@ def test_an_inbox_that_nobody_empties_loses_the_oldest_and_shows_it():
         inbox.put(number)
     assert inbox.take() == list(range(5, CAPACITY + 5))
     assert (inbox.count, inbox.take()) == (CAPACITY + 5, [])
+
+
+def test_what_speaks_only_when_spoken_to_is_asked_before_every_poll(world, link, can_port):
+    heard = []
+    world.bus.peer = lambda message: world.bus.arrive(message.arbitration_id + 1)
+    can_port.subscribe(lambda message, _arrival_ns: heard.append(message.arbitration_id))
+    link.questions.append(lambda: can_port.send(0x10, b""))
+    link.poll()
+    assert heard == [0x11]
+
+
+def test_what_is_shared_is_made_once(link):
+    first = link.shared("master of can0", list)
+    assert link.shared("master of can0", list) is first
+    assert link.shared("master of can1", list) is not first

@@ -33,7 +33,7 @@ def run(link: Link, drives: tuple[ODrive, ODrive], torques_nm: tuple[float, floa
     for _ in range(ticks):
         link.wait()
         for drive, torque_nm in zip(drives, torques_nm, strict=True):
-            drive.command_torque(torque_nm)
+            drive.command(torque_nm)
 
 
 def test_the_real_drivers_enable_and_turn_the_shaft(wiring: Wiring, open_bench: Bench) -> None:
@@ -191,7 +191,7 @@ def test_a_load_that_is_not_wired_is_not_coupled(wiring: Wiring, open_bench: Ben
     actuator = open_amplifier(wiring.actuator, link)
     actuator.enable()
     for _ in range(1000):
-        actuator.command_torque(0.1)
+        actuator.command(0.1)
         link.wait()
     # The rig's own numbers: (0.9 · 0.1 − 0.02) / 1e-3.
     assert actuator.take_motion()[-1].velocity_rad_s == pytest.approx(70, rel=0.01)
@@ -238,3 +238,18 @@ def test_closing_twice_is_fine(wiring: Wiring, open_bench: Bench) -> None:
     backend.open_serial("/tmp/bota", 460_800)
     backend.close()
     backend.close()
+
+
+def test_what_the_host_writes_reaches_the_device_when_its_last_byte_does(wiring: Wiring, open_bench: Bench) -> None:
+    backend = open_bench(wiring)
+    port = backend.open_serial("/tmp/bota", 115_200)
+    heard: list[tuple[int, bytes]] = []
+    backend.world.wires["torque_sensor"].on_bytes(lambda data: heard.append((backend.world.now_ns, data)))
+    port.send(b"first")
+    port.send(b"second")
+    backend.world.advance(10 * MS)
+    assert [data for _, data in heard] == [b"first", b"second"]
+    byte_ns = 10e9 / 115_200
+    least_ns, most_ns = 300_000, 500_000  # the rig's delay and jitter
+    assert least_ns <= heard[0][0] - 5 * byte_ns <= most_ns
+    assert heard[1][0] - heard[0][0] >= 6 * byte_ns - 1

@@ -94,8 +94,8 @@ def test_another_process_enables_both_drives_and_streams(
             for tick in range(1, 1001):
                 backend.clock.wait_until_ns(start_ns + tick * 1_000_000)
                 link.poll()
-                drives[0].command_torque(0.1)
-                drives[1].command_torque(0.0)
+                drives[0].command(0.1)
+                drives[1].command(0.0)
             motion, load_motion, torque = drives[0].take_motion(), drives[1].take_motion(), sensor.take_torque()
             assert [drive.status().state for drive in drives] == [DriveState.ENABLED] * 2
             assert [drive.malformed for drive in drives] == [0, 0]

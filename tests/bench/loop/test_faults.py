@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import BenchError, OperatorStopError, SafetyStopError
+from bench.errors import BenchError, OperatorStopError, RigError, SafetyStopError
 from bench.procedures.makers import coasting, pushed
 from bench.rig.load import load_rig
+from bench.rig.rig import Command
 from bench.segments import Segment, Use
 from drivers.errors import ConnectionFailedError, DeviceError
 from drivers.readings import DriveState
@@ -146,6 +147,13 @@ def test_a_lost_bus_is_a_connection_error_and_the_watchdogs_do_the_rest(make_ben
         run(bench, resting())
     bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS)
     assert bench.armed() == []
+
+
+@pytest.mark.parametrize("unit", ["mN*m", "A"])
+def test_a_command_in_a_unit_that_the_drive_does_not_take_is_refused(unit: str) -> None:
+    rig = load_rig(RIG)
+    with pytest.raises(RigError, match=r'commands in "N\*m"'), opened(replace(rig, command=Command(unit, 0.5))):
+        pass
 
 
 def test_a_device_that_is_missing_is_named_before_anything_moves(make_bench: MakeBench) -> None:
