@@ -5,10 +5,11 @@ every true value of actuator and load multiplied by a factor of its own, drawn l
 bench is told nothing; only this program looks at the truth, afterwards. Twice: *plain*, without cogging, and
 *disturbed*, with cogging and a torque sensor that answers half a tick later than it did.
 
-The bound is that of the torque sensor's own white noise with amplifier, friction, both delays and the sensor's zero
-unknown, at the true values; the encoder's counts and the jitter of the bus only add to it. Run with
+The bound is that of both measured noises, the torque sensor's and the encoder's counts, with amplifier, friction, both
+delays, the sensor's zero and the path itself unknown, at the true values (``bound.py``). Beside it stands the bound of
+the torque sensor's noise alone, as if the encoder told the path exactly. Jitter of the bus only adds to both. Run with
 ``python benchmarks/identification.py [--seeds 1-100] [--quick] [--json] [--rig RIG] [--fixed] [--jobs 2]``; a seed
-takes about 10 s, twice. ``--fixed`` leaves the rig's true values as they are.
+takes about 12 s, twice. ``--fixed`` leaves the rig's true values as they are.
 """
 
 import argparse
@@ -24,12 +25,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import bound
 import numpy as np
 
 from bench.errors import ExperimentError
 from bench.identification.fit import PHYSICAL, fit_signals, network_of
 from bench.identification.information import KNOWN, Linearised, information
-from bench.identification.kernels import Kernel
 from bench.identification.results import FitResult
 from bench.identification.signals import Signals, signals
 from bench.models.parameters import Status
@@ -39,13 +40,11 @@ from bench.segments import Use
 from bench.session.engine import record_session
 from bench.session.schema import standard_session
 from bench.units import parse_quantity
-from sim_backend.tools import true_parameters
+from sim_backend.truth import Truth, read_truth, true_parameters
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 PLAIN, DISTURBED = "plain", "disturbed"
 QUICK_SEEDS = "1-2"
-# The bound counts what the fit's own low-pass leaves out.
-WIDE_BAND = Kernel(cutoff=0.30, half_width=8.0)
 WITHIN = 1.96  # deviations, of 95 %
 # What is to be reached.
 STD_OVER_BOUND = 1.3
@@ -62,7 +61,7 @@ HALF_A_TICK_S = 0.5e-3
 
 @dataclass(frozen=True)
 class Outcome:
-    """One parameter of one session: error, deviation given and bound, all relative to the true value."""
+    """One parameter of one session: error, deviation given and bounds, all relative to the true value."""
 
     condition: str
     seed: int
@@ -70,6 +69,7 @@ class Outcome:
     error: float
     std: float
     bound: float
+    bound_torque_alone: float
     valid: bool
     converged: bool
     data_s: float
@@ -81,29 +81,32 @@ def outcomes(rig: Rig, seed: int, condition: str) -> Iterator[Outcome]:
         measured = record_session(rig, standard_session(rig), out=Path(folder), seed=seed).measured
     stretches = signals(measured, rig.tick_s, Use.IDENTIFY)
     result = fit_signals(stretches, command_unit=rig.command.unit)
-    truth = true_parameters(rig.simulated, seed=seed, place=rig.place, command_unit=rig.command.unit)
-    true = {name: truth[name][0] for name in PHYSICAL}
-    bound = bounds(stretches, result, true, noise_nm(rig))
+    truth = read_truth(rig.simulated, seed=seed, place=rig.place, command_unit=rig.command.unit)
+    true = {name: true_parameters(truth, rig.command.unit)[name][0] for name in PHYSICAL}
+    best = bounds(stretches, result, true, noise(truth))
     for name in PHYSICAL:
         estimate = result.estimate(name)
         error, std = estimate.value / true[name] - 1.0, estimate.std / abs(true[name])
         valid = estimate.status is Status.VALID
         data_s = result.samples * rig.tick_s
-        yield Outcome(condition, seed, name, error, std, bound[name], valid, result.converged, data_s)
+        yield Outcome(condition, seed, name, error, std, *best[name], valid, result.converged, data_s)
 
 
-def noise_nm(rig: Rig) -> float:
-    """The torque sensor's true noise, a sample."""
-    return parse_quantity(rig.simulated["torque_sensor"]["noise"], "N*m")
+def noise(truth: Truth) -> bound.Noise:
+    """What torque sensor and encoder add to a reading; the shaft may stand anywhere within the count that is read."""
+    return bound.Noise(truth.torque_sensor.noise_nm, 2 * np.pi / truth.actuator.counts_per_turn / np.sqrt(12))
 
 
-def bounds(stretches: tuple[Signals, ...], result: FitResult, true: dict[str, float], noise: float) -> dict[str, float]:
-    """Cramér-Rao, relative, by parameter."""
+def bounds(
+    stretches: tuple[Signals, ...], result: FitResult, true: dict[str, float], noise: bound.Noise
+) -> dict[str, tuple[float, float]]:
+    """Cramér-Rao, relative, by parameter: of both noises, and of the torque sensor's alone."""
     known = [replace(result.estimate(name), value=value) for name, value in true.items()]
     network = network_of(known, result.network.command_unit)
-    at = Linearised(network, result.command_delay_s, result.motion_delay_s, WIDE_BAND)
-    covariance = np.linalg.pinv(information(stretches, at, noise), hermitian=True)
-    return dict(zip(KNOWN, np.sqrt(np.diag(covariance)), strict=True))
+    at = Linearised(network, result.command_delay_s, result.motion_delay_s, bound.WIDE_BAND)
+    both, alone = bound.information(stretches, at, noise), information(stretches, at, noise.torque_nm)
+    deviations = [np.sqrt(np.diag(np.linalg.pinv(matrix, hermitian=True))) for matrix in (both, alone)]
+    return {name: (float(least), float(of_torque)) for name, least, of_torque in zip(KNOWN, *deviations, strict=True)}
 
 
 def varied(text: str, seed: int) -> str:
@@ -132,7 +135,7 @@ def one(rig_file: Path, seed: int, condition: str, *, fixed: bool) -> list[Outco
         return list(outcomes(rig, seed, condition))
     except ExperimentError as error:
         print(f"seed {seed} {condition}: {error}", file=sys.stderr, flush=True)
-        nothing = (float("nan"),) * 3
+        nothing = (float("nan"),) * 4
         return [Outcome(condition, seed, name, *nothing, False, False, 0.0) for name in PHYSICAL]
 
 
@@ -192,14 +195,16 @@ def of_parameter(rows: Sequence[Outcome]) -> dict[str, float]:
     """Figures of one parameter; ``std_over_bound`` is the rms error over the bound, so that a bias counts too."""
     rows = [row for row in rows if row.converged]
     error = np.array([row.error for row in rows])
-    std, bound = np.array([row.std for row in rows]), np.array([row.bound for row in rows])
+    std, least, of_torque = np.array([(row.std, row.bound, row.bound_torque_alone) for row in rows]).T
     return {
         "mean_error": float(np.mean(error)),
         "rms_error": float(np.sqrt(np.mean(error**2))),
         "greatest_error": float(np.max(np.abs(error))),
         "std_given": float(np.median(std)),
-        "bound": float(np.median(bound)),
-        "std_over_bound": float(np.sqrt(np.mean((error / bound) ** 2))),
+        "bound": float(np.median(least)),
+        "bound_torque_alone": float(np.median(of_torque)),
+        "std_over_bound": float(np.sqrt(np.mean((error / least) ** 2))),
+        "std_over_bound_torque_alone": float(np.sqrt(np.mean((error / of_torque) ** 2))),
         "error_over_std_given": float(np.sqrt(np.mean((error / std) ** 2))),
         "coverage_95": float(np.mean(np.abs(error) <= WITHIN * std)),
         "valid": float(np.mean([row.valid for row in rows])),
@@ -211,11 +216,13 @@ def show(condition: str, figures: dict[str, object]) -> None:
     print(
         f"{condition}: {figures['sessions']} sessions, {figures['converged']} converged, {figures['data_s']:.0f} s used"
     )
-    print(f"{'':22}{'mean':>9}{'rms':>9}{'greatest':>10}{'std given':>11}{'bound':>9}{'/ bound':>9}{'in 95 %':>9}")
+    print(f"{'':22}{'mean':>9}{'rms':>9}{'greatest':>10}{'std given':>11}{'bound':>9}{'/ bound':>9}", end="")
+    print(f"{'of torque alone':>17}{'/ that':>8}{'in 95 %':>9}")
     for name, row in figures["parameters"].items():  # type: ignore[attr-defined]
         print(
             f"{name:22}{row['mean_error']:>+9.3%}{row['rms_error']:>9.3%}{row['greatest_error']:>10.2%}"
-            f"{row['std_given']:>11.3%}{row['bound']:>9.3%}{row['std_over_bound']:>9.2f}{row['coverage_95']:>9.0%}"
+            f"{row['std_given']:>11.3%}{row['bound']:>9.3%}{row['std_over_bound']:>9.2f}"
+            f"{row['bound_torque_alone']:>17.3%}{row['std_over_bound_torque_alone']:>8.2f}{row['coverage_95']:>9.0%}"
         )
     said = {True: "reached", False: "not reached"}
     print(f"in all {figures['coverage_95']:.1%} of the 95 % intervals hold the truth", end="; ")

@@ -6,6 +6,7 @@ density). Each stretch's initial friction and the sensor's wandering zero are un
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from bench.identification.fit import PHYSICAL
 from bench.identification.kernels import FULL_BAND, Kernel
 from bench.identification.quantisation import moving
-from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Regression, Shape
+from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Memory, Regression, Shape
 from bench.identification.results import FitResult
 from bench.identification.signals import FINE, Signals
 from bench.models.network import NortonNetwork
@@ -76,22 +77,58 @@ def noise_density_nm(result: FitResult) -> float:
     return float(result.torque_rms_nm / np.sqrt(result.band.energy(0)))
 
 
+@dataclass(frozen=True)
+class Slopes:
+    """Change of the torque with every unknown, at every sample that is used.
+
+    ``wanted`` (9, samples) in the order of KNOWN; ``others`` (k, samples), of cogging and of the sensor's zero;
+    ``memory``, of the friction after each rest; ``errors`` (9,), what readings' own errors add to the squares of
+    ``wanted``. ``regression`` says which samples those are.
+    """
+
+    regression: Regression
+    wanted: FloatArray
+    others: FloatArray
+    memory: Memory
+    errors: FloatArray
+
+    @classmethod
+    def of(cls, stretches: tuple[Signals, ...], at: Linearised) -> "Slopes":
+        regression = replace(Regression.of(stretches, at.band), cogging=at.cogging)
+        shape, linear = at.shape, at.linear
+        columns, memory = regression.columns(shape)
+        slope_bandwidth, slope_s, slope_command, slope_motion = regression.jacobian(shape, columns, linear)
+        scale = np.maximum(np.abs(linear), LEAST)
+        own = columns[:5] * scale[:, None]
+        # s is σ0/τc: with σ0 held, a greater τc makes the contact softer relative to its strength.
+        wanted = np.stack(
+            [own[GAIN], slope_bandwidth, own[INERTIA], own[VISCOUS], own[COULOMB] - slope_s, slope_s, own[DAMPING],
+             slope_command, slope_motion]
+        )  # fmt: skip
+        errors = np.zeros(len(KNOWN))
+        contamination = regression.contamination() * scale**2
+        for row, column in ((KNOWN.index("inertia"), INERTIA), (KNOWN.index("viscous_damping"), VISCOUS)):
+            errors[row] = contamination[column]
+        return cls(regression, wanted, columns[5:], memory, errors)
+
+    @cached_property
+    def products(self) -> FloatArray:
+        """Products of ``wanted`` without what any other unknown could explain as well, shape (9, 9)."""
+        wanted, others = self.memory.taken_off(self.wanted), self.memory.taken_off(self.others)
+        return without(wanted @ wanted.T, others @ wanted.T, others @ others.T)
+
+    def motion_share(self) -> FloatArray:
+        """By how much each of ``wanted`` is motion: errors of readings look like it, and tell nothing. Shape (9,)."""
+        squares = np.diag(self.products)
+        left = np.maximum(squares - self.errors, 0.0)
+        return np.sqrt(np.divide(left, squares, out=np.zeros_like(left), where=squares > 0.0))
+
+
 def information(stretches: tuple[Signals, ...], at: Linearised, noise_nm: float) -> FloatArray:
     """The information matrix of ``stretches``, shape (9, 9), in the order of KNOWN; ``noise_nm`` is white, a tick."""
-    regression = replace(Regression.of(stretches, at.band), cogging=at.cogging)
-    shape, linear = at.shape, at.linear
-    columns, memory = regression.columns(shape)
-    slope_bandwidth, slope_s, slope_command, slope_motion = regression.jacobian(shape, columns, linear)
-    scale = np.maximum(np.abs(linear), LEAST)
-    own = columns[:5] * scale[:, None]
-    # s is σ0/τc: with σ0 held, a greater τc makes the contact softer relative to its strength.
-    wanted = np.stack(
-        [own[GAIN], slope_bandwidth, own[INERTIA], own[VISCOUS], own[COULOMB] - slope_s, slope_s, own[DAMPING],
-         slope_command, slope_motion]
-    )  # fmt: skip
-    matrix = _projected(memory.taken_off(wanted), memory.taken_off(columns[5:]))
-    share = _meant(np.diag(matrix), regression.contamination() * scale**2)
-    return matrix * np.outer(share, share) / noise_nm**2
+    slopes = Slopes.of(stretches, at)
+    share = slopes.motion_share()
+    return np.asarray(slopes.products * np.outer(share, share) / noise_nm**2)
 
 
 def information_of_plan(
@@ -135,19 +172,15 @@ def deviations(matrix: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(matrix / np.outer(scale, scale)))) / scale)
 
 
-def _meant(squares: FloatArray, errors: FloatArray) -> FloatArray:
-    """By how much each parameter's column is motion: errors of readings look like it, and tell nothing. Shape (9,)."""
-    share = np.ones(squares.size)
-    for row, column in ((KNOWN.index("inertia"), INERTIA), (KNOWN.index("viscous_damping"), VISCOUS)):
-        share[row] = np.sqrt(max(1.0 - errors[column] / squares[row], 0.0)) if squares[row] > 0.0 else 0.0
-    return share
+def without(own: FloatArray, shared: FloatArray, nuisance: FloatArray) -> FloatArray:
+    """Products ``own`` (k, k) of what is wanted, without what a nuisance could explain as well.
 
-
-def _projected(wanted: FloatArray, nuisance: FloatArray) -> FloatArray:
-    """Gram matrix of ``wanted`` (k, n) without what ``nuisance`` (m, n) could explain as well."""
-    lengths = np.linalg.norm(nuisance, axis=1)
-    unit = nuisance[lengths > 0] / lengths[lengths > 0, None]
-    shared = unit @ wanted.T
-    explained = np.linalg.lstsq(unit @ unit.T, shared, rcond=1e-12)[0]
-    matrix = wanted @ wanted.T - shared.T @ explained
+    ``shared`` (m, k) are the products of nuisance and wanted, ``nuisance`` (m, m) its own.
+    """
+    lengths = np.sqrt(np.diag(nuisance))
+    there = lengths > 0
+    scale = lengths[there]
+    shared = shared[there] / scale[:, None]
+    explained = np.linalg.lstsq(nuisance[np.ix_(there, there)] / np.outer(scale, scale), shared, rcond=1e-12)[0]
+    matrix = own - shared.T @ explained
     return np.asarray(0.5 * (matrix + matrix.T))

@@ -207,6 +207,12 @@ class Memory:
         power = np.add.reduceat(left**2, first)
         return cls(left, first, number, np.where(power > 0, power, 1.0))
 
+    def columns(self) -> FloatArray:
+        """What a state of 1 after each rest leaves, shape (rests, samples)."""
+        columns = np.zeros((self.first.size, self.left.size))
+        columns[self.rest, np.arange(self.left.size)] = self.left
+        return columns
+
     def taken_off(self, values: FloatArray) -> FloatArray:
         """What no unknown state could have made of ``values``, shape (..., samples)."""
         factors = np.add.reduceat(values * self.left, self.first, axis=-1) / self.power

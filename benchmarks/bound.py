@@ -1,0 +1,135 @@
+"""The Cramér-Rao bound of a record whose torque sensor and encoder are both noisy: the path is an unknown too.
+
+    r = τ(θ; p) + n,    y = θ + q,    n white of the torque sensor, q white of the encoder
+
+Nothing is presumed of the path θ but that the readings' band holds it. Then what a reading of the torque tells of the
+parameters is as uncertain as the torque that the *read* path explains: with H = ∂τ/∂θ the covariance of r − τ(y) is
+
+    Σ = σ² + q² H Hᵀ,    H = V + G L⁻¹ C
+
+and the information on p is Jᵀ Σ⁻¹ J, what is wanted of it without the nuisances (see ``information``). V holds inertia
+and damping, which know only the readings around; C is what a step of the path does to the friction's share h, L⁻¹ how
+h remembers it, G what h means to the torque. All are banded, L⁻¹ is not: Σ x = b is solved with L⁻¹ written out as
+unknowns of its own, in time proportional to the record's length.
+
+Torque and encoder are read at instants of their own: between its readings either is interpolated in the band in which
+all this is looked at, and a shift by part of a reading leaves H Hᵀ as it is. Errors of counts are taken as independent,
+of a variance of count²/12. Where the shaft turns by less than a count a reading neighbours err alike; the bound then
+promises more than can be had.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from bench.identification import loops
+from bench.identification.information import KNOWN, Linearised, Slopes, without
+from bench.identification.kernels import Kernel
+from bench.identification.regression import Rows
+from bench.identification.signals import Signals
+
+FloatArray = npt.NDArray[np.float64]
+
+# The bound counts what the fit's own low-pass leaves out.
+WIDE_BAND = Kernel(cutoff=0.30, half_width=8.0)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Deviations of one reading of the torque sensor and of the encoder, both white."""
+
+    torque_nm: float
+    position_rad: float
+
+    def a_tick(self, signals: Signals) -> "Noise":
+        """The same densities as noise of one value a tick: from readings that come less often more is left."""
+        torque, position = (
+            float(np.sqrt(max(period_s / signals.tick_s, 1.0)))
+            for period_s in (signals.torque_period_s, signals.position_period_s)
+        )
+        return Noise(self.torque_nm * torque, self.position_rad * position)
+
+
+@dataclass(frozen=True)
+class PathResponse:
+    """H = V + G L⁻¹ C of one stretch [N·m/rad]: V and G (used, ticks), L and C (ticks, ticks), all sparse."""
+
+    direct: sparse.csr_array  # V
+    held: sparse.csr_array  # G
+    memory: sparse.csr_array  # L
+    entry: sparse.csr_array  # C
+
+    @classmethod
+    def along(cls, rows: Rows, at: Linearised) -> "PathResponse":
+        """At the true network, along the path that was read, on the torque's time."""
+        network, s_per_rad = at.network, at.shape.s_per_rad
+        path, velocity = rows.of_fine_signal(rows.signals.path_rad, (0, 1), at.motion_delay_s)
+        count = path.size
+        h = loops.friction_bank(path, path[0], np.array([s_per_rad]), np.zeros(1))[0]
+        way = np.diff(path, prepend=path[0])
+        kept = np.exp(-s_per_rad * np.abs(way))
+        # h⁺ = side + (h − side) kept
+        slope = s_per_rad * (1.0 - np.sign(way) * np.concatenate([[0.0], h[:-1]])) * kept
+        before = sparse.eye_array(count, k=-1)
+        # dh/dt = s (ω − |ω| h)
+        damping = network.viscous_damping_nms_rad + network.presliding_damping_nms_rad * (1.0 - np.sign(velocity) * h)
+        held = network.presliding_damping_nms_rad * np.abs(velocity) - network.coulomb_torque_nm
+        rate, acceleration = (_derivative(rows, order, count) for order in (1, 2))
+        direct = -network.inertia_kgm2 * acceleration - sparse.diags_array(damping) @ rate
+        used = np.flatnonzero(rows.usable)
+        return cls(
+            direct.tocsr()[used],
+            sparse.diags_array(held).tocsr()[used],
+            (sparse.eye_array(count) - sparse.diags_array(kept) @ before).tocsr(),
+            (sparse.diags_array(slope) @ (sparse.eye_array(count) - before)).tocsr(),
+        )
+
+    def weighed(self, noise: Noise, columns: FloatArray) -> FloatArray:
+        """Σ⁻¹ times each of ``columns``, shape (k, used) like them."""
+        used, ticks = self.direct.shape
+        direct, entry = noise.position_rad * self.direct, noise.position_rad * self.entry
+        ones = sparse.eye_array(ticks)
+        # Σ x = b with f = L⁻¹ C u, u = Vᵀ x + Cᵀ z and Lᵀ z = Gᵀ x; u counts the encoder's errors in deviations.
+        system = sparse.block_array(
+            [
+                [noise.torque_nm**2 * sparse.eye_array(used), self.held, direct, None],
+                [None, self.memory, -entry, None],
+                [-direct.T, None, ones, -entry.T],
+                [-self.held.T, None, None, self.memory.T],
+            ],
+            format="csc",
+        )
+        right = np.zeros((system.shape[0], len(columns)))
+        right[:used] = columns.T
+        return np.asarray(splu(system).solve(right)[:used].T)
+
+
+def information(stretches: tuple[Signals, ...], at: Linearised, noise: Noise) -> FloatArray:
+    """The information matrix, shape (9, 9), in the order of KNOWN.
+
+    Friction's state after each rest and the sensor's zero are unknowns too. Without noise of the position it is that
+    of ``bench.identification.information``.
+    """
+    slopes = Slopes.of(stretches, at)
+    columns = np.concatenate([slopes.wanted, slopes.others, slopes.memory.columns()])
+    products, first = np.zeros((len(columns),) * 2), 0
+    for rows in slopes.regression.rows:
+        last = first + np.count_nonzero(rows.usable)
+        of_stretch = columns[:, first:last]
+        products += of_stretch @ PathResponse.along(rows, at).weighed(noise.a_tick(rows.signals), of_stretch).T
+        first = last
+    wanted = len(KNOWN)
+    matrix = without(products[:wanted, :wanted], products[wanted:, :wanted], products[wanted:, wanted:])
+    share = slopes.motion_share()
+    return np.asarray(matrix * np.outer(share, share))
+
+
+def _derivative(rows: Rows, order: int, count: int) -> sparse.dia_array:
+    """Of a signal given at the ticks, in the band that is looked at."""
+    reach = int(np.ceil(rows.kernel.half_width))
+    offsets = np.arange(-reach, reach + 1)
+    taps = rows.kernel.taps(offsets.astype(np.float64), order) / rows.signals.tick_s**order
+    return sparse.diags_array(taps, offsets=offsets, shape=(count, count))
