@@ -17,6 +17,7 @@ from bench.rig.schema import (
     RigSection,
 )
 from drivers import registry
+from drivers.errors import WiringError
 
 SECTIONS = ("rig", "bus", "actuator", "load", "torque_sensor", "limits", "guard", "simulated")
 MENDS = {
@@ -103,4 +104,9 @@ def _options(device: DeviceSection, role: str, folder: Path, mistakes: Mistakes)
     if device.driver not in known:
         mistakes.add(f"[{role}] driver", f'"{device.driver}" is not installed; {nearest(device.driver, known)}')
         return {}
-    return read_options(device, declared_by(group, device.driver), role, folder, mistakes)
+    try:
+        declared = declared_by(group, device.driver)
+    except WiringError as error:
+        mistakes.add(f"[{role}]", str(error))
+        return {}
+    return read_options(device, declared, role, folder, mistakes)
