@@ -15,10 +15,10 @@ PERIODS = 20  # of torque readings: of a slow sensor the low-pass must see as ma
 SETTLING = 5  # low-passes: how long nothing is said after a pause
 PATIENCE = 2  # low-passes: how long, taken together, a rest may be too great
 MENDING = 0.3  # of the time that all is well counts against it: what swings is too great for parts of its swing only
-LONGEST_GAP_NS = 20_000_000
 # A rest may be so many times the friction, this share of the torques that act, and this share of the limit of torque.
-FRICTION = 1.5
-SHARE = 0.35
+# The load is the bench's own machine; an actuator is there to be found out, and may obey another law than was fitted.
+FRICTION, SHARE = 1.5, 0.35
+FRICTION_OF_ACTUATOR, SHARE_OF_ACTUATOR = 3.0, 0.6
 SHARE_OF_LIMIT = 0.02
 OPPOSITE = 0.3  # of the one rest: another of at least this, the other way round, is the torque sensor's doing
 
@@ -26,30 +26,31 @@ OPPOSITE = 0.3  # of the one rest: another of at least this, the other way round
 class _Side:
     """One machine. ``sign`` is that of the port torque in its balance."""
 
-    def __init__(self, machine: Machine, sign: int, least_nm: float) -> None:
+    def __init__(self, machine: Machine, sign: int, frictions: float, share: float, least_nm: float) -> None:
         self.rest_nm = 0.0  # what nothing explains
         self.allowed_nm = 0.0
         self._machine = machine
         self._sign = sign
-        self._least_nm = least_nm
+        self._share = share
+        self._least_nm = frictions * machine.coulomb_torque_nm + least_nm
+        self._damping_nms_rad = frictions * machine.viscous_damping_nms_rad
         self._torque_nm = self._size_nm = self._velocity_rad_s = 0.0  # low-passed
 
     def begin(self, velocity_rad_s: float) -> None:
         self._torque_nm = self._size_nm = 0.0
         self._velocity_rad_s = velocity_rad_s
 
-    def excess_nm(self, port_nm: float, command: float, velocity_rad_s: float, share: float, lag_s: float) -> float:
-        """By how much the rest is more than can be; ``share`` is the low-pass's, over its time and the tick's."""
-        machine = self._machine
-        driven_nm = machine.torque_gain * command
-        self._torque_nm += share * (self._sign * port_nm + driven_nm - self._torque_nm)
-        self._size_nm += share * (abs(port_nm) + abs(driven_nm) - self._size_nm)
+    def excess_nm(self, port_nm: float, command: float, velocity_rad_s: float, gap_s: float, lag_s: float) -> float:
+        """By how much the rest is more than can be; ``lag_s`` is the low-pass's time and the tick's, ``gap_s``."""
+        driven_nm, passed = self._machine.torque_gain * command, gap_s / lag_s
+        self._torque_nm += passed * (self._sign * port_nm + driven_nm - self._torque_nm)
+        self._size_nm += passed * (abs(port_nm) + abs(driven_nm) - self._size_nm)
         ahead_rad_s = velocity_rad_s - self._velocity_rad_s
-        self._velocity_rad_s = slow_rad_s = self._velocity_rad_s + share * ahead_rad_s
-        inertial_nm = machine.inertia_kgm2 * ahead_rad_s / lag_s
+        self._velocity_rad_s = slow_rad_s = self._velocity_rad_s + passed * ahead_rad_s
+        inertial_nm = self._machine.inertia_kgm2 * ahead_rad_s / lag_s
         self.rest_nm = rest_nm = self._torque_nm - inertial_nm
-        friction_nm = machine.coulomb_torque_nm + machine.viscous_damping_nms_rad * abs(slow_rad_s)
-        self.allowed_nm = FRICTION * friction_nm + SHARE * (self._size_nm + abs(inertial_nm)) + self._least_nm
+        acting_nm = self._size_nm + abs(inertial_nm)
+        self.allowed_nm = self._least_nm + self._damping_nms_rad * abs(slow_rad_s) + self._share * acting_nm
         return abs(rest_nm) - self.allowed_nm
 
 
@@ -61,6 +62,7 @@ class TorqueBalance:
     def __init__(self, torque_nm: float) -> None:
         self._least_nm = SHARE_OF_LIMIT * torque_nm
         self._low_pass_s = LOW_PASS_S
+        self._old_ns = round(LOW_PASS_S * 1e9)  # readings, or a tick, as old as the low-pass are a pause
         self._load: _Side | None = None
         self._actuator: _Side | None = None
         self._tick_ns = 0
@@ -71,26 +73,29 @@ class TorqueBalance:
         self._tick_ns = 0
 
     def know(self, known: Known) -> None:
-        self._load = None if known.load is None else _Side(known.load, 1, self._least_nm)
-        self._actuator = None if known.actuator is None else _Side(known.actuator, -1, self._least_nm)
+        self._load = self._actuator = None
+        if known.load is not None:
+            self._load = _Side(known.load, 1, FRICTION, SHARE, self._least_nm)
+        if known.actuator is not None:
+            self._actuator = _Side(known.actuator, -1, FRICTION_OF_ACTUATOR, SHARE_OF_ACTUATOR, self._least_nm)
         if known.torque is not None:
             self._low_pass_s = max(LOW_PASS_S, PERIODS * known.torque.period_s)
+            self._old_ns = round(self._low_pass_s * 1e9)
 
     def fault(self, sample: Sample, sent: Commands) -> str | None:
         load, actuator = self._load, self._actuator
         if load is None or actuator is None:
             return None
         gap_ns, self._tick_ns = sample.tick_ns - self._tick_ns, sample.tick_ns
-        if gap_ns > LONGEST_GAP_NS:
+        if max(gap_ns, sample.torque_age_ns, sample.motion_age_ns, sample.load_motion_age_ns) > self._old_ns:
             self._settle(sample, load, actuator)
             return None
         gap_s = gap_ns * 1e-9
         lag_s = self._low_pass_s + gap_s
-        share = gap_s / lag_s
         port_nm = sample.torque_nm
         # Both, at every tick: each has its own memory.
-        excess_nm = load.excess_nm(port_nm, sent.load_torque_nm, sample.load_velocity_rad_s, share, lag_s)
-        other_nm = actuator.excess_nm(port_nm, sent.command, sample.velocity_rad_s, share, lag_s)
+        excess_nm = load.excess_nm(port_nm, sent.load_torque_nm, sample.load_velocity_rad_s, gap_s, lag_s)
+        other_nm = actuator.excess_nm(port_nm, sent.command, sample.velocity_rad_s, gap_s, lag_s)
         if excess_nm <= 0.0 and other_nm <= 0.0:
             if self._ill_s > 0.0:
                 self._ill_s -= MENDING * gap_s

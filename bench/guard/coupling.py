@@ -35,6 +35,7 @@ class Coupling:
         self._start_rad: float | None = None
         self._peak_rad_s = 0.0  # the greatest speed, slowly forgotten
         self._strikes = 0
+        self._new = self._load_new = False  # whether either encoder spoke since the last strike
         self._first = (0.0, 0.0)  # both positions when it began to be wrong
 
     def begin(self, sample: Sample) -> None:
@@ -69,8 +70,12 @@ class Coupling:
 
     def _strike(self, sample: Sample, twist_rad: float, allowed_rad: float) -> str | None:
         if self._strikes == 0:
+            self._strikes, self._new, self._load_new = 1, False, False
             self._first = sample.position_rad, sample.load_position_rad
-        self._strikes += 1
+            return None
+        self._new, self._load_new = self._new or sample.motion_new, self._load_new or sample.load_motion_new
+        if self._new and self._load_new:
+            self._strikes, self._new, self._load_new = self._strikes + 1, False, False
         if self._strikes < STRIKES:
             return None
         turned_rad = sample.position_rad - self._first[0]

@@ -17,14 +17,15 @@ class Machine:
 class TorqueHabits:
     """How the torque sensor's readings come and differ.
 
-    ``longest_repeat`` counts the readings in a row, at rest, that were the same bit for bit (1: no two were);
-    ``greatest_step_nm`` is the greatest difference of neighbours while the bench was shaken, None before it was.
+    ``longest_repeat`` counts the readings in a row, at rest, that were the same bit for bit (1: no two were); None
+    where the noise is less than half a step of the reading, so that they may stay the same for ever.
+    ``greatest_step_nm`` is the greatest difference of neighbours while the bench was shaken; None before it was.
     """
 
     bias_nm: float
     noise_nm: float
     period_s: float
-    longest_repeat: int
+    longest_repeat: int | None
     greatest_step_nm: float | None = None
 
 

@@ -10,6 +10,7 @@ from bench.records import Measured, Table
 SEEN = 10.0
 # Readings further apart than this many periods are no neighbours.
 NEIGHBOURS = 1.5
+HALF_STEP = 0.5
 
 
 def torque_habits(at_rest: Measured, shaken: Measured | None) -> TorqueHabits | None:
@@ -23,7 +24,7 @@ def torque_habits(at_rest: Measured, shaken: Measured | None) -> TorqueHabits | 
         bias_nm=float(np.mean(torque_nm)),
         noise_nm=float(np.std(torque_nm)),
         period_s=period_s,
-        longest_repeat=_longest_repeat(torque_nm),
+        longest_repeat=_longest_repeat(torque_nm) if _shows_noise(torque_nm) else None,
         greatest_step_nm=None if shaken is None else _greatest_step_nm(shaken.torque, period_s),
     )
 
@@ -42,6 +43,12 @@ def amperes_per_command(ticks: Table, command: str, current: Table) -> float | N
     rest = current["current_a"] - np.mean(current["current_a"]) - slope * columns[0]
     deviation = float(np.sqrt(rest @ rest / (len(rest) - 2) / size))
     return slope if abs(slope) > SEEN * deviation else None
+
+
+def _shows_noise(values: npt.NDArray[np.float64]) -> bool:
+    """Whether the noise is at least half a step of the readings: by that a living sensor keeps changing."""
+    steps = np.abs(np.diff(values))
+    return bool(np.any(steps > 0.0) and np.std(values) >= HALF_STEP * np.min(steps[steps > 0.0]))
 
 
 def _longest_repeat(values: npt.NDArray[np.float64]) -> int:

@@ -5,12 +5,21 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
 
+from bench.rig.mistakes import nearest
 from bench.units import check_unit, parse_quantity, quantity_in, same_dimension
 
 UNLIMITED = "unlimited"
-Plausibility = Literal[
-    "encoder", "coupling", "standstill", "current", "frozen torque", "torque jump", "saturation", "balance"
-]
+# The guard's plausibility checks, which docs/safety.md explains.
+PLAUSIBILITY = (
+    "encoder",
+    "coupling",
+    "standstill",
+    "current",
+    "frozen torque",
+    "torque jump",
+    "saturation",
+    "balance",
+)
 
 
 class SectionModel(BaseModel):
@@ -42,6 +51,12 @@ def _positive_or_unknown(value: float) -> float:
     if not (isnan(value) or value > 0):
         raise ValueError("must be greater than 0")
     return value
+
+
+def _plausibility(name: str) -> str:
+    if name not in PLAUSIBILITY:
+        raise ValueError(f'"{name}" is no plausibility check; {nearest(name, PLAUSIBILITY)}')
+    return name
 
 
 class RigSection(SectionModel):
@@ -122,5 +137,5 @@ class LimitsSection(SectionModel):
 class GuardSection(SectionModel):
     """``[guard]``: what the guard does beyond its limits."""
 
-    leave_out: list[Plausibility] = Field(default_factory=list, examples=[["current"]])
+    leave_out: list[Annotated[str, AfterValidator(_plausibility)]] = Field(default_factory=list, examples=[["current"]])
     verify_watchdogs: bool = Field(True, examples=[True])

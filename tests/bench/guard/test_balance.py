@@ -62,7 +62,7 @@ def test_a_torque_that_lies_is_the_sensors_doing(lie) -> None:
     ("weak", "name"),
     [
         (lambda c: Commands(c.command, c.load_torque_nm + 0.2), "load"),
-        (lambda c: Commands(c.command + 0.25, c.load_torque_nm), "actuator"),
+        (lambda c: Commands(c.command + 0.4, c.load_torque_nm), "actuator"),
     ],
 )
 def test_a_drive_that_does_not_give_what_it_is_told(weak, name: str) -> None:
@@ -92,6 +92,12 @@ def test_after_a_pause_it_settles_first() -> None:
     verdict = ask(check(), wrong)
     assert verdict.tick is not None
     assert 100 < verdict.tick < 150
+
+
+@pytest.mark.parametrize("age", ["torque_age_ns", "motion_age_ns", "load_motion_age_ns"])
+def test_old_readings_are_a_pause(age: str) -> None:
+    wrong = from_tick(0, lambda s: s._replace(torque_nm=0.5, **{age: 21_000_000}), resting, 300)
+    assert ask(check(), wrong).tick is None
 
 
 def test_a_slow_sensor_is_given_more_time() -> None:

@@ -78,6 +78,12 @@ def test_the_cause_is_guessed_from_how_they_went(fault, suspicion: str) -> None:
     assert suspicion in verdict.said
 
 
+def test_one_bad_reading_of_a_slow_drive_passes_however_long_it_stands() -> None:
+    bad = [offset(1.0)(resting(k))._replace(load_motion_new=k == 300) for k in range(300, 320)]
+    samples = [*map(resting, range(300)), *bad, *map(resting, range(320, 600))]
+    assert ask(check(), samples).tick is None
+
+
 @pytest.mark.parametrize("age", ["motion_age_ns", "load_motion_age_ns"])
 def test_old_readings_are_not_compared(age: str) -> None:
     samples = from_tick(300, lambda s: offset(1.0)(s)._replace(**{age: 40_000_000}))

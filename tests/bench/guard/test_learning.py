@@ -31,12 +31,19 @@ def test_habits_of_a_noisy_sensor() -> None:
 
 @pytest.mark.parametrize(
     ("values", "longest"),
-    [([1, 1, 1, 2, 2, 3], 3), ([1, 2, 2, 2, 2], 4), ([1, 2], 1), ([5, 5, 5, 5, 5], 5), ([1, 1, 2, 3, 3, 3, 4], 3)],
+    [([1, 1, 1, 2, 2, 3], 3), ([1, 3, 2, 2, 2, 2], 4), ([1, 2], 1), ([1, 1, 2, 3, 3, 3, 4], 3)],
 )
 def test_the_longest_run_of_equal_readings(values: list[float], longest: int) -> None:
     found = torque_habits(torque(np.array(values, float)), None)
     assert found is not None
     assert (found.longest_repeat, found.greatest_step_nm) == (longest, None)
+
+
+@pytest.mark.parametrize("values", [[5, 5, 5, 5, 5], [1] * 50 + [2] + [1] * 50])
+def test_a_sensor_coarser_than_its_noise_may_stand_still_for_ever(values: list[float]) -> None:
+    found = torque_habits(torque(np.array(values, float)), None)
+    assert found is not None
+    assert found.longest_repeat is None
 
 
 def test_readings_that_are_invalid_or_apart_are_no_neighbours() -> None:

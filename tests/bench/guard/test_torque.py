@@ -14,7 +14,7 @@ from bench.sample import Sample
 from tests.bench.guard.shafts import ask, from_tick, resting, turning
 
 
-def habits(longest_repeat: int = 2, period_s: float = 1e-3, greatest_step_nm: float | None = 0.02) -> Known:
+def habits(longest_repeat: int | None = 2, period_s: float = 1e-3, greatest_step_nm: float | None = 0.02) -> Known:
     return Known(torque=TorqueHabits(0.03, 1e-3, period_s, longest_repeat, greatest_step_nm))
 
 
@@ -49,6 +49,10 @@ def test_readings_that_are_not_new_do_not_count() -> None:
     samples = from_tick(300, lambda s: s._replace(torque_nm=0.25, torque_new=s.tick_ns % 10_000_000 == 0))
     assert ask(frozen(habits()), samples).tick == pytest.approx(800, abs=10)
     assert ask(frozen(habits(period_s=0.01)), samples).tick == pytest.approx(500, abs=10)  # 2 seen in a row: 20
+
+
+def test_of_a_coarse_sensor_nothing_is_said() -> None:
+    assert ask(frozen(habits(longest_repeat=None)), from_tick(0, shows(0.25))).tick is None
 
 
 def test_before_the_tare_nothing_is_said_of_standing_still() -> None:

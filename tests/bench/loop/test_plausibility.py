@@ -158,7 +158,7 @@ def test_a_healthy_bench_that_is_shaken_is_left_alone(bench: Bench) -> None:
         (lambda b: torque_by(b, lambda _: 0.0123), "frozen torque", "0.0123 N m for the 5.th time in a row", 0.06),
         (lambda b: torque_by(b, lambda torque: torque + 0.2), "balance", "torque sensor's zero, sign and scale", 0.2),
         (lambda b: torque_by(b, lambda torque: -torque), "balance", "torque sensor's zero, sign and scale", 0.3),
-        (lambda b: torque_by(b, lambda torque: 3 * torque), "balance", "torque sensor's zero, sign and scale", 0.6),
+        (lambda b: torque_by(b, lambda torque: 6 * torque), "balance", "torque sensor's zero, sign and scale", 0.6),
         (lambda b: run_away(b, "load", 0.0), "balance", "the other does not miss: check the load drive", 0.3),
         (lambda b: run_away(b, "actuator", 0.3), "current", "actuator drive.*5.4 A.*follows something else", 0.1),
         (lambda b: run_away(b, "load", -0.4), "current", "load drive.*7.6 A.*follows something else", 0.1),
