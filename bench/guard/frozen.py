@@ -42,6 +42,6 @@ class FrozenTorque:
         if self._equal <= self._most:
             return None
         return (
-            f"torque sensor: gives {torque_nm:.6g} N m for the {self._equal}th time in a row, which no living sensor "
+            f"torque sensor: gives {torque_nm:.6g} N m in {self._equal} readings in a row, as no living sensor "
             "does: it is frozen or at the end of its range; switch it off and on again, and check its supply"
         )

@@ -59,6 +59,6 @@ class TorqueJump:
     def _sentence(self, torque_nm: float) -> str:
         return (
             f"port torque: jumped from {self._before_nm:.3g} to {torque_nm:.3g} N m between two readings and stayed "
-            f"there, though shaking the bench changed it by no more than {self._limit_nm / TIMES:.2g} N m: check the "
-            "sensor's zero, amplifier and cable, and that the shaft hits nothing"
+            f"there, where a change of {self._limit_nm:.2g} N m is the most that can be: check the sensor's zero, "
+            "amplifier and cable, and that the shaft hits nothing"
         )

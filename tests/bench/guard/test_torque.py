@@ -38,7 +38,7 @@ def test_a_sensor_that_lives_passes() -> None:
 def test_a_sensor_that_stands_still_is_found_after_a_twentieth_of_a_second() -> None:
     verdict = ask(frozen(habits()), from_tick(300, shows(0.25)))
     assert verdict.tick == 350
-    assert "gives 0.25 N m for the 51th time in a row" in verdict.said
+    assert "gives 0.25 N m in 51 readings in a row" in verdict.said
 
 
 def test_a_sensor_that_is_slow_to_change_is_given_ten_times_what_it_took() -> None:

@@ -155,7 +155,7 @@ def test_a_healthy_bench_that_is_shaken_is_left_alone(bench: Bench) -> None:
         (lambda b: flipped_here(b, "actuator"), "coupling", "turn opposite ways", 0.05),
         (lambda b: flipped_here(b, "load"), "coupling", "turn opposite ways", 0.05),
         (break_coupling, "coupling", "actuator and load have turned", 0.1),
-        (lambda b: torque_by(b, lambda _: 0.0123), "frozen torque", "0.0123 N m for the 5.th time in a row", 0.06),
+        (lambda b: torque_by(b, lambda _: 0.0123), "frozen torque", "0.0123 N m in 5. readings in a row", 0.06),
         (lambda b: torque_by(b, lambda torque: torque + 0.2), "balance", "torque sensor's zero, sign and scale", 0.2),
         (lambda b: torque_by(b, lambda torque: -torque), "balance", "torque sensor's zero, sign and scale", 0.3),
         (lambda b: torque_by(b, lambda torque: 6 * torque), "balance", "torque sensor's zero, sign and scale", 0.6),
