@@ -1,7 +1,7 @@
 """A drive's measured current against its command: never much more than was asked for, never against it.
 
 Less is no alarm: a drive that reaches its supply's voltage gives less. The current lags, and is told late: it is held
-against all that was commanded within the last hundredth of seconds. What a command should give is known from the first
+against all that was commanded within the last tenth of a second. What a command should give is known from the first
 tick where it is a current itself, else from the step ``tare`` on.
 """
 

@@ -28,7 +28,9 @@ class FrozenTorque:
 
     def know(self, known: Known) -> None:
         habits = known.torque
-        if habits is not None and habits.longest_repeat is not None:
+        if habits is None or habits.longest_repeat is None:
+            self._most = inf
+        else:
             self._most = max(TIMES * habits.longest_repeat, LEAST_S / habits.period_s)
 
     def fault(self, sample: Sample, sent: Commands) -> str | None:

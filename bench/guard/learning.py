@@ -35,13 +35,13 @@ def amperes_per_command(ticks: Table, command: str, current: Table) -> float | N
         return None
     at = np.searchsorted(ticks["tick_ns"], current["arrival_ns"], side="right") - 1
     commanded = ticks[command][np.maximum(at, 0)]
-    columns = np.stack([commanded - np.mean(commanded), np.ones(len(current))])
-    size = float(columns[0] @ columns[0])
+    command_off, current_off = commanded - np.mean(commanded), current["current_a"] - np.mean(current["current_a"])
+    size = float(command_off @ command_off)
     if size == 0.0:
         return None
-    slope = float(columns[0] @ current["current_a"]) / size
-    rest = current["current_a"] - np.mean(current["current_a"]) - slope * columns[0]
-    deviation = float(np.sqrt(rest @ rest / (len(rest) - 2) / size))
+    slope = float(command_off @ current_off) / size
+    rest_a = current_off - slope * command_off
+    deviation = float(np.sqrt(rest_a @ rest_a / (len(rest_a) - 2) / size))
     return slope if abs(slope) > SEEN * deviation else None
 
 
