@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test check bench clean
+.PHONY: demo test check guard bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -14,7 +14,7 @@ $(READY): pyproject.toml
 demo: $(READY)  ## identify a simulated actuator through real frames and bytes
 	$(BIN)/norton-bench identify rigs/sim-odrive.toml
 
-test: $(READY) check  ## everything CI runs
+test: $(READY) check guard  ## everything CI runs
 	$(BIN)/pytest
 
 check: $(READY)  ## style, types, import floors
@@ -22,6 +22,9 @@ check: $(READY)  ## style, types, import floors
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+guard: $(READY)  ## the last gate before the wire: every line and every branch of it
+	$(BIN)/pytest tests/bench/guard -n 0 -q --cov=bench.guard --cov-branch --cov-report=term-missing --cov-fail-under=100
 
 bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/identification.py --seeds 1-5

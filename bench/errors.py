@@ -36,9 +36,13 @@ class ExperimentError(BenchError):
 
 
 class SafetyStopError(BenchError):
-    """The guard stopped the experiment; the drives are idle."""
+    """The guard stopped the experiment; the drives are idle. ``by`` names what tripped: docs/safety.md lists them."""
 
     exit_code = ExitCode.SAFETY_STOP
+
+    def __init__(self, reason: str, by: str = "guard") -> None:
+        super().__init__(reason)
+        self.by = by
 
 
 class OperatorStopError(BenchError):

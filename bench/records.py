@@ -77,6 +77,7 @@ class Measured:
     load_motion: Table = field(default_factory=lambda: np.empty(0, MOTION))
     torque: Table = field(default_factory=lambda: np.empty(0, TORQUE))
     current: Table = field(default_factory=lambda: np.empty(0, CURRENT))  # the actuator's amplifier
+    load_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
     segments: tuple[SegmentInfo, ...] = ()
     events: tuple[Event, ...] = ()
     frames: tuple[RawFrame, ...] = ()
@@ -94,6 +95,7 @@ class Measured:
             load_motion=cut(self.load_motion, "arrival_ns"),
             torque=cut(self.torque, "arrival_ns"),
             current=cut(self.current, "arrival_ns"),
+            load_current=cut(self.load_current, "arrival_ns"),
             segments=tuple(s for s in self.segments if s.start_ns < end_ns and s.end_ns > start_ns),
             events=tuple(e for e in self.events if start_ns <= e.stamp_ns < end_ns),
             frames=tuple(f for f in self.frames if start_ns <= f.stamp_ns < end_ns),

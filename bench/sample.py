@@ -24,6 +24,12 @@ class Sample(NamedTuple):
     load_velocity_rad_s: float = NAN
     load_motion_age_ns: int = -1
     load_motion_new: bool = False
+    current_a: float = NAN
+    current_age_ns: int = -1
+    current_new: bool = False
+    load_current_a: float = NAN
+    load_current_age_ns: int = -1
+    load_current_new: bool = False
 
     def counted_from(self, tick_ns: int) -> "Sample":
         """The same readings, with ages as of ``tick_ns``: negative for what arrived only after that."""
@@ -33,6 +39,8 @@ class Sample(NamedTuple):
             torque_age_ns=self.torque_age_ns + later_ns,
             motion_age_ns=self.motion_age_ns + later_ns,
             load_motion_age_ns=self.load_motion_age_ns + later_ns,
+            current_age_ns=self.current_age_ns + later_ns,
+            load_current_age_ns=self.load_current_age_ns + later_ns,
         )
 
 

@@ -25,7 +25,7 @@ from bench.identification.fit import fit_signals
 from bench.identification.signals import Port, signals
 from bench.loop.alignment import Alignment
 from bench.loop.devices import open_devices
-from bench.loop.guard import Guard
+from bench.loop.gate import guard_for
 from bench.loop.loop import Loop
 from bench.loop.outbox import Outbox
 from bench.models.network import NortonNetwork
@@ -124,8 +124,7 @@ def ready(stiffness_nm_rad: float) -> Iterator[Benchmark]:
     backend = load_backend("simulated")(rig.wiring, rig.simulated, seed=1, place=rig.place)
     assert isinstance(backend, SimulatedBackend)
     devices, parts = open_devices(rig, backend), list[Measured]()
-    guard = Guard(rig.limits, rig.command.limit, rig.tick_s, has_load=True, has_torque_sensor=True)
-    loop = Loop(devices, guard, Outbox((parts.append,)), Alignment(), rig.tick_ns)
+    loop = Loop(devices, guard_for(rig, devices), Outbox((parts.append,)), Alignment(), rig.tick_ns)
     try:
         known = carry_out(TareProcedure(), Knowledge(rig), loop)
         assert known.tare is not None

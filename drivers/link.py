@@ -6,7 +6,7 @@ from typing import Any, TypeVar, cast
 
 from drivers.backend import Backend
 from drivers.clock import Clock
-from drivers.errors import WiringError
+from drivers.errors import ConnectionFailedError, WiringError
 from drivers.ports import CanPort, SerialPort, Tap
 from drivers.wiring import CanBusSettings, DeviceSettings
 
@@ -31,6 +31,7 @@ class Link:
     serial_ports: dict[str, SerialPort] = field(default_factory=dict)
     keep_alive: Callable[[], None] | None = None
     questions: list[Callable[[], None]] = field(default_factory=list)
+    _polls: list[Callable[[], int]] = field(default_factory=list, init=False)  # of every open port
     _shared: dict[object, Any] = field(default_factory=dict, init=False)
 
     @property
@@ -44,7 +45,8 @@ class Link:
             known = ", ".join(bus.name for bus in self.buses) or "none"
             raise WiringError(f"[{device.role}] bus = {device.bus!r} is not a bus of this rig (known: {known})")
         if settings.name not in self.can_ports:
-            self.can_ports[settings.name] = self.backend.open_can(settings)
+            self.can_ports[settings.name] = port = self.backend.open_can(settings)
+            self._polls.append(port.poll)
         return self.can_ports[settings.name]
 
     def serial_port(self, device: DeviceSettings, baud: int) -> SerialPort:
@@ -52,7 +54,8 @@ class Link:
         if device.port is None:
             raise WiringError(f'[{device.role}] driver = {device.driver!r} needs a serial port: add port = "..."')
         if device.port not in self.serial_ports:
-            self.serial_ports[device.port] = self.backend.open_serial(device.port, baud)
+            self.serial_ports[device.port] = port = self.backend.open_serial(device.port, baud)
+            self._polls.append(port.poll)
         return self.serial_ports[device.port]
 
     def shared(self, key: object, make: Callable[[], Shared]) -> Shared:
@@ -62,13 +65,18 @@ class Link:
         return cast(Shared, self._shared[key])
 
     def poll(self) -> None:
-        """Ask those that want to be asked, then hand on all that has arrived. Raises ConnectionFailedError."""
-        for ask in self.questions:
-            ask()
-        for can_port in self.can_ports.values():
-            can_port.poll()
-        for serial_port in self.serial_ports.values():
-            serial_port.poll()
+        """Ask those that want to be asked, then hand on all that has arrived.
+
+        Raises ConnectionFailedError where a port is lost, but not before the others were heard.
+        """
+        lost: ConnectionFailedError | None = None
+        for act in (*self.questions, *self._polls):
+            try:
+                act()
+            except ConnectionFailedError as error:
+                lost = error
+        if lost is not None:
+            raise lost
 
     def wait(self, duration_ns: int = POLL_INTERVAL_NS) -> None:
         """Let ``duration_ns`` pass, then poll: what a driver does while it waits for an answer."""
@@ -89,6 +97,7 @@ class Link:
         self.can_ports.clear()
         self.serial_ports.clear()
         self.questions.clear()
+        self._polls.clear()
         self._shared.clear()
 
     def _ports(self) -> list[CanPort | SerialPort]:

@@ -1,7 +1,7 @@
 """Finds drivers by the name a rig file gives them: listed without importing, loaded one at a time."""
 
 from collections.abc import Callable
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, cast
 
 from drivers.backend import BackendFactory
@@ -21,10 +21,29 @@ def names(group: str) -> list[str]:
 
 
 def load(group: str, name: str, *, asked_by: str) -> Any:
-    """Import what ``name`` stands for. Raises WiringError naming the known ones."""
+    """Import what ``name`` stands for.
+
+    Raises WiringError naming the known ones, or the package and the module that cannot be imported.
+    """
     for entry in entry_points(group=group, name=name):
-        return entry.load()
+        return _loaded(entry, asked_by)
     raise WiringError(f"{asked_by} = {name!r} is not installed; known: {', '.join(names(group)) or 'none'}")
+
+
+def _loaded(entry: EntryPoint, asked_by: str) -> Any:
+    try:
+        return entry.load()
+    except Exception as error:  # whatever a package of somebody else does when it is imported
+        package = "a package" if entry.dist is None else f"package {entry.dist.name} {entry.dist.version}"
+        raise WiringError(
+            f"{asked_by} = {entry.name!r}: {package} says that it is {entry.value}, but importing that fails "
+            f"({_first_line(error)}); update or reinstall the package"
+        ) from error
+
+
+def _first_line(error: Exception) -> str:
+    """The kind of error and the first line of what it says."""
+    return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
 def load_backend(name: str) -> BackendFactory:

@@ -1,9 +1,10 @@
 """From readings, each with its own arrival time, to one sample a tick with the age of every signal."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from bench.sample import Sample
-from drivers.readings import MotionReading, TorqueReading
+from drivers.readings import CurrentReading, MotionReading, TorqueReading
 
 
 @dataclass
@@ -14,13 +15,17 @@ class Alignment:
     _motion: MotionReading | None = field(default=None, init=False)
     _load: MotionReading | None = field(default=None, init=False)
     _torque: TorqueReading | None = field(default=None, init=False)
+    _current: CurrentReading | None = field(default=None, init=False)
+    _load_current: CurrentReading | None = field(default=None, init=False)
 
     def update(
         self,
         tick_ns: int,
-        motion: list[MotionReading],
-        load: list[MotionReading],
-        torque: list[TorqueReading],
+        motion: Sequence[MotionReading],
+        load: Sequence[MotionReading],
+        torque: Sequence[TorqueReading],
+        current: Sequence[CurrentReading] = (),
+        load_current: Sequence[CurrentReading] = (),
     ) -> Sample:
         """The sample at ``tick_ns`` given what arrived since the last one (oldest first)."""
         if motion:
@@ -29,7 +34,11 @@ class Alignment:
             self._load = load[-1]
         if torque:
             self._torque = torque[-1]
-        m, ld, tq = self._motion, self._load, self._torque
+        if current:
+            self._current = current[-1]
+        if load_current:
+            self._load_current = load_current[-1]
+        m, ld, tq, i, il = self._motion, self._load, self._torque, self._current, self._load_current
         nan = float("nan")
         # What arrives while the tick is reading its ports has an age of 0, not a negative one.
         return Sample(
@@ -45,4 +54,10 @@ class Alignment:
             nan if ld is None else ld.velocity_rad_s,
             -1 if ld is None else max(0, tick_ns - ld.arrival_ns),
             bool(load),
+            nan if i is None else i.current_a,
+            -1 if i is None else max(0, tick_ns - i.arrival_ns),
+            bool(current),
+            nan if il is None else il.current_a,
+            -1 if il is None else max(0, tick_ns - il.arrival_ns),
+            bool(load_current),
         )

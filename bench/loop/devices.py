@@ -1,10 +1,13 @@
 """The devices of one bench as the loop handles them: opened, enabled, received from, sent to and stopped together."""
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from bench.errors import ExperimentError, RigError
-from bench.loop.guard import Commands, DriveHealth
+from bench.guard.commands import Commands, DriveHealth
+from bench.loop.watchdogs import WatchdogFinding, fall_silent, has_none
 from bench.rig.rig import Rig
 from bench.units import conversion
 from drivers.backend import Backend
@@ -16,6 +19,8 @@ from drivers.registry import open_amplifier, open_torque_sensor
 
 # A drive that was told to idle says so with its next heartbeat; waiting longer than this is pointless.
 IDLE_WITHIN_NS = 500_000_000
+# It is told again as often as this, should a frame have been lost.
+STOP_AGAIN_NS = 50_000_000
 # Streams that never begin are reported by name after this long.
 STREAMS_WITHIN_NS = 1_000_000_000
 
@@ -28,6 +33,7 @@ class Arrivals:
     load_motion: list[MotionReading] = field(default_factory=list)
     torque: list[TorqueReading] = field(default_factory=list)
     current: list[CurrentReading] = field(default_factory=list)
+    load_current: list[CurrentReading] = field(default_factory=list)
 
     def add(self, later: "Arrivals") -> None:
         """What arrived after these."""
@@ -35,6 +41,7 @@ class Arrivals:
         self.load_motion += later.load_motion
         self.torque += later.torque
         self.current += later.current
+        self.load_current += later.load_current
 
 
 @dataclass(frozen=True)
@@ -62,13 +69,12 @@ class Devices:
         """Everything that has arrived. Raises ConnectionFailedError where a port is lost."""
         self.link.poll()
         load, sensor = self.load, self.torque_sensor
-        if load is not None:
-            load.take_current()
         return Arrivals(
             self.actuator.take_motion(),
             [] if load is None else load.take_motion(),
             [] if sensor is None else sensor.take_torque(),
             self.actuator.take_current(),
+            [] if load is None else load.take_current(),
         )
 
     def send(self, commands: Commands) -> None:
@@ -83,6 +89,38 @@ class Devices:
 
     def enable(self) -> None:
         """Close every drive's torque loop at zero torque. Raises DeviceError; the drives are then idle again."""
+        self._enable(self.drives)
+
+    def verify_watchdogs(self) -> tuple[WatchdogFinding, ...]:
+        """Enable the drives at zero, fall silent, and see each make itself safe; one finding for each drive.
+
+        Nothing moves, and the drives are idle afterwards. Raises SafetyStopError where a watchdog does not act,
+        DeviceError where a drive cannot be enabled.
+        """
+        watched = [drive for drive in self.drives if drive.watchdog_s > 0]
+        if not watched:
+            return tuple(has_none(drive) for drive in self.drives)
+        try:
+            self._enable(watched)
+            found = fall_silent(watched, self.link)
+        finally:
+            self.stop()
+        return tuple(found.get(drive.role) or has_none(drive) for drive in self.drives)
+
+    def stop(self) -> tuple[str, ...]:
+        """Every drive to zero torque and idle, whatever state the bench is in. Returns complaints, never raises.
+
+        All get their zero before any is idled; a drive that fails does not keep the others from it.
+        """
+        complaints = list[str]()
+        for drive in self.drives:
+            with suppress(Exception):  # what cannot be sent is tried again below, and complained of at the end
+                drive.command(0.0)
+        for drive in self.drives:
+            self._idle(drive, complaints)
+        return (*complaints, *self._await_idle())
+
+    def _enable(self, drives: Sequence[Amplifier]) -> None:
         enabled: list[Amplifier] = []
 
         def feed_watchdogs() -> None:
@@ -91,7 +129,7 @@ class Devices:
 
         self.link.keep_alive = feed_watchdogs
         try:
-            for drive in self.drives:
+            for drive in drives:
                 drive.enable()
                 enabled.append(drive)
             feed_watchdogs()
@@ -101,26 +139,33 @@ class Devices:
             raise
         self.link.keep_alive = None
 
-    def stop(self) -> tuple[str, ...]:
-        """Every drive to zero torque and idle, whatever state the bench is in. Returns complaints, never raises."""
-        for drive in self.drives:
+    def _idle(self, drive: Amplifier, complaints: list[str]) -> None:
+        try:
             drive.stop()
-        return self._await_idle()
+        except Exception as error:  # no driver may; should one all the same, the other drive is still to be stopped
+            complaints.append(f"{drive.role} drive: its driver failed to stop it ({error}): switch off its supply")
 
     def _await_idle(self) -> tuple[str, ...]:
-        deadline_ns = self.clock.now_ns() + IDLE_WITHIN_NS
-        while self.clock.now_ns() < deadline_ns:
-            if all(drive.status().state is not DriveState.ENABLED for drive in self.drives):
-                return ()
+        """Tell those that are still enabled again and again; what is lost of one port does not end it for the other."""
+        began_ns = told_ns = self.clock.now_ns()
+        unheard: Exception | None = None
+        while (enabled := self._still_enabled()) and self.clock.now_ns() - began_ns < IDLE_WITHIN_NS:
+            if self.clock.now_ns() - told_ns >= STOP_AGAIN_NS:
+                told_ns = self.clock.now_ns()
+                for drive in enabled:
+                    self._idle(drive, [])
             try:
                 self.link.wait()
             except Exception as error:  # a stop must reach its end; the reason is reported
-                return (f"the drives were told to stop but cannot be heard: {error}",)
+                unheard = error
+        why = "" if unheard is None else f" (they cannot all be heard: {unheard})"
         return tuple(
-            f"{drive.role} drive: told to idle, but still says that it is enabled: switch off its supply"
-            for drive in self.drives
-            if drive.status().state is DriveState.ENABLED
+            f"{drive.role} drive: told to idle, but still says that it is enabled{why}: switch off its supply"
+            for drive in enabled
         )
+
+    def _still_enabled(self) -> list[Amplifier]:
+        return [drive for drive in self.drives if drive.status().state is DriveState.ENABLED]
 
     def await_streams(self) -> Arrivals:
         """Let every stream begin; returns what arrived meanwhile. Raises ExperimentError naming those that do not."""

@@ -7,9 +7,10 @@ from math import nan
 
 from bench.control.admittance import AdmittanceController
 from bench.errors import BenchError, OperatorStopError
+from bench.guard.commands import Commands, DriveHealth
+from bench.guard.guard import Guard
 from bench.loop.alignment import Alignment
 from bench.loop.devices import Arrivals, Devices
-from bench.loop.guard import Commands, DriveHealth, Guard
 from bench.loop.load_strategy import LoadStrategy, strategy_for
 from bench.loop.outbox import Outbox
 from bench.records import Measured, SegmentInfo, join
@@ -53,9 +54,22 @@ class Loop:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Drives enabled inside, idle outside, whatever happens in between. Raises DeviceError, ExperimentError."""
+        """Drives enabled inside, idle outside, whatever happens in between.
+
+        Raises DeviceError, ExperimentError, and SafetyStopError where the guard has tripped and was not reset.
+        """
+        self.guard.permit()
         with self.on_time():
             yield from self._enabled()
+
+    def reset_guard(self, word: str) -> None:
+        """Let the drives be enabled again after a trip, on an operator's ``word``, which is put away with the reason.
+
+        Raises UsageError where nothing was said.
+        """
+        reason = self.guard.tripped
+        self.guard.reset(word)
+        self.outbox.put_event(self.devices.clock.now_ns(), "operator", f"reset the guard ({word}) after: {reason}")
 
     def _enabled(self) -> Iterator[None]:
         begun = self.devices.await_streams()
@@ -131,7 +145,9 @@ class Loop:
         return sample, self.outbox.put(row, arrivals)
 
     def _sample(self, now_ns: int, arrivals: Arrivals) -> Sample:
-        return self.alignment.update(now_ns, arrivals.motion, arrivals.load_motion, arrivals.torque)
+        return self.alignment.update(
+            now_ns, arrivals.motion, arrivals.load_motion, arrivals.torque, arrivals.current, arrivals.load_current
+        )
 
     def _obey_operator(self) -> None:
         reason = self.stop_request()
@@ -145,7 +161,8 @@ class Loop:
         if stall_ns > self.guard.limits.stall_after_ns:
             raise self.guard.trip(
                 f"the loop stood still for {stall_ns / 1e6:.0f} ms, more than stall_after = "
-                f"{self.guard.limits.stall_after_ns / 1e6:g} ms"
+                f"{self.guard.limits.stall_after_ns / 1e6:g} ms",
+                "stall",
             )
         return missed
 

@@ -49,6 +49,7 @@ class Outbox:
             load_motion=_table(self._arrivals.load_motion, MOTION),
             torque=_torque_table(self._arrivals.torque),
             current=_table(self._arrivals.current, CURRENT),
+            load_current=_table(self._arrivals.load_current, CURRENT),
             segments=() if segment is None else (segment,),
             events=tuple(self._events),
             frames=tuple(self._frames),

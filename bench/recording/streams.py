@@ -32,6 +32,7 @@ STREAMS = (
     Stream("load_motion", "/load/motion", "Motion", MOTION, "arrival_ns"),
     Stream("torque", "/torque", "Torque", TORQUE, "arrival_ns"),
     Stream("current", "/actuator/current", "Current", CURRENT, "arrival_ns"),
+    Stream("load_current", "/load/current", "Current", CURRENT, "arrival_ns"),
 )
 
 EVENTS = "/events"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.loop.guard import Limited
+from bench.guard.commands import Limited
 from bench.records import Table
 from bench.report.data import ReportData
 from bench.report.figures_fit import live_figure, residual_figure, validation_figure

@@ -41,6 +41,7 @@ def stream_qualities(measured: Measured) -> list[StreamQuality]:
         ("load motion", measured.load_motion, ("position_rad", "velocity_rad_s"), ticks["load_motion_age_ns"]),
         ("port torque", measured.torque, ("torque_nm",), ticks["torque_age_ns"]),
         ("actuator current", measured.current, ("current_a",), np.empty(0, np.int64)),
+        ("load current", measured.load_current, ("current_a",), np.empty(0, np.int64)),
     ]
     return [_quality(name, table, values, ages, pauses_ns) for name, table, values, ages in streams if len(table) > 1]
 

@@ -132,6 +132,12 @@ def _torque_limits(draft: Draft) -> Found:
         )
 
 
+def _twist(draft: Draft) -> Found:
+    written = draft.written.get("limits")
+    if isinstance(written, dict) and "twist" in written and not draft.has("load"):
+        yield "[limits] twist", "cannot be held without a [load], whose encoder it takes; remove the key"
+
+
 def _command_limit(draft: Draft) -> Found:
     """A command in newton metres is what a blocked shaft carries."""
     if draft.actuator is None or draft.limits is None:
@@ -160,5 +166,6 @@ CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _timing,
     _stall,
     _torque_limits,
+    _twist,
     _command_limit,
 )

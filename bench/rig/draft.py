@@ -7,10 +7,19 @@ from typing import Any
 
 from bench.rig.driver_options import declared_by, read_options
 from bench.rig.mistakes import Mistakes, nearest
-from bench.rig.schema import ActuatorSection, BusSection, DeviceSection, LimitsSection, LoadSection, RigSection
+from bench.rig.schema import (
+    ActuatorSection,
+    BusSection,
+    DeviceSection,
+    GuardSection,
+    LimitsSection,
+    LoadSection,
+    RigSection,
+)
 from drivers import registry
+from drivers.errors import WiringError
 
-SECTIONS = ("rig", "bus", "actuator", "load", "torque_sensor", "limits", "simulated")
+SECTIONS = ("rig", "bus", "actuator", "load", "torque_sensor", "limits", "guard", "simulated")
 MENDS = {
     "rig": 'add [rig] with name = "my-bench", rate = "1 kHz" and backend = "hardware"',
     "actuator": 'add [actuator] with driver = "odrive", bus = "can0", node = 1 and command = { unit = "N*m", '
@@ -31,6 +40,7 @@ class Draft:
     load: LoadSection | None
     torque_sensor: DeviceSection | None
     limits: LimitsSection | None
+    guard: GuardSection | None
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of each device, by its role
 
     def devices(self) -> dict[str, DeviceSection]:
@@ -64,6 +74,7 @@ def read_draft(written: Mapping[str, Any], folder: Path, mistakes: Mistakes) -> 
         load=_section(LoadSection, written, "load", mistakes),
         torque_sensor=_section(DeviceSection, written, "torque_sensor", mistakes),
         limits=_section(LimitsSection, written, "limits", mistakes, context),
+        guard=_section(GuardSection, {"guard": {}, **written}, "guard", mistakes),
     )
     options = {role: _options(device, role, folder, mistakes) for role, device in draft.devices().items()}
     return Draft(**{**vars(draft), "options": options})
@@ -93,4 +104,9 @@ def _options(device: DeviceSection, role: str, folder: Path, mistakes: Mistakes)
     if device.driver not in known:
         mistakes.add(f"[{role}] driver", f'"{device.driver}" is not installed; {nearest(device.driver, known)}')
         return {}
-    return read_options(device, declared_by(group, device.driver), role, folder, mistakes)
+    try:
+        declared = declared_by(group, device.driver)
+    except WiringError as error:
+        mistakes.add(f"[{role}]", str(error))
+        return {}
+    return read_options(device, declared, role, folder, mistakes)

@@ -9,7 +9,7 @@ from bench.rig.checks import check
 from bench.rig.draft import Draft, read_draft
 from bench.rig.files import parse_toml, read_text
 from bench.rig.mistakes import Mistakes
-from bench.rig.rig import Command, Limits, Rig
+from bench.rig.rig import Command, Limits, Rig, Supervision
 from bench.rig.schema import ActuatorSection, DeviceSection, LimitsSection, RigSection
 from drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 
@@ -34,11 +34,12 @@ def parse_rig(text: str, *, place: str, backend: str | None = None) -> Rig:
 
 
 def _assemble(draft: Draft, backend: str | None, text: str) -> Rig:
-    rig, actuator, limits = draft.rig, draft.actuator, draft.limits
+    rig, actuator, limits, guard = draft.rig, draft.actuator, draft.limits, draft.guard
     # Whatever of these is missing or wrong has been told, and raised, by now.
     assert rig is not None
     assert actuator is not None
     assert limits is not None
+    assert guard is not None
     assert backend is not None
     return Rig(
         name=rig.name,
@@ -46,6 +47,7 @@ def _assemble(draft: Draft, backend: str | None, text: str) -> Rig:
         wiring=_wiring(draft, rig, actuator),
         command=Command(actuator.command.unit, actuator.command.limit),
         limits=_limits(limits, draft.load.torque_limit_nm if draft.load else None),
+        supervision=Supervision(tuple(guard.leave_out), guard.verify_watchdogs),
         simulated=draft.written.get("simulated", {}),
         place=draft.place,
         text=text,

@@ -29,6 +29,15 @@ class Limits:
     power_w: float = inf
     temperature_c: float = inf
     command_rate_per_s: float = inf
+    twist_rad: float = 0.5  # between the two encoders of a coupled shaft
+
+
+@dataclass(frozen=True)
+class Supervision:
+    """What the guard does beyond its limits: plausibility checks left out, by name; whether watchdogs are tried."""
+
+    leave_out: tuple[str, ...] = ()
+    verify_watchdogs: bool = True
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,7 @@ class Rig:
     wiring: Wiring
     command: Command
     limits: Limits
+    supervision: Supervision = Supervision()
     simulated: Mapping[str, Any] = field(default_factory=dict)
     place: str = ""
     text: str = ""

@@ -5,9 +5,21 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
 
+from bench.rig.mistakes import nearest
 from bench.units import check_unit, parse_quantity, quantity_in, same_dimension
 
 UNLIMITED = "unlimited"
+# The guard's plausibility checks, which docs/safety.md explains.
+PLAUSIBILITY = (
+    "encoder",
+    "coupling",
+    "standstill",
+    "current",
+    "frozen torque",
+    "torque jump",
+    "saturation",
+    "balance",
+)
 
 
 class SectionModel(BaseModel):
@@ -39,6 +51,12 @@ def _positive_or_unknown(value: float) -> float:
     if not (isnan(value) or value > 0):
         raise ValueError("must be greater than 0")
     return value
+
+
+def _plausibility(name: str) -> str:
+    if name not in PLAUSIBILITY:
+        raise ValueError(f'"{name}" is no plausibility check; {nearest(name, PLAUSIBILITY)}')
+    return name
 
 
 class RigSection(SectionModel):
@@ -111,5 +129,13 @@ class LimitsSection(SectionModel):
     command_rate_per_s: Annotated[float, BeforeValidator(_per_second)] = Field(
         inf, alias="command_rate", gt=0, examples=["50 N*m/s"]
     )
+    twist_rad: Annotated[float, _or_unlimited("rad")] = Field(0.5, alias="twist", gt=0, examples=["0.5 rad"])
     stale_after_s: Annotated[float, quantity_in("s")] = Field(5e-3, alias="stale_after", gt=0, examples=["5 ms"])
     stall_after_s: Annotated[float, quantity_in("s")] = Field(50e-3, alias="stall_after", gt=0, examples=["50 ms"])
+
+
+class GuardSection(SectionModel):
+    """``[guard]``: what the guard does beyond its limits."""
+
+    leave_out: list[Annotated[str, AfterValidator(_plausibility)]] = Field(default_factory=list, examples=[["current"]])
+    verify_watchdogs: bool = Field(True, examples=[True])

@@ -12,7 +12,7 @@ from bench.control.preview import with_preview
 from bench.identification.results import LiveEstimate
 from bench.loop.alignment import Alignment
 from bench.loop.devices import Devices, open_devices
-from bench.loop.guard import Guard
+from bench.loop.gate import guard_for
 from bench.loop.loop import Loop, never_stop
 from bench.loop.outbox import Outbox
 from bench.procedures.carry_out import carry_out
@@ -27,6 +27,7 @@ from bench.session.live_feed import InlineFeed, LiveFeed, ProcessFeed
 from bench.session.progress import Progress, Silent
 from bench.session.provenance import provenance
 from bench.session.schema import Session
+from bench.session.supervision import told_to_guard, verify_watchdogs
 from bench.session.warm_up import warm_up
 from drivers.backend import Backend
 from drivers.punctual import punctual
@@ -109,6 +110,7 @@ class _Run:
 
     def _adopt(self) -> None:
         known, loop = self.knowledge, self.loop
+        loop.guard.know(told_to_guard(known))
         if known.tare is not None:
             loop.alignment.torque_bias_nm = known.tare.torque_bias_nm
         if known.calibration is not None:
@@ -178,6 +180,8 @@ def record_session(
             )
         )
         run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
+        if rig.supervision.verify_watchdogs:
+            verify_watchdogs(devices, run.loop.outbox, progress.note)
         _step_by_step(run, procedures, progress)
     return Recorded(recorder.path, metadata, run.knowledge, join(run.parts), run.live)
 
@@ -214,10 +218,7 @@ def _running(
 ) -> Iterator[_Run]:
     outbox = Outbox()
     devices.link.set_tap(outbox.put_frame)
-    guard = Guard(
-        rig.limits, rig.command.limit, rig.tick_s, devices.load is not None, devices.torque_sensor is not None
-    )
-    loop = Loop(devices, guard, outbox, Alignment(), rig.tick_ns, stop_request)
+    loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, stop_request)
     if not backend.lock_step:
         loop.on_time = punctual
     feed = (InlineFeed if backend.lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from bench.loop.alignment import Alignment
 from bench.loop.devices import Devices, open_devices
-from bench.loop.guard import Guard
+from bench.loop.gate import guard_for
 from bench.loop.loop import Loop
 from bench.loop.outbox import Outbox
 from bench.records import Measured
@@ -48,7 +48,7 @@ class Bench:
 
     def armed(self) -> list[str]:
         """Roles of the drives whose firmware still closes the torque loop."""
-        roles = ("actuator", "load")
+        roles = [drive.role for drive in self.devices.drives]
         return [role for role in roles if self.axis(role).axis_state == AxisState.CLOSED_LOOP_CONTROL]
 
 
@@ -58,12 +58,13 @@ def opened(rig: Rig, seed: int = 1) -> Iterator[Bench]:
     backend = load_backend("simulated")(rig.wiring, rig.simulated, seed=seed, place=rig.place)
     assert isinstance(backend, SimulatedBackend)
     devices, parts = open_devices(rig, backend), list[Measured]()
-    guard = Guard(
-        rig.limits, rig.command.limit, rig.tick_s, devices.load is not None, devices.torque_sensor is not None
-    )
     try:
         yield Bench(
-            rig, backend, devices, Loop(devices, guard, Outbox((parts.append,)), Alignment(), rig.tick_ns), parts
+            rig,
+            backend,
+            devices,
+            Loop(devices, guard_for(rig, devices), Outbox((parts.append,)), Alignment(), rig.tick_ns),
+            parts,
         )
     finally:
         devices.link.close()

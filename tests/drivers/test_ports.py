@@ -129,3 +129,21 @@ def test_what_is_shared_is_made_once(link):
     first = link.shared("master of can0", list)
     assert link.shared("master of can0", list) is first
     assert link.shared("master of can1", list) is not first
+
+
+def test_what_is_on_one_port_is_heard_though_another_is_lost(world, link, can_port, serial_port):
+    heard = []
+    serial_port.subscribe(lambda data, _arrival_ns: heard.append(data))
+
+    def lost(timeout=None):
+        raise OSError("No such device")
+
+    def ask() -> None:
+        raise ConnectionFailedError("nobody to ask")
+
+    can_port.bus.recv = lost
+    link.questions.append(ask)
+    world.line.arriving = b"alive"
+    with pytest.raises(ConnectionFailedError, match="bus can0: lost"):
+        link.poll()
+    assert heard == [b"alive"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import BenchError, OperatorStopError, RigError, SafetyStopError
+from bench.errors import BenchError, OperatorStopError, RigError, SafetyStopError, UsageError
 from bench.procedures.makers import coasting, pushed
 from bench.rig.load import load_rig
 from bench.rig.rig import Command
@@ -92,6 +92,24 @@ def test_each_limit_is_held_on_the_moving_bench(
     with pytest.raises(SafetyStopError, match=words):
         run(bench, segment)
     assert bench.armed() == []
+
+
+def test_a_bench_that_tripped_is_not_enabled_again_before_an_operator_says_so(make_bench: MakeBench) -> None:
+    bench = make_bench(velocity_rad_s=5.0)
+    with pytest.raises(SafetyStopError, match="velocity"):
+        run(bench, pushing(0.2))
+    stopped_ns = bench.backend.world.now_ns
+    with pytest.raises(SafetyStopError, match=r"nothing is enabled again .*; it was: actuator velocity"):
+        run(bench, resting(0.1))
+    assert bench.backend.world.now_ns == stopped_ns
+    with pytest.raises(UsageError, match="say who looked"):
+        bench.loop.reset_guard(" ")
+    bench.loop.reset_guard("N. Hogan: pushed too hard, all well")
+    run(bench, resting(0.1))
+    events = [(event.kind, event.text) for part in bench.parts for event in part.events]
+    assert [kind for kind, _ in events] == ["stop", "operator"]
+    assert events[1][1].startswith("reset the guard (N. Hogan: pushed too hard, all well) after: ")
+    assert "velocity" in events[1][1]
 
 
 def test_a_command_that_is_no_number_never_reaches_the_wire(make_bench: MakeBench) -> None:

@@ -8,7 +8,7 @@ import pytest
 from bench.rig.driver_options import declared_by
 from bench.rig.load import parse_rig
 from bench.rig.mistakes import keys_of
-from bench.rig.schema import BusSection, LimitsSection, RigSection
+from bench.rig.schema import PLAUSIBILITY, BusSection, GuardSection, LimitsSection, RigSection
 from bench.session.schema import STEPS, parse_session
 from drivers import registry
 
@@ -28,10 +28,19 @@ def test_the_session_shown_is_right() -> None:
     assert len(parse_session(shown_in("session-file.md"), place="docs").steps) == 5
 
 
-@pytest.mark.parametrize("model", [RigSection, BusSection, LimitsSection])
+@pytest.mark.parametrize("model", [RigSection, BusSection, LimitsSection, GuardSection])
 def test_every_key_of_a_rig_file_is_explained(model: type) -> None:
     text = (DOCS / "rig-file.md").read_text()
     assert [key for key in keys_of(model) if f"`{key}`" not in text] == []
+
+
+@pytest.mark.parametrize("name", PLAUSIBILITY)
+def test_every_plausibility_check_is_explained_and_quoted(name: str) -> None:
+    rows = (DOCS / "safety.md").read_text().splitlines()
+    explained, quoted = (row for row in rows if row.startswith(f"| `{name}` |"))
+    assert explained.count("|") == 6
+    assert quoted.endswith("* |")
+    assert f'`"{name}"`' in (DOCS / "rig-file.md").read_text()
 
 
 @pytest.mark.parametrize("group", [registry.AMPLIFIERS, registry.TORQUE_SENSORS])

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from bench.errors import ExitCode, RigError
 from bench.rig.load import load_rig, parse_rig
 from bench.rig.mistakes import toml
+from bench.rig.rig import Supervision
 
 RIGS = Path(__file__).parents[3] / "rigs"
 GOOD = """\
@@ -54,6 +55,11 @@ temperature = "80 degC"
 command_rate = "50 A/s"
 stale_after = "8 ms"
 stall_after = "40 ms"
+twist = "20 deg"
+
+[guard]
+leave_out = ["current", "frozen torque"]
+verify_watchdogs = false
 
 [simulated]
 anything = [1, 2]
@@ -76,6 +82,15 @@ def test_quantities_become_si() -> None:
     assert limits.position_rad == pytest.approx(4 * pi)
     assert (limits.torque_nm, limits.load_torque_nm, limits.power_w, limits.temperature_c) == (1.0, 1.5, 20.0, 80.0)
     assert (limits.command_rate_per_s, limits.stale_after_ns, limits.stall_after_ns) == (50.0, 8_000_000, 40_000_000)
+    assert limits.twist_rad == pytest.approx(pi / 9)
+
+
+def test_how_the_bench_is_supervised() -> None:
+    assert parse_rig(GOOD, place="r.toml").supervision == Supervision(("current", "frozen torque"), False)
+    by_itself = GOOD.replace("[guard]\n", "").replace('leave_out = ["current", "frozen torque"]\n', "")
+    without = parse_rig(by_itself.replace("verify_watchdogs = false\n", ""), place="r.toml")
+    assert without.supervision == Supervision((), True)
+    assert parse_rig(GOOD.replace('"20 deg"', '"unlimited"'), place="r.toml").limits.twist_rad == inf
 
 
 def test_wiring_carries_buses_devices_and_their_options() -> None:
@@ -142,6 +157,16 @@ ONE_MISTAKE = {
         '"../x"',
         'r.toml: [rig] name: expected a plain name of letters, digits, ".", "_" and "-", not "../x"; '
         'write it like "my-bench"',
+    ),
+    "unknown check": (
+        '"frozen torque"',
+        '"frozen_torque"',
+        'r.toml: [guard.leave_out] 1: "frozen_torque" is no plausibility check; did you mean "frozen torque"?',
+    ),
+    "unknown key of the guard": (
+        "verify_watchdogs",
+        "verify_watchdog",
+        'r.toml: [guard] verify_watchdog: unknown key; did you mean "verify_watchdogs"?',
     ),
     "no unit": ('"8 ms"', "8", 'r.toml: [limits] stale_after: "8" has no unit; write it like "1 s"'),
     "wrong unit": ('"600 rpm"', '"600 Hz"', 'r.toml: [limits] velocity: "600 Hz" is not in rad/s'),
@@ -249,7 +274,7 @@ def test_a_missing_section_is_named_with_what_to_add(section: str) -> None:
     assert f"add [{section}] with" in said[0]
 
 
-@pytest.mark.parametrize("section", ["rig", "bus", "load", "simulated"])
+@pytest.mark.parametrize("section", ["rig", "bus", "load", "guard", "simulated"])
 def test_a_value_where_a_section_belongs_is_told(section: str) -> None:
     text = f"{section} = 3\n" + "\n\n".join(part for part in GOOD.split("\n\n") if not part.startswith(f"[{section}"))
     assert any(line.startswith(f"r.toml: [{section}]: is a section") for line in mistakes_in(text))
@@ -266,7 +291,7 @@ def test_a_load_needs_a_torque_sensor() -> None:
 def test_a_torque_limit_needs_a_torque_sensor() -> None:
     alone = "\n\n".join(part for part in without("torque_sensor").split("\n\n") if not part.startswith("[load]"))
     said = mistakes_in(alone)
-    assert [line.split(":")[1].strip() for line in said] == ["[limits] torque", "[limits] power"]
+    assert [line.split(":")[1].strip() for line in said] == ["[limits] torque", "[limits] power", "[limits] twist"]
 
 
 def test_simulation_needs_its_section() -> None:

@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.errors import SafetyStopError
-from bench.loop.guard import Commands, DriveHealth, Guard, Limited
+from bench.errors import SafetyStopError, UsageError
+from bench.guard.commands import Commands, DriveHealth, Limited
+from bench.guard.guard import Guard
+from bench.guard.known import Known
 from bench.rig.rig import Limits
 from bench.sample import Sample
 from drivers.readings import DriveState, DriveStatus
@@ -111,6 +113,72 @@ def test_each_drive_is_watched(name: str, status: DriveStatus, words: str) -> No
 def test_a_wish_that_is_no_number_is_never_sent(wish: Commands) -> None:
     with pytest.raises(SafetyStopError, match="not a number"):
         guard().limit(wish, SAMPLE, (ACTUATOR, LOAD))
+
+
+@pytest.mark.parametrize("change", [{"torque_nm": nan}, {"load_position_rad": inf}])
+def test_what_is_no_number_is_told_as_such(change: dict[str, float]) -> None:
+    with pytest.raises(SafetyStopError, match=r"is no number: the device marks its reading as invalid"):
+        guard().limit(WISH, SAMPLE._replace(**change), (ACTUATOR, LOAD))
+
+
+class Doubt:
+    """A check that finds fault with what was sent."""
+
+    name = "doubt"
+
+    def __init__(self) -> None:
+        self.told: list[object] = []
+        self.sent: list[Commands] = []
+
+    def begin(self, sample: Sample) -> None:
+        self.told.append(sample)
+
+    def know(self, known: Known) -> None:
+        self.told.append(known)
+
+    def fault(self, sample: Sample, sent: Commands) -> str | None:
+        self.sent.append(sent)
+        return "that cannot be" if sent.command == 0.05 else None
+
+
+def test_a_check_is_told_what_was_sent_and_its_word_stops_the_bench() -> None:
+    doubt, known = Doubt(), Known(moving_command=0.1)
+    gate = Guard(LIMITS, 0.5, 1e-3, True, True, (doubt,))
+    gate.know(known)
+    gate.begin(SAMPLE)
+    assert doubt.told == [known, SAMPLE]
+    assert gate.limit(WISH, SAMPLE, (ACTUATOR, LOAD)) == WISH
+    with pytest.raises(SafetyStopError, match="that cannot be") as stop:
+        gate.limit(WISH, SAMPLE, (ACTUATOR, LOAD))
+    assert stop.value.by == "doubt"
+    assert doubt.sent == [Commands(0.0, 0.0), WISH]
+
+
+def test_a_limit_speaks_before_a_check() -> None:
+    gate = Guard(LIMITS, 0.5, 1e-3, True, True, (Doubt(),))
+    gate.begin(SAMPLE)
+    gate.limit(WISH, SAMPLE, (ACTUATOR, LOAD))
+    with pytest.raises(SafetyStopError, match="port torque") as stop:
+        gate.limit(WISH, SAMPLE._replace(torque_nm=2.0), (ACTUATOR, LOAD))
+    assert stop.value.by == "torque"
+
+
+def test_once_tripped_nothing_is_permitted_before_an_operator_says_so() -> None:
+    gate = guard()
+    gate.permit()
+    gate.trip("the shaft broke", "coupling")
+    with pytest.raises(SafetyStopError, match=r"before an operator says so .*; it was: the shaft broke") as stop:
+        gate.permit()
+    assert stop.value.by == "coupling"
+    for silence in ("", "  "):
+        with pytest.raises(UsageError, match="say who looked"):
+            gate.reset(silence)
+    with pytest.raises(SafetyStopError):
+        gate.permit()
+    gate.reset("N. Hogan: new shaft mounted")
+    gate.permit()
+    gate.begin(SAMPLE)
+    assert gate.limit(WISH, SAMPLE, (ACTUATOR, LOAD)) == WISH
 
 
 def test_a_guard_that_never_began_stops_at_once() -> None:

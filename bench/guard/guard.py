@@ -1,39 +1,16 @@
 """The last word before the wire. Independent of every controller and procedure, it fails closed: what it cannot judge,
-it stops. Once tripped it stays tripped."""
+it stops. Once tripped it stays tripped, until an operator says otherwise."""
 
 from dataclasses import dataclass, field
-from enum import IntFlag
 from math import isfinite
-from typing import NamedTuple
 
-from bench.errors import SafetyStopError
+from bench.errors import SafetyStopError, UsageError
+from bench.guard.check import Check
+from bench.guard.commands import NOTHING, Commands, DriveHealth, Limited
+from bench.guard.known import Known
 from bench.rig.rig import Limits
 from bench.sample import Sample
-from drivers.readings import DriveState, DriveStatus
-
-
-class Limited(IntFlag):
-    """What was clipped in a tick; clipping is no alarm, but it is recorded."""
-
-    COMMAND = 1
-    COMMAND_RATE = 2
-    LOAD_TORQUE = 4
-
-
-class Commands(NamedTuple):
-    """What goes to the drives: the actuator's command in its own unit, the load's torque, and what was clipped."""
-
-    command: float
-    load_torque_nm: float
-    limited: int = 0
-
-
-class DriveHealth(NamedTuple):
-    """A drive's last word, and how long its heartbeat may be silent."""
-
-    name: str
-    status: DriveStatus
-    heartbeat_timeout_ns: int
+from drivers.readings import DriveState
 
 
 @dataclass
@@ -41,7 +18,7 @@ class Guard:
     """Holds the limits of one rig.
 
     ``has_load`` and ``has_torque_sensor`` say which signals must be there; ``command_limit`` is the greatest actuator
-    command, in its own unit.
+    command, in its own unit. ``checks`` are asked in their order, after all limits: a limit is the clearer word.
     """
 
     limits: Limits
@@ -49,37 +26,65 @@ class Guard:
     tick_s: float
     has_load: bool
     has_torque_sensor: bool
-    tripped: str | None = field(default=None, init=False)
-    _last_command: float = field(default=0.0, init=False)
+    checks: tuple[Check, ...] = ()
+    tripped: SafetyStopError | None = field(default=None, init=False)
+    _sent: Commands = field(default=NOTHING, init=False)
     _home_rad: float | None = field(default=None, init=False)
+
+    def permit(self) -> None:
+        """Asked before any drive is enabled. Raises SafetyStopError while an earlier trip has not been reset."""
+        if self.tripped is not None:
+            raise SafetyStopError(
+                f"the guard stopped the bench and nothing is enabled again before an operator says so "
+                f"(Loop.reset_guard); it was: {self.tripped}",
+                self.tripped.by,
+            )
+
+    def reset(self, word: str) -> None:
+        """Forget the trip, on an operator's ``word`` that the bench is safe. Raises UsageError where there is none."""
+        if not word.strip():
+            raise UsageError("a guard that tripped is reset by an operator's word: say who looked, and what was done")
+        self.tripped = None
+
+    def know(self, known: Known) -> None:
+        """Lean on what the bench has measured of itself. Call it with the drives idle."""
+        for check in self.checks:
+            check.know(known)
 
     def begin(self, sample: Sample) -> None:
         """The drives were just enabled at zero. The position window is centred where the shaft first stood."""
-        self._last_command = 0.0
+        self._sent = NOTHING
         if self._home_rad is None and isfinite(sample.position_rad):
             self._home_rad = sample.position_rad
+        for check in self.checks:
+            check.begin(sample)
 
     def limit(self, wished: Commands, sample: Sample, drives: tuple[DriveHealth, ...]) -> Commands:
         """``wished`` within its bounds. Raises SafetyStopError where the bench is not as it must be."""
         if self.tripped is not None:
-            raise SafetyStopError(self.tripped)
+            raise self.trip(str(self.tripped), self.tripped.by)
         self._check_wish(wished)
         self._check_freshness(sample)
         self._check_values(sample)
         for drive in drives:
             self._check_drive(drive, sample.tick_ns)
+        for check in self.checks:
+            said = check.fault(sample, self._sent)
+            if said is not None:
+                raise self.trip(said, check.name)
         return self._clip(wished)
 
-    def trip(self, reason: str) -> SafetyStopError:
-        """Latch ``reason``; returns the error to raise."""
-        self.tripped = reason
-        return SafetyStopError(reason)
+    def trip(self, reason: str, by: str) -> SafetyStopError:
+        """Latch ``reason``; returns the error to raise. ``by`` is what tripped, in a word or two."""
+        self.tripped = SafetyStopError(reason, by)
+        return self.tripped
 
     def _check_wish(self, wished: Commands) -> None:
         if not (isfinite(wished.command) and isfinite(wished.load_torque_nm)):
             raise self.trip(
                 f"the controller asked for command {wished.command} and load torque {wished.load_torque_nm} N m: "
-                "not a number, so nothing was sent"
+                "not a number, so nothing was sent",
+                "wish",
             )
 
     def _check_freshness(self, sample: Sample) -> None:
@@ -91,17 +96,18 @@ class Guard:
 
     def _check_age(self, name: str, age_ns: int) -> None:
         if age_ns < 0:
-            raise self.trip(f"{name}: no reading yet")
+            raise self.trip(f"{name}: no reading yet", "stale")
         if age_ns > self.limits.stale_after_ns:
             raise self.trip(
                 f"{name}: silent for {age_ns / 1e6:.1f} ms, more than [limits] stale_after = "
-                f"{self.limits.stale_after_ns / 1e6:g} ms"
+                f"{self.limits.stale_after_ns / 1e6:g} ms",
+                "stale",
             )
 
     def _check_values(self, sample: Sample) -> None:
         self._check_bound("actuator velocity", sample.velocity_rad_s, self.limits.velocity_rad_s, "velocity", "rad/s")
         if self._home_rad is None:
-            raise self.trip("actuator position: not a number when the drives were enabled")
+            raise self.trip("actuator position: not a number when the drives were enabled", "position")
         travel_rad = sample.position_rad - self._home_rad
         self._check_bound("travel from where the shaft stood", travel_rad, self.limits.position_rad, "position", "rad")
         if self.has_load:
@@ -117,16 +123,18 @@ class Guard:
     def _check_bound(self, name: str, value: float, bound: float, key: str, unit: str) -> None:
         # Written so that NaN fails: a comparison with it is never true.
         if not (isfinite(value) and abs(value) <= bound):
-            raise self.trip(f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}")
+            raise self.trip(_outside(name, value, bound, key, unit), key)
 
     def _check_drive(self, drive: DriveHealth, tick_ns: int) -> None:
         status = drive.status
         if status.state is not DriveState.ENABLED:
             words = "; ".join(status.errors) or "no reason given"
-            raise self.trip(f"{drive.name} drive: left its torque loop ({status.state.value}: {words})")
+            raise self.trip(f"{drive.name} drive: left its torque loop ({status.state.value}: {words})", "drive")
         heartbeat_ns = status.heartbeat_ns
         if heartbeat_ns is None or tick_ns - heartbeat_ns > drive.heartbeat_timeout_ns:
-            raise self.trip(f"{drive.name} drive: no heartbeat for {drive.heartbeat_timeout_ns / 1e6:g} ms")
+            raise self.trip(
+                f"{drive.name} drive: no heartbeat for {drive.heartbeat_timeout_ns / 1e6:g} ms", "heartbeat"
+            )
         for part, celsius in (
             ("transistors", status.transistor_temperature_c),
             ("motor", status.motor_temperature_c),
@@ -135,7 +143,8 @@ class Guard:
             if celsius > self.limits.temperature_c:
                 raise self.trip(
                     f"{drive.name} drive: {part} at {celsius:.0f} °C, above [limits] temperature = "
-                    f"{self.limits.temperature_c:g} °C"
+                    f"{self.limits.temperature_c:g} °C",
+                    "temperature",
                 )
 
     def _clip(self, wished: Commands) -> Commands:
@@ -144,11 +153,17 @@ class Guard:
         if command != wished.command:
             limited |= Limited.COMMAND
         step = self.limits.command_rate_per_s * self.tick_s
-        slewed = min(max(command, self._last_command - step), self._last_command + step)
+        slewed = min(max(command, self._sent.command - step), self._sent.command + step)
         if slewed != command:
             limited |= Limited.COMMAND_RATE
         load_nm = min(max(wished.load_torque_nm, -self.limits.load_torque_nm), self.limits.load_torque_nm)
         if load_nm != wished.load_torque_nm:
             limited |= Limited.LOAD_TORQUE
-        self._last_command = slewed
-        return Commands(slewed, load_nm, int(limited))
+        self._sent = Commands(slewed, load_nm, int(limited))
+        return self._sent
+
+
+def _outside(name: str, value: float, bound: float, key: str, unit: str) -> str:
+    if isfinite(value):
+        return f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}"
+    return f"{name}: is no number: the device marks its reading as invalid, or reads beyond its range; check the device"

@@ -1,0 +1,64 @@
+"""The port torque from one reading to the next: no more than was seen while the bench was shaken, and some.
+
+A spike that is gone with the next readings is a glitch. A step that stays is a sensor that lost its zero, its amplifier
+or its sign, or a shaft that hit something.
+"""
+
+from math import inf
+
+from bench.guard.check import STRIKES
+from bench.guard.commands import Commands
+from bench.guard.known import Known
+from bench.sample import Sample
+
+TIMES = 3.0  # the greatest step seen
+LEAST = 0.5  # of the limit of torque: both drives at once can do nearly as much
+LATE = 2.5  # periods: readings further apart are no neighbours; a tick may see two at once, and the next none
+
+
+class TorqueJump:
+    """``torque_nm`` is the rig's limit. Knows from the step ``calibrate`` on how the torque can change."""
+
+    name = "torque jump"
+
+    def __init__(self, torque_nm: float) -> None:
+        self._least_nm = LEAST * torque_nm
+        self._limit_nm = inf
+        self._period_ns = 0.0
+        self._last_nm = 0.0
+        self._arrival_ns = 0
+        self._before_nm = 0.0  # what stood before the jump
+        self._strikes = 0
+
+    def begin(self, sample: Sample) -> None:
+        self._arrival_ns = self._strikes = 0
+
+    def know(self, known: Known) -> None:
+        habits = known.torque
+        if habits is not None and habits.greatest_step_nm is not None:
+            self._limit_nm = max(TIMES * habits.greatest_step_nm, self._least_nm)
+            self._period_ns = LATE * habits.period_s * 1e9
+
+    def fault(self, sample: Sample, sent: Commands) -> str | None:
+        if not sample.torque_new:
+            return None
+        torque_nm, last_nm = sample.torque_nm, self._last_nm
+        arrival_ns = sample.tick_ns - sample.torque_age_ns
+        neighbours = arrival_ns - self._arrival_ns <= self._period_ns
+        self._last_nm, self._arrival_ns = torque_nm, arrival_ns
+        if not self._strikes:
+            if neighbours and abs(torque_nm - last_nm) > self._limit_nm:
+                self._before_nm, self._strikes = last_nm, 1
+            return None
+        if abs(torque_nm - self._before_nm) < 0.5 * self._limit_nm:
+            self._strikes = 0
+            return None
+        self._strikes += 1
+        return None if self._strikes < STRIKES else self._sentence(torque_nm)
+
+    def _sentence(self, torque_nm: float) -> str:
+        return (
+            f"port torque: jumped from {self._before_nm:.3g} to {torque_nm:.3g} N m between two readings and stayed "
+            f"there, where a change of {self._limit_nm:.2g} N m is the most that can be: check the sensor's zero, "
+            "amplifier and cable, and that the shaft hits nothing"
+        )

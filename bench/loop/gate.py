@@ -1,0 +1,23 @@
+"""The guard of one bench, told what the rig file says and what the devices say of themselves."""
+
+from math import inf
+
+from bench.guard.checks import Fitted, checks_for
+from bench.guard.guard import Guard
+from bench.loop.devices import Devices
+from bench.rig.rig import Rig
+
+
+def guard_for(rig: Rig, devices: Devices) -> Guard:
+    """The guard with every plausibility check that the bench has signals for, but those that the rig leaves out."""
+    load, sensor = devices.load, devices.torque_sensor
+    fitted = Fitted(
+        load=load is not None,
+        torque_sensor=sensor is not None,
+        shaft_free=rig.wiring.shaft == "free",
+        range_nm=inf if sensor is None else sensor.range_nm,
+        resolution_rad=devices.actuator.position_resolution_rad,
+        load_resolution_rad=0.0 if load is None else load.position_resolution_rad,
+    )
+    checks = checks_for(rig.limits, rig.command, rig.tick_s, fitted, rig.supervision.leave_out)
+    return Guard(rig.limits, rig.command.limit, rig.tick_s, fitted.load, fitted.torque_sensor, checks)

@@ -1,0 +1,84 @@
+"""What the guard is told as the session learns, and the drives' watchdogs seen to act before it begins."""
+
+from collections.abc import Callable
+
+from bench.control.calibration import LoadCalibration
+from bench.errors import BenchError
+from bench.guard.known import NOTHING_KNOWN, Known, Machine
+from bench.guard.learning import amperes_per_command, torque_habits
+from bench.identification.results import FitResult
+from bench.loop.devices import Devices
+from bench.loop.outbox import Outbox
+from bench.procedures.knowledge import Knowledge
+from bench.records import Measured
+from bench.segments import Use
+from drivers.errors import DeviceError
+
+
+def verify_watchdogs(devices: Devices, outbox: Outbox, note: Callable[[str], None]) -> None:
+    """See every drive's watchdog act; what is found is put away and noted. Nothing moves.
+
+    Raises SafetyStopError where one does not, DeviceError where a drive cannot be enabled.
+    """
+    try:
+        for finding in devices.verify_watchdogs():
+            outbox.put_event(devices.clock.now_ns(), "watchdog", str(finding))
+            note(str(finding))
+    except (BenchError, DeviceError) as error:
+        outbox.put_event(devices.clock.now_ns(), "stop", str(error))
+        raise
+    finally:
+        outbox.hand_on()
+
+
+def told_to_guard(known: Knowledge) -> Known:
+    """What the session knows by now, in the guard's terms."""
+    tare, calibration = known.tare, known.calibration
+    tared, shaken = _record(known, Use.TARE), _record(known, Use.CALIBRATE)
+    if tare is None or tared is None:
+        return NOTHING_KNOWN
+    return Known(
+        torque=torque_habits(_stretch(tared, "rest"), shaken),
+        moving_command=_moving_command(tared),
+        amperes_per_command=amperes_per_command(tared.ticks, "command", tared.current),
+        load_amperes_per_nm=amperes_per_command(tared.ticks, "load_torque_nm", tared.load_current),
+        sensor_stiffness_nm_rad=None if calibration is None else calibration.sensor_stiffness_nm_rad,
+        actuator=_actuator(known.actuator),
+        load=None if calibration is None else _load(calibration),
+    )
+
+
+def _record(known: Knowledge, use: Use) -> Measured | None:
+    """The last procedure's that measured for ``use``."""
+    found = (record for record in reversed(known.records) if any(segment.use is use for segment in record.segments))
+    return next(found, None)
+
+
+def _stretch(record: Measured, name: str) -> Measured:
+    segment = next(segment for segment in record.segments if segment.name == name)
+    return record.between(segment.start_ns, segment.end_ns)
+
+
+def _moving_command(tared: Measured) -> float | None:
+    """The last command of the push that set the shaft in motion; None where there was none."""
+    pushes = [segment for segment in tared.segments if segment.name == "actuator pushes"]
+    return float(_stretch(tared, "actuator pushes").ticks["command"][-1]) if pushes else None
+
+
+def _load(calibration: LoadCalibration) -> Machine:
+    return Machine(
+        calibration.torque_gain,
+        calibration.inertia_kgm2,
+        calibration.viscous_damping_nms_rad,
+        calibration.coulomb_torque_nm,
+    )
+
+
+def _actuator(fit: FitResult | None) -> Machine | None:
+    """None where the fit is no result."""
+    if fit is None or not fit.converged:
+        return None
+    network = fit.network
+    return Machine(
+        network.torque_gain, network.inertia_kgm2, network.viscous_damping_nms_rad, network.coulomb_torque_nm
+    )

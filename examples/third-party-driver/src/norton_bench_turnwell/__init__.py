@@ -1,0 +1,1 @@
+"""Turnwell T1 drives for Norton Bench."""

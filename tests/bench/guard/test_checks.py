@@ -1,0 +1,44 @@
+"""Which rig gets which checks, and that the rig file can name each of them."""
+
+from dataclasses import replace
+from math import inf
+
+import pytest
+
+from bench.guard.checks import Fitted, checks_for
+from bench.rig.rig import Command, Limits
+from bench.rig.schema import PLAUSIBILITY
+
+LIMITS = Limits(torque_nm=1.0, velocity_rad_s=80.0, stale_after_ns=5_000_000)
+TORQUE = Command("N*m", 0.5)
+DYNO = Fitted(load=True, torque_sensor=True, shaft_free=True, range_nm=2.0)
+OF_LOAD = ["encoder", "encoder", "coupling"]
+OF_SENSOR = ["frozen torque", "torque jump"]
+
+
+def names(fitted: Fitted, command: Command = TORQUE, leave_out: tuple[str, ...] = ()) -> list[str]:
+    return [check.name for check in checks_for(LIMITS, command, 1e-3, fitted, leave_out)]
+
+
+@pytest.mark.parametrize(
+    ("fitted", "command", "expected"),
+    [
+        (DYNO, TORQUE, [*OF_LOAD, "current", "current", *OF_SENSOR, "saturation", "balance"]),
+        (replace(DYNO, range_nm=inf), TORQUE, [*OF_LOAD, "current", "current", *OF_SENSOR, "balance"]),
+        (DYNO, Command("1", 0.9), [*OF_LOAD, "current", *OF_SENSOR, "saturation", "balance"]),
+        (Fitted(False, False, True), Command("mA", 500.0), ["encoder", "standstill", "current"]),
+        (Fitted(False, False, False), TORQUE, ["encoder", "current"]),
+        (Fitted(False, True, False, 2.0), TORQUE, ["encoder", "current", *OF_SENSOR, "saturation"]),
+    ],
+)
+def test_a_rig_gets_the_checks_that_it_has_signals_for(fitted: Fitted, command: Command, expected: list[str]) -> None:
+    assert names(fitted, command) == expected
+
+
+def test_what_is_left_out_is_not_there() -> None:
+    assert names(DYNO, leave_out=("encoder", "balance")) == ["coupling", "current", "current", *OF_SENSOR, "saturation"]
+
+
+def test_the_rig_file_knows_every_check_by_its_name() -> None:
+    free = replace(DYNO, load=False)
+    assert set(names(DYNO)) | set(names(free)) == set(PLAUSIBILITY)

@@ -1,0 +1,93 @@
+"""What the guard leans on, read from made-up measurements."""
+
+import numpy as np
+import pytest
+
+from bench.guard.learning import amperes_per_command, torque_habits
+from bench.records import CURRENT, NO_DEVICE_TIME, TICK, TORQUE, Measured
+
+TICK_NS = 1_000_000
+
+
+def torque(values: np.ndarray, period_ns: int = TICK_NS, valid: np.ndarray | None = None) -> Measured:
+    table = np.zeros(len(values), TORQUE)
+    table["arrival_ns"] = 10**9 + np.arange(len(values)) * period_ns
+    table["device_ns"] = NO_DEVICE_TIME
+    table["torque_nm"] = values
+    table["valid"] = True if valid is None else valid
+    return Measured(torque=table)
+
+
+def test_habits_of_a_noisy_sensor() -> None:
+    values = np.random.default_rng(1).normal(0.003, 0.001, 2000)
+    shaken = np.array([0.0, 0.1, 0.15, 0.05, 0.06])
+    found = torque_habits(torque(values), torque(shaken))
+    assert found is not None
+    assert found.bias_nm == pytest.approx(0.003, abs=1e-4)
+    assert found.noise_nm == pytest.approx(0.001, rel=0.1)
+    assert (found.period_s, found.longest_repeat) == (pytest.approx(1e-3), 1)
+    assert found.greatest_step_nm == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("values", "longest"),
+    [([1, 1, 1, 2, 2, 3], 3), ([1, 3, 2, 2, 2, 2], 4), ([1, 2], 1), ([1, 1, 2, 3, 3, 3, 4], 3)],
+)
+def test_the_longest_run_of_equal_readings(values: list[float], longest: int) -> None:
+    found = torque_habits(torque(np.array(values, float)), None)
+    assert found is not None
+    assert (found.longest_repeat, found.greatest_step_nm) == (longest, None)
+
+
+@pytest.mark.parametrize("values", [[5, 5, 5, 5, 5], [1] * 50 + [2] + [1] * 50])
+def test_a_sensor_coarser_than_its_noise_may_stand_still_for_ever(values: list[float]) -> None:
+    found = torque_habits(torque(np.array(values, float)), None)
+    assert found is not None
+    assert found.longest_repeat is None
+
+
+def test_readings_that_are_invalid_or_apart_are_no_neighbours() -> None:
+    rest = torque(np.random.default_rng(2).normal(size=100))
+    shaken = torque(np.array([0.0, 9.0, 0.1, 0.2, 5.0]), valid=np.array([True, False, True, True, True]))
+    shaken.torque["arrival_ns"][4:] += 5 * TICK_NS
+    found = torque_habits(rest, shaken)
+    assert found is not None
+    assert found.greatest_step_nm == pytest.approx(0.1)
+
+
+def test_without_readings_there_are_no_habits() -> None:
+    assert torque_habits(Measured(), None) is None
+    found = torque_habits(torque(np.arange(5.0)), Measured())
+    assert found is not None
+    assert found.greatest_step_nm is None
+
+
+def pushed(amperes: float, noise_a: float, *, readings: int = 300, command: np.ndarray | None = None) -> tuple:
+    ticks = np.zeros(3000, TICK)
+    ticks["tick_ns"] = 10**9 + np.arange(3000) * TICK_NS
+    ticks["command"] = np.linspace(0, 0.05, 3000) if command is None else command
+    current = np.zeros(readings, CURRENT)
+    current["arrival_ns"] = 10**9 + np.arange(readings) * 10 * TICK_NS
+    acting = ticks["command"][np.arange(readings) * 10]
+    current["current_a"] = amperes * acting + 0.1 + np.random.default_rng(3).normal(0, noise_a, readings)
+    return ticks, current
+
+
+@pytest.mark.parametrize("amperes", [18.0, -3.0])
+def test_the_slope_of_current_over_command(amperes: float) -> None:
+    ticks, current = pushed(amperes, 0.01)
+    assert amperes_per_command(ticks, "command", current) == pytest.approx(amperes, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("ticks", "current"),
+    [
+        pushed(18.0, 0.01, readings=2),
+        (np.zeros(0, TICK), pushed(18.0, 0.01)[1]),
+        pushed(0.0, 0.01),
+        pushed(18.0, 50.0),
+        pushed(18.0, 0.01, command=np.zeros(3000)),
+    ],
+)
+def test_a_slope_that_cannot_be_seen_is_none(ticks: np.ndarray, current: np.ndarray) -> None:
+    assert amperes_per_command(ticks, "command", current) is None

@@ -1,0 +1,162 @@
+"""The torque sensor by itself: frozen, at its end, jumping; and a free shaft that must turn."""
+
+from math import inf
+
+import pytest
+
+from bench.guard.commands import Commands
+from bench.guard.frozen import FrozenTorque
+from bench.guard.jump import TorqueJump
+from bench.guard.known import NOTHING_KNOWN, Known, TorqueHabits
+from bench.guard.saturation import Saturation
+from bench.guard.standstill import Standstill
+from bench.sample import Sample
+from tests.bench.guard.shafts import ask, from_tick, resting, turning
+
+
+def habits(longest_repeat: int | None = 2, period_s: float = 1e-3, greatest_step_nm: float | None = 0.02) -> Known:
+    return Known(torque=TorqueHabits(0.03, 1e-3, period_s, longest_repeat, greatest_step_nm))
+
+
+def shows(torque_nm: float):
+    return lambda sample: sample._replace(torque_nm=torque_nm)
+
+
+# ---- frozen ---------------------------------------------------------------------------------------------------------
+
+
+def frozen(known: Known) -> FrozenTorque:
+    made = FrozenTorque()
+    made.know(known)
+    return made
+
+
+def test_a_sensor_that_lives_passes() -> None:
+    assert ask(frozen(habits()), map(turning, range(2000))).tick is None
+
+
+def test_a_sensor_that_stands_still_is_found_after_a_twentieth_of_a_second() -> None:
+    verdict = ask(frozen(habits()), from_tick(300, shows(0.25)))
+    assert verdict.tick == 350
+    assert "gives 0.25 N m in 51 readings in a row" in verdict.said
+
+
+def test_a_sensor_that_is_slow_to_change_is_given_ten_times_what_it_took() -> None:
+    assert ask(frozen(habits(longest_repeat=40)), from_tick(300, shows(0.25))).tick == 700
+
+
+def test_readings_that_are_not_new_do_not_count() -> None:
+    samples = from_tick(300, lambda s: s._replace(torque_nm=0.25, torque_new=s.tick_ns % 10_000_000 == 0))
+    assert ask(frozen(habits()), samples).tick == pytest.approx(800, abs=10)
+    assert ask(frozen(habits(period_s=0.01)), samples).tick == pytest.approx(500, abs=10)  # 2 seen in a row: 20
+
+
+def test_of_a_coarse_sensor_nothing_is_said() -> None:
+    assert ask(frozen(habits(longest_repeat=None)), from_tick(0, shows(0.25))).tick is None
+
+
+def test_before_the_tare_nothing_is_said_of_standing_still() -> None:
+    assert ask(frozen(NOTHING_KNOWN), from_tick(0, shows(0.25))).tick is None
+
+
+# ---- at the end of the range ----------------------------------------------------------------------------------------
+
+
+def at_end(known: Known = NOTHING_KNOWN) -> Saturation:
+    made = Saturation(2.0)
+    made.know(known)
+    return made
+
+
+@pytest.mark.parametrize("torque_nm", [1.99, -1.99, 2.5])
+def test_three_readings_at_the_end_of_the_range(torque_nm: float) -> None:
+    verdict = ask(at_end(), from_tick(300, shows(torque_nm)))
+    assert verdict.tick == 302
+    assert "at the end of its range of 2 N m" in verdict.said
+
+
+def test_the_bias_is_part_of_the_range() -> None:
+    assert ask(at_end(), from_tick(300, shows(1.96))).tick is None
+    assert ask(at_end(habits()), from_tick(300, shows(1.96))).tick == 302
+    assert ask(at_end(habits()), from_tick(300, shows(-1.99))).tick is None
+
+
+def test_one_reading_at_the_end_passes_and_repeats_are_none() -> None:
+    samples = [turning(k) for k in range(600)]
+    samples[300] = shows(2.0)(samples[300])
+    samples[400:410] = [s._replace(torque_nm=2.0, torque_new=False) for s in samples[400:410]]
+    assert ask(at_end(), samples).tick is None
+
+
+# ---- jumps ----------------------------------------------------------------------------------------------------------
+
+
+def jump(known: Known) -> TorqueJump:
+    made = TorqueJump(1.0)
+    made.know(known)
+    return made
+
+
+def test_a_step_that_stays_is_found_with_its_third_reading() -> None:
+    verdict = ask(jump(habits()), from_tick(300, lambda s: s._replace(torque_nm=s.torque_nm + 0.6)))
+    assert verdict.tick == 302
+    assert "jumped from" in verdict.said
+
+
+@pytest.mark.parametrize(
+    ("known", "step_nm", "found"),
+    [
+        (habits(), 0.4, False),
+        (habits(greatest_step_nm=0.3), 0.8, False),
+        (habits(greatest_step_nm=0.3), 0.95, True),
+        (habits(greatest_step_nm=None), 0.95, False),
+        (NOTHING_KNOWN, 0.95, False),
+    ],
+)
+def test_how_great_a_step_is_too_great(known: Known, step_nm: float, found: bool) -> None:
+    assert (ask(jump(known), from_tick(300, shows(step_nm), resting)).tick is not None) is found
+
+
+def test_a_spike_passes() -> None:
+    samples = [turning(k) for k in range(600)]
+    samples[300:302] = [shows(0.9)(s) for s in samples[300:302]]
+    assert ask(jump(habits()), samples).tick is None
+
+
+def test_after_a_pause_the_torque_may_be_another() -> None:
+    samples = [*map(turning, range(300)), *(shows(0.9)(turning(k)) for k in range(303, 600))]
+    assert ask(jump(habits()), samples).tick is None
+    slow = from_tick(300, shows(0.9))
+    slow = [s._replace(torque_new=tick % 10 == 0) for tick, s in enumerate(slow)]
+    assert ask(jump(habits()), slow).tick is None
+
+
+# ---- a free shaft ---------------------------------------------------------------------------------------------------
+
+
+def free(moving_command: float | None = -0.02) -> Standstill:
+    made = Standstill("N*m")
+    made.know(Known(moving_command=moving_command))
+    return made
+
+
+def pushed_at_300(tick: int) -> Commands:
+    return Commands(0.05 if tick >= 300 else 0.0, 0.0)
+
+
+def test_a_free_shaft_that_does_not_turn_though_it_is_pushed() -> None:
+    verdict = ask(free(), map(resting, range(1000)), pushed_at_300)
+    assert verdict.tick == 400
+    assert "actuator encoder: stands still at -0 rad for 100 ms under 0.05 N*m" in verdict.said
+
+
+def test_a_free_shaft_that_turns_by_a_count_now_and_then_passes() -> None:
+    def creeping(tick: int) -> Sample:
+        return resting(tick)._replace(position_rad=1e-4 * (tick // 90))
+
+    assert ask(free(), map(creeping, range(1000)), pushed_at_300).tick is None
+
+
+@pytest.mark.parametrize("moving_command", [0.03, None, inf])
+def test_a_push_that_need_not_move_it_passes(moving_command: float | None) -> None:
+    assert ask(free(moving_command), map(resting, range(1000)), pushed_at_300).tick is None

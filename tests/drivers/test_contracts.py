@@ -1,0 +1,75 @@
+"""Every driver that is shipped keeps the contract of :mod:`bench.testing`, against its emulated device.
+
+A new one is a class of a few lines: the rig file that has such a device, and in which role.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from bench.rig.load import load_rig
+from bench.testing import AmplifierContract, SetUp, TorqueSensorContract
+from drivers.registry import load_backend
+from sim_backend.backend import SimulatedBackend
+from sim_backend.integrator import ANGLE, CURRENT_TARGET, VELOCITY
+from sim_backend.plant import Machine
+
+RIGS = Path(__file__).parents[2] / "rigs"
+
+
+@dataclass(frozen=True)
+class SimulatedDevice:
+    """The far end, whatever its firmware: what it does is seen at the plant."""
+
+    backend: SimulatedBackend
+    role: Machine
+
+    def vanish(self) -> None:
+        self.backend.world.wires[self.role].cut()
+
+    @property
+    def armed(self) -> bool:
+        return bool(self.backend.world.devices[self.role].armed)
+
+    @property
+    def command(self) -> float:
+        machine = self.backend.world.plant._machines[self.role]
+        return machine.state[CURRENT_TARGET] / machine.amplifier_gain
+
+    def turn(self, position_rad: float, velocity_rad_s: float) -> None:
+        plant = self.backend.world.plant
+        mounted = 1 if self.role == "actuator" else plant._truth.load.mounted
+        # Both machines: the sensor between them is a spring.
+        plant._state[:, ANGLE] = mounted * position_rad
+        plant._state[:, VELOCITY] = mounted * velocity_rad_s
+
+    def twist(self, torque_nm: float) -> None:
+        self.backend.world.devices[self.role].signal.force(torque_nm)
+
+
+def simulated(rig_file: str, role: str, direction: int) -> SetUp:
+    """The device of that role in the rig file, emulated."""
+    rig = load_rig(RIGS / rig_file, backend="simulated")
+    settings = replace(getattr(rig.wiring, role), direction=direction)
+    wiring = replace(rig.wiring, **{role: settings})
+    backend = load_backend("simulated")(wiring, rig.simulated, seed=1, place=rig.place)
+    return SetUp(backend, settings, SimulatedDevice(backend, role), wiring.buses)
+
+
+class TestODrive(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-odrive.toml", "actuator", direction)
+
+
+class TestODriveAsLoad(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-odrive.toml", "load", direction)
+
+
+class TestBota(TorqueSensorContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-odrive.toml", "torque_sensor", direction)
+
+
+class TestDbc(TorqueSensorContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-dbc.toml", "torque_sensor", direction)
