@@ -18,6 +18,8 @@ from drivers.registry import open_amplifier, open_torque_sensor
 IDLE_WITHIN_NS = 500_000_000
 # Streams that never begin are reported by name after this long.
 STREAMS_WITHIN_NS = 1_000_000_000
+# What drivers count of what they could not use.
+UNREAD = {"malformed": "malformed messages", "repeats": "messages that repeat a sample"}
 
 
 @dataclass(slots=True)
@@ -80,6 +82,11 @@ class Devices:
     def health(self) -> tuple[DriveHealth, ...]:
         """The last word of every drive."""
         return tuple([DriveHealth(drive.role, drive.status(), drive.heartbeat_timeout_ns) for drive in self.drives])
+
+    def unread(self) -> tuple[str, ...]:
+        """What came from each device and could not be used, counted, in words; drivers that do not count are well."""
+        counted = ((device.role, kind, getattr(device, kind, 0)) for device in self.all() for kind in UNREAD)
+        return tuple(f"{role}: {count} {UNREAD[kind]}" for role, kind, count in counted if count)
 
     def enable(self) -> None:
         """Close every drive's torque loop at zero torque. Raises DeviceError; the drives are then idle again."""
