@@ -24,7 +24,7 @@ class Trouble(Enum):
 
     UNPLUGGED = "unplugged"  # the adapter is gone: whoever uses it is told so
     BUS_OFF = "bus-off"  # the controller has left the bus: nothing comes, and nothing leaves its queue
-    CROWDED = "crowded"  # others have the bus: nothing leaves the queue, but all is heard
+    CROWDED = "crowded"  # others have the bus: the queue is full, but all is heard
 
 
 class HostEnd(Protocol):
@@ -55,7 +55,7 @@ class TroubledAdapter:
         if self.trouble is Trouble.UNPLUGGED:
             raise _refused("Failed to transmit", errno.ENODEV)
         self._queued += 1
-        if self._queued > TRANSMIT_QUEUE:
+        if self.trouble is Trouble.CROWDED or self._queued > TRANSMIT_QUEUE:
             raise _refused("Failed to transmit", errno.ENOBUFS)
 
     def receive(self) -> None:

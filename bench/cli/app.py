@@ -26,6 +26,7 @@ COMMANDS = {
     "report": ("bench.cli.recordings:report", "Write the report of a recording."),
     "recover": ("bench.cli.recordings:recover", "Rescue a recording that was cut off."),
     "export": ("bench.cli.recordings:export", "Write a recording as Parquet, CSV or MATLAB tables."),
+    "faults": ("bench.cli.faults:faults", "Rehearse faults on simulated rigs, and say how each of them ends."),
     "devices": ("bench.cli.check:devices", "List the serial ports and CAN adapters of this machine."),
 }
 GROUPS = {

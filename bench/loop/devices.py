@@ -86,7 +86,10 @@ class Devices:
     def unread(self) -> tuple[str, ...]:
         """What came from each device and could not be used, counted, in words; drivers that do not count are well."""
         counted = ((device.role, kind, getattr(device, kind, 0)) for device in self.all() for kind in UNREAD)
-        return tuple(f"{role}: {count} {UNREAD[kind]}" for role, kind, count in counted if count)
+        errors = ((f"bus {name}", "error frames", port.error_frames) for name, port in self.link.can_ports.items())
+        return tuple(
+            f"{where}: {count} {UNREAD.get(kind, kind)}" for where, kind, count in (*counted, *errors) if count
+        )
 
     def enable(self) -> None:
         """Close every drive's torque loop at zero torque. Raises DeviceError; the drives are then idle again."""

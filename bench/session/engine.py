@@ -94,9 +94,7 @@ class _Run:
         self.knowledge = decision.known
 
     def _carry_out(self, procedure: Procedure) -> None:
-        """Let loop and controller adopt what the procedure found."""
-        self.knowledge = carry_out(procedure, self.knowledge, self.loop, self._foresee)
-        self._adopt()
+        self.learn(carry_out(procedure, self.knowledge, self.loop, self._foresee))
 
     def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
         """The free motion to expect under zero torque, once the live estimate is valid."""
@@ -108,8 +106,9 @@ class _Run:
             segment, network, known.calibration, delay_s, tick_s, velocity_rad_s=velocity_rad_s, command=command
         )
 
-    def _adopt(self) -> None:
-        known, loop = self.knowledge, self.loop
+    def learn(self, known: Knowledge) -> None:
+        """Let loop and controller know it too."""
+        self.knowledge, loop = known, self.loop
         if known.tare is not None:
             loop.alignment.torque_bias_nm = known.tare.torque_bias_nm
         if known.calibration is not None:
@@ -166,12 +165,14 @@ def record_procedures(
     *,
     out: Path,
     backend: Backend | None = None,
+    known: Knowledge | None = None,
     seed: int | None = None,
     progress: Progress | None = None,
     stop_request: Callable[[], str | None] = never_stop,
 ) -> Recorded:
     """Carry out ``procedures`` as a session's steps, on ``backend`` or on the rig's own; either is closed at the end.
 
+    ``known`` is what another session on this bench has learned. The recording says which faults there were.
     Raises RigError and UsageError before anything moves; DeviceError, SafetyStopError, OperatorStopError and
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
@@ -196,6 +197,8 @@ def record_procedures(
             )
         )
         run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
+        if known is not None:
+            run.learn(known)
         stack.callback(_put_away, run.loop, rehearsal)
         _step_by_step(run, procedures, rehearsal)
     return Recorded(recorder.path, metadata, run.knowledge, join(run.parts), run.live)

@@ -1,5 +1,7 @@
 """Faults of connections: adapters, controllers and cables that are gone, and a bus that somebody else fills."""
 
+from math import inf
+
 import can
 
 from sim_backend.faults.carriage import FRAME_BITS, Queue, everywhere
@@ -7,7 +9,7 @@ from sim_backend.faults.schema import BabblingNode, BusOff, Dropout, Unplugged
 from sim_backend.faults.stage import Injected, Stage, Undo
 from sim_backend.plugs import CanPlug
 from sim_backend.tampering import Piece, Tamper
-from sim_backend.trouble import Trouble
+from sim_backend.trouble import TRANSMIT_QUEUE, Trouble
 
 # Frames that would have to wait longer find their sender's mailboxes full.
 LONGEST_WAIT_NS = 10_000_000
@@ -46,14 +48,11 @@ def babbling_node(fault: BabblingNode, stage: Stage, injected: Injected) -> Undo
         return tamper, queue.empty
 
     let_pass = everywhere(fault.on, "both", stage, make)
-    if fault.load >= 1:
-        stage.end(fault.on).suffer(Trouble.CROWDED)
 
     def undo() -> None:
         babble.end()
         let_pass()
-        if fault.load >= 1:
-            stage.end(fault.on).suffer(None)
+        stage.end(fault.on).suffer(None)
 
     return undo
 
@@ -92,30 +91,48 @@ class _Babble:
 
 
 class _Gaps:
-    """What is left of the bus for those who belong there; ``hits`` counts the frames that had to wait or were lost."""
+    """What is left of the bus for those who belong there; ``hits`` counts the frames that had to wait or were lost.
+
+    A device keeps only what is new, and loses what would have to wait for long; the host's frames wait in its adapter's
+    queue, which refuses more when it is full.
+    """
 
     def __init__(self, fault: BabblingNode, stage: Stage, injected: Injected) -> None:
         self._world = stage.world
         self._injected = injected
-        self._gap_ns = _frame_ns(fault, stage) / (1 - fault.load) if fault.load < 1 else None
+        self._host = stage.end(fault.on)
+        self._gap_ns = _frame_ns(fault, stage) / (1 - fault.load) if fault.load < 1 else inf
         self._free_ns = 0.0
         self._token: object = None
         self._wait_ns: int | None = None
+        self._queued = 0  # of the host's
 
     def wait_ns(self, piece: Piece) -> int | None:
         """Until the frame has had its gap; None where it never gets one."""
-        if piece.token is None or piece.token is not self._token:
-            self._token = piece.token
-            self._wait_ns = self._next_ns()
+        if piece.token is None:
             self._injected.hits += 1
+            return self._next_ns(LONGEST_WAIT_NS)
+        if piece.token is not self._token:
+            self._injected.hits += 1
+            self._token, self._wait_ns = piece.token, self._next_ns(inf)
+            self._queue()
         return self._wait_ns
 
-    def _next_ns(self) -> int | None:
-        if self._gap_ns is None:
-            return None
+    def _next_ns(self, longest_ns: float) -> int | None:
         now_ns = self._world.now_ns
-        passed_ns = max(self._free_ns, now_ns) + self._gap_ns
-        if passed_ns > now_ns + LONGEST_WAIT_NS:
+        wait_ns = max(self._free_ns - now_ns, 0.0) + self._gap_ns
+        if wait_ns == inf or wait_ns > longest_ns:
             return None
-        self._free_ns = passed_ns
-        return round(passed_ns) - now_ns
+        self._free_ns = now_ns + wait_ns
+        return round(wait_ns)
+
+    def _queue(self) -> None:
+        self._queued += 1
+        if self._queued >= TRANSMIT_QUEUE:
+            self._host.suffer(Trouble.CROWDED)
+        if self._wait_ns is not None:
+            self._world.at(self._world.now_ns + self._wait_ns, self._sent)
+
+    def _sent(self, _stamp_ns: int) -> None:
+        self._queued -= 1
+        self._host.suffer(None)
