@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bench.rig.check import DeviceCheck
-    from drivers.hardware import FoundPort
+    from drivers.discovery import FoundPort
 
 
 def check(rig_file: RigFile, /, *, backend: Backend = None, seed: Seed = None, json: Json = False) -> int:
@@ -32,7 +32,7 @@ def check(rig_file: RigFile, /, *, backend: Backend = None, seed: Seed = None, j
 
 def devices(*, json: Json = False) -> None:
     """List what a rig file could name: serial ports and CAN adapters that are plugged in. Opens nothing."""
-    from drivers.hardware import list_ports  # noqa: PLC0415
+    from drivers.discovery import list_ports  # noqa: PLC0415
 
     found = list_ports()
     data = {"ports": [{"kind": each.kind, "channel": each.channel, "description": each.description} for each in found]}
