@@ -35,6 +35,8 @@ from drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
 LOCK_STEP_PATIENCE_S = 30.0
+# Kinds of events that whoever watches should see at once; an experiment goes on all the same.
+TROUBLES = ("bus", "device")
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,9 @@ class _Run:
             self.live.append(self.feed.latest)
             self.recorder.put_estimate(self.feed.latest)
         self.progress.part(part, self.feed.latest)
+        for event in part.events:
+            if event.kind in TROUBLES:
+                self.progress.note(event.text)
 
     def step(self, step: Procedure | Adaptive) -> None:
         """Carry out one procedure, or all those that an adaptive step decides on, one after the other."""
