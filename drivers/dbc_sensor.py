@@ -24,6 +24,7 @@ from drivers.recognition import Recognised
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
+CONNECTION = "can"
 OPTION_UNITS = {"range": "N*m"}
 OPTION_FILES = ("dbc",)  # may stand beside the rig file
 

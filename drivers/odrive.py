@@ -32,6 +32,7 @@ _FLOAT32_BITS = 24
 _HEARTBEATS_MISSED = 3
 _FEED_INTERVAL_NS = 10_000_000  # while waiting; half of the shortest watchdog
 
+CONNECTION = "can"
 OPTION_UNITS = {"watchdog": "s", "heartbeat": "s"}
 
 

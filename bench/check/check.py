@@ -1,7 +1,8 @@
-"""A look at a rig with nothing moving: who is there, how fast and how evenly each device speaks, what is wrong."""
+"""A look at a rig: who is there, how fast and how evenly each device speaks, what is wrong."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from statistics import median
 
 from bench.check.absent import explain_silence
@@ -10,28 +11,55 @@ from bench.check.buses import check_bus, remarks_on
 from bench.check.doubles import contradictory
 from bench.check.findings import BusCheck, DeviceCheck, Problem, RigCheck
 from bench.check.host import host_remarks, look_at_host
+from bench.check.moving import announcement, check_moving
 from bench.check.streams import status_problems, stream_problems, streams_of
 from bench.check.survey import Survey
 from bench.check.watch import Watched, open_watched, watch
-from bench.errors import ExperimentError
+from bench.errors import BenchError, ExperimentError, OperatorStopError
+from bench.loop.loop import never_stop
 from bench.rig.rig import Rig
 from drivers.backend import Backend
-from drivers.errors import DeviceTimeoutError
+from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.link import Link
 from drivers.registry import load_backend, recognisers
 
 WATCH_S = 1.0
 
 
-def check_rig(rig: Rig, *, seed: int | None = None, watch_s: float = WATCH_S) -> RigCheck:
-    """Open and watch every device of the rig; nothing moves.
+@dataclass(frozen=True)
+class Permission:
+    """To move the shaft: ``say`` is told what is about to happen, ``stop_request`` is asked every tick."""
 
-    Raises DeviceError where the backend itself cannot be opened.
+    say: Callable[[str], None]
+    stop_request: Callable[[], str | None] = never_stop
+
+
+def check_rig(
+    rig: Rig, *, seed: int | None = None, watch_s: float = WATCH_S, move: Permission | None = None
+) -> RigCheck:
+    """Open and watch every device of the rig. Nothing moves, but with ``move``, and then only where nothing is wrong.
+
+    Raises DeviceError where the backend itself cannot be opened, OperatorStopError where somebody stopped it.
     """
     with ExitStack() as stack:
         backend: Backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
         stack.callback(backend.close)
-        return look(rig, backend, watch_s)
+        found = look(rig, backend, watch_s)
+        return found if move is None else _moved(rig, backend, found, move)
+
+
+def _moved(rig: Rig, backend: Backend, found: RigCheck, move: Permission) -> RigCheck:
+    if found.problems():
+        move.say("nothing is moved until what was found is mended")
+        return found
+    move.say(announcement(rig))
+    try:
+        moved = check_moving(rig, backend, move.stop_request)
+    except OperatorStopError:
+        raise
+    except (BenchError, DeviceError) as error:
+        return replace(found, whole=(*found.whole, error))
+    return replace(found, moved=moved.said, whole=(*found.whole, *moved.problems))
 
 
 def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:

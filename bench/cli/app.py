@@ -32,7 +32,12 @@ COMMANDS = {
 GROUPS = {
     "rig": (
         "Look at a rig.",
-        {"check": ("bench.cli.check:check", "Open a rig's devices and say what is wrong. Moves nothing.")},
+        {
+            "check": (
+                "bench.cli.check:check",
+                "Open a rig's devices and say what is wrong. Moves nothing without --move.",
+            )
+        },
     ),
     "sim": (
         "The simulator.",

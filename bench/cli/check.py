@@ -1,11 +1,14 @@
 """``rig check`` and ``devices``: what is there, before anything moves."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
 
 from bench.cli.arguments import Backend, Json, RigFile, Seed
 from bench.cli.exits import exit_code_of
 from bench.cli.found import check_data, check_view
+from bench.cli.interrupt import operator_stop
 from bench.cli.output import Output
 from bench.errors import ExitCode
 
@@ -15,13 +18,23 @@ if TYPE_CHECKING:
     from drivers.discovery import FoundPort
 
 
-def check(rig_file: RigFile, /, *, backend: Backend = None, seed: Seed = None, json: Json = False) -> int:
-    """Open every device of a rig, watch it for a second, and say what is wrong. Moves nothing."""
-    from bench.check.check import check_rig  # noqa: PLC0415
+Move = Annotated[bool, Parameter(help="Also push the shaft gently, and see whether all devices tell of it alike.")]
+
+
+def check(
+    rig_file: RigFile, /, *, move: Move = False, backend: Backend = None, seed: Seed = None, json: Json = False
+) -> int:
+    """Open every device of a rig, watch it for a second, and say what is wrong. Moves nothing without --move."""
+    from bench.check.check import Permission, check_rig  # noqa: PLC0415
     from bench.rig.load import load_rig  # noqa: PLC0415
 
-    found = check_rig(load_rig(rig_file, backend=backend), seed=seed)
     output = Output(json)
+    rig = load_rig(rig_file, backend=backend)
+    if move:
+        with operator_stop() as stop_request:
+            found = check_rig(rig, seed=seed, move=Permission(output.say, stop_request))
+    else:
+        found = check_rig(rig, seed=seed)
     output.result(check_data(found), *check_view(found))
     problems = found.problems()
     for problem in problems:
