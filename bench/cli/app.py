@@ -31,12 +31,10 @@ COMMANDS = {
 }
 GROUPS = {
     "rig": (
-        "Look at a rig.",
+        "Describe a rig, and look at it.",
         {
-            "check": (
-                "bench.cli.check:check",
-                "Open a rig's devices and say what is wrong. Moves nothing without --move.",
-            )
+            "new": ("bench.cli.new:new", "Write a new rig file from your answers."),
+            "check": ("bench.cli.check:check", "Say what is wrong with a rig. Moves nothing without --move."),
         },
     ),
     "sim": (
