@@ -22,7 +22,7 @@ def explain_silence(
     strangers = [sender for sender in bus.senders if sender.role is None]
     own_kind = [sender for sender in strangers if sender.driver == settings.driver]
     if own_kind:
-        return DeviceTimeoutError(f"{place}: nobody is heard{_where(settings, own_kind)}; {_instead(own_kind)}")
+        return DeviceTimeoutError(f"{place}: {_elsewhere(settings, own_kind)}")
     if strangers:
         return DeviceTimeoutError(f"{place}: nobody is heard; {_other_kind(strangers)}")
     return DeviceTimeoutError(f"{place}: does not answer; {_who_is_heard(bus)}")
@@ -38,16 +38,14 @@ def _nothing_heard(bus: BusCheck, bitrate_bit_s: int) -> str:
     return f"not one frame is heard: check power, cable and termination, and that its bitrate is {bitrate_bit_s} bit/s"
 
 
-def _where(settings: DeviceSettings, found: Sequence[Sender]) -> str:
-    """ " at node = 1", for the options by which this kind of device is told apart."""
-    names = [name for name in found[0].options if name in settings.options]
-    return "".join(f" at {name} = {settings.options[name]}" for name in names)
-
-
-def _instead(found: Sequence[Sender]) -> str:
-    heard = " and ".join(f"{sender.device} at {in_words(sender.options)} (its {sender.says[0]})" for sender in found)
+def _elsewhere(settings: DeviceSettings, found: Sequence[Sender]) -> str:
+    """Its kind is heard, at another address."""
+    wanted = {name: settings.options[name] for name in found[0].options if name in settings.options}
+    heard = " and ".join(f"{sender.device} at {in_words(sender.options)} ({sender.says[0]})" for sender in found)
     which = f"set {in_words(found[0].options)}" if len(found) == 1 else "set the one that is meant"
-    return f"heard instead: {heard}: {which}, or give the device the other"
+    if not wanted:
+        return f"nobody is heard, but {heard}: {which}"
+    return f"nobody is heard at {in_words(wanted)}, but {heard}: {which}, or give the device {in_words(wanted)}"
 
 
 def _other_kind(found: Sequence[Sender]) -> str:

@@ -23,16 +23,13 @@ def claims_on(survey: BusSurvey, recognisers: Mapping[str, Recogniser], devices:
 
 def senders_on(survey: BusSurvey, claims: Claims, devices: Sequence[DeviceSettings]) -> tuple[Sender, ...]:
     """One for each device that is heard. What a device of the rig sends is not taken for a stranger's as well."""
-    ours = {key for key, claimed in claims.items() if any(owner(*each, devices) for each in claimed)}
-    says: dict[tuple[Any, ...], dict[str, int]] = defaultdict(dict)
-    who: dict[tuple[Any, ...], tuple[str, Recognised]] = {}
+    found: dict[tuple[Any, ...], list[tuple[Recognised, int]]] = defaultdict(list)
     for key, claimed in claims.items():
+        ours = any(owner(*each, devices) for each in claimed)
         for driver, claim in claimed:
-            if not claim.from_host and (key not in ours or owner(driver, claim, devices)):
-                identity = _who(driver, claim)
-                who.setdefault(identity, (driver, claim))
-                says[identity][claim.says] = survey.heard[key].count
-    return tuple(_sender(*who[identity], said, devices) for identity, said in sorted(says.items(), key=str))
+            if not claim.from_host and (not ours or owner(driver, claim, devices)):
+                found[_who(driver, claim)].append((claim, survey.heard[key].count))
+    return tuple(_sender(str(who[0]), said, devices) for who, said in sorted(found.items(), key=str))
 
 
 def in_words(options: Mapping[str, Any]) -> str:
@@ -63,6 +60,14 @@ def _matches(options: Mapping[str, Any], settings: DeviceSettings) -> bool:
     return all(settings.options.get(name) == value for name, value in options.items())
 
 
-def _sender(driver: str, claim: Recognised, said: Mapping[str, int], devices: Sequence[DeviceSettings]) -> Sender:
-    role = owner(driver, claim, devices)
-    return Sender(driver, claim.device, dict(claim.options), tuple(said), sum(said.values()), role)
+def _sender(driver: str, said: Sequence[tuple[Recognised, int]], devices: Sequence[DeviceSettings]) -> Sender:
+    surest = sorted(said, key=lambda each: (not each[0].sure, each[0].says))
+    claim = surest[0][0]
+    return Sender(
+        driver,
+        claim.device,
+        dict(claim.options),
+        tuple(each.says for each, _ in surest),
+        sum(count for _, count in said),
+        owner(driver, claim, devices),
+    )
