@@ -64,7 +64,7 @@ class Event:
     """Something that happened once, in words."""
 
     stamp_ns: int
-    kind: str  # "segment", "guard", "drive", "bus", "operator", "note"
+    kind: str  # "stop", "drive", "bus", "device", "operator", "fault", "note"
     text: str
 
 

@@ -18,6 +18,7 @@ from drivers.readings import DeviceIdentity, TorqueReading
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
+CONNECTION = "serial"
 OPTION_UNITS = {"range": "N*m"}
 
 BITS_PER_BYTE = 10  # start, eight data bits, stop

@@ -3,6 +3,9 @@
 Torque is that which the actuator exerts on the load, times ``direction``.
 """
 
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import lru_cache
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
@@ -17,9 +20,11 @@ from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import CanPort
 from drivers.readings import DeviceIdentity, TorqueReading
+from drivers.recognition import Recognised
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
+CONNECTION = "can"
 OPTION_UNITS = {"range": "N*m"}
 OPTION_FILES = ("dbc",)  # may stand beside the rig file
 
@@ -44,6 +49,24 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> "DbcSensor":
     options = parse_options(DbcOptions, settings)
     message = load_message(options, settings.role)
     return DbcSensor(settings, options, message, link.can_port(settings), link)
+
+
+def recognise(message: can.Message, options: Mapping[str, Any]) -> Recognised | None:
+    """Any message of the DBC file that the options name, or of the one that is shipped."""
+    name = str(options.get("dbc", "torque-sensor"))
+    for known in _messages_in(name):
+        if (known.frame_id, known.is_extended_frame) == (message.arbitration_id, message.is_extended_id):
+            return Recognised(f"the device that {Path(name).name} describes", known.name, {"message": known.name})
+    return None
+
+
+@lru_cache(maxsize=8)
+def _messages_in(name: str) -> tuple[cantools.database.Message, ...]:
+    """Those of a DBC file; none where it cannot be read, which whoever opens the sensor is told."""
+    with suppress(WiringError, OSError, UnicodeDecodeError, cantools.Error):
+        database = cantools.database.load_file(_file(name, "torque_sensor"), database_format="dbc")
+        return tuple(getattr(database, "messages", ()))
+    return ()
 
 
 class DbcSensor:

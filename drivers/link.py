@@ -85,6 +85,19 @@ class Link:
         self.clock.wait_until_ns(self.clock.now_ns() + duration_ns)
         self.poll()
 
+    def ask_adapters(self) -> None:
+        """Let every bus ask its adapter how it is; about once a second. Raises ConnectionFailedError."""
+        for port in self.can_ports.values():
+            port.ask()
+
+    def troubles(self) -> dict[tuple[str, str], int]:
+        """What has gone wrong on the buses since they were opened: (where, what) and how often."""
+        return {
+            (f"bus {name}", words): count
+            for name, port in self.can_ports.items()
+            for words, count in port.troubles().items()
+        }
+
     def set_tap(self, tap: Tap | None) -> None:
         """Send a copy of every frame and chunk, both ways, to ``tap``."""
         for port in self._ports():

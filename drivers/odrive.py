@@ -19,6 +19,7 @@ from drivers.codecs.errors import CodecError
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.inbox import Inbox
 from drivers.link import Link
+from drivers.odrive_recognition import recognise  # noqa: F401  (found here by whoever looks for it)
 from drivers.odrive_watchdog import arm_watchdog
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import CanPort
@@ -31,6 +32,7 @@ _FLOAT32_BITS = 24
 _HEARTBEATS_MISSED = 3
 _FEED_INTERVAL_NS = 10_000_000  # while waiting; half of the shortest watchdog
 
+CONNECTION = "can"
 OPTION_UNITS = {"watchdog": "s", "heartbeat": "s"}
 
 

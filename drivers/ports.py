@@ -3,12 +3,14 @@
 Nothing here blocks: :meth:`poll` takes what the transport already holds.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import can
 
+from drivers.adapters.adapter import Health, StateOnly
 from drivers.clock import Clock
+from drivers.codecs.can_errors import CanErrorFrame
 from drivers.errors import ConnectionFailedError
 from drivers.readings import RawFrame
 
@@ -30,16 +32,34 @@ class SerialLine(Protocol):
 class CanPort:
     """A CAN bus with its listeners.
 
-    Parameters: the open bus; ``arrival_ns(message)``, which puts a received message's time stamp on ``clock``.
+    Parameters: the open bus; ``arrival_ns(message)``, which puts a received message's time stamp on ``clock``; how the
+    bus fares by its own account; whether a frame that is not marked as received is one of our own, sent back;
+    whether error frames say what they mean as Linux' do.
     """
 
-    def __init__(self, name: str, bus: can.BusABC, clock: Clock, arrival_ns: Callable[[can.Message], int]) -> None:
+    def __init__(
+        self,
+        name: str,
+        bus: can.BusABC,
+        clock: Clock,
+        arrival_ns: Callable[[can.Message], int],
+        *,
+        health: Health | None = None,
+        marks_own_frames: bool = True,
+        linux_error_frames: bool = True,
+    ) -> None:
         self.name = name
         self.bus = bus
         self.tap: Tap | None = None
         self.error_frames = 0
+        self.own_frames = 0  # those that came back, and were left out
         self._clock = clock
         self._arrival_ns = arrival_ns
+        self._health = StateOnly(bus) if health is None else health
+        self._marks_own_frames = marks_own_frames
+        self._linux_error_frames = linux_error_frames
+        self._errors: dict[str, int] = {}
+        self._off_bus = False
         self._handlers: list[FrameHandler] = []
 
     def subscribe(self, handler: FrameHandler) -> None:
@@ -60,7 +80,10 @@ class CanPort:
             self.tap(RawFrame(self._clock.now_ns(), self.name, True, data, arbitration_id, extended, remote))
 
     def poll(self) -> int:
-        """Hand on every frame that has arrived; returns how many. Raises ConnectionFailedError for a lost bus."""
+        """Hand on every frame that has arrived; returns how many.
+
+        Raises ConnectionFailedError for a lost bus, and for one that the controller has left (bus-off).
+        """
         count, receive = 0, self.bus.recv
         while True:
             try:
@@ -68,13 +91,48 @@ class CanPort:
             except (can.CanError, OSError, ValueError) as error:
                 raise ConnectionFailedError(f"bus {self.name}: lost ({error}); check adapter and cable") from error
             if message is None:
-                return count
+                break
             count += 1
             self._hand_on(message)
+        if self._off_bus:
+            raise self._bus_off("an error frame says so")
+        return count
+
+    def ask(self) -> None:
+        """Ask the adapter how it is; about once a second, not every tick. Raises ConnectionFailedError."""
+        try:
+            self._health.ask()
+        except (can.CanError, OSError) as error:
+            raise ConnectionFailedError(f"bus {self.name}: lost ({error}); check adapter and cable") from error
+        if (known := self._health.off_bus) is not None:
+            raise self._bus_off(known)
+
+    def troubles(self) -> Mapping[str, int]:
+        """What has gone wrong on the bus since it was opened, in words, and how often."""
+        return {**self._errors, **{words: count for words, count in self._health.troubles().items() if count}}
+
+    def _bus_off(self, known: str) -> ConnectionFailedError:
+        return ConnectionFailedError(
+            f"bus {self.name}: the controller has left the bus after too many errors (bus-off: {known}); "
+            "check bitrate, wiring and termination, then set the bus up again"
+        )
+
+    def _note_error(self, message: can.Message) -> None:
+        self.error_frames += 1
+        words: tuple[str, ...] = ("error frame",)
+        if self._linux_error_frames:
+            frame = CanErrorFrame.decode(message.arbitration_id, message.data)
+            words = frame.words()
+            self._off_bus = frame.bus_off or (self._off_bus and not frame.restarted)
+        for each in words:
+            self._errors[each] = self._errors.get(each, 0) + 1
 
     def _hand_on(self, message: can.Message) -> None:
         if message.is_error_frame:
-            self.error_frames += 1
+            self._note_error(message)
+            return
+        if self._marks_own_frames and not message.is_rx:
+            self.own_frames += 1
             return
         arrival_ns = self._arrival_ns(message)
         if self.tap is not None:

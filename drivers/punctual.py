@@ -33,6 +33,17 @@ def punctual() -> Iterator[None]:
         sys.setswitchinterval(switch_interval_s)
 
 
+def real_time_allowed() -> bool:
+    """Whether this process may run in real time; tried, and taken back at once."""
+    try:
+        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(HELPER_PRIORITY))
+        os.sched_setscheduler(0, policy, parameters)
+    except (OSError, AttributeError):  # AttributeError: no such thing on this system
+        return False
+    return True
+
+
 @contextmanager
 def _real_time() -> Iterator[None]:
     """On Linux; elsewhere, and where it is not permitted, nothing changes."""

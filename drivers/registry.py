@@ -1,13 +1,17 @@
 """Finds drivers by the name a rig file gives them: listed without importing, loaded one at a time."""
 
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
 from typing import Any, cast
 
 from drivers.backend import BackendFactory
 from drivers.devices import Amplifier, TorqueSensor
 from drivers.errors import WiringError
 from drivers.link import Link
+from drivers.recognition import Recogniser
 from drivers.wiring import DeviceSettings
 
 BACKENDS = "norton_bench.backends"
@@ -44,6 +48,22 @@ def _loaded(entry: EntryPoint, asked_by: str) -> Any:
 def _first_line(error: Exception) -> str:
     """The kind of error and the first line of what it says."""
     return f"{type(error).__name__}: {error}".splitlines()[0]
+
+
+def installed(group: str) -> dict[str, ModuleType]:
+    """The modules of a group's drivers, by name. One that cannot be imported is left out: nobody asked for it."""
+    found: dict[str, ModuleType] = {}
+    for entry in entry_points(group=group):
+        with suppress(Exception):  # a third party's module may raise anything
+            found[entry.name] = sys.modules[entry.load().__module__]
+    return dict(sorted(found.items()))
+
+
+def recognisers() -> dict[str, Recogniser]:
+    """What the installed drivers offer to tell who sends a frame, by the driver's name."""
+    modules = {**installed(AMPLIFIERS), **installed(TORQUE_SENSORS)}
+    offered = ((name, getattr(module, "recognise", None)) for name, module in modules.items())
+    return {name: recognise for name, recognise in offered if recognise is not None}
 
 
 def load_backend(name: str) -> BackendFactory:

@@ -1,6 +1,6 @@
 """The simulated backend: buses and ports into a simulated world, and the clock that makes it move."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from random import Random
 from typing import Any
 
@@ -8,13 +8,20 @@ import can
 
 from drivers.errors import ConnectionFailedError
 from drivers.ports import CanPort, SerialPort
+from drivers.rehearsal import TrueState
 from drivers.wiring import CanBusSettings, Wiring
 from sim_backend.assembly import build_world, mount
 from sim_backend.buses import SimulatedBus, SimulatedCanWire, SimulatedLine, SimulatedSerialWire
+from sim_backend.faults.injection import inject
+from sim_backend.faults.reading import read_faults
+from sim_backend.faults.schema import Fault
+from sim_backend.faults.stage import Injected, Stage
 from sim_backend.firmware.site import Wires
 from sim_backend.plugs import CanPlug, SerialPlug
 from sim_backend.transport import Delay
-from sim_backend.truth import Truth, read_truth
+from sim_backend.trouble import HostEnd
+from sim_backend.truth import FAULTS, Truth, read_truth
+from sim_backend.witness import watch
 from sim_backend.world import World
 
 
@@ -23,22 +30,31 @@ class SimulatedClock:
 
     def __init__(self, world: World) -> None:
         self._world = world
+        self._awake_ns = 0
 
     def now_ns(self) -> int:
         return self._world.now_ns
 
     def wait_until_ns(self, deadline_ns: int) -> None:
         self._world.advance(deadline_ns)
+        while self._awake_ns > self._world.now_ns:
+            self._world.advance(self._awake_ns)
+
+    def stall(self, duration_ns: int) -> None:
+        """Whoever waits now wakes up only after that; the world goes on meanwhile."""
+        self._awake_ns = self._world.now_ns + duration_ns
 
 
 class SimulatedBackend:
-    """See :class:`drivers.backend.Backend`. ``world`` is there for tests and benchmarks, which may know the truth."""
+    """See :class:`drivers.rehearsal.Rehearsal`. ``world`` is for tests and benchmarks, which may know the truth."""
 
     lock_step = True
 
     def __init__(self, wiring: Wiring, truth: Truth, place: str) -> None:
         self.world = build_world(wiring, truth, place)
         self.clock = SimulatedClock(self.world)
+        self._injected: list[Injected] = []
+        self._wiring = wiring
         self._truth = truth
         self._can_wires: dict[str, SimulatedCanWire] = {}
         self._serial_wires: dict[str, SimulatedSerialWire] = {}
@@ -65,6 +81,27 @@ class SimulatedBackend:
         for port in self._ports:
             port.close()
         self._ports.clear()
+
+    def read_faults(self, tables: object, *, place: str) -> tuple[Fault, ...]:
+        return read_faults(tables, self._wiring, place=place, section="fault")
+
+    def inject(self, *faults: Fault) -> tuple[Injected, ...]:
+        for fault in faults:
+            self._injected.append(inject(fault, self._stage(fault)))
+        return tuple(self._injected[len(self._injected) - len(faults) :])
+
+    @property
+    def injected(self) -> Sequence[Injected]:
+        return self._injected
+
+    def watch(self) -> Sequence[TrueState]:
+        return watch(self.world)
+
+    def _stage(self, fault: Fault) -> Stage:
+        # Seeded by number and kind: the same faults draw the same numbers, whatever else happens.
+        random = Random(f"{self._truth.seed} {len(self._injected)} {fault.kind}")
+        ends: dict[str, HostEnd] = {**self._can_wires, **self._serial_wires}
+        return Stage(self.world, self._wiring, ends, self.clock.stall, random)
 
     def _can_wire(self, bus: str) -> SimulatedCanWire:
         if bus not in self._can_wires:
@@ -102,4 +139,6 @@ def open_backend(wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | No
 
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
-    return SimulatedBackend(wiring, read_truth(simulated, seed=seed, place=place), place)
+    backend = SimulatedBackend(wiring, read_truth(simulated, seed=seed, place=place), place)
+    backend.inject(*read_faults(simulated.get(FAULTS, ()), wiring, place=place, section=f"simulated.{FAULTS}"))
+    return backend

@@ -10,6 +10,7 @@ from can.typechecking import CanFilters
 
 from sim_backend.plugs import CanPlug, SerialPlug
 from sim_backend.transport import BITS_PER_BYTE, ByteStream, Delay
+from sim_backend.trouble import CAN_ERR_BUS_OFF, Trouble, TroubledAdapter, lost_line, unwritable_line
 from sim_backend.world import World
 
 Inbox = deque[tuple[int, can.Message]]
@@ -25,20 +26,36 @@ class SimulatedCanWire:
         self._plugs: list[CanPlug] = []
         self._inboxes: list[Inbox] = []
         self._underway: deque[can.Message] = deque()  # to the devices; nothing overtakes
+        self.troubled: TroubledAdapter | None = None
 
     def attach(self, plug: CanPlug) -> None:
         self._plugs.append(plug)
 
+    def suffer(self, trouble: Trouble | None) -> None:
+        """See :class:`sim_backend.trouble.HostEnd`."""
+        if trouble is Trouble.BUS_OFF:
+            self.report_error(CAN_ERR_BUS_OFF)
+        self.troubled = None if trouble is None else TroubledAdapter(trouble)
+
+    def report_error(self, error_class: int) -> None:
+        arrival_ns = self._to_host_delay.arrival_ns(self._world.now_ns)
+        self._hand_over(arrival_ns, can.Message(arrival_ns * 1e-9, error_class, is_error_frame=True, data=bytes(8)))
+
     def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
         arrival_ns = self._to_host_delay.arrival_ns(self._world.now_ns)
-        if not self._inboxes:
+        if not self._inboxes or (self.troubled is not None and not self.troubled.hears):
             return
-        message = can.Message(arrival_ns * 1e-9, arbitration_id, extended, data=data)
+        self._hand_over(arrival_ns, can.Message(arrival_ns * 1e-9, arbitration_id, extended, data=data))
+
+    def _hand_over(self, arrival_ns: int, message: can.Message) -> None:
         for inbox in self._inboxes:
             inbox.append((arrival_ns, message))
 
     def to_devices(self, message: can.Message) -> None:
-        """Carry a host's frame to every device."""
+        """Carry a host's frame to every device. Raises can.CanOperationError where the adapter refuses it."""
+        if self.troubled is not None:
+            self.troubled.send()
+            return
         arrival_ns = self._to_devices_delay.arrival_ns(self._world.now_ns)
         self._underway.append(message)
         self._world.at(arrival_ns, self._deliver)
@@ -77,6 +94,8 @@ class SimulatedBus(can.BusABC):
 
         Overridden whole, as python-can's own measures its timeout on the machine's clock.
         """
+        if self._wire.troubled is not None:
+            self._wire.troubled.receive()
         inbox, now_ns = self._inbox, self._world.now_ns
         while inbox and inbox[0][0] <= now_ns:
             message = inbox.popleft()[1]
@@ -118,9 +137,17 @@ class SimulatedSerialWire:
         self._underway: deque[bytes] = deque()  # to the device; nothing overtakes
         self._free_ns = 0  # when the last byte on its way to the device has arrived
         self._byte_ns = 0.0
+        self.unplugged = False
 
     def attach(self, plug: SerialPlug) -> None:
         self._plug = plug
+
+    def suffer(self, trouble: Trouble | None) -> None:
+        """See :class:`sim_backend.trouble.HostEnd`; a line that is not unplugged is well."""
+        self.unplugged = trouble is Trouble.UNPLUGGED
+
+    def report_error(self, error_class: int) -> None:
+        """Serial adapters do not tell."""
 
     def to_host(self, data: bytes) -> None:
         if self._stream is not None:
@@ -158,12 +185,16 @@ class SimulatedLine:
 
     @property
     def in_waiting(self) -> int:
+        if self._wire.unplugged:
+            raise lost_line()
         return self._stream.waiting(self._world.now_ns)
 
     def read(self, size: int = 1) -> bytes:
         return self._stream.take(size, self._world.now_ns)
 
     def write(self, data: bytes, /) -> int:
+        if self._wire.unplugged:
+            raise unwritable_line()
         self._wire.to_device(data)
         return len(data)
 

@@ -43,7 +43,8 @@ COGGING_AMPLITUDE = 6  # N m
 COGGING_PERIODS = 7  # per turn
 COUNTS_PER_RAD = 8  # negative for a machine mounted the other way round
 TRACKER_BANDWIDTH = 9  # rad/s
-MACHINE_COLUMNS = 10
+COUNT_OFFSET = 10  # counts, 0 unless the encoder misreads
+MACHINE_COLUMNS = 11
 
 # ODrive runs its encoder estimator once per control period.
 ENCODER_PERIOD_NS = 125_000
@@ -159,7 +160,7 @@ def _track(state: NDArray[np.float64], machine: NDArray[np.float64]) -> None:
     proportional = 2.0 * machine[TRACKER_BANDWIDTH]
     integral = 0.25 * proportional * proportional
     state[TRACKED_COUNT] += period_s * state[TRACKED_RATE]
-    count = math.floor(state[ANGLE] * machine[COUNTS_PER_RAD])
+    count = math.floor(state[ANGLE] * machine[COUNTS_PER_RAD]) + machine[COUNT_OFFSET]
     error = count - math.floor(state[TRACKED_COUNT])
     state[TRACKED_COUNT] += period_s * proportional * error
     state[TRACKED_RATE] += period_s * integral * error

@@ -5,8 +5,8 @@ positive sense and with its own imperfections. Time moves only when :meth:`Plant
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -14,10 +14,12 @@ import numpy as np
 from sim_backend.integrator import (
     ACTUATOR,
     ANGLE,
+    COUNT_OFFSET,
     COUNTS_PER_RAD,
     CURRENT,
     CURRENT_RATE,
     CURRENT_TARGET,
+    INVERSE_INERTIA,
     LOAD,
     STATE_COLUMNS,
     TRACKED_RATE,
@@ -35,16 +37,24 @@ RELEASED_RATE_RAD_S = 10_000.0
 _ROWS: dict[Machine, int] = {"actuator": ACTUATOR, "load": LOAD}
 _NOISE_AT_A_TIME = 256
 
+# What a sensor gives for a value that it should give.
+Distortion = Callable[[float], float]
+
 
 @dataclass(slots=True)
 class _Machine:
-    """One machine's amplifier and encoder, and its row of the plant's state."""
+    """One machine's amplifier and encoder, and its rows of the plant's state and parameters."""
 
     state: "memoryview[float]"
+    parameters: "memoryview[float]"
     counts_per_rad: float
+    inverse_inertia: float
+    torque_constant_nm_a: float = math.nan
     amplifier_gain: float = 0.0
     amplifier_rate_rad_s: float = RELEASED_RATE_RAD_S
     current_noise_a: float = 0.0
+    released: bool = True
+    runaway_a: float | None = None  # what the amplifier follows instead of its command
 
 
 class Plant:
@@ -65,6 +75,7 @@ class Plant:
         # One stream for each signal, so that reading one leaves the others' noise as it is.
         self._noise = {name: _normal(np.random.default_rng([seed, k])) for k, name in enumerate(("sensor", *_ROWS))}
         self._machines = {machine: self._machine(machine) for machine in _ROWS}
+        self._distortions: tuple[Distortion, ...] = ()  # of the torque sensor
         self.advance(0)  # compiled here, rather than within the first tick
 
     def advance(self, to_ns: int) -> None:
@@ -78,19 +89,21 @@ class Plant:
     def command(self, machine: Machine, value: float) -> None:
         """From now on the machine's amplifier follows ``value``, in its command unit and its own positive sense."""
         driven = self._machines[machine]
-        driven.state[CURRENT_TARGET] = driven.amplifier_gain * value
+        driven.released = False
+        driven.state[CURRENT_TARGET] = driven.amplifier_gain * value if driven.runaway_a is None else driven.runaway_a
         driven.state[CURRENT_RATE] = driven.amplifier_rate_rad_s
 
     def release(self, machine: Machine) -> None:
         """From now on the machine's amplifier is off: its current dies away and stays zero."""
-        state = self._machines[machine].state
-        state[CURRENT_TARGET] = 0.0
-        state[CURRENT_RATE] = RELEASED_RATE_RAD_S
+        driven = self._machines[machine]
+        driven.released = True
+        driven.state[CURRENT_TARGET] = 0.0
+        driven.state[CURRENT_RATE] = RELEASED_RATE_RAD_S
 
     def encoder_position_rad(self, machine: Machine) -> float:
         """The encoder's count at this instant, as an angle in the machine's own sense."""
         read = self._machines[machine]
-        return math.floor(read.state[ANGLE] * read.counts_per_rad) / abs(read.counts_per_rad)
+        return _count(read) / abs(read.counts_per_rad)
 
     def encoder_velocity_rad_s(self, machine: Machine) -> float:
         """The drive's own estimate of its velocity, tracked from the counts, in the machine's own sense."""
@@ -107,7 +120,10 @@ class Plant:
         sensor = self._truth.torque_sensor
         error = sensor.bias_nm + sensor.drift_nm_s * self.now_ns * 1e-9
         noise = sensor.noise_nm * next(self._noise["sensor"])
-        return sensor.mounted * self.true_port_torque_nm() + error + noise
+        torque_nm = sensor.mounted * self.true_port_torque_nm() + error + noise
+        for distort in self._distortions:
+            torque_nm = distort(torque_nm)
+        return torque_nm
 
     def true_position_rad(self, machine: Machine) -> float:
         """The machine's angle, in the bench's sense."""
@@ -128,16 +144,81 @@ class Plant:
         slip_rad_s = actuator[VELOCITY] - load[VELOCITY]
         return self._bench.stiffness * twist_rad + self._bench.damping * slip_rad_s
 
+    def drives(self, machine: Machine) -> bool:
+        """Whether the machine's amplifier heads for a current other than zero."""
+        return self._machines[machine].state[CURRENT_TARGET] != 0.0
+
+    # ---- what can break ----
+
+    def misread(self, machine: Machine, gain: int, jump_rad: float = 0.0) -> None:
+        """From now on the encoder counts ``gain`` times the motion (1, 0 or -1), on from where it stands plus a jump.
+
+        The drive tracks its velocity from what is counted.
+        """
+        read = self._machines[machine]
+        count = _count(read) + round(jump_rad * abs(read.counts_per_rad))
+        read.parameters[COUNTS_PER_RAD] = gain * read.counts_per_rad
+        read.parameters[COUNT_OFFSET] = 0.0
+        read.parameters[COUNT_OFFSET] = count - _count(read)
+
+    def read_true(self, machine: Machine) -> None:
+        """The encoder counts what is there again."""
+        read = self._machines[machine]
+        read.parameters[COUNTS_PER_RAD] = read.counts_per_rad
+        read.parameters[COUNT_OFFSET] = 0.0
+
+    def distort_sensor(self, distortion: Distortion) -> Callable[[], None]:
+        """From now on the torque sensor gives what ``distortion`` makes of its reading; returns what ends that."""
+        self._distortions = (*self._distortions, distortion)
+
+        def end() -> None:
+            self._distortions = tuple(other for other in self._distortions if other is not distortion)
+
+        return end
+
+    def run_away(self, machine: Machine, torque_nm: float) -> None:
+        """From now on the amplifier gives the motor this torque, whatever it is commanded, for as long as it is on."""
+        driven = self._machines[machine]
+        driven.runaway_a = torque_nm / driven.torque_constant_nm_a
+        if not driven.released:
+            driven.state[CURRENT_TARGET] = driven.runaway_a
+
+    def obey(self, machine: Machine) -> None:
+        """The amplifier follows the next command again."""
+        self._machines[machine].runaway_a = None
+
+    def jam(self, machine: Machine) -> None:
+        """The machine stands at once, and nothing turns it."""
+        stuck = self._machines[machine]
+        stuck.parameters[INVERSE_INERTIA] = 0.0
+        stuck.state[VELOCITY] = 0.0
+
+    def free(self, machine: Machine) -> None:
+        """The machine can turn again."""
+        stuck = self._machines[machine]
+        stuck.parameters[INVERSE_INERTIA] = stuck.inverse_inertia
+
+    def uncouple(self) -> None:
+        """The coupling breaks: the two machines know nothing of each other any more."""
+        self._bench = replace(self._bench, stiffness=0.0, damping=0.0)
+
     def _machine(self, name: Machine) -> _Machine:
         truth = self._truth.actuator if name == "actuator" else self._truth.load
         row = _ROWS[name]
         # The same memory as the integrator's: Python reads a number of it at a third of what numpy asks.
-        state = memoryview(self._state[row]).cast("B").cast("d")
-        machine = _Machine(state, float(self._bench.machines[row, COUNTS_PER_RAD]))
+        state, parameters = (
+            memoryview(table[row]).cast("B").cast("d") for table in (self._state, self._bench.machines)
+        )
+        machine = _Machine(state, parameters, parameters[COUNTS_PER_RAD], parameters[INVERSE_INERTIA])
         if truth is not None:
+            machine.torque_constant_nm_a = truth.torque_constant_nm_a
             machine.amplifier_gain, machine.amplifier_rate_rad_s = truth.motor.Ka, truth.motor.beta
             machine.current_noise_a = truth.current_noise_a
         return machine
+
+
+def _count(read: _Machine) -> float:
+    return math.floor(read.state[ANGLE] * read.parameters[COUNTS_PER_RAD]) + read.parameters[COUNT_OFFSET]
 
 
 def _normal(random: np.random.Generator) -> Iterator[float]:

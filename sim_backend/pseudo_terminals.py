@@ -26,6 +26,7 @@ class ServedPort:
         os.set_blocking(self._master, False)
         self._target = os.ttyname(self._slave)
         self._put_link()
+        self.hung_up = False
 
     def fileno(self) -> int:
         """To wait on, for bytes from whoever opened the port."""
@@ -33,18 +34,30 @@ class ServedPort:
 
     def write(self, data: bytes) -> None:
         """Send bytes; what nobody reads is lost once the line is full, as on a real one."""
+        if self.hung_up:
+            return
         with suppress(BlockingIOError):
             os.write(self._master, data)
 
     def read(self) -> bytes:
         """What was written to the port since the last call."""
+        if self.hung_up:
+            return b""
         try:
             return os.read(self._master, _READ_MAX)
         except BlockingIOError:
             return b""
 
+    def hang_up(self) -> None:
+        """The adapter is pulled out: whoever has the port open is told so by his next use of it."""
+        if not self.hung_up:
+            self.close()
+            self.hung_up = True
+
     def close(self) -> None:
         """Take the link away, where it is still this port's own."""
+        if self.hung_up:
+            return
         if self._link.is_symlink() and str(self._link.readlink()) == self._target:
             self._link.unlink()
         # The slave is kept open until now: a master without one reads errors.

@@ -11,29 +11,42 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from random import Random
 from typing import Any, Protocol
 
 import can
 
 from drivers.backend import Backend
 from drivers.codecs.slcan import SlcanFrame, SlcanStream
+from drivers.errors import WiringError
 from drivers.hardware import HardwareBackend
 from drivers.ports import CanPort
 from drivers.punctual import punctual
 from drivers.wiring import CanBusSettings, Wiring
 from sim_backend.assembly import build_world, mount
+from sim_backend.faults.injection import inject
+from sim_backend.faults.reading import read_faults
+from sim_backend.faults.stage import Stage
 from sim_backend.firmware.site import Wires
 from sim_backend.plugs import CanPlug, SerialPlug
 from sim_backend.pseudo_terminals import ServedPort
-from sim_backend.truth import read_truth
+from sim_backend.trouble import HostEnd, Trouble
+from sim_backend.truth import FAULTS, read_truth
+from sim_backend.witness import WitnessFile
 from sim_backend.world import World
 
 # The plant is never further behind the wall clock than this while nothing is planned.
 LONGEST_SLEEP_S = 0.5e-3
 
 
-class _Served(Protocol):
-    """A wire that can be waited on, emptied and taken down."""
+class _Served(HostEnd, Protocol):
+    """A wire that can be waited on, emptied and taken down, and that faults can reach."""
+
+    @property
+    def lost(self) -> bool:
+        """Whether nothing can be waited for any more."""
+        ...
 
     def fileno(self) -> int: ...
     def receive(self) -> None:
@@ -48,35 +61,46 @@ class _WallTime:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._start_ns = time.monotonic_ns()
+        self.start_ns = time.monotonic_ns()
 
     def catch_up(self, to_ns: int | None = None) -> None:
         """To the monotonic clock's ``to_ns``, or to now."""
-        self._world.advance((time.monotonic_ns() if to_ns is None else to_ns) - self._start_ns)
+        self._world.advance((time.monotonic_ns() if to_ns is None else to_ns) - self.start_ns)
 
     def due_s(self) -> float:
         """How long nothing is planned to happen."""
-        elapsed_ns = time.monotonic_ns() - self._start_ns
+        elapsed_ns = time.monotonic_ns() - self.start_ns
         return max((self._world.next_event_ns or 0) - elapsed_ns, 0) * 1e-9
 
 
 class ServedBus:
     """A CAN bus on one of python-can's interfaces. Frames of our own that it echoes are dropped by ``drivers``.
 
-    A command acts when it came, even where this process was not there to see it: a real drive never sleeps.
+    A command acts when it came, even where this process was not there to see it: a real drive never sleeps. The host's
+    adapter is not ours to break: one that is unplugged or off the bus is merely cut off from it.
     """
+
+    lost = False
 
     def __init__(self, settings: CanBusSettings, backend: Backend, wall: _WallTime) -> None:
         self._wall = wall
         self._port: CanPort = backend.open_can(settings)
         self._plugs: list[CanPlug] = []
+        self._cut_off = False
         self._port.subscribe(self._deliver)
 
     def attach(self, plug: CanPlug) -> None:
         self._plugs.append(plug)
 
+    def suffer(self, trouble: Trouble | None) -> None:
+        self._cut_off = trouble in (Trouble.UNPLUGGED, Trouble.BUS_OFF)
+
+    def report_error(self, error_class: int) -> None:
+        self._port.bus.send(can.Message(arbitration_id=error_class, is_error_frame=True, data=bytes(8)))
+
     def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
-        self._port.send(arbitration_id, data, extended=extended)
+        if not self._cut_off:
+            self._port.send(arbitration_id, data, extended=extended)
 
     def fileno(self) -> int:
         return self._port.bus.fileno()
@@ -89,7 +113,7 @@ class ServedBus:
 
     def _deliver(self, message: can.Message, arrival_ns: int) -> None:
         self._wall.catch_up(arrival_ns)
-        for plug in self._plugs:
+        for plug in () if self._cut_off else self._plugs:
             plug.deliver(message)
 
 
@@ -101,12 +125,26 @@ class ServedSlcan:
         self._port = ServedPort(settings.channel.partition("@")[0])
         self._stream = SlcanStream()
         self._plugs: list[CanPlug] = []
+        self._off_bus = False
+
+    @property
+    def lost(self) -> bool:
+        return self._port.hung_up
+
+    def suffer(self, trouble: Trouble | None) -> None:
+        if trouble is Trouble.UNPLUGGED:
+            self._port.hang_up()
+        self._off_bus = trouble is Trouble.BUS_OFF
+
+    def report_error(self, error_class: int) -> None:
+        """The protocol has no error frames."""
 
     def attach(self, plug: CanPlug) -> None:
         self._plugs.append(plug)
 
     def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
-        self._port.write(SlcanFrame(arbitration_id, data, len(data), extended).encode())
+        if not self._off_bus:
+            self._port.write(SlcanFrame(arbitration_id, data, len(data), extended).encode())
 
     def fileno(self) -> int:
         return self._port.fileno()
@@ -116,7 +154,7 @@ class ServedSlcan:
         self._wall.catch_up()  # the line says nothing of when its bytes came
         while self._stream.frames:
             message = _message(self._stream.frames.popleft())
-            for plug in self._plugs:
+            for plug in () if self._off_bus else self._plugs:
                 plug.deliver(message)
 
     def close(self) -> None:
@@ -130,6 +168,17 @@ class ServedLine:
         self._wall = wall
         self._port = ServedPort(path)
         self._plug: SerialPlug | None = None
+
+    @property
+    def lost(self) -> bool:
+        return self._port.hung_up
+
+    def suffer(self, trouble: Trouble | None) -> None:
+        if trouble is Trouble.UNPLUGGED:
+            self._port.hang_up()
+
+    def report_error(self, error_class: int) -> None:
+        """Serial adapters do not tell."""
 
     def attach(self, plug: SerialPlug) -> None:
         self._plug = plug
@@ -158,24 +207,38 @@ def serve(
     place: str,
     on_ready: Callable[[], None],
     stop: Callable[[], bool],
+    witness: Path | None = None,
 ) -> None:
     """Serve the rig's devices until ``stop()``; ``on_ready`` is called once when everything is open.
 
-    An interrupt takes everything down too and goes on to the caller as KeyboardInterrupt; so does SIGTERM. Raises
-    WiringError for wrong true values, ConnectionFailedError where an interface or a port cannot be opened.
+    The rig's faults happen in wall time. What is true goes to the file ``witness``, a line a millisecond. An interrupt
+    takes everything down too and goes on to the caller as KeyboardInterrupt; so does SIGTERM. Raises WiringError for
+    wrong true values or faults, ConnectionFailedError where an interface or a port cannot be opened.
     """
     truth = read_truth(simulated, seed=seed, place=place)
+    faults = read_faults(simulated.get(FAULTS, ()), wiring, place=place, section=f"simulated.{FAULTS}")
     world = build_world(wiring, truth, place)
     with _termination_interrupts(), ExitStack() as open_wires:
         wall = _WallTime(world)
         wires = _ServedWires(wiring, open_wires, wall)
         mount(world, wiring, truth, Wires(wires.can, wires.serial))
+        for number, fault in enumerate(faults):
+            inject(fault, Stage(world, wiring, wires.ends, None, Random(f"{truth.seed} {number} {fault.kind}")))
+        if witness is not None:
+            open_wires.callback(_witness(witness, world, wall.start_ns).close)
         on_ready()
         with punctual():
             while not stop():
                 for wire in wires.waiting(min(wall.due_s(), LONGEST_SLEEP_S)):
                     wire.receive()
                 wall.catch_up()
+
+
+def _witness(path: Path, world: World, epoch_ns: int) -> WitnessFile:
+    try:
+        return WitnessFile(path, world, epoch_ns)
+    except OSError as error:
+        raise WiringError(f"witness {path}: cannot be written ({error.strerror}); name another file") from error
 
 
 @contextmanager
@@ -200,6 +263,7 @@ class _ServedWires:
         self._stack = stack
         self._backend = HardwareBackend()
         self._buses: dict[str, ServedBus | ServedSlcan] = {}
+        self._lines: dict[str, ServedLine] = {}
         self._wires: list[_Served] = []
         self._unwatched: list[_Served] = []
 
@@ -218,12 +282,18 @@ class _ServedWires:
 
     def serial(self, port: str) -> SerialPlug:
         wire = ServedLine(port, self._wall)
+        self._lines[port] = wire
         self._keep(wire)
         return SerialPlug(wire)
 
+    @property
+    def ends(self) -> Mapping[str, HostEnd]:
+        """By bus and by port."""
+        return {**self._buses, **self._lines}
+
     def waiting(self, timeout_s: float) -> list[_Served]:
         """The wires on which something waits to be received, after at most ``timeout_s``."""
-        ready, _, _ = select.select(self._wires, [], [], timeout_s)
+        ready, _, _ = select.select([wire for wire in self._wires if not wire.lost], [], [], timeout_s)
         return [*ready, *self._unwatched]
 
     def _keep(self, wire: _Served) -> None:

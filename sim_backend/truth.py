@@ -4,17 +4,16 @@ Quantities are written with their units; what is not written takes the default t
 the unit in their name and are written in the file without it (``inertia_kg_m2`` is ``inertia``).
 """
 
-import json
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
-from pydantic_core import ErrorDetails
 
 from bench.models.dahl_motor import DahlMotor
 from bench.models.parameters import BY_NAME
 from bench.units import parse_quantity
 from drivers.errors import WiringError
+from sim_backend.tables import complaints
 
 
 def _in(unit: str) -> BeforeValidator:
@@ -35,6 +34,8 @@ TorqueConstant = Annotated[float, _in("N*m/A")]
 Current = Annotated[float, _in("A")]
 Nanoseconds = Annotated[int, BeforeValidator(_nanoseconds)]
 Sign = Literal[1, -1]
+
+FAULTS = "fault"  # the key of the table's faults, which say what becomes of the truth; sim_backend.faults reads them
 
 
 class _Table(BaseModel):
@@ -142,12 +143,13 @@ def read_truth(simulated: Mapping[str, Any], *, seed: int | None, place: str, co
 
     Raises WiringError, one sentence for each mistake with its place (``place`` names the rig file) and the mend.
     """
-    written = dict(simulated) if seed is None else {**simulated, "seed": seed}
+    written = {key: value for key, value in simulated.items() if key != FAULTS}
+    if seed is not None:
+        written["seed"] = seed
     try:
         return Truth.model_validate(written, context={"command_unit": command_unit})
     except ValidationError as error:
-        sentences = (_sentence(mistake, written, place) for mistake in error.errors())
-        raise WiringError("\n".join(sentences)) from error
+        raise WiringError("\n".join(complaints(error, Truth, written, place=place, name="simulated"))) from error
 
 
 def true_parameters(truth: Truth, command_unit: str = "N*m") -> dict[str, tuple[float, str]]:
@@ -165,52 +167,3 @@ def true_parameters(truth: Truth, command_unit: str = "N*m") -> dict[str, tuple[
         "amplifier_gain": motor.Ka,
     }
     return {name: (value, BY_NAME[name].unit_for(command_unit)) for name, value in values.items()}
-
-
-def _sentence(mistake: ErrorDetails, written: Mapping[str, Any], place: str) -> str:
-    """One mistake as ``place: [table] key ...``, with the mend."""
-    *tables, key = ("simulated", *map(str, mistake["loc"]))
-    where = f"{place}: [{'.'.join(tables)}] {key}" if tables else f"{place}: [{key}]"
-    match mistake["type"]:
-        case "missing":
-            return f"{where} is missing; add {_example(mistake['loc'])}"
-        case "extra_forbidden":
-            return f"{where} is not known; known here: {', '.join(_keys(_table_at(mistake['loc'][:-1])))}"
-        case "value_error":
-            return f"{where}: {mistake['ctx']['error']}"
-        case "model_type":
-            return f"{where} should be a table of its own: write [{'.'.join((*tables, key))}]"
-        case _:
-            expected = mistake["msg"].removeprefix("Input should be ")
-            return f"{where} = {_found(written, mistake['loc'])!r} should be {expected}"
-
-
-def _found(written: Any, loc: tuple[int | str, ...]) -> object:
-    """What stands in the file where a path of keys leads to."""
-    for key in loc:
-        written = written[key]
-    return written
-
-
-def _table_at(loc: tuple[int | str, ...]) -> type[BaseModel]:
-    """The schema of the table that a path of keys leads to."""
-    table: type[BaseModel] = Truth
-    for key in loc:
-        annotation = _keys(table)[str(key)].annotation
-        candidates = getattr(annotation, "__args__", (annotation,))
-        table = next(kind for kind in candidates if isinstance(kind, type) and issubclass(kind, BaseModel))
-    return table
-
-
-def _keys(table: type[BaseModel]) -> dict[str, Any]:
-    """A table's fields, by the keys they are written under."""
-    return {field.alias or name: field for name, field in table.model_fields.items()}
-
-
-def _example(loc: tuple[int | str, ...]) -> str:
-    """What to write where a key is missing."""
-    key = str(loc[-1])
-    examples = _keys(_table_at(loc[:-1]))[key].examples
-    if not examples:
-        return f"a table [{'.'.join(('simulated', *map(str, loc)))}]"
-    return f"{key} = {json.dumps(examples[0])}"

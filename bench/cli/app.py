@@ -26,12 +26,16 @@ COMMANDS = {
     "report": ("bench.cli.recordings:report", "Write the report of a recording."),
     "recover": ("bench.cli.recordings:recover", "Rescue a recording that was cut off."),
     "export": ("bench.cli.recordings:export", "Write a recording as Parquet, CSV or MATLAB tables."),
+    "faults": ("bench.cli.faults:faults", "Rehearse faults on simulated rigs, and say how each of them ends."),
     "devices": ("bench.cli.check:devices", "List the serial ports and CAN adapters of this machine."),
 }
 GROUPS = {
     "rig": (
-        "Look at a rig.",
-        {"check": ("bench.cli.check:check", "Open a rig's devices and say what is wrong. Moves nothing.")},
+        "Describe a rig, and look at it.",
+        {
+            "new": ("bench.cli.new:new", "Write a new rig file from your answers."),
+            "check": ("bench.cli.check:check", "Say what is wrong with a rig. Moves nothing without --move."),
+        },
     ),
     "sim": (
         "The simulator.",

@@ -115,10 +115,11 @@ def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:
 
 
 def _show(result: "SessionResult", output: Output) -> int:
-    from bench.cli.results import identification, summary, until_figures, until_sentences  # noqa: PLC0415
+    from bench.cli.results import events, identification, summary, until_figures, until_sentences  # noqa: PLC0415
 
     found, refined = result.conclusion, result.knowledge.refinement
-    data, view = identification(found, result.recording), summary(found, result.recording)
+    data = {**identification(found, result.recording), "events": events(result.measured)}
+    view = summary(found, result.recording)
     if refined is None or found.fit is None:
         output.result(data, view)
     else:

@@ -1,8 +1,9 @@
 """A running session on stderr: a bar with the time left on a terminal, a line a step elsewhere."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 
 from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
@@ -64,6 +65,26 @@ class Terminal:
 
     def note(self, text: str) -> None:
         self._bars.console.print(text, markup=False, highlight=False)
+
+
+@contextmanager
+def counting(output: Output, total: int) -> Iterator[Callable[[str], None]]:
+    """What to call, with a line about it, for each of ``total`` things that are done."""
+    if output.quiet:
+        yield lambda _line: None
+    elif not sys.stderr.isatty():
+        done = count(1)
+        yield lambda line: output.say(f"[{next(done)}/{total}] {line}")
+    else:
+        columns = (BarColumn(), TextColumn("{task.completed}/{task.total}"), TimeRemainingColumn())
+        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+            task = bars.add_task("", total=total)
+
+            def step(line: str) -> None:
+                bars.console.print(line, markup=False, highlight=False)
+                bars.advance(task)
+
+            yield step
 
 
 @contextmanager

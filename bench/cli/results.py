@@ -13,6 +13,8 @@ from bench.identification.ladder import Rung
 from bench.identification.results import FitResult, Validation
 from bench.models.parameters import BY_NAME, Estimate
 from bench.procedures.refinement import Refinement, in_percent, widest_of, words
+from bench.records import Measured
+from bench.report.loops import bench_time_s
 from bench.session.conclusion import Conclusion
 
 
@@ -31,6 +33,16 @@ def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
         "network": found.network,
         "report": found.report,
     }
+
+
+def events(measured: Measured) -> list[dict[str, Any]]:
+    """What happened on the way, for ``--json``; times as in the report, from the first tick."""
+    told = [event for event in measured.events if event.kind != "segment"]
+    times_s = bench_time_s(measured, [event.stamp_ns for event in told])
+    return [
+        {"time_s": float(time_s), "kind": event.kind, "text": event.text}
+        for time_s, event in zip(times_s, told, strict=True)
+    ]
 
 
 def rung_figures(rung: Rung) -> dict[str, Any]:

@@ -1,6 +1,9 @@
 """``sim serve`` and ``sim truth``: the simulator, found by its entry points so that the bench never knows it."""
 
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
 
 from bench.cli.arguments import Json, Quiet, RigFile, Seed
 from bench.cli.interrupt import operator_stop
@@ -9,7 +12,10 @@ from bench.cli.output import Output
 SIMULATORS = "norton_bench.simulators"
 
 
-def serve(rig_file: RigFile, /, *, seed: Seed = None, quiet: Quiet = False) -> None:
+Witness = Annotated[Path | None, Parameter(help="A CSV file for what is true meanwhile, a line a millisecond.")]
+
+
+def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, quiet: Quiet = False) -> None:
     """Serve the simulated devices on the rig's own bus and ports until Ctrl-C, for another process to meet."""
     from bench.rig.load import load_rig  # noqa: PLC0415
 
@@ -25,6 +31,7 @@ def serve(rig_file: RigFile, /, *, seed: Seed = None, quiet: Quiet = False) -> N
             place=str(rig_file),
             on_ready=lambda: output.say(f"serving {rig.name} on {', '.join(places)}; Ctrl-C ends it"),
             stop=lambda: stop_request() is not None,
+            witness=witness,
         )
 
 

@@ -13,6 +13,7 @@ from bench.loop.alignment import Alignment
 from bench.loop.devices import Arrivals, Devices
 from bench.loop.load_strategy import LoadStrategy, strategy_for
 from bench.loop.outbox import Outbox
+from bench.loop.troubles import TroubleLog
 from bench.records import Measured, SegmentInfo, join
 from bench.sample import Sample, Target
 from bench.segments import LoadMode, Segment
@@ -51,6 +52,7 @@ class Loop:
 
     def __post_init__(self) -> None:
         self._clock = self.devices.clock
+        self._troubles = TroubleLog(self.devices, self.outbox.put_event)
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -84,6 +86,7 @@ class Loop:
         finally:
             for complaint in self.devices.stop():
                 self.outbox.put_event(self.devices.clock.now_ns(), "drive", complaint)
+            self._troubles.end(self.devices.clock.now_ns())
             self.outbox.hand_on()
 
     def run(self, segment: Segment) -> Measured:
@@ -106,6 +109,7 @@ class Loop:
                 sample, full = self._tick(commands[index], strategy, index, begun_ns, arrivals)
                 done = abs(sample.velocity_rad_s) >= stop_at_rad_s
                 index += 1
+                self._troubles.look(begun_ns)
                 if full:
                     parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
         finally:
@@ -119,6 +123,7 @@ class Loop:
         now_ns = self.devices.clock.now_ns()
         sample = self._sample(now_ns, self.devices.receive())
         self.guard.begin(sample)
+        self._troubles.begin(now_ns)
         self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
         self._next_ns = now_ns + self.tick_ns
 

@@ -6,6 +6,7 @@ from math import inf, isfinite
 from bench.rig.draft import Draft
 from bench.rig.mistakes import Mistakes, nearest
 from drivers import registry
+from drivers.wiring import CanBusSettings
 
 Found = Iterator[tuple[str, str]]  # where, and what is wrong with the mend
 
@@ -76,12 +77,23 @@ def _shared_addresses(draft: Draft) -> Found:
 
 
 def _interfaces(draft: Draft) -> Found:
-    from can.interfaces import VALID_INTERFACES  # noqa: PLC0415  (slow to import; only a rig with a bus needs it)
+    if not draft.buses:
+        return
+    # Slow to import; only a rig with a bus needs them.
+    from can.interfaces import VALID_INTERFACES  # noqa: PLC0415
+
+    from drivers.adapters.table import mistakes  # noqa: PLC0415
 
     for name, bus in draft.buses.items():
-        if bus is not None and bus.interface not in VALID_INTERFACES:
+        if bus is None:
+            continue
+        if bus.interface not in VALID_INTERFACES:
             mend = nearest(bus.interface, VALID_INTERFACES)
             yield f"[bus.{name}] interface", f'"{bus.interface}" is no interface of python-can; {mend}'
+            continue
+        settings = CanBusSettings(name, bus.interface, bus.channel, round(bus.bitrate_bit_s), bus.options)
+        for key, text in mistakes(settings):
+            yield f"[bus.{name}] {key}", text
 
 
 def _timing(draft: Draft) -> Found:

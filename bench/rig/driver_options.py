@@ -1,8 +1,9 @@
 """The options of a device as its driver declares them, so that a wrong one is told before anything is opened.
 
 The module that a driver's entry point names may declare ``OPTION_UNITS`` (options that are quantities, and the unit in
-which the driver wants them), ``OPTION_FILES`` (options that may name a file beside the rig file) and one subclass of
-``drivers.options.DeviceOptions``. A driver that declares nothing checks its options itself.
+which the driver wants them), ``OPTION_FILES`` (options that may name a file beside the rig file), ``CONNECTION``
+("can" or "serial") and one subclass of ``drivers.options.DeviceOptions``. A driver that declares nothing checks its
+options itself.
 """
 
 import sys
@@ -28,13 +29,15 @@ class Declared:
     units: Mapping[str, str]
     files: tuple[str, ...]
     model: type[DeviceOptions] | None
+    connection: str | None = None  # "can" or "serial", where it says so
 
 
 def declared_by(group: str, driver: str) -> Declared:
     """Raises drivers.errors.WiringError for a driver that is not installed."""
     factory = registry.load(group, driver, asked_by="driver")
     module = sys.modules[factory.__module__]
-    return Declared(getattr(module, "OPTION_UNITS", {}), getattr(module, "OPTION_FILES", ()), _model_in(module))
+    units, files = getattr(module, "OPTION_UNITS", {}), getattr(module, "OPTION_FILES", ())
+    return Declared(units, files, _model_in(module), getattr(module, "CONNECTION", None))
 
 
 def read_options(

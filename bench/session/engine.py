@@ -26,6 +26,7 @@ from bench.session.conclusion import Conclusion, conclude
 from bench.session.live_feed import InlineFeed, LiveFeed, ProcessFeed
 from bench.session.progress import Progress, Silent
 from bench.session.provenance import provenance
+from bench.session.rehearsal import Rehearsed, rehearsed
 from bench.session.schema import Session
 from bench.session.supervision import told_to_guard, verify_watchdogs
 from bench.session.warm_up import warm_up
@@ -35,6 +36,8 @@ from drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
 LOCK_STEP_PATIENCE_S = 30.0
+# Kinds of events that whoever watches should see at once; an experiment goes on all the same.
+TROUBLES = ("bus", "device")
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,9 @@ class _Run:
             self.live.append(self.feed.latest)
             self.recorder.put_estimate(self.feed.latest)
         self.progress.part(part, self.feed.latest)
+        for event in part.events:
+            if event.kind in TROUBLES:
+                self.progress.note(event.text)
 
     def step(self, step: Procedure | Adaptive) -> None:
         """Carry out one procedure, or all those that an adaptive step decides on, one after the other."""
@@ -94,9 +100,7 @@ class _Run:
         self.knowledge = decision.known
 
     def _carry_out(self, procedure: Procedure) -> None:
-        """Let loop and controller adopt what the procedure found."""
-        self.knowledge = carry_out(procedure, self.knowledge, self.loop, self._foresee)
-        self._adopt()
+        self.learn(carry_out(procedure, self.knowledge, self.loop, self._foresee))
 
     def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
         """The free motion to expect under zero torque, once the live estimate is valid."""
@@ -108,8 +112,9 @@ class _Run:
             segment, network, known.calibration, delay_s, tick_s, velocity_rad_s=velocity_rad_s, command=command
         )
 
-    def _adopt(self) -> None:
-        known, loop = self.knowledge, self.loop
+    def learn(self, known: Knowledge) -> None:
+        """Let loop, guard and controller know it too."""
+        self.knowledge, loop = known, self.loop
         loop.guard.know(told_to_guard(known))
         if known.tare is not None:
             loop.alignment.torque_bias_nm = known.tare.torque_bias_nm
@@ -155,18 +160,37 @@ def record_session(
     progress: Progress | None = None,
     stop_request: Callable[[], str | None] = never_stop,
 ) -> Recorded:
-    """The experiment alone, recorded into the folder ``out``.
+    """The experiment alone, recorded into the folder ``out``. Raises as :func:`record_procedures` does."""
+    procedures = make_procedures([(step.do, step.options) for step in session.steps], rig, place=session.place)
+    return record_procedures(rig, session, procedures, out=out, seed=seed, progress=progress, stop_request=stop_request)
 
+
+def record_procedures(
+    rig: Rig,
+    session: Session,
+    procedures: Sequence[Procedure | Adaptive],
+    *,
+    out: Path,
+    backend: Backend | None = None,
+    known: Knowledge | None = None,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    stop_request: Callable[[], str | None] = never_stop,
+) -> Recorded:
+    """Carry out ``procedures`` as a session's steps, on ``backend`` or on the rig's own; either is closed at the end.
+
+    ``known`` is what another session on this bench has learned. The recording says which faults there were.
     Raises RigError and UsageError before anything moves; DeviceError, SafetyStopError, OperatorStopError and
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
     progress = progress or Silent()
-    procedures = make_procedures([(step.do, step.options) for step in session.steps], rig, place=session.place)
     progress.plan(tuple((procedure.name, procedure.duration_s(rig)) for procedure in procedures))
     warm_up()
-    backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
+    if backend is None:
+        backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
     with ExitStack() as stack:
         stack.callback(backend.close)
+        rehearsal = rehearsed(session, backend)
         stack.enter_context(_settled_memory())
         devices = open_devices(rig, backend)
         stack.callback(devices.link.close)
@@ -180,20 +204,35 @@ def record_session(
             )
         )
         run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
+        if known is not None:
+            run.learn(known)
+        stack.callback(_put_away, run.loop, rehearsal)
         if rig.supervision.verify_watchdogs:
             verify_watchdogs(devices, run.loop.outbox, progress.note)
-        _step_by_step(run, procedures, progress)
+        _step_by_step(run, procedures, rehearsal)
     return Recorded(recorder.path, metadata, run.knowledge, join(run.parts), run.live)
 
 
-def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], progress: Progress) -> None:
+def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], rehearsal: Rehearsed) -> None:
     clock, begun_s = run.loop.devices.clock, perf_counter()
     begun_ns = clock.now_ns()
+    rehearsal.begin(None)
     for index, procedure in enumerate(procedures):
-        progress.step(index, procedure.name)
+        run.progress.step(index, procedure.name)
+        rehearsal.begin(procedure.name)
         run.step(procedure)
     bench_s, took_s = (clock.now_ns() - begun_ns) * 1e-9, perf_counter() - begun_s
-    progress.note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x); now the final fit")
+    run.progress.note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x); now the final fit")
+
+
+def _put_away(loop: Loop, rehearsal: Rehearsed) -> None:
+    """A recording says what was made to fail in it, and what could not be read of what came."""
+    now_ns = loop.devices.clock.now_ns()
+    for stamp_ns, text in rehearsal.happened():
+        loop.outbox.put_event(stamp_ns, "fault", text)
+    for text in loop.devices.unread():
+        loop.outbox.put_event(now_ns, "note", text)
+    loop.outbox.hand_on()
 
 
 @contextmanager

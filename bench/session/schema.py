@@ -1,6 +1,6 @@
 """Session files: which procedures run, in which order, with which options; ``docs/session-file.md`` explains them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,10 +35,18 @@ class Step:
 
 
 @dataclass(frozen=True)
+class WrittenFault:
+    """A fault to rehearse: what the simulator reads of it, and the step during which it is to happen, if one."""
+
+    table: Mapping[str, Any]
+    during: str | None = None
+
+
+@dataclass(frozen=True)
 class Session:
     """What to do, in order. ``place`` names where it came from; ``rig`` is the rig file, if the session names one.
 
-    ``arguments`` are those of ``identify`` that made a built-in session what it is.
+    ``arguments`` are those of ``identify`` that made a built-in session what it is. ``faults`` are for a simulation.
     """
 
     steps: tuple[Step, ...]
@@ -47,6 +55,7 @@ class Session:
     seed: int | None = None
     text: str = ""
     arguments: str = ""
+    faults: tuple[WrittenFault, ...] = ()
 
 
 def _velocities(written: object) -> tuple[float, ...]:
@@ -132,6 +141,7 @@ class _File(BaseModel):
     rig: str | None = Field(None, examples=["../rigs/sim-odrive.toml"])
     seed: int | None = Field(None, ge=0, examples=[1])
     step: list[Any]
+    fault: list[Any] = Field(default_factory=list)
 
 
 def load_session(path: str | Path) -> Session:
@@ -150,10 +160,15 @@ def parse_session(text: str, *, place: str) -> Session:
         steps = []
     head = mistakes.read(_File, {**written, "step": steps}, "")
     read = [_step(table, number, mistakes) for number, table in enumerate(steps, 1)]
+    names = [step.do for step in read if step is not None]
+    faults = (
+        () if head is None else [_fault(table, f"fault {n}", names, mistakes) for n, table in enumerate(head.fault, 1)]
+    )
     mistakes.raise_as(UsageError)
     assert head is not None
     rig = None if head.rig is None else Path(place).parent / head.rig
-    return Session(tuple(step for step in read if step is not None), place, rig, head.seed, text)
+    steps_read = tuple(step for step in read if step is not None)
+    return Session(steps_read, place, rig, head.seed, text, faults=tuple(faults))
 
 
 def _step(table: object, number: int, mistakes: Mistakes) -> Step | None:
@@ -172,6 +187,17 @@ def _step(table: object, number: int, mistakes: Mistakes) -> Step | None:
     rest = {key: value for key, value in table.items() if key != "do"}
     section = mistakes.read(model, rest, f"{where}, {do}")
     return None if section is None else Step(do, options(**section.model_dump(exclude_unset=True)))
+
+
+def _fault(table: object, where: str, steps: Sequence[str], mistakes: Mistakes) -> WrittenFault:
+    """What else stands in the table is for the simulator to read."""
+    if not isinstance(table, dict):
+        mistakes.add(f"[{where}]", f"is a section, not {toml(table)}; write [[fault]] on a line of its own")
+        return WrittenFault({})
+    during = table.get("during")
+    if during is not None and during not in steps:
+        mistakes.add(f"[{where}] during", f"{toml(during)} is no step of this session; {nearest(str(during), steps)}")
+    return WrittenFault({key: value for key, value in table.items() if key != "during"}, during)
 
 
 def standard_session(rig: Rig | None = None) -> Session:

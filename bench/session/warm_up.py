@@ -1,6 +1,7 @@
 """Compiled code made ready before anything is opened: the first run compiles for seconds, later ones only load."""
 
 from contextlib import suppress
+from functools import cache
 
 import numpy as np
 
@@ -27,6 +28,7 @@ NETWORK = NortonNetwork(1.0, 500.0, 1e-4, 1e-3, 0.02, 10.0, 0.01, command_unit=C
 LOAD = LoadCalibration(1.0, 1e3, 1e-4, 1e-3, 0.01, 10.0, 0.01, 1.5e-3, 0.0, 200.0, 0.01, 1e-3, 0.0, 5e-5, -1e-3, 1e-4)
 
 
+@cache  # a process stays warm
 def warm_up() -> None:
     """Go once through all compiled code, with made-up readings whose results nobody looks at."""
     measured = _made_up()

@@ -2,7 +2,8 @@
 
 ``t`` and ``T`` are data frames with 3 and 8 hexadecimal digits of identifier, ``r`` and ``R`` remote frames; then one
 digit of length, the data in hexadecimal, and possibly four digits of the adapter's time stamp. A line ends with CR;
-BEL stands for an error, and a lone CR for a command that was taken. Source: Lawicel CANUSB manual, "ASCII commands".
+BEL stands for a command that was refused, and a lone CR for one that was taken. ``F`` asks for the adapter's status
+flags, answered as ``F`` and two hexadecimal digits. Source: Lawicel CANUSB and CAN232 manuals, "ASCII commands".
 """
 
 from collections import deque
@@ -14,7 +15,36 @@ from drivers.codecs.errors import CodecError
 _END: Final = b"\r"
 _LINE_MAX: Final = 64  # a classic frame with time stamp has 31 characters
 _KINDS: Final = {ord("t"): (4, False), ord("T"): (9, True), ord("r"): (4, True), ord("R"): (9, True)}
-_ANSWERS: Final = b"zZFVvN"  # to commands: sent, flags, version, serial number
+_STANDARD_MAX: Final = 0x7FF
+_EXTENDED_MAX: Final = 0x1FFFFFFF
+_HEXADECIMAL: Final = frozenset(b"0123456789abcdefABCDEF")
+_ANSWERS: Final = b"zZVvN"  # to commands: sent, version, serial number
+
+ASK_FLAGS: Final = b"F\r"
+# Bit 4 is unused in Lawicel's own adapters; usb2canfdv1 says bus-off there.
+FLAG_BUS_OFF: Final = 0x10
+FLAG_WORDS: Final = (
+    (0x01, "receive buffer of the adapter full, frames were lost"),
+    (0x02, "send buffer of the adapter full, frames were lost"),
+    (0x04, "error warning level reached"),
+    (0x08, "receive overrun"),
+    (FLAG_BUS_OFF, "bus-off"),
+    (0x20, "error-passive"),
+    (0x40, "arbitration lost"),
+    (0x80, "bus error"),
+)
+
+
+def encode_flags(flags: int) -> bytes:
+    """An adapter's answer to :data:`ASK_FLAGS`."""
+    return f"F{flags:02X}\r".encode()
+
+
+def decode_flags(line: bytes) -> int:
+    """The answer without its CR. Raises CodecError."""
+    if len(line) != 3 or line[:1] != b"F" or not _HEXADECIMAL.issuperset(line[1:]):
+        raise CodecError(f"no status flags: {line[:_LINE_MAX]!r}")
+    return int(line[1:], 16)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,28 +70,34 @@ class SlcanFrame:
             raise CodecError(f"not an slcan frame: {line[:_LINE_MAX]!r}")
         id_end = _KINDS[line[0]][0]
         remote = line[0] in b"rR"
-        try:
-            arbitration_id = int(line[1:id_end], 16)
-            length = int(line[id_end : id_end + 1], 16)
-            rest = bytes.fromhex(line[id_end + 1 :].decode("ascii"))
-        except ValueError as error:
-            raise CodecError(f"not an slcan frame: {line[:_LINE_MAX]!r}") from error
+        if len(line) <= id_end or len(line) % 2 == id_end % 2 or not _HEXADECIMAL.issuperset(line[1:]):
+            raise CodecError(f"not an slcan frame: {line[:_LINE_MAX]!r}")
+        arbitration_id = int(line[1:id_end], 16)
+        length = int(line[id_end : id_end + 1], 16)
+        rest = bytes.fromhex(line[id_end + 1 :].decode("ascii"))
         size = 0 if remote else length
-        if length > 8 or len(rest) not in (size, size + 2):
+        greatest = _EXTENDED_MAX if line[0] in b"TR" else _STANDARD_MAX
+        if length > 8 or len(rest) not in (size, size + 2) or arbitration_id > greatest:
             raise CodecError(f"not an slcan frame: {line[:_LINE_MAX]!r}")
         return cls(arbitration_id, rest[:size], length, line[0] in b"TR", remote)
 
 
 class SlcanStream:
-    """Finds frames in a byte stream however it is cut; they wait in ``frames``. ``malformed`` counts bad lines."""
+    """Finds frames in a byte stream however it is cut; they wait in ``frames``, status flags in ``flags``.
+
+    ``malformed`` counts bad lines, ``refused`` the commands that the adapter did not take.
+    """
 
     def __init__(self) -> None:
         self.frames: deque[SlcanFrame] = deque()
+        self.flags: deque[int] = deque()
         self.malformed = 0
+        self.refused = 0
         self._rest = b""
 
     def feed(self, data: bytes) -> None:
         """Take bytes in. Never raises."""
+        self.refused += data.count(b"\a")
         *lines, rest = (self._rest + data.replace(b"\a", _END)).split(_END)
         for line in lines:
             self._take(line)
@@ -74,6 +110,9 @@ class SlcanStream:
         if not line or line[0] in _ANSWERS:
             return
         try:
-            self.frames.append(SlcanFrame.decode(line))
+            if line[:1] == b"F":
+                self.flags.append(decode_flags(line))
+            else:
+                self.frames.append(SlcanFrame.decode(line))
         except CodecError:
             self.malformed += 1

@@ -3,8 +3,10 @@
 import can
 import pytest
 
+from drivers.codecs.can_errors import CanErrorFrame, ControllerError, ErrorClass
 from drivers.errors import ConnectionFailedError, WiringError
 from drivers.inbox import CAPACITY, Inbox
+from drivers.ports import CanPort
 from drivers.readings import RawFrame
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
@@ -67,6 +69,63 @@ def test_error_frames_are_counted_and_not_handed_on(world, can_port):
     world.bus.arriving.append(can.Message(is_error_frame=True))
     can_port.poll()
     assert (can_port.error_frames, got) == (1, [])
+
+
+def error_frame(classes: ErrorClass, **details: int) -> can.Message:
+    arbitration_id, data = CanErrorFrame(classes, **details).encode()
+    return can.Message(arbitration_id=arbitration_id, data=data, is_error_frame=True, is_extended_id=False)
+
+
+def test_error_frames_are_counted_by_what_they_say(world, link, can_port):
+    for _ in range(3):
+        world.bus.arriving.append(error_frame(ErrorClass.NO_ACKNOWLEDGEMENT))
+    world.bus.arriving.append(error_frame(ErrorClass.CONTROLLER, controller=ControllerError.RX_OVERFLOW))
+    link.poll()
+    assert link.troubles() == {("bus can0", "no acknowledgement"): 3, ("bus can0", "receive overrun"): 1}
+
+
+def test_error_frames_of_another_layout_are_only_counted(world):
+    port = CanPort("can0", world.bus, world.clock, lambda _: 0, linux_error_frames=False)
+    world.bus.arriving.append(error_frame(ErrorClass.BUS_OFF))
+    port.poll()
+    assert port.troubles() == {"error frame": 1}
+
+
+def test_bus_off_is_a_lost_bus_until_the_controller_restarts(world, can_port):
+    world.bus.arriving.append(error_frame(ErrorClass.BUS_OFF))
+    for _ in range(2):
+        with pytest.raises(ConnectionFailedError, match=r"bus can0: the controller has left the bus.*check bitrate"):
+            can_port.poll()
+    world.bus.arriving.append(error_frame(ErrorClass.RESTARTED))
+    assert can_port.poll() == 1
+
+
+def test_what_arrived_with_the_bus_off_is_still_handed_on(world, can_port):
+    got = []
+    can_port.subscribe(lambda message, _arrival_ns: got.append(message.arbitration_id))
+    world.bus.arriving.append(error_frame(ErrorClass.BUS_OFF))
+    world.bus.arrive(7)
+    with pytest.raises(ConnectionFailedError):
+        can_port.poll()
+    assert got == [7]
+
+
+def test_a_state_of_error_is_a_lost_bus(world, link, can_port, monkeypatch):
+    link.ask_adapters()
+    monkeypatch.setattr(type(world.bus), "state", can.BusState.ERROR)
+    with pytest.raises(ConnectionFailedError, match=r"bus-off: its state is ERROR"):
+        link.ask_adapters()
+
+
+@pytest.mark.parametrize("marks", [True, False])
+def test_own_frames_are_left_out_where_the_interface_marks_them(world, marks):
+    port = CanPort("can0", world.bus, world.clock, lambda _: 0, marks_own_frames=marks)
+    got = []
+    port.subscribe(lambda message, _arrival_ns: got.append(message.arbitration_id))
+    world.bus.arriving.append(can.Message(arbitration_id=1, is_rx=False))
+    world.bus.arriving.append(can.Message(arbitration_id=2))
+    port.poll()
+    assert (got, port.own_frames) == (([2], 1) if marks else ([1, 2], 0))
 
 
 @pytest.mark.parametrize("error", [can.CanOperationError("gone"), OSError("gone"), ValueError("gone")])

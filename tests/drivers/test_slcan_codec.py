@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.codecs.errors import CodecError
-from drivers.codecs.slcan import SlcanFrame, SlcanStream
+from drivers.codecs.slcan import SlcanFrame, SlcanStream, decode_flags, encode_flags
 
 TABLE = [
     (SlcanFrame(0x100, b"\x11\x22\x33", 3), b"t1003112233\r"),
@@ -36,7 +36,23 @@ def test_an_adapters_time_stamp_is_passed_over():
 
 @pytest.mark.parametrize(
     "line",
-    [b"", b"x", b"t", b"t10", b"t1009", b"t100811", b"t1003zz2233", b"T0000001", b"t10011122334455", b"\xff\xfe"],
+    [
+        b"",
+        b"x",
+        b"t",
+        b"t10",
+        b"t1009",
+        b"t100811",
+        b"t1003zz2233",
+        b"T0000001",
+        b"t10011122334455",
+        b"\xff\xfe",
+        b"t1_0100",
+        b"t+10100",
+        b"t 10100",
+        b"t8000",
+        b"T200000000",
+    ],
 )
 def test_what_is_no_frame(line):
     with pytest.raises(CodecError):
@@ -75,3 +91,21 @@ def test_a_line_without_end_does_not_grow():
     stream.feed(b"t" * 1000)
     stream.feed(b"\r" + SlcanFrame(1, b"", 0).encode())
     assert (list(stream.frames), stream.malformed) == ([SlcanFrame(1, b"", 0)], 1)
+
+
+@given(st.integers(0, 255))
+def test_status_flags_both_ways(flags):
+    assert decode_flags(encode_flags(flags)[:-1]) == flags
+
+
+@pytest.mark.parametrize("line", [b"", b"F", b"F1", b"F1G", b"F123", b"X12", b"F+1"])
+def test_what_are_no_status_flags(line):
+    with pytest.raises(CodecError):
+        decode_flags(line)
+
+
+def test_status_flags_and_refusals_stand_among_the_frames():
+    stream = SlcanStream()
+    stream.feed(b"\a\rF80\rt1000\rF0Z\r\aF00\r")
+    assert (list(stream.flags), stream.refused, stream.malformed) == ([0x80, 0], 2, 1)
+    assert list(stream.frames) == [SlcanFrame(0x100, b"", 0)]

@@ -89,10 +89,15 @@ RIG_CASES = {
         code=ExitCode.CONNECTION,
         more="--backend hardware",
     ),
-    "no bus": rig_case(
+    "a channel that is none": rig_case(
         rig(("239.74.163.4", "not-an-address"), file=ALONE_FILE),
-        "[bus.can0] udp_multicast on not-an-address: cannot open it",
+        'r.toml: [bus.can0] channel: "not-an-address"',
         "must be a multicast address",
+    ),
+    "no bus": rig_case(
+        rig(('interface = "udp_multicast"', 'interface = "socketcan"'), ("239.74.163.4", "can9"), file=ALONE_FILE),
+        "[bus.can0] socketcan on can9: ",  # what comes then depends on the kernel: no CAN at all, or no such link
+        "`",
         code=ExitCode.CONNECTION,
         more="--backend hardware",
     ),

@@ -1,19 +1,16 @@
-"""python-can buses whose own reader is not fit for a 1 kHz loop, or dies of one bad line: the same buses, mended."""
+"""UDP multicast as a CAN bus between processes: python-can's own, without the echo of one's own frames."""
 
 import select
 import socket
 import struct
 import sys
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import can
-import serial
-from can.interfaces.slcan import slcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 from can.interfaces.udp_multicast.utils import pack_message, unpack_message
-
-from drivers.codecs.slcan import SlcanFrame, SlcanStream
 
 _TIMESTAMP = struct.Struct("@ll")
 _ANCILLARY_SPACE = socket.CMSG_SPACE(_TIMESTAMP.size)
@@ -66,6 +63,16 @@ class QuietUdpBus(UdpMulticastBus):
         except OSError as error:
             raise can.CanOperationError(f"cannot send: {error}") from error
 
+    def ask(self) -> None:
+        """There is no adapter to ask."""
+
+    def troubles(self) -> Mapping[str, int]:
+        return {"malformed datagrams": self.malformed}
+
+    @property
+    def off_bus(self) -> str | None:
+        return None
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if timeout != 0:
             select.select([self._receiver], [], [], timeout)
@@ -100,54 +107,3 @@ def _kernel_stamp_s(ancillary: list[tuple[int, int, bytes]]) -> float:
             seconds, nanoseconds = _TIMESTAMP.unpack(data)
             return float(seconds + nanoseconds * 1e-9)
     return time.time()
-
-
-class SteadySlcanBus(slcanBus):
-    """slcan (a serial line of ASCII frames) read in whole chunks, and alive after a malformed line.
-
-    python-can reads byte by byte, with two system calls each, and raises for a line that it cannot parse.
-    ``malformed`` counts those.
-    """
-
-    def __init__(self, channel: str, **options: Any) -> None:
-        self._stream = SlcanStream()
-        super().__init__(channel, **{"sleep_after_open": 0.0, **options})
-
-    @property
-    def malformed(self) -> int:
-        return self._stream.malformed
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if not self._stream.frames:
-            self._fill(timeout)
-        if not self._stream.frames:
-            return None, False
-        return _message(self._stream.frames.popleft()), False
-
-    def _fill(self, timeout: float | None) -> None:
-        line = self.serialPortOrig
-        try:
-            if timeout != 0:
-                line.timeout = timeout
-                self._stream.feed(line.read(1))
-            self._stream.feed(line.read(line.in_waiting))
-        except (serial.SerialException, OSError) as error:
-            raise can.CanOperationError(f"cannot receive: {error}") from error
-
-    def _write(self, string: str) -> None:
-        # Without python-can's flush: it waits until the last byte has left, which is an adapter's latency each frame.
-        try:
-            self.serialPortOrig.write(string.encode() + self.LINE_TERMINATOR)
-        except (serial.SerialException, OSError) as error:
-            raise can.CanOperationError(f"cannot send: {error}") from error
-
-
-def _message(frame: SlcanFrame) -> can.Message:
-    return can.Message(
-        timestamp=time.time(),
-        arbitration_id=frame.arbitration_id,
-        is_extended_id=frame.extended,
-        is_remote_frame=frame.remote,
-        dlc=frame.length,
-        data=None if frame.remote else frame.data,
-    )

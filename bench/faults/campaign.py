@@ -1,0 +1,62 @@
+"""Many cases on several rigs: in lock step as many at a time as there are jobs, then in wall time one by one."""
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+
+from bench.faults.case import Case, Outcome
+from bench.faults.host_loss import lose_host
+from bench.faults.rehearse import longest_watchdog_s, prepare, rehearse
+from bench.rig.rig import Rig
+
+OnOutcome = Callable[[Outcome], None]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What to try on one rig: ``cases`` in lock step, ``losses`` of the host in wall time."""
+
+    rig: Rig
+    cases: Sequence[Case]
+    losses: Sequence[Case] = ()
+
+    @property
+    def count(self) -> int:
+        return len(self.cases) + len(self.losses)
+
+
+def run_campaign(trials: Sequence[Trial], jobs: int, seed: int | None, on_outcome: OnOutcome) -> list[Outcome]:
+    """All outcomes, rig by rig in the order of its cases; ``on_outcome`` hears of each as it comes.
+
+    Raises BenchError, DeviceError where a rig does not get as far as its faults.
+    """
+    by_rig = _in_lock_step(trials, jobs, seed, on_outcome)
+    for trial, outcomes in zip(trials, by_rig, strict=True):
+        # One by one, and nothing beside them: they are about time.
+        for case in trial.losses:
+            outcomes.append(lose_host(trial.rig, case, longest_watchdog_s(trial.rig), seed))
+            on_outcome(outcomes[-1])
+    return [outcome for outcomes in by_rig for outcome in outcomes]
+
+
+def _in_lock_step(trials: Sequence[Trial], jobs: int, seed: int | None, on_outcome: OnOutcome) -> list[list[Outcome]]:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_leave_interrupts_to_the_parent) as pool:
+        try:
+            ready = [pool.submit(prepare, trial.rig, seed) for trial in trials]
+            futures = [
+                [pool.submit(rehearse, prepared.result(), case, seed) for case in trial.cases]
+                for prepared, trial in zip(ready, trials, strict=True)
+            ]
+            for done in as_completed([future for row in futures for future in row]):
+                on_outcome(done.result())
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+        return [[future.result() for future in row] for row in futures]
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

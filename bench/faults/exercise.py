@@ -1,0 +1,38 @@
+"""What the bench is doing when a fault strikes: motion imposed by one drive, a changing command on the other."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bench.procedures.free import command_multisine
+from bench.procedures.imposed import imposed_multisine
+from bench.procedures.knowledge import Knowledge, Plan, require_load
+from bench.procedures.makers import imposed
+from bench.records import Measured
+from bench.rig.rig import Rig
+from bench.segments import Use
+
+DURATION_S = 2.0
+MOTION_SHARE = 0.3
+COMMAND_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """Two seconds of it."""
+
+    name: ClassVar[str] = "exercise"
+
+    def require(self, rig: Rig) -> None:
+        require_load(rig, "faults", "so that there is motion to be disturbed")
+
+    def duration_s(self, rig: Rig) -> float:
+        return DURATION_S
+
+    def plan(self, known: Knowledge) -> Plan:
+        limit = COMMAND_SHARE * known.rig.command.limit
+        motion = imposed_multisine(known, MOTION_SHARE, DURATION_S, seed=3)
+        command = command_multisine(known, (-limit, limit), DURATION_S, seed=4)
+        yield imposed(self.name, "motion and command", Use.PREPARE, command, motion)
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        return known

@@ -1,0 +1,1 @@
+"""``rig new``: questions whose answers are a rig file."""

@@ -1,0 +1,62 @@
+"""What is wrong in a table that a user wrote for the simulator: each mistake in one sentence, with place and mend."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+
+def complaints(
+    error: ValidationError, model: type[BaseModel], written: Mapping[str, Any], *, place: str, name: str
+) -> list[str]:
+    """A sentence for each mistake in ``written``, the table called ``name`` in the file ``place``."""
+    return [_sentence(mistake, model, written, place, name) for mistake in error.errors()]
+
+
+def keys_of(model: type[BaseModel]) -> dict[str, Any]:
+    """A table's fields, by the keys they are written under."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
+def _sentence(mistake: ErrorDetails, model: type[BaseModel], written: Mapping[str, Any], place: str, name: str) -> str:
+    *tables, key = (name, *map(str, mistake["loc"]))
+    where = f"{place}: [{'.'.join(tables)}] {key}" if tables else f"{place}: [{key}]"
+    match mistake["type"]:
+        case "missing":
+            return f"{where} is missing; add {_example(model, mistake['loc'], name)}"
+        case "extra_forbidden":
+            return f"{where} is not known; known here: {', '.join(keys_of(_table_at(model, mistake['loc'][:-1])))}"
+        case "value_error":
+            return f"{where}: {mistake['ctx']['error']}"
+        case "model_type":
+            return f"{where} should be a table of its own: write [{'.'.join((*tables, key))}]"
+        case _:
+            expected = mistake["msg"].removeprefix("Input should be ")
+            return f"{where} = {_found(written, mistake['loc'])!r} should be {expected}"
+
+
+def _found(written: Any, loc: tuple[int | str, ...]) -> object:
+    """What stands in the file where a path of keys leads to."""
+    for key in loc:
+        written = written[key]
+    return written
+
+
+def _table_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> type[BaseModel]:
+    """The schema of the table that a path of keys leads to."""
+    for key in loc:
+        annotation = keys_of(model)[str(key)].annotation
+        candidates = getattr(annotation, "__args__", (annotation,))
+        model = next(kind for kind in candidates if isinstance(kind, type) and issubclass(kind, BaseModel))
+    return model
+
+
+def _example(model: type[BaseModel], loc: tuple[int | str, ...], name: str) -> str:
+    """What to write where a key is missing."""
+    key = str(loc[-1])
+    examples = keys_of(_table_at(model, loc[:-1]))[key].examples
+    if not examples:
+        return f"a table [{'.'.join((name, *map(str, loc)))}]"
+    return f"{key} = {json.dumps(examples[0])}"

@@ -1,0 +1,118 @@
+"""An slcan adapter's word on how it is, over a pseudo-terminal whose far end stands in for the adapter."""
+
+import os
+import pty
+import time
+import tty
+from collections import deque
+from collections.abc import Iterator
+
+import pytest
+
+from drivers.errors import ConnectionFailedError
+from drivers.hardware import HardwareBackend
+from drivers.ports import CanPort
+from drivers.wiring import CanBusSettings
+
+pytestmark = pytest.mark.wall_time
+
+
+class FarEnd:
+    """What the adapter hears and says."""
+
+    def __init__(self) -> None:
+        self.fd, far = pty.openpty()
+        tty.setraw(self.fd)
+        os.set_blocking(self.fd, False)
+        self.path = os.ttyname(far)
+
+    def heard(self) -> bytes:
+        time.sleep(0.01)
+        try:
+            return os.read(self.fd, 65536)
+        except BlockingIOError:
+            return b""
+
+    def say(self, data: bytes) -> None:
+        os.write(self.fd, data)
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def far_end() -> Iterator[FarEnd]:
+    made = FarEnd()
+    yield made
+    os.close(made.fd)
+
+
+@pytest.fixture
+def port(far_end: FarEnd) -> Iterator[CanPort]:
+    backend = HardwareBackend()
+    opened = backend.open_can(CanBusSettings("can0", "slcan", far_end.path, 500_000))
+    far_end.heard()
+    yield opened
+    backend.close()
+
+
+def test_the_adapter_is_opened_at_the_rigs_bitrate(far_end):
+    backend = HardwareBackend()
+    backend.open_can(CanBusSettings("can0", "slcan", far_end.path, 250_000))
+    assert b"C\rS5\r" in far_end.heard()
+    backend.close()
+
+
+def test_flags_are_counted_as_they_rise(far_end, port):
+    for answer in (b"F00\r", b"F08\r", b"F08\r", b"F00\r", b"F88\r"):
+        port.ask()
+        assert far_end.heard() == b"F\r"
+        far_end.say(answer)
+        port.poll()
+    assert port.troubles() == {"receive overrun": 2, "bus error": 1}
+
+
+def test_bus_off_is_a_lost_bus(far_end, port):
+    port.ask()
+    far_end.say(b"F10\r")
+    port.poll()
+    with pytest.raises(ConnectionFailedError, match=r"has left the bus .*its status flags say bus-off"):
+        port.ask()
+
+
+@pytest.mark.parametrize("answer", [b"", b"\a"])
+def test_an_adapter_that_knows_no_flags_is_left_alone(far_end, port, answer):
+    questions = b""
+    for _ in range(6):
+        port.ask()
+        heard = far_end.heard()
+        questions += heard
+        if heard:
+            far_end.say(answer)
+        port.poll()
+    assert questions == b"F\r" * 3
+    assert port.troubles() == {}
+
+
+def test_refused_commands_are_counted(far_end, port):
+    far_end.say(b"\a\a")
+    port.poll()
+    assert port.troubles() == {"commands refused by the adapter": 2}
+
+
+def test_an_adapter_that_takes_nothing_more_does_not_hold_up_the_loop(far_end, port):
+    took_s = []
+
+    def send() -> None:
+        began_s = time.monotonic()
+        try:
+            port.send(0x123, bytes(8))
+        finally:
+            took_s.append(time.monotonic() - began_s)
+
+    with pytest.raises(ConnectionFailedError, match="bus can0: cannot send"):
+        deque((send() for _ in range(2000)), maxlen=0)  # more than a pseudo-terminal holds
+    assert max(took_s) < 1.0
+
+
+def test_two_programs_on_one_adapter_are_refused(far_end, port):
+    with pytest.raises(ConnectionFailedError, match="another program has it open"):
+        HardwareBackend().open_can(CanBusSettings("can1", "slcan", far_end.path, 500_000))

@@ -1,0 +1,267 @@
+"""Every interface: mistakes told before anything is opened, and one sentence with the mend where it cannot be."""
+
+import errno
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import can
+import pytest
+from can.interfaces import BACKENDS
+
+from drivers.adapters import socketcan, table
+from drivers.adapters.kvaser import KvaserHealth
+from drivers.adapters.patient import PatientBus
+from drivers.adapters.pcan import PcanHealth
+from drivers.adapters.slcan import BITRATES as SLCAN_BITRATES
+from drivers.adapters.table import ADAPTERS, mistakes, open_bus
+from drivers.errors import ConnectionFailedError
+from drivers.wiring import CanBusSettings
+
+GOOD = {
+    "socketcan": CanBusSettings("b", "socketcan", "can0", 500_000, {"fd": False}),
+    "slcan": CanBusSettings("b", "slcan", "/dev/ttyACM0@2000000", 1_000_000),
+    "gs_usb": CanBusSettings("b", "gs_usb", "0"),
+    "pcan": CanBusSettings("b", "pcan", "PCAN_USBBUS1"),
+    "kvaser": CanBusSettings("b", "kvaser", "1", options={"accept_virtual": False}),
+    "socketcand": CanBusSettings("b", "socketcand", "can0", options={"host": "10.0.0.1", "port": 29536}),
+    "udp_multicast": CanBusSettings("b", "udp_multicast", "239.74.163.2", options={"port": 43113}),
+    "virtual": CanBusSettings("b", "virtual", "any"),
+    "vector": CanBusSettings("b", "vector", "0", options={"app_name": None}),
+}
+
+
+class StandIn(can.BusABC):
+    """In the place of python-can's own class, by python-can's own table of interfaces."""
+
+    opened_with: dict[str, object]
+    failure: Callable[[], Exception] | None = None
+
+    def __init__(self, channel: object, **options: object) -> None:
+        StandIn.opened_with = {"channel": channel, **options}
+        if StandIn.failure is not None:
+            raise StandIn.failure()
+        super().__init__(channel)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None: ...
+
+
+@pytest.fixture
+def stand_in(monkeypatch):
+    """``stand_in(interface)``: python-can opens a StandIn; ``failure`` makes that raise."""
+    monkeypatch.setattr(StandIn, "failure", None)
+
+    def put(interface: str, failure: Callable[[], Exception] | None = None) -> CanBusSettings:
+        monkeypatch.setitem(BACKENDS, interface, (__name__, "StandIn"))
+        monkeypatch.setattr(can.interface, "_get_class_for_interface", lambda _name: StandIn)
+        monkeypatch.setattr(StandIn, "failure", staticmethod(failure) if failure else None)
+        return GOOD[interface]
+
+    return put
+
+
+@pytest.fixture
+def no_obstacle(monkeypatch):
+    """The kernel has CAN, and the link is up at the rig's bitrate."""
+    monkeypatch.setattr(socketcan, "obstacle_of", lambda _settings: None)
+
+
+# ---- Mistakes of the rig file --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", GOOD.values(), ids=GOOD)
+def test_what_is_right_is_left_alone(settings):
+    assert list(mistakes(settings)) == []
+
+
+def _socketcan(**options: object) -> CanBusSettings:
+    return CanBusSettings("b", "socketcan", "can0", options=options)
+
+
+@pytest.mark.parametrize(
+    ("settings", "key", "words"),
+    [
+        (CanBusSettings("b", "slcan", "/dev/x", 800_000), "bitrate", "none that slcan adapters know: 10, 20, 50"),
+        (CanBusSettings("b", "gs_usb", "can0"), "channel", '"0" is the first one found'),
+        (CanBusSettings("b", "pcan", "usb1"), "channel", 'write it like "PCAN_USBBUS1"'),
+        (CanBusSettings("b", "pcan", "PCAN_USBBUS1", 400_000), "bitrate", "none that PCAN-Basic knows"),
+        (CanBusSettings("b", "kvaser", "can0"), "channel", "CANlib's number"),
+        (CanBusSettings("b", "socketcand", "can0"), "options", 'add options = { host = "192.168.1.5", port = 29536 }'),
+        (CanBusSettings("b", "socketcand", "can0", options={"host": "x"}), "options", "29536 is its default"),
+        (CanBusSettings("b", "udp_multicast", "10.0.0.1"), "channel", "must be a multicast address"),
+        (CanBusSettings("b", "udp_multicast", "somewhere"), "channel", "must be a multicast address"),
+        (_socketcan(receive_own_messages=True), "options", "take its own frames"),
+        (_socketcan(bitrate=5), "options", "a key of the section itself"),
+        (_socketcan(local_lopback=True), "options", 'did you mean "local_loopback"?'),
+    ],
+)
+def test_a_mistake_is_told_before_anything_is_opened(settings, key, words):
+    ((where, text),) = mistakes(settings)
+    assert where == key
+    assert words in text
+
+
+def test_an_option_that_only_a_newer_python_can_knows_passes():
+    settings = CanBusSettings("b", "socketcan", "can0", options={"something_new": 1})
+    assert list(mistakes(settings)) == []
+
+
+def test_slcans_bitrates_are_python_cans():
+    from can.interfaces.slcan import slcanBus
+
+    assert sorted(slcanBus._BITRATES) == list(SLCAN_BITRATES)
+
+
+# ---- What cannot be opened -----------------------------------------------------------------------------------------
+
+
+def usb_error(number: int) -> OSError:
+    return OSError(number, "usb")
+
+
+class NoBackendError(ValueError):
+    """As pyusb names it."""
+
+
+@pytest.mark.parametrize(
+    ("interface", "failure", "mend"),
+    [
+        ("socketcan", lambda: OSError(errno.ENETDOWN, "down"), "`sudo ip link set can0 up type can bitrate 500000`"),
+        ("gs_usb", lambda: can.CanInterfaceNotImplementedError("No module 'usb'"), 'pip install "python-can[gs_usb]"'),
+        ("gs_usb", lambda: NoBackendError("No backend available"), "install libusb"),
+        ("gs_usb", lambda: usb_error(errno.EACCES), "add a udev rule"),
+        ("gs_usb", lambda: usb_error(errno.EBUSY), 'use interface = "socketcan"'),
+        ("gs_usb", lambda: can.CanInitializationError("Cannot find device 0"), "norton-bench devices"),
+        ("pcan", lambda: OSError("pcanbasic library not found."), "install PEAK's PCAN-Basic"),
+        ("pcan", lambda: KeyError("PCAN_USBBUS99"), "norton-bench devices"),
+        ("kvaser", lambda: NameError("name 'canGetNumberOfChannels' is not defined"), "install Kvaser's CANlib"),
+        ("kvaser", lambda: can.CanInitializationError("no such channel"), "its channel's number"),
+        ("vector", lambda: can.CanInterfaceNotImplementedError("only on Windows"), "library of the adapter's maker"),
+        ("vector", RuntimeError, "cannot open it (RuntimeError)"),
+    ],
+)
+def test_one_sentence_with_the_mend(stand_in, no_obstacle, interface, failure, mend):
+    settings = stand_in(interface, failure)
+    with pytest.raises(ConnectionFailedError) as caught:
+        open_bus(settings)
+    text = str(caught.value)
+    assert text.startswith(f"[bus.b] {interface} on {settings.channel}: cannot open it (")
+    assert mend in text
+    assert "\n" not in text
+
+
+def test_a_failure_is_told_once_and_by_us(stand_in, no_obstacle, caplog):
+    with pytest.raises(ConnectionFailedError):
+        open_bus(GOOD["pcan"])  # python-can's own, whose library is not on this machine
+    assert caplog.records == []
+
+
+def test_an_interface_that_is_none():
+    with pytest.raises(ConnectionFailedError, match=r"python-can has no such interface; known: .*socketcan"):
+        open_bus(CanBusSettings("b", "nonsense", "x"))
+
+
+# ---- What is opened ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("interface", "opened_with"),
+    [
+        ("socketcan", {"channel": "can0", "bitrate": 500_000, "fd": False}),
+        ("gs_usb", {"channel": 0, "bitrate": 1_000_000}),
+        ("pcan", {"channel": "PCAN_USBBUS1", "bitrate": 1_000_000}),
+        ("kvaser", {"channel": "1", "bitrate": 1_000_000, "accept_virtual": False}),
+        ("vector", {"channel": "0", "bitrate": 1_000_000, "app_name": None}),
+    ],
+)
+def test_python_can_is_handed_what_the_rig_file_says(stand_in, no_obstacle, interface, opened_with):
+    opened = open_bus(stand_in(interface))
+    try:
+        assert StandIn.opened_with == opened_with
+        assert isinstance(opened.bus, PatientBus if interface == "gs_usb" else StandIn)
+        assert opened.adapter is ADAPTERS.get(interface, table.UNKNOWN)
+        assert opened.health.off_bus is None
+    finally:
+        opened.bus.shutdown()
+
+
+# ---- socketcan: what the kernel says -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def network(tmp_path):
+    """A folder like /sys/class/net: eth0, can0 up, can1 down."""
+    for name, kind, flags in (("eth0", "1", "0x1003"), ("can0", "280", "0x40c1"), ("can1", "280", "0x40c0")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "type").write_text(f"{kind}\n")
+        (tmp_path / name / "flags").write_text(f"{flags}\n")
+    return tmp_path
+
+
+def test_can_links(network):
+    assert socketcan.can_links(network) == {"can0": True, "can1": False}
+    assert socketcan.can_links(network / "nowhere") == {}
+
+
+@pytest.mark.parametrize(
+    ("channel", "real", "words"),
+    [
+        ("can0", None, None),
+        ("can0", 500_000, None),
+        ("can0", 250_000, "the link runs at 250000 bit/s, but the rig file says 500000"),
+        ("can1", None, "the link is down; `sudo ip link set can1 up type can bitrate 500000`"),
+        ("can7", None, "there is no CAN link can7 (there is: can0, can1)"),
+        ("eth0", None, "there is no CAN link eth0"),
+    ],
+)
+def test_obstacles_of_socketcan(network, monkeypatch, channel, real, words):
+    monkeypatch.setattr(socketcan, "real_bitrate", lambda _channel: real)
+    found = socketcan.obstacle_of(CanBusSettings("b", "socketcan", channel, 500_000), network, has_sockets=True)
+    assert (found is None) if words is None else (words in (found or ""))
+
+
+def test_a_kernel_without_can(network):
+    found = socketcan.obstacle_of(GOOD["socketcan"], network, has_sockets=False)
+    assert found is not None
+    assert "modprobe can_raw" in found
+
+
+@pytest.mark.parametrize(
+    ("answer", "bitrate"),
+    [
+        ('[{"ifname":"can0","linkinfo":{"info_kind":"can","info_data":{"bittiming":{"bitrate":500000}}}}]', 500_000),
+        ('[{"ifname":"vcan0","linkinfo":{"info_kind":"vcan"}}]', None),
+        ("[]", None),
+        ("nonsense", None),
+    ],
+)
+def test_the_kernels_bitrate(monkeypatch, answer, bitrate):
+    monkeypatch.setattr(socketcan.subprocess, "run", lambda *_args, **_named: SimpleNamespace(stdout=answer))
+    assert socketcan.real_bitrate("can0") == bitrate
+
+
+def test_no_ip_command_is_no_trouble(monkeypatch):
+    def missing(*_args: object, **_named: object) -> None:
+        raise FileNotFoundError("ip")
+
+    monkeypatch.setattr(socketcan.subprocess, "run", missing)
+    assert socketcan.real_bitrate("can0") is None
+
+
+# ---- How a bus fares -----------------------------------------------------------------------------------------------
+
+
+def test_pcans_status_is_counted_as_it_rises():
+    statuses = iter([0, 0x40, 0x40, 0, 0x40 | 0x10])
+    health = PcanHealth(SimpleNamespace(status=lambda: next(statuses)))
+    for _ in range(4):
+        health.ask()
+    assert (health.troubles(), health.off_bus) == ({"receive queue overrun, frames were lost": 1}, None)
+    health.ask()
+    assert health.troubles() == {"receive queue overrun, frames were lost": 2, "bus-off": 1}
+    assert health.off_bus == "PCAN-Basic says bus-off"
+
+
+def test_kvasers_overruns():
+    health = KvaserHealth(SimpleNamespace(get_stats=lambda: SimpleNamespace(overruns=7)))
+    health.ask()
+    assert (health.troubles(), health.off_bus) == ({"receive overrun": 7}, None)

@@ -1,0 +1,72 @@
+"""What is true, whatever the devices say."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from bench.faults.witness_file import read_witness
+from drivers.link import Link
+from drivers.odrive import open_amplifier
+from drivers.wiring import Wiring
+from sim_backend.backend import SimulatedBackend
+from sim_backend.faults.schema import FalseReading, Freeze
+from sim_backend.witness import WitnessFile
+
+MS = 1_000_000
+Bench = Callable[..., SimulatedBackend]
+
+
+def drive(backend: SimulatedBackend, wiring: Wiring) -> None:
+    """The actuator alone is enabled, drives for 100 ms, and is commanded nothing for 20 ms."""
+    link = Link(backend, wiring.buses)
+    actuator = open_amplifier(wiring.actuator, link)
+    actuator.enable()
+    for torque_nm, ticks in ((0.2, 100), (0.0, 20)):
+        for _ in range(ticks):
+            actuator.command(torque_nm)
+            link.wait()
+
+
+def test_the_witness_sees_through_lying_sensors(wiring: Wiring, open_bench: Bench) -> None:
+    backend = open_bench(wiring)
+    backend.inject(Freeze(on="actuator"), Freeze(on="load"), FalseReading(on="torque_sensor", torque_nm=0.0))
+    states = backend.watch()
+    drive(backend, wiring)
+    driving = [state for state in states if state.driving]
+    assert {state.driving for state in driving} == {("actuator",)}
+    assert (driving[-1].stamp_ns - driving[0].stamp_ns) / MS == pytest.approx(100, abs=1)
+    assert states[-1].armed == ("actuator",)
+    assert states[-1].driving == ()
+    assert max(state.velocity_rad_s for state in states) > 20
+    assert max(state.torque_nm for state in states) > 0.05
+    assert states[0].armed == ()
+    assert {later.stamp_ns - earlier.stamp_ns for earlier, later in pairwise(states)} == {250_000}
+
+
+def test_a_witness_file_tells_the_same_and_is_read_while_it_grows(
+    wiring: Wiring, open_bench: Bench, tmp_path: Path
+) -> None:
+    backend = open_bench(wiring)
+    states = backend.watch()
+    witness = WitnessFile(tmp_path / "truth.csv", backend.world, epoch_ns=7_000_000_000)
+    drive(backend, wiring)
+    half_way = read_witness(tmp_path / "truth.csv")
+    witness.close()
+    whole = read_witness(tmp_path / "truth.csv")
+    assert len(whole) >= len(half_way) > 200
+    by_stamp = {state.stamp_ns: state for state in states}
+    for written in whole:
+        true = by_stamp[written.stamp_ns - 7_000_000_000]
+        assert written[1:4] == pytest.approx(true[1:4], rel=1e-5)
+        assert written[4:] == true[4:]
+
+
+def test_a_line_that_is_half_written_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "truth.csv"
+    path.write_text("names\n1,0.5,1,2,actuator+load,actuator\n2,0.5,1,2,act")
+    (state,) = read_witness(path)
+    assert (state.stamp_ns, state.driving, state.armed) == (1, ("actuator", "load"), ("actuator",))
+    path.write_text("")
+    assert read_witness(path) == []
