@@ -23,8 +23,6 @@ IDLE_WITHIN_NS = 500_000_000
 STOP_AGAIN_NS = 50_000_000
 # Streams that never begin are reported by name after this long.
 STREAMS_WITHIN_NS = 1_000_000_000
-# What drivers count of what they could not use.
-UNREAD = {"malformed": "malformed messages", "repeats": "messages that repeat a sample"}
 
 
 @dataclass(slots=True)
@@ -88,14 +86,6 @@ class Devices:
     def health(self) -> tuple[DriveHealth, ...]:
         """The last word of every drive."""
         return tuple([DriveHealth(drive.role, drive.status(), drive.heartbeat_timeout_ns) for drive in self.drives])
-
-    def unread(self) -> tuple[str, ...]:
-        """What came from each device and could not be used, counted, in words; drivers that do not count are well."""
-        counted = ((device.role, kind, getattr(device, kind, 0)) for device in self.all() for kind in UNREAD)
-        errors = ((f"bus {name}", "error frames", port.error_frames) for name, port in self.link.can_ports.items())
-        return tuple(
-            f"{where}: {count} {UNREAD.get(kind, kind)}" for where, kind, count in (*counted, *errors) if count
-        )
 
     def enable(self) -> None:
         """Close every drive's torque loop at zero torque. Raises DeviceError; the drives are then idle again."""

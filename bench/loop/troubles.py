@@ -9,18 +9,20 @@ LOOK_NS = 100_000_000
 ASK_NS = 1_000_000_000
 # The same trouble is told at most so often: some come with every frame.
 TELL_NS = 1_000_000_000
-UNREADABLE = "messages that could not be decoded"
+# What a driver counts, under what name, if it counts.
+COUNTED = {"malformed": "messages that could not be decoded", "repeats": "messages that repeat a sample"}
 
 # Where and what, and how often since the port was opened.
 Counts = dict[tuple[str, str], int]
 
 
 def troubles_of(devices: Devices) -> Counts:
-    """All that buses, adapters and drivers have counted. A driver counts ``malformed`` messages, if it counts."""
+    """All that buses, adapters and drivers have counted."""
     counts = devices.link.troubles()
     for device in devices.all():
-        if malformed := getattr(device, "malformed", 0):
-            counts[f"[{device.role}]", UNREADABLE] = malformed
+        for name, what in COUNTED.items():
+            if count := getattr(device, name, 0):
+                counts[f"[{device.role}]", what] = count
     return counts
 
 

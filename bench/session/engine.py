@@ -226,12 +226,9 @@ def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], rehears
 
 
 def _put_away(loop: Loop, rehearsal: Rehearsed) -> None:
-    """A recording says what was made to fail in it, and what could not be read of what came."""
-    now_ns = loop.devices.clock.now_ns()
+    """A recording says what was made to fail in it."""
     for stamp_ns, text in rehearsal.happened():
         loop.outbox.put_event(stamp_ns, "fault", text)
-    for text in loop.devices.unread():
-        loop.outbox.put_event(now_ns, "note", text)
     loop.outbox.hand_on()
 
 

@@ -268,12 +268,13 @@ def test_the_operator_stops_it_with_idle_drives() -> None:
 def test_a_free_shaft_and_a_clamped_one() -> None:
     alone = load_rig(RIGS / "sim-free-shaft.toml")
     assert check_rig(alone, seed=1, move=Permission(lambda _text: None)).moved == (
+        "watchdog of actuator verified: 400 ms",
         "the actuator turned the shaft the right way",
     )
     clamped = replace(RIG, wiring=replace(RIG.wiring, load=None, shaft="clamped"))
     found = check_rig(clamped, seed=1, move=Permission(lambda _text: None))
     assert sentences(found) == []
-    assert "only the torque sensor's can be seen" in found.moved[0]
+    assert "only the torque sensor's can be seen" in found.moved[1]
     simulated = {**RIG.simulated, "torque_sensor": {**RIG.simulated["torque_sensor"], "mounted": -1}}
     wrong = check_rig(replace(clamped, simulated=simulated), seed=1, move=Permission(lambda _text: None))
     assert "reverse [torque_sensor] direction" in sentences(wrong)[0]
