@@ -77,10 +77,10 @@ class Measured:
     load_motion: Table = field(default_factory=lambda: np.empty(0, MOTION))
     torque: Table = field(default_factory=lambda: np.empty(0, TORQUE))
     current: Table = field(default_factory=lambda: np.empty(0, CURRENT))  # the actuator's amplifier
-    load_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
     segments: tuple[SegmentInfo, ...] = ()
     events: tuple[Event, ...] = ()
     frames: tuple[RawFrame, ...] = ()
+    load_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
 
     def between(self, start_ns: int, end_ns: int) -> "Measured":
         """The part with ``start_ns <= stamp < end_ns`` (by tick or arrival); frames and events too."""

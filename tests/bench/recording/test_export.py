@@ -11,7 +11,18 @@ from bench.recording.contents import RecordedEstimates
 from bench.recording.export import export
 from bench.recording.recorder import Recorder
 
-TABLES = ["ticks", "motion", "load_motion", "torque", "current", "segments", "events", "frames", "estimates"]
+TABLES = [
+    "ticks",
+    "motion",
+    "load_motion",
+    "torque",
+    "current",
+    "load_current",
+    "segments",
+    "events",
+    "frames",
+    "estimates",
+]
 
 
 @pytest.fixture

@@ -40,7 +40,7 @@ STEPS = (
     Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=4.0)),
     Step("validate", ValidateOptions(duration_s=2.0)),
 )
-TABLES = ("ticks", "motion", "load_motion", "torque", "current")
+TABLES = ("ticks", "motion", "load_motion", "torque", "current", "load_current")
 # Beyond its own deviations no estimate may be further off than this share.
 GREATEST_ERROR = {"amplifier_bandwidth": 0.15, "presliding_stiffness": 0.15, "presliding_damping": 0.15}
 GREATEST_ERROR_ELSE = 0.03
