@@ -63,7 +63,8 @@ def test_a_bench_in_order_for_programs(run: Run) -> None:
     (bus,) = found["buses"]
     assert (bus["name"], bus["interface"], bus["troubles"], bus["unknown"]) == ("can0", "udp_multicast", {}, [])
     assert [sender["options"] for sender in bus["senders"]] == [{"node": 1}, {"node": 2}]
-    assert (found["host"], found["problems"], len(found["moved"])) == (None, [], 4)
+    assert (found["host"], found["problems"]) == (None, [])
+    assert any("the load gives about 0.9" in said for said in found["moved"])
 
 
 @pytest.mark.parametrize(
