@@ -90,7 +90,9 @@ def _detected() -> Iterator[FoundPort]:
         configurations = can.detect_available_configs()
     for each in configurations:
         if each["interface"] not in _NOT_BUSES:
-            said = (str(each[key]) for key in _SAID_OF_ADAPTERS if each.get(key))  # type: ignore[literal-required]
+            said = [str(each[key]) for key in _SAID_OF_ADAPTERS if each.get(key)]  # type: ignore[literal-required]
+            if each["interface"] == "udp_multicast":
+                said = ["no adapter: a bus between programs"]
             yield FoundPort(str(each["interface"]), str(each["channel"]), " ".join(said))
 
 

@@ -1,11 +1,14 @@
 """Mounts the devices of a rig's wiring on the simulated plant."""
 
+from collections.abc import Mapping
 from random import Random
+from typing import Any
 
 from drivers.errors import WiringError
 from drivers.wiring import DeviceSettings, Wiring
 from sim_backend.firmware import FIRMWARE
 from sim_backend.firmware.site import CRYSTAL_PPM, Site, Wires
+from sim_backend.hookup import Hookup, really
 from sim_backend.plant import Plant
 from sim_backend.truth import Truth
 from sim_backend.world import World
@@ -23,19 +26,34 @@ def build_world(wiring: Wiring, truth: Truth, place: str) -> World:
     return World(Plant(truth, truth.seed, wiring.shaft))
 
 
-def mount(world: World, wiring: Wiring, truth: Truth, wires: Wires) -> None:
-    """Start each device's firmware, plugged in with ``wires``. Raises WiringError for a driver nobody emulates."""
-    for settings in wiring.devices():
+def mount(world: World, wiring: Wiring, truth: Truth, wires: Wires, place: str) -> None:
+    """Start each device's firmware, as it is really set up, plugged in with ``wires``.
+
+    Raises WiringError for a driver nobody emulates, and for a device that cannot be set up as its true values say.
+    """
+    for rig_settings in wiring.devices():
+        settings, hookup = really(rig_settings, _device_truth(truth, rig_settings.role), place)
         firmware = FIRMWARE.get(settings.driver)
         if firmware is None:
             known = ", ".join(sorted(FIRMWARE))
             raise WiringError(
                 f"[{settings.role}] driver = {settings.driver!r} has no emulated device; the simulator knows {known}"
             )
-        world.devices[settings.role] = firmware(_site(world, settings, wiring, truth, wires))
+        try:
+            world.devices[settings.role] = firmware(_site(world, settings, wiring, truth, wires, hookup))
+        except WiringError as error:
+            if settings == rig_settings:
+                raise
+            raise WiringError(f"{place}: [simulated.{settings.role}] device: {error}") from error
 
 
-def _site(world: World, settings: DeviceSettings, wiring: Wiring, truth: Truth, wires: Wires) -> Site:
+def _device_truth(truth: Truth, role: str) -> Mapping[str, Any]:
+    described = {"actuator": truth.actuator, "load": truth.load, "torque_sensor": truth.torque_sensor}[role]
+    return {} if described is None else described.device
+
+
+def _site(world: World, settings: DeviceSettings, wiring: Wiring, truth: Truth, wires: Wires, hookup: Hookup) -> Site:
     # Seeded by role: adding a device leaves the others as they were.
     random = Random(f"{truth.seed} {settings.role}")
-    return Site(settings, wiring, world, wires, truth, random, clock_ppm=random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM))
+    clock_ppm = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM)
+    return Site(settings, wiring, world, wires, truth, random, clock_ppm, hookup)

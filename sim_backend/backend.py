@@ -59,7 +59,7 @@ class SimulatedBackend:
         self._can_wires: dict[str, SimulatedCanWire] = {}
         self._serial_wires: dict[str, SimulatedSerialWire] = {}
         self._ports: list[CanPort | SerialPort] = []
-        mount(self.world, wiring, truth, Wires(self._can_plug, self._serial_plug))
+        mount(self.world, wiring, truth, Wires(self._can_plug, self._serial_plug), place)
 
     def open_can(self, settings: CanBusSettings) -> CanPort:
         bus = SimulatedBus(settings.name, self.world, self._can_wire(settings.name))

@@ -137,6 +137,7 @@ class SimulatedSerialWire:
         self._underway: deque[bytes] = deque()  # to the device; nothing overtakes
         self._free_ns = 0  # when the last byte on its way to the device has arrived
         self._byte_ns = 0.0
+        self.host_baud: int | None = None
         self.unplugged = False
 
     def attach(self, plug: SerialPlug) -> None:
@@ -156,6 +157,7 @@ class SimulatedSerialWire:
     def open(self, baud: int) -> ByteStream:
         """A host opens the line, with an empty input buffer."""
         self._stream = ByteStream(baud, self._delay)
+        self.host_baud = baud
         self._byte_ns = BITS_PER_BYTE * 1e9 / baud
         return self._stream
 

@@ -20,6 +20,10 @@ class CanWire(Protocol):
         """Deliver every frame from the host to ``plug``."""
         ...
 
+    def report_error(self, error_class: int) -> None:
+        """Let the host's adapter tell of an error on the bus, where it is one that does."""
+        ...
+
 
 class SerialWire(Protocol):
     """A serial line as the device at its far end sees it."""
@@ -30,6 +34,11 @@ class SerialWire(Protocol):
 
     def attach(self, plug: "SerialPlug") -> None:
         """Deliver what the host writes to ``plug``."""
+        ...
+
+    @property
+    def host_baud(self) -> int | None:
+        """The rate at which the host has the line open; None where nobody can say."""
         ...
 
 

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import termios
 import tty
 from contextlib import suppress
 from pathlib import Path
@@ -10,6 +11,11 @@ from drivers.errors import ConnectionFailedError
 
 _PSEUDO_TERMINALS = "/dev/pts/"
 _READ_MAX = 65536
+_RATES = {
+    getattr(termios, name): int(name[1:])
+    for name in dir(termios)
+    if name.startswith("B") and name[1:].isdecimal() and int(name[1:]) > 0
+}
 
 
 class ServedPort:
@@ -31,6 +37,13 @@ class ServedPort:
     def fileno(self) -> int:
         """To wait on, for bytes from whoever opened the port."""
         return self._master
+
+    @property
+    def baud(self) -> int | None:
+        """What whoever has the port open has set; a pseudo-terminal keeps it, and heeds it not. None for odd rates."""
+        if self.hung_up:
+            return None
+        return _RATES.get(termios.tcgetattr(self._slave)[5])
 
     def write(self, data: bytes) -> None:
         """Send bytes; what nobody reads is lost once the line is full, as on a real one."""

@@ -18,7 +18,9 @@ from typing import Any, Protocol
 import can
 
 from drivers.backend import Backend
-from drivers.codecs.slcan import SlcanFrame, SlcanStream
+from drivers.codecs.slcan import FLAG_BUS_ERROR as BUS_ERROR_FLAG
+from drivers.codecs.slcan import FLAG_BUS_OFF as BUS_OFF_FLAG
+from drivers.codecs.slcan import SlcanFrame, SlcanStream, encode_flags
 from drivers.errors import WiringError
 from drivers.hardware import HardwareBackend
 from drivers.ports import CanPort
@@ -31,7 +33,7 @@ from sim_backend.faults.stage import Stage
 from sim_backend.firmware.site import Wires
 from sim_backend.plugs import CanPlug, SerialPlug
 from sim_backend.pseudo_terminals import ServedPort
-from sim_backend.trouble import HostEnd, Trouble
+from sim_backend.trouble import CAN_ERR_BUS_OFF, HostEnd, Trouble
 from sim_backend.truth import FAULTS, read_truth
 from sim_backend.witness import WitnessFile
 from sim_backend.world import World
@@ -118,7 +120,7 @@ class ServedBus:
 
 
 class ServedSlcan:
-    """A CAN bus behind an emulated slcan adapter; like many, it answers no commands and is always open."""
+    """A CAN bus behind an emulated slcan adapter; like many, it is always open, and answers but one command: ``F``."""
 
     def __init__(self, settings: CanBusSettings, wall: _WallTime) -> None:
         self._wall = wall
@@ -126,6 +128,7 @@ class ServedSlcan:
         self._stream = SlcanStream()
         self._plugs: list[CanPlug] = []
         self._off_bus = False
+        self._flags = 0
 
     @property
     def lost(self) -> bool:
@@ -137,7 +140,8 @@ class ServedSlcan:
         self._off_bus = trouble is Trouble.BUS_OFF
 
     def report_error(self, error_class: int) -> None:
-        """The protocol has no error frames."""
+        """The protocol has no error frames: the adapter says so in its status flags, when it is asked."""
+        self._flags |= BUS_OFF_FLAG if error_class & CAN_ERR_BUS_OFF else BUS_ERROR_FLAG
 
     def attach(self, plug: CanPlug) -> None:
         self._plugs.append(plug)
@@ -152,6 +156,10 @@ class ServedSlcan:
     def receive(self) -> None:
         self._stream.feed(self._port.read())
         self._wall.catch_up()  # the line says nothing of when its bytes came
+        if self._stream.flags_asked:
+            self._stream.flags_asked = 0
+            self._port.write(encode_flags(self._flags))
+            self._flags = 0
         while self._stream.frames:
             message = _message(self._stream.frames.popleft())
             for plug in () if self._off_bus else self._plugs:
@@ -172,6 +180,10 @@ class ServedLine:
     @property
     def lost(self) -> bool:
         return self._port.hung_up
+
+    @property
+    def host_baud(self) -> int | None:
+        return self._port.baud
 
     def suffer(self, trouble: Trouble | None) -> None:
         if trouble is Trouble.UNPLUGGED:
@@ -221,7 +233,7 @@ def serve(
     with _termination_interrupts(), ExitStack() as open_wires:
         wall = _WallTime(world)
         wires = _ServedWires(wiring, open_wires, wall)
-        mount(world, wiring, truth, Wires(wires.can, wires.serial))
+        mount(world, wiring, truth, Wires(wires.can, wires.serial), place)
         for number, fault in enumerate(faults):
             inject(fault, Stage(world, wiring, wires.ends, None, Random(f"{truth.seed} {number} {fault.kind}")))
         if witness is not None:

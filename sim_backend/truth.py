@@ -34,6 +34,7 @@ TorqueConstant = Annotated[float, _in("N*m/A")]
 Current = Annotated[float, _in("A")]
 Nanoseconds = Annotated[int, BeforeValidator(_nanoseconds)]
 Sign = Literal[1, -1]
+Device = dict[str, Any]  # how it is really set up, where that is not what the rig says; sim_backend.hookup reads it
 
 FAULTS = "fault"  # the key of the table's faults, which say what becomes of the truth; sim_backend.faults reads them
 
@@ -63,6 +64,7 @@ class _Machine(_Table):
     encoder_bandwidth_rad_s: Rate = Field(alias="encoder_bandwidth", default=1000.0, gt=0, lt=8000)
     current_noise_a: Current = Field(alias="current_noise", default=0.0, ge=0)
     mounted: Sign = 1
+    device: Device = Field(default_factory=dict)
 
     def _motor(self, torque_constant_nm_a: float, amplifier_gain: float) -> DahlMotor:
         return DahlMotor(
@@ -117,6 +119,7 @@ class TorqueSensorTruth(_Table):
     bias_nm: Torque = Field(alias="bias", default=0.0)
     drift_nm_s: Annotated[float, _in("N*m/s")] = Field(alias="drift", default=0.0)
     mounted: Sign = 1
+    device: Device = Field(default_factory=dict)
 
 
 class TransportTruth(_Table):

@@ -25,17 +25,20 @@ def explain_silence(
         return DeviceTimeoutError(f"{place}: {_elsewhere(settings, own_kind)}")
     if strangers:
         return DeviceTimeoutError(f"{place}: nobody is heard; {_other_kind(strangers)}")
-    return DeviceTimeoutError(f"{place}: does not answer; {_who_is_heard(bus)}")
+    return DeviceTimeoutError(f"{place}: does not answer; {_who_is_heard(bus, bitrate_bit_s)}")
 
 
 def _nothing_heard(bus: BusCheck, bitrate_bit_s: int) -> str:
     if bus.troubles:
-        said = ", ".join(f"{what} {count} times" for what, count in bus.troubles.items())
         return (
-            f"not one frame is heard, but errors are ({said}): bitrate = {bitrate_bit_s} bit/s is probably not the "
-            "devices', or wiring or termination is wrong"
+            f"not one frame is heard, but errors are ({_troubles(bus)}): bitrate = {bitrate_bit_s} bit/s is probably "
+            "not the devices', or wiring or termination is wrong"
         )
     return f"not one frame is heard: check power, cable and termination, and that its bitrate is {bitrate_bit_s} bit/s"
+
+
+def _troubles(bus: BusCheck) -> str:
+    return ", ".join(f"{what} {count} times" for what, count in bus.troubles.items())
 
 
 def _elsewhere(settings: DeviceSettings, found: Sequence[Sender]) -> str:
@@ -56,9 +59,14 @@ def _other_kind(found: Sequence[Sender]) -> str:
     return f"heard instead: {heard}; is driver right, is the device powered?"
 
 
-def _who_is_heard(bus: BusCheck) -> str:
-    known = [f"[{sender.role}]" for sender in bus.senders if sender.role is not None]
+def _who_is_heard(bus: BusCheck, bitrate_bit_s: int) -> str:
+    known = " and ".join(f"[{sender.role}]" for sender in bus.senders if sender.role is not None)
     if bus.strangers:
         names = ", ".join(bus.strangers[:_NAMED]) + (", ..." if len(bus.strangers) > _NAMED else "")
         return f"frames are heard that no driver knows ({names}): is it a device of this kind, with this address?"
-    return f"only {', '.join(known)} can be heard: is it powered, and on this bus?"
+    if bus.troubles:
+        return (
+            f"only {known} can be heard, and errors ({_troubles(bus)}): is it set to {bitrate_bit_s} bit/s, and its "
+            "cable sound?"
+        )
+    return f"only {known} can be heard: is it powered, and on this bus?"

@@ -65,9 +65,9 @@ def _moved(rig: Rig, backend: Backend, found: RigCheck, move: Permission) -> Rig
 def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
     """As :func:`check_rig`, on a backend that is open already and stays so; its ports are closed again."""
     survey, link = Survey(), Link(backend, rig.wiring.buses)
+    begun_ns = link.clock.now_ns()
     try:
         watched = [open_watched(settings, link, survey) for settings in rig.wiring.devices()]
-        begun_ns = link.clock.now_ns()
         lost = watch(watched, link, watch_s)
         took_s = (link.clock.now_ns() - begun_ns) * 1e-9
         troubles = link.troubles()

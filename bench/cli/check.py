@@ -1,6 +1,6 @@
 """``rig check`` and ``devices``: what is there, before anything moves."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -13,8 +13,6 @@ from bench.cli.output import Output
 from bench.errors import ExitCode
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from drivers.discovery import FoundPort
 
 
@@ -49,20 +47,20 @@ def devices(*, json: Json = False) -> None:
     found = list_ports()
     data = {"ports": [_port_data(each) for each in found]}
     none = "Neither a serial port nor a CAN adapter was found; is it plugged in, and is its driver loaded?"
-    Output(json).result(data, port_table(found) if found else none)
+    Output(json).result(data, *(port_lines(found) if found else (none,)))
 
 
-def port_table(found: Sequence["FoundPort"]) -> "Table":
-    """Kind, channel and description, a row each; what to do about it below."""
-    table = _table(("kind", "channel", "description"))
+def port_lines(found: Sequence["FoundPort"]) -> Iterator[str]:
+    """Each port in lines that can be copied from: what a rig file would say, what it is, what to do about it."""
     for each in found:
-        kind = f"{each.kind} ({each.interface}?)" if each.interface else each.kind
-        also = f" [{each.device}]" if each.device not in ("", each.channel) else ""
+        maybe = f" (or {each.interface})" if each.interface else ""
+        yield f"{each.kind}{maybe} {each.channel}"
         usb = f" ({each.usb})" if each.usb else ""
-        table.add_row(kind, each.channel + also, each.description + usb)
+        also = f", {each.device}" if each.device not in ("", each.channel) else ""
+        if each.description or usb or also:
+            yield f"  {each.description}{usb}{also}"
         if each.mend:
-            table.add_row("", "", each.mend)
-    return table
+            yield f"  {each.mend}"
 
 
 def _port_data(each: "FoundPort") -> dict[str, Any]:
@@ -75,12 +73,3 @@ def _port_data(each: "FoundPort") -> dict[str, Any]:
         "interface": each.interface or None,
         "mend": each.mend or None,
     }
-
-
-def _table(texts: Sequence[str]) -> "Table":
-    from rich.table import Table  # noqa: PLC0415
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in texts:
-        table.add_column(heading)
-    return table

@@ -23,6 +23,7 @@ _ANSWERS: Final = b"zZVvN"  # to commands: sent, version, serial number
 ASK_FLAGS: Final = b"F\r"
 # Bit 4 is unused in Lawicel's own adapters; usb2canfdv1 says bus-off there.
 FLAG_BUS_OFF: Final = 0x10
+FLAG_BUS_ERROR: Final = 0x80
 FLAG_WORDS: Final = (
     (0x01, "receive buffer of the adapter full, frames were lost"),
     (0x02, "send buffer of the adapter full, frames were lost"),
@@ -31,7 +32,7 @@ FLAG_WORDS: Final = (
     (FLAG_BUS_OFF, "bus-off"),
     (0x20, "error-passive"),
     (0x40, "arbitration lost"),
-    (0x80, "bus error"),
+    (FLAG_BUS_ERROR, "bus error"),
 )
 
 
@@ -85,7 +86,8 @@ class SlcanFrame:
 class SlcanStream:
     """Finds frames in a byte stream however it is cut; they wait in ``frames``, status flags in ``flags``.
 
-    ``malformed`` counts bad lines, ``refused`` the commands that the adapter did not take.
+    ``malformed`` counts bad lines, ``refused`` the commands that the adapter did not take, ``flags_asked`` the
+    questions for them, of which an adapter hears.
     """
 
     def __init__(self) -> None:
@@ -93,6 +95,7 @@ class SlcanStream:
         self.flags: deque[int] = deque()
         self.malformed = 0
         self.refused = 0
+        self.flags_asked = 0
         self._rest = b""
 
     def feed(self, data: bytes) -> None:
@@ -108,6 +111,9 @@ class SlcanStream:
 
     def _take(self, line: bytes) -> None:
         if not line or line[0] in _ANSWERS:
+            return
+        if line == b"F":
+            self.flags_asked += 1
             return
         try:
             if line[:1] == b"F":

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from drivers.errors import WiringError
 from drivers.wiring import DeviceSettings, Wiring
+from sim_backend.hookup import AS_WRITTEN, Hookup, bitrate_of
 from sim_backend.plugs import CanPlug, SerialPlug
 from sim_backend.truth import Truth
 from sim_backend.world import Action, World
@@ -64,6 +65,7 @@ class Site:
     truth: Truth
     random: Random
     clock_ppm: float
+    hookup: Hookup = AS_WRITTEN
 
     def cyclic(self, period_ns: int, action: Action) -> None:
         """Do ``action`` every ``period_ns`` of the device's own clock, from a random phase on."""
@@ -80,6 +82,7 @@ class Site:
             )
         plug = self.wires.can(self.settings.bus)
         self.world.wires[self.settings.role] = plug
+        self.hookup.connect_can(plug, bitrate_of(self.wiring, self.settings.bus))
         return plug
 
     def serial_plug(self) -> SerialPlug:
@@ -90,4 +93,5 @@ class Site:
             )
         plug = self.wires.serial(self.settings.port)
         self.world.wires[self.settings.role] = plug
+        self.hookup.connect_serial(plug)
         return plug

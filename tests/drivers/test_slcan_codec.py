@@ -106,6 +106,6 @@ def test_what_are_no_status_flags(line):
 
 def test_status_flags_and_refusals_stand_among_the_frames():
     stream = SlcanStream()
-    stream.feed(b"\a\rF80\rt1000\rF0Z\r\aF00\r")
-    assert (list(stream.flags), stream.refused, stream.malformed) == ([0x80, 0], 2, 1)
+    stream.feed(b"\a\rF80\rt1000\rF0Z\r\aF00\rF\r")
+    assert (list(stream.flags), stream.refused, stream.malformed, stream.flags_asked) == ([0x80, 0], 2, 1, 1)
     assert list(stream.frames) == [SlcanFrame(0x100, b"", 0)]

@@ -19,7 +19,7 @@ import odrive_can
 import pytest
 
 from drivers.bota import open_torque_sensor
-from drivers.errors import ConnectionFailedError
+from drivers.errors import ConnectionFailedError, DeviceTimeoutError
 from drivers.hardware import open_backend
 from drivers.link import Link
 from drivers.odrive import open_amplifier
@@ -55,6 +55,9 @@ def serving(wiring: Wiring, simulated: dict[str, object]) -> Iterator[subprocess
         finally:
             server.send_signal(signal.SIGTERM)
             server.wait(10)
+
+
+SET_UP_OTHERWISE = {"load": {"bitrate": "500 kbit/s"}, "torque_sensor": {"baud": 115_200}}
 
 
 def own_group() -> str:
@@ -197,3 +200,33 @@ def test_closing_leaves_a_link_that_became_anothers(tmp_path: Path) -> None:
 def test_a_port_that_cannot_be_made_is_said_so(path: str) -> None:
     with pytest.raises(ConnectionFailedError, match="cannot make it"):
         ServedPort(path)
+
+
+@pytest.mark.wall_time
+@pytest.mark.parametrize("served_wiring", ["slcan"], indirect=True)
+def test_an_slcan_adapters_flags_and_a_sensor_at_another_baud(
+    served_wiring: Wiring, simulated: dict[str, object]
+) -> None:
+    wrong = {role: {**simulated[role], "device": device} for role, device in SET_UP_OTHERWISE.items()}  # type: ignore[dict-item]
+    with serving(served_wiring, {**simulated, **wrong}):
+        backend = open_backend(served_wiring, {}, seed=None, place="")
+        link = Link(backend, served_wiring.buses)
+        drive = open_amplifier(served_wiring.actuator, link)
+        assert drive.identify(timeout_s=5).firmware == "0.6.10"
+        for _ in range(3):
+            link.ask_adapters()
+            link.wait(50_000_000)
+        assert link.troubles()["bus can0", "bus error"] >= 1
+        assert served_wiring.torque_sensor is not None
+        for baud, understood in ((460_800, False), (115_200, True)):
+            settings = replace(served_wiring.torque_sensor, options={"axis": "z", "baud": baud})
+            tried = Link(backend, ())
+            sensor = open_torque_sensor(settings, tried)
+            if understood:
+                assert sensor.identify(timeout_s=5).driver == "bota"
+            else:
+                with pytest.raises(DeviceTimeoutError):
+                    sensor.identify()
+            tried.close()
+        link.close()
+        backend.close()

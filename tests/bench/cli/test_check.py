@@ -1,0 +1,153 @@
+"""``rig check`` and ``devices`` as commands: what is printed for whom, and the exit codes."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.cli import app
+from bench.errors import ExitCode
+from drivers import discovery
+from drivers.discovery import FoundPort
+
+RIG = Path(__file__).parents[3] / "rigs" / "sim-odrive.toml"
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def run(*arguments: object) -> tuple[int, str, str]:
+        code = app.main([str(each) for each in arguments])
+        streams = capsys.readouterr()
+        return code, streams.out, streams.err
+
+    return run
+
+
+@pytest.fixture
+def rig_with(tmp_path: Path) -> Callable[..., Path]:
+    """``rig_with(role=device)``: the shipped rig, of which a device is really set up otherwise."""
+
+    def make(**devices: str) -> Path:
+        text = RIG.read_text()
+        for role, device in devices.items():
+            text = text.replace(f"[simulated.{role}]", f"[simulated.{role}]\ndevice = {device}", 1)
+        path = tmp_path / "rig.toml"
+        path.write_text(text)
+        return path
+
+    return make
+
+
+def test_a_bench_in_order_in_words(run: Run) -> None:
+    code, out, err = run("rig", "check", RIG)
+    assert (code, err) == (ExitCode.OK, "")
+    assert "actuator: odrive, can0 node 1, hardware 4.4.58, firmware 0.6.10, answers in 0." in out
+    assert "bus can0: udp_multicast on 239.74.163.2, 22" in out
+    assert "  an ODrive at node = 1, [actuator]: heartbeat, " in out
+
+
+def test_a_bench_in_order_for_programs(run: Run) -> None:
+    code, out, _ = run("rig", "check", RIG, "--json", "--move")
+    found: dict[str, Any] = json.loads(out)
+    assert code == ExitCode.OK
+    assert list(found) == ["devices", "buses", "host", "moved", "problems", "remarks"]
+    assert [(device["role"], device["problems"]) for device in found["devices"]] == [
+        ("actuator", []),
+        ("load", []),
+        ("torque_sensor", []),
+    ]
+    (bus,) = found["buses"]
+    assert (bus["name"], bus["interface"], bus["troubles"], bus["unknown"]) == ("can0", "udp_multicast", {}, [])
+    assert [sender["options"] for sender in bus["senders"]] == [{"node": 1}, {"node": 2}]
+    assert (found["host"], found["problems"]) == (None, [])
+    assert any("the load gives about 0.9" in said for said in found["moved"])
+
+
+@pytest.mark.parametrize(
+    ("devices", "code", "sentence"),
+    [
+        (
+            {"actuator": "{ node = 5 }"},
+            ExitCode.TIMEOUT,
+            "nobody is heard at node = 1, but an ODrive at node = 5 (heartbeat): set node = 5",
+        ),
+        (
+            {"torque_sensor": "{ baud = 115200 }"},
+            ExitCode.TIMEOUT,
+            "it speaks at 115200 baud, not at 460800: set baud = 115200",
+        ),
+        (
+            {"load": '{ bitrate = "500 kbit/s" }'},
+            ExitCode.TIMEOUT,
+            "only [actuator] can be heard, and errors (bus error ",
+        ),
+        (
+            {"load": '{ bitrate = "500 kbit/s" }', "actuator": '{ bitrate = "500 kbit/s" }'},
+            ExitCode.TIMEOUT,
+            "bitrate = 1000000 bit/s is probably not the devices'",
+        ),
+        ({"torque_sensor": "{ plugged = false }"}, ExitCode.TIMEOUT, "(0 bytes that are none); check power"),
+        (
+            {"load": "{ node = 1 }"},
+            ExitCode.EXPERIMENT_FAILED,
+            "two devices share the address of [actuator] (each question has two answers)",
+        ),
+    ],
+)
+def test_what_is_wrong_is_a_sentence_and_an_exit_code(
+    run: Run, rig_with: Callable[..., Path], devices: dict[str, str], code: ExitCode, sentence: str
+) -> None:
+    path = rig_with(**devices)
+    ended, out, err = run("rig", "check", path, "--json")
+    assert ended == code
+    assert any(sentence in line and line.startswith(f"{path}: ") for line in err.splitlines())
+    assert any(sentence in problem for problem in json.loads(out)["problems"])
+
+
+def test_a_swapped_sign_needs_motion(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG.read_text().replace("mounted = 1\n", "mounted = -1\n"))
+    assert run("rig", "check", path)[0] == ExitCode.OK
+    code, _, err = run("rig", "check", path, "--move")
+    assert code == ExitCode.EXPERIMENT_FAILED
+    announced, sentence = err.splitlines()
+    assert announced.startswith("moving: pushes that grow to at most 0.25 N*m")
+    assert "reverse [torque_sensor] direction in the rig file" in sentence
+
+
+def test_devices(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = (
+        FoundPort("serial", "/dev/serial/by-id/usb-CANable", "CANable2", "/dev/ttyACM0", "16d0:117e", "slcan"),
+        FoundPort("socketcan", "can0", "CAN link of the kernel", "can0", mend="it is down: `sudo ip link ...`"),
+    )
+    monkeypatch.setattr(discovery, "list_ports", lambda: found)
+    code, out, _ = run("devices")
+    assert code == ExitCode.OK
+    assert out.splitlines() == [
+        "serial (or slcan) /dev/serial/by-id/usb-CANable",
+        "  CANable2 (16d0:117e), /dev/ttyACM0",
+        "socketcan can0",
+        "  CAN link of the kernel",
+        "  it is down: `sudo ip link ...`",
+    ]
+    _, out, _ = run("devices", "--json")
+    first, second = json.loads(out)["ports"]
+    assert first == {
+        "kind": "serial",
+        "channel": "/dev/serial/by-id/usb-CANable",
+        "description": "CANable2",
+        "device": "/dev/ttyACM0",
+        "usb": "16d0:117e",
+        "interface": "slcan",
+        "mend": None,
+    }
+    assert second["mend"] == "it is down: `sudo ip link ...`"
+
+
+def test_no_devices(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(discovery, "list_ports", tuple)
+    assert run("devices")[1].startswith("Neither a serial port nor a CAN adapter was found")
