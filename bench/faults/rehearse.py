@@ -33,7 +33,7 @@ BEFORE = (TareProcedure(TareOptions(0.5)), CalibrateProcedure(CalibrateOptions(2
 STRIKES = {"after": "armed", "at": "600 ms"}
 # How long the world is watched after the session has ended, beyond what the drives may take.
 WATCH_ON_NS = 100_000_000
-COUNTS = ("bus", "note")  # events in which a recording counts what was wrong
+COUNTS = ("bus", "device", "note")  # events in which a recording counts what was wrong
 
 
 @dataclass
