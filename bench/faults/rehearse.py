@@ -74,7 +74,7 @@ def prepare(rig: Rig, seed: int | None = None) -> Prepared:
     with TemporaryDirectory() as folder:
         session = Session((), "faults, calibration")
         known = record_procedures(rig, session, BEFORE, out=Path(folder), seed=seed).knowledge
-    return Prepared(rig, replace(known, records=()), longest_watchdog_s(rig))
+    return Prepared(rig, known, longest_watchdog_s(rig))
 
 
 def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> Outcome:
