@@ -132,7 +132,7 @@ def _family_lines(family: str, rig: str, outcomes: Sequence["Outcome"]) -> Itera
         columns = "".join(f"{figure:>12}" for figure in figures)
         drives = ", ".join(dict.fromkeys(outcome.drives.values()))
         yield f"  {outcome.fault:<34}{outcome.on:<15}{outcome.verdict.value:<16}{columns}  {drives}"
-        yield f"      {outcome.guard or outcome.evidence or 'nobody noticed'}"
+        yield f"      {outcome.guard or (outcome.evidence if outcome.verdict.safe else 'nobody noticed')}"
 
 
 def _figure(value: float | None, scale: float, unit: str) -> str:

@@ -7,6 +7,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 from bench.faults.case import Case, Outcome
+from bench.faults.exercise import Exercise
 from bench.faults.host_loss import lose_host
 from bench.faults.rehearse import longest_watchdog_s, prepare, rehearse
 from bench.rig.rig import Rig
@@ -30,8 +31,10 @@ class Trial:
 def run_campaign(trials: Sequence[Trial], jobs: int, seed: int | None, on_outcome: OnOutcome) -> list[Outcome]:
     """All outcomes, rig by rig in the order of its cases; ``on_outcome`` hears of each as it comes.
 
-    Raises BenchError, DeviceError where a rig does not get as far as its faults.
+    Raises RigError for a rig without a load drive; BenchError, DeviceError where one does not get as far as its faults.
     """
+    for trial in trials:
+        Exercise().require(trial.rig)
     by_rig = _in_lock_step(trials, jobs, seed, on_outcome)
     for trial, outcomes in zip(trials, by_rig, strict=True):
         # One by one, and nothing beside them: they are about time.

@@ -42,7 +42,7 @@ NO_PEAK = Peak()
 
 @dataclass(frozen=True)
 class Case:
-    """A fault as a session file would say it; it begins in the middle of imposed motion under a changing command."""
+    """A fault as a session file would say it; unless it says when, it begins amid motion under a changing command."""
 
     name: str
     table: Mapping[str, Any]

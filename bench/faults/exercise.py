@@ -11,14 +11,14 @@ from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import Use
 
-DURATION_S = 2.0
+DURATION_S = 1.5
 MOTION_SHARE = 0.3
 COMMAND_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class Exercise:
-    """Two seconds of it."""
+    """A second and a half of it."""
 
     name: ClassVar[str] = "exercise"
 

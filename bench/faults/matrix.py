@@ -28,10 +28,14 @@ def host_losses() -> tuple[Case, ...]:
 
 def _carried(rig: Rig) -> Iterator[Case]:
     for role in (*DRIVES, SENSOR):
-        yield _case("one frame lost", "drop", role, RIDE, count=1, quick=role == "actuator")
-        yield _case("frames doubled", "duplicate", role, RIDE, count=20, quick=role == SENSOR)
+        # What comes from a device is its own; what goes to it is all that the host sends on its bus.
+        yield _case("one frame lost", "drop", role, RIDE, count=1, towards="host", quick=role == "actuator")
+        yield _case("frames doubled", "duplicate", role, RIDE, count=20, towards="host", quick=role == SENSOR)
         if _bus_of(rig, role):
-            yield _case("frames out of order", "reorder", role, RIDE, count=20, quick=role == "load")
+            yield _case("frames out of order", "reorder", role, RIDE, count=20, towards="host", quick=role == "load")
+    for role in DRIVES:
+        yield _case("commands lost", "drop", role, RIDE, count=20, towards="device")
+        yield _case("commands doubled", "duplicate", role, RIDE, count=20, towards="device")
     for bus in _buses(rig):
         yield _case("a tenth of all frames lost", "drop", bus, RIDE, share="10 %", lasts="300 ms")
         yield _case("frames corrupted, check fails", "corrupt", bus, RIDE, crc="caught", count=50, quick=True)

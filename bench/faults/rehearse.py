@@ -74,11 +74,11 @@ def prepare(rig: Rig, seed: int | None = None) -> Prepared:
     with TemporaryDirectory() as folder:
         session = Session((), "faults, calibration")
         known = record_procedures(rig, session, BEFORE, out=Path(folder), seed=seed).knowledge
-    return Prepared(rig, replace(known, records=()), longest_watchdog_s(rig))
+    return Prepared(rig, known, longest_watchdog_s(rig))
 
 
 def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> Outcome:
-    """The exercise, and the fault in the middle of it. Raises WiringError where the case has no place on the rig."""
+    """The exercise, and the fault in the middle of it. Raises UsageError for a backend that cannot rehearse."""
     rig = prepared.rig
     backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
     if not isinstance(backend, Rehearsal):
@@ -114,7 +114,7 @@ def family(rig: Rig) -> str:
 
 def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None, allowed: int) -> _Run:
     states, listener, error = backend.watch(), _Listener(), None
-    session = Session((), f"faults, {case.name}", faults=(WrittenFault({**case.table, **STRIKES}, Exercise.name),))
+    session = Session((), f"faults, {case.name}", faults=(WrittenFault({**STRIKES, **case.table}, Exercise.name),))
     with TemporaryDirectory() as folder:
         try:
             record_procedures(

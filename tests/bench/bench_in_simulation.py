@@ -1,6 +1,6 @@
 """A loop on the simulated backend, for tests that need the real path but not a whole session."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -14,7 +14,6 @@ from bench.rig.rig import Rig
 from drivers.codecs.odrive import AxisState
 from drivers.registry import load_backend
 from sim_backend.backend import SimulatedBackend
-from sim_backend.firmware.bota import BotaSensor
 from sim_backend.firmware.odrive import ODriveAxis
 
 
@@ -28,23 +27,10 @@ class Bench:
     loop: Loop
     parts: list[Measured]
 
-    def after(self, delay_s: float, fault: Callable[[], None]) -> None:
-        """Let ``fault`` happen in the simulated world ``delay_s`` from now."""
-        self.backend.world.at(self.backend.world.now_ns + round(delay_s * 1e9), lambda _now: fault())
-
-    def cut(self, role: str) -> None:
-        """Pull a device's plug."""
-        self.backend.world.wires[role].cut()
-
     def axis(self, role: str) -> ODriveAxis:
         device = self.backend.world.devices[role]
         assert isinstance(device, ODriveAxis)
         return device
-
-    def force_torque(self, torque_nm: float) -> None:
-        sensor = self.backend.world.devices["torque_sensor"]
-        assert isinstance(sensor, BotaSensor)
-        sensor.signal.force(torque_nm)
 
     def armed(self) -> list[str]:
         """Roles of the drives whose firmware still closes the torque loop."""

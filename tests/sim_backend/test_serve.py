@@ -19,13 +19,15 @@ import odrive_can
 import pytest
 
 from drivers.bota import open_torque_sensor
-from drivers.errors import ConnectionFailedError, DeviceTimeoutError
+from drivers.errors import ConnectionFailedError, DeviceTimeoutError, WiringError
 from drivers.hardware import open_backend
 from drivers.link import Link
 from drivers.odrive import open_amplifier
 from drivers.readings import DriveState
+from drivers.waiting import wait_until
 from drivers.wiring import CanBusSettings, Wiring
 from sim_backend.pseudo_terminals import ServedPort
+from sim_backend.serve import serve
 
 DBC = cantools.database.load_file(Path(odrive_can.__file__).parent / "dbc" / "odrive-cansimple-0.6.10.dbc")
 
@@ -140,6 +142,51 @@ def test_any_python_can_program_hears_it(wiring: Wiring, simulated: dict[str, ob
         heartbeat = DBC.decode_message("Axis0_Heartbeat", heard[node << 5 | 1], decode_choices=False)
         assert (heartbeat["Axis_Error"], heartbeat["Axis_State"]) == (0, 1)
     assert DBC.decode_message("Axis0_Get_Version", heard[2 << 5])["Fw_Version_Minor"] == 6
+
+
+@pytest.mark.wall_time
+def test_faults_happen_in_wall_time(served_wiring: Wiring, simulated: dict[str, object]) -> None:
+    faults = [
+        {"kind": "unplugged", "on": "torque_sensor", "at": "1.5 s"},
+        {"kind": "dropout", "on": "load", "at": "500 ms", "for": "500 ms"},
+    ]
+    with serving(served_wiring, {**simulated, "fault": faults}):
+        backend = open_backend(served_wiring, {}, seed=None, place="")
+        link = Link(backend, served_wiring.buses)
+        load = open_amplifier(served_wiring.load, link)
+        open_torque_sensor(served_wiring.torque_sensor, link)
+        with pytest.raises(ConnectionFailedError, match="bota: lost"):
+            wait_until(lambda: False, link, timeout_s=10)
+        arrivals = [reading.arrival_ns for reading in load.take_motion()]
+        assert max(np.diff(arrivals)) == pytest.approx(500e6, rel=0.15)
+        backend.close()
+
+
+def test_a_host_of_its_own_cannot_be_stalled(wiring: Wiring, simulated: dict[str, object], tmp_path: Path) -> None:
+    assert wiring.torque_sensor is not None
+    wiring = replace(
+        wiring,
+        buses=(CanBusSettings("can0", "slcan", str(tmp_path / "can0")),),
+        torque_sensor=replace(wiring.torque_sensor, port=str(tmp_path / "bota")),
+    )
+    stalled = {**simulated, "fault": [{"kind": "host-stall", "for": "1 s"}]}
+    with pytest.raises(WiringError, match="the host is another process here"):
+        serve(wiring, stalled, seed=1, place="rig.toml", on_ready=lambda: None, stop=lambda: True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_witness_that_cannot_be_written_is_said_so(
+    wiring: Wiring, simulated: dict[str, object], tmp_path: Path
+) -> None:
+    assert wiring.torque_sensor is not None
+    wiring = replace(
+        wiring,
+        buses=(CanBusSettings("can0", "slcan", str(tmp_path / "can0")),),
+        torque_sensor=replace(wiring.torque_sensor, port=str(tmp_path / "bota")),
+    )
+    witness = tmp_path / "nowhere" / "truth.csv"
+    with pytest.raises(WiringError, match=r"truth.csv: cannot be written \(No such file or directory\)"):
+        serve(wiring, simulated, seed=1, place="", on_ready=lambda: None, stop=lambda: True, witness=witness)
 
 
 def test_a_port_is_a_link_that_goes_away(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.faults.witness_file import read_witness
+from bench.faults.witness_file import last_state, read_witness
 from drivers.link import Link
 from drivers.odrive import open_amplifier
 from drivers.wiring import Wiring
@@ -56,6 +56,7 @@ def test_a_witness_file_tells_the_same_and_is_read_while_it_grows(
     witness.close()
     whole = read_witness(tmp_path / "truth.csv")
     assert len(whole) >= len(half_way) > 200
+    assert last_state(tmp_path / "truth.csv") == whole[-1]
     by_stamp = {state.stamp_ns: state for state in states}
     for written in whole:
         true = by_stamp[written.stamp_ns - 7_000_000_000]
@@ -68,5 +69,8 @@ def test_a_line_that_is_half_written_is_not_read(tmp_path: Path) -> None:
     path.write_text("names\n1,0.5,1,2,actuator+load,actuator\n2,0.5,1,2,act")
     (state,) = read_witness(path)
     assert (state.stamp_ns, state.driving, state.armed) == (1, ("actuator", "load"), ("actuator",))
-    path.write_text("")
-    assert read_witness(path) == []
+    assert last_state(path) == state
+    for nothing in ("", "names\n", "names\n1,0.5"):
+        path.write_text(nothing)
+        assert read_witness(path) == []
+        assert last_state(path) is None

@@ -16,6 +16,7 @@ from bench.rig.rig import Command
 from bench.segments import Segment, Use
 from drivers.errors import ConnectionFailedError, DeviceError
 from drivers.readings import DriveState
+from sim_backend.faults.schema import DriveError, Dropout, FalseReading, Fault, Unplugged
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-odrive.toml"
@@ -56,18 +57,18 @@ def test_an_undisturbed_segment_ends_with_idle_drives_and_every_tick_put_away(ma
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        (lambda b: b.cut("torque_sensor"), "torque sensor: silent"),
-        (lambda b: b.cut("actuator"), "actuator encoder: silent"),
-        (lambda b: b.cut("load"), "load encoder: silent"),
-        (lambda b: b.axis("actuator").fail(0x0200_0000), "actuator drive: left its torque loop"),
-        (lambda b: b.axis("load").fail(0x0200_0000), "load drive: left its torque loop"),
-        (lambda b: b.force_torque(1.5), "port torque"),
-        (lambda b: b.force_torque(nan), "port torque"),
+        (Dropout(on="torque_sensor", at_s=0.3), "torque sensor: silent"),
+        (Dropout(on="actuator", at_s=0.3), "actuator encoder: silent"),
+        (Dropout(on="load", at_s=0.3), "load encoder: silent"),
+        (DriveError(on="actuator", at_s=0.3), "actuator drive: left its torque loop"),
+        (DriveError(on="load", at_s=0.3), "load drive: left its torque loop"),
+        (FalseReading(on="torque_sensor", at_s=0.3, torque_nm=1.5), "port torque"),
+        (FalseReading(on="torque_sensor", at_s=0.3, torque_nm=nan), "port torque"),
     ],
 )
-def test_a_fault_stops_everything(make_bench: MakeBench, fault: Callable[[Bench], None], words: str) -> None:
+def test_a_fault_stops_everything(make_bench: MakeBench, fault: Fault, words: str) -> None:
     bench = make_bench()
-    bench.after(0.3, lambda: fault(bench))
+    bench.backend.inject(fault)
     with pytest.raises(SafetyStopError, match=words):
         run(bench, resting())
     bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS)
@@ -151,16 +152,7 @@ def test_a_bug_in_the_experiment_leaves_the_drives_idle_too(make_bench: MakeBenc
 
 def test_a_lost_bus_is_a_connection_error_and_the_watchdogs_do_the_rest(make_bench: MakeBench) -> None:
     bench = make_bench()
-    port = next(iter(bench.devices.link.can_ports.values()))
-
-    def unplug() -> None:
-        def gone(*_: object, **__: object) -> None:
-            raise OSError("No such device")
-
-        port.bus.recv = gone  # type: ignore[assignment,method-assign]
-        port.bus.send = gone  # type: ignore[assignment,method-assign]
-
-    bench.after(0.3, unplug)
+    bench.backend.inject(Unplugged(on="can0", at_s=0.3))
     with pytest.raises(ConnectionFailedError, match="can0"):
         run(bench, resting())
     bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS)
@@ -176,7 +168,7 @@ def test_a_command_in_a_unit_that_the_drive_does_not_take_is_refused(unit: str) 
 
 def test_a_device_that_is_missing_is_named_before_anything_moves(make_bench: MakeBench) -> None:
     bench = make_bench()
-    bench.cut("torque_sensor")
+    bench.backend.inject(Dropout(on="torque_sensor"))
     with pytest.raises((BenchError, DeviceError), match="torque sensor"):
         run(bench, resting())
     assert bench.armed() == []

@@ -1,0 +1,85 @@
+"""The verdict follows from what is true, and from nothing that the bench says of itself."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from bench.faults.case import Expected, Verdict
+from bench.faults.judge import Detection, Judgement, allowed_ns, judge
+from bench.rig.rig import Limits
+from drivers.rehearsal import TrueState
+
+MS = 1_000_000
+LIMITS = Limits(torque_nm=1.0, velocity_rad_s=80.0, stale_after_ns=5 * MS)
+BEGUN_NS = 1_000 * MS
+BOTH = ("actuator", "load")
+
+
+def states(off_ms: int, end_ms: int = 500, torque_nm: float = 0.2, velocity_rad_s: float = 10.0) -> list[TrueState]:
+    """One a millisecond from 100 ms before the fault on; the drives drive until ``off_ms`` after it."""
+    return [
+        TrueState(
+            BEGUN_NS + at_ms * MS, torque_nm, velocity_rad_s, -velocity_rad_s, BOTH if at_ms <= off_ms else (), ()
+        )
+        for at_ms in range(-100, end_ms)
+    ]
+
+
+def judged(
+    truth: Sequence[TrueState], detected_ms: float | None, expected: Expected = Expected.STOP, watchdog_s: float = 0.3
+) -> Judgement:
+    detection = None if detected_ms is None else Detection(BEGUN_NS + round(detected_ms * MS), "somebody")
+    return judge(truth, BEGUN_NS, detection, expected, allowed_ns=allowed_ns(watchdog_s, MS), limits=LIMITS)
+
+
+def test_a_drive_may_go_on_for_its_watchdog_and_two_ticks() -> None:
+    assert allowed_ns(0.3, MS) == 302 * MS
+
+
+@pytest.mark.parametrize(
+    ("off_ms", "verdict"),
+    [(3, Verdict.STOPPED), (302, Verdict.STOPPED), (303, Verdict.TOO_LATE), (499, Verdict.TOO_LATE)],
+)
+def test_what_is_noticed_must_be_off_in_time(off_ms: int, verdict: Verdict) -> None:
+    found = judged(states(off_ms), detected_ms=2.0)
+    assert found.verdict is verdict
+    assert found.off_s == (None if off_ms == 499 else pytest.approx(off_ms * 1e-3))
+
+
+def test_a_fault_that_nobody_noticed_is_not_safe_though_the_session_ended() -> None:
+    found = judged(states(200), detected_ms=None)
+    assert found.verdict is Verdict.NOT_DETECTED
+    assert not found.verdict.safe
+    assert found.off_s is None
+
+
+def test_a_fault_that_may_be_ridden_through_is_safe_within_the_limits_alone() -> None:
+    assert judged(states(400), None, Expected.RIDE).verdict is Verdict.RIDDEN_THROUGH
+    assert judged(states(400, torque_nm=-1.01), None, Expected.RIDE).verdict is Verdict.BEYOND_LIMITS
+    assert judged(states(400, velocity_rad_s=80.1), None, Expected.RIDE).verdict is Verdict.BEYOND_LIMITS
+
+
+def test_to_stop_at_it_is_no_failure_if_it_is_in_time() -> None:
+    assert judged(states(20), 20.0, Expected.RIDE).verdict is Verdict.STOPPED
+    assert judged(states(350), 20.0, Expected.RIDE).verdict is Verdict.TOO_LATE
+
+
+def test_peaks_count_from_the_fault_and_from_its_detection() -> None:
+    truth = states(50)
+    before, between, later = (
+        next(i for i, s in enumerate(truth) if s.stamp_ns == BEGUN_NS + at * MS) for at in (-5, 5, 50)
+    )
+    truth[before] = truth[before]._replace(torque_nm=9.0, velocity_rad_s=900.0)
+    truth[between] = truth[between]._replace(torque_nm=-0.7, load_velocity_rad_s=-70.0)
+    truth[later] = truth[later]._replace(torque_nm=0.4, velocity_rad_s=40.0)
+    found = judged(truth, detected_ms=10.0)
+    assert found.peak == (0.7, 70.0)
+    assert found.peak_after == (0.4, 40.0)
+
+
+def test_how_the_drives_are_left() -> None:
+    truth = states(5)
+    truth[-1] = truth[-1]._replace(armed=("load",))
+    assert judged(truth, 1.0).drives == {"actuator": "idle", "load": "armed, no current"}
+    truth[-1] = truth[-1]._replace(armed=BOTH, driving=("actuator",))
+    assert judged(truth, 1.0).drives == {"actuator": "drives", "load": "armed, no current"}

@@ -1,0 +1,106 @@
+"""Faults on a whole session: those of the short round, and that what is true is what decides."""
+
+from pathlib import Path
+
+import pytest
+
+from bench.errors import RigError
+from bench.faults.case import Case, Expected, Outcome, Verdict
+from bench.faults.matrix import cases
+from bench.faults.rehearse import Prepared, prepare, rehearse
+from bench.rig.load import load_rig
+
+RIGS = Path(__file__).parents[3] / "rigs"
+RIG = load_rig(RIGS / "sim-odrive.toml")
+QUICK = [case for case in cases(RIG) if case.quick]
+RIDE = Expected.RIDE
+
+
+@pytest.fixture(scope="module")
+def prepared() -> Prepared:
+    return prepare(RIG)
+
+
+def named(name: str, on: str) -> Case:
+    (found,) = [case for case in cases(RIG) if (case.name, case.on) == (name, on)]
+    return found
+
+
+def assert_safe(outcome: Outcome) -> None:
+    assert outcome.verdict.safe, outcome
+    assert outcome.drives == {"actuator": "idle", "load": "idle"}
+    if outcome.verdict is Verdict.STOPPED:
+        assert outcome.off_s is not None
+        assert outcome.off_s <= outcome.allowed_s == pytest.approx(0.302)
+        assert outcome.guard
+    else:
+        assert outcome.peak.torque_nm <= RIG.limits.torque_nm
+        assert outcome.peak.velocity_rad_s <= RIG.limits.velocity_rad_s
+
+
+@pytest.mark.parametrize("case", QUICK, ids=lambda case: f"{case.name} on {case.on}")
+def test_the_short_round_ends_safely(prepared: Prepared, case: Case) -> None:
+    outcome = rehearse(prepared, case)
+    assert_safe(outcome)
+    assert (outcome.verdict is Verdict.STOPPED) == (case.expected is Expected.STOP)
+    if "count" in case.table:
+        assert outcome.hits == case.table["count"]
+
+
+@pytest.mark.parametrize(
+    ("name", "on", "words", "within_s"),
+    [
+        ("silent", "actuator", "actuator encoder: silent for", 0.065),
+        ("adapter unplugged", "can0", "bus can0: lost", 0.002),
+        ("adapter unplugged", "torque_sensor", "port /tmp/norton-bench/bota: lost", 0.002),
+        ("frames late by 200 ms", "can0", "silent for", 0.065),
+        ("undervoltage", "load", "load drive: left its torque loop (fault: bus voltage too low", 0.105),
+        ("host stalls for long", "bench", "the loop stood still for 2000 ms", 2.01),
+    ],
+)
+def test_each_is_noticed_by_the_guard_that_is_there_for_it(
+    prepared: Prepared, name: str, on: str, words: str, within_s: float
+) -> None:
+    outcome = rehearse(prepared, named(name, on))
+    assert_safe(outcome)
+    assert words in outcome.guard
+    assert outcome.detected_s is not None
+    assert outcome.detected_s <= within_s
+
+
+def test_what_was_ridden_through_is_shown_to_have_been_there(prepared: Prepared) -> None:
+    outcome = rehearse(prepared, named("messages corrupted", "torque_sensor"))
+    assert outcome.verdict is Verdict.RIDDEN_THROUGH
+    assert "torque_sensor: 3 malformed messages" in outcome.counted
+    assert "3 hit on their way" in outcome.evidence
+    caught = rehearse(prepared, named("frames corrupted, check fails", "can0"))
+    assert "bus can0: 50 error frames" in caught.evidence
+
+
+def test_a_fault_that_nobody_notices_is_told_so(prepared: Prepared) -> None:
+    """A bias so small that it is within the sensor's own noise, called one that must be noticed."""
+    outcome = rehearse(prepared, Case("hidden", {"kind": "bias-jump", "on": "torque_sensor", "by": "0.1 mN*m"}))
+    assert outcome.verdict is Verdict.NOT_DETECTED
+    assert (outcome.guard, outcome.detected_s) == ("", None)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (
+            {"kind": "drop", "on": "load", "count": 5, "towards": "device", "share": "0.0001 %"},
+            "the fault hit no frame",
+        ),
+        ({"kind": "dropout", "on": "load", "at": "60 s"}, "the session ended before the fault"),
+        ({"kind": "dropout", "on": "can9"}, '"can9" is no place for dropout'),
+    ],
+)
+def test_a_case_that_comes_to_nothing_has_failed(prepared: Prepared, table: dict[str, object], words: str) -> None:
+    outcome = rehearse(prepared, Case("nothing", table, RIDE))
+    assert outcome.verdict is Verdict.FAILED
+    assert words in outcome.guard
+
+
+def test_a_rig_that_cannot_move_its_shaft_is_refused() -> None:
+    with pytest.raises(RigError, match="needs a load drive"):
+        prepare(load_rig(RIGS / "sim-free-shaft.toml"))
