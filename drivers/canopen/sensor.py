@@ -29,6 +29,7 @@ OPTION_FILES = ("eds",)  # may stand beside the rig file
 _STATUS_PDO = 2
 # A value that is late by less than this many periods is only late, and not the same as before.
 _LATE_PERIODS = 1.5
+_CATCH_UP_PERIODS = 100
 
 
 class CanopenSensorOptions(DeviceOptions):
@@ -121,7 +122,7 @@ class CanopenSensor:
         self._status: int | None = None
         self._torque_nm: float | None = None  # the last value
         self._stamp_ns = 0  # of the last reading
-        self._patience_ns = 0
+        self._patience_ns = round(_LATE_PERIODS * self._period_ns)
         self._readings: Inbox[TorqueReading] = Inbox()
         node.listen(options.torque_id, self._on_torque)
         if options.status_mask:
@@ -169,11 +170,17 @@ class CanopenSensor:
         return self._readings.take()
 
     def _say_again(self) -> None:
-        """What is not sent has not changed, while the sensor lives."""
-        now_ns = self._link.clock.now_ns()
-        if self._torque_nm is not None and now_ns - self._stamp_ns >= self._patience_ns and self._lives(now_ns):
-            self._patience_ns = self._period_ns
-            self._put(self._torque_nm, now_ns)
+        """What is not sent has not changed, while the sensor lives: a reading for each value that it left out.
+
+        Each bears the time at which its frame would have come, so that readings stay as regular as the sensor is.
+        """
+        now_ns, period_ns = self._link.clock.now_ns(), self._period_ns
+        if self._torque_nm is None or now_ns - self._stamp_ns < self._patience_ns or not self._lives(now_ns):
+            return
+        if now_ns - self._stamp_ns > _CATCH_UP_PERIODS * period_ns:
+            self._stamp_ns = now_ns - self._patience_ns  # nobody was here to take them
+        while now_ns - self._stamp_ns >= self._patience_ns:
+            self._put(self._torque_nm, self._stamp_ns + period_ns)
 
     def _lives(self, now_ns: int) -> bool:
         heartbeat_ns = self.node.heartbeat_ns
@@ -196,7 +203,6 @@ class CanopenSensor:
         if self.node.restarted:
             return
         self._torque_nm = torque_nm
-        self._patience_ns = round(_LATE_PERIODS * self._period_ns)
         self._put(torque_nm, arrival_ns)
 
     def _on_status(self, data: bytearray, arrival_ns: int) -> None:
