@@ -98,7 +98,7 @@ class Cia402Options(DeviceOptions):
         0.1, alias="heartbeat", ge=1e-3, le=10, description="the drive's heartbeat period (1017h)", examples=["100 ms"]
     )
     feedback: Literal["sync", "timer"] = Field(
-        "sync", description="what makes the drive send: our SYNC, or its own event timer"
+        "timer", description="what makes the drive send: its own event timer, or our SYNC"
     )
     commands: Literal["at once", "at sync"] = Field("at once", description="when the drive obeys a command")
     period_s: float = Field(

@@ -119,6 +119,7 @@ class CanopenSensor:
         self._field = options.field
         self._scale_nm = settings.direction * options.scale_nm
         self._period_ns = round(options.period_s * 1e9)
+        self._on_change = options.send == "on change"
         self._status: int | None = None
         self._torque_nm: float | None = None  # the last value
         self._stamp_ns = 0  # of the last reading
@@ -165,22 +166,21 @@ class CanopenSensor:
         return identity
 
     def take_torque(self) -> list[TorqueReading]:
-        if self._options.send == "on change":
-            self._say_again()
+        if self._on_change:
+            self._say_again(self._link.clock.now_ns())
         return self._readings.take()
 
-    def _say_again(self) -> None:
+    def _say_again(self, until_ns: int) -> None:
         """What is not sent has not changed, while the sensor lives: a reading for each value that it left out.
 
         Each bears the time at which its frame would have come, so that readings stay as regular as the sensor is.
         """
-        now_ns, period_ns = self._link.clock.now_ns(), self._period_ns
-        if self._torque_nm is None or now_ns - self._stamp_ns < self._patience_ns or not self._lives(now_ns):
+        if self._torque_nm is None or until_ns - self._stamp_ns < self._patience_ns or not self._lives(until_ns):
             return
-        if now_ns - self._stamp_ns > _CATCH_UP_PERIODS * period_ns:
-            self._stamp_ns = now_ns - self._patience_ns  # nobody was here to take them
-        while now_ns - self._stamp_ns >= self._patience_ns:
-            self._put(self._torque_nm, self._stamp_ns + period_ns)
+        if until_ns - self._stamp_ns > _CATCH_UP_PERIODS * self._period_ns:
+            self._stamp_ns = until_ns - self._patience_ns  # nobody was here to take them
+        while until_ns - self._stamp_ns >= self._patience_ns:
+            self._put(self._torque_nm, self._stamp_ns + self._period_ns)
 
     def _lives(self, now_ns: int) -> bool:
         heartbeat_ns = self.node.heartbeat_ns
@@ -202,6 +202,8 @@ class CanopenSensor:
         torque_nm = self._scale_nm * self._field.decode(data)
         if self.node.restarted:
             return
+        if self._on_change:
+            self._say_again(arrival_ns)
         self._torque_nm = torque_nm
         self._put(torque_nm, arrival_ns)
 
