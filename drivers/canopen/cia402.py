@@ -209,6 +209,7 @@ class Cia402Drive:
             self.node.start()
         if self.options.watchdog_s > 0:
             host_watch.arm(self.node, self._master.node, self.options.watchdog_s)
+            self._master.beat_at_once()
             self._watching = True
         ascent.climb(self, timeout_s)
         self._enabled_wanted = True
@@ -303,6 +304,8 @@ class Cia402Drive:
 
     def set_up(self) -> None:
         """See that it is a drive, set up what it exchanges, and start that. Raises DeviceError."""
+        self._enabled_wanted = False
+        self._controlword = Controlword.DISABLE_VOLTAGE
         self._check_profile()
         error = self._error_code()
         if error in _BUS_LOST:

@@ -95,6 +95,10 @@ class Master:
         period_ns = round(timeout_s * 1e9 / _HEARTBEATS_PER_TIMEOUT)
         self._beat_ns = min(self._beat_ns, period_ns) if self._beat_ns else period_ns
 
+    def beat_at_once(self) -> None:
+        """Send our heartbeat with the next command: a device watches it only once it has heard it."""
+        self._next_beat_ns = 0
+
     def beat(self) -> None:
         """Send our heartbeat where it is due. Raises ConnectionFailedError."""
         if not self._beat_ns:

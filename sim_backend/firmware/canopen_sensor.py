@@ -25,7 +25,10 @@ _VALUES = {"i16": (0x7130, I16), "i32": (0x9130, I32), "f32": (0x6130, U32)}
 
 
 class CanopenSensor:
-    """Reports the port's torque, saturated where its digits end; ``status`` is sent where it changes."""
+    """Reports the port's torque, saturated where its digits end; ``status`` is sent where it changes.
+
+    Where it has no value it sends none, and an emergency.
+    """
 
     def __init__(self, site: Site) -> None:
         options = parse_options(CanopenSensorOptions, site.settings)
@@ -51,8 +54,7 @@ class CanopenSensor:
     @status.setter
     def status(self, status: int) -> None:
         self._status.value = status
-        if self.node.operational:
-            self._status_pdo.event()
+        self._status_pdo.event()
 
     def freeze(self) -> None:
         """From now on report the torque of this instant: nothing changes, so nothing is sent."""
@@ -60,13 +62,14 @@ class CanopenSensor:
 
     def _measure(self, _stamp_ns: int) -> None:
         torque_nm = self.signal.measure_nm()
-        if not isfinite(torque_nm):
-            self._break()
+        if isfinite(torque_nm) is self._broken:
+            self._broken = not self._broken
+            self.node.emergency(ERROR_NO_VALUE if self._broken else 0)
+        if self._broken:
             return
         changed = self._digits(torque_nm) != self._value.value
         self._value.value = self._digits(torque_nm)
-        send = self._options.send == "always" or (self._options.send == "on change" and changed)
-        if send and self.node.operational:
+        if self._options.send == "always" or (self._options.send == "on change" and changed):
             self._value_pdo.event()
 
     def _digits(self, torque_nm: float) -> int:
@@ -75,12 +78,6 @@ class CanopenSensor:
             return int.from_bytes(struct.pack("<f", digits), "little")
         most = (1 << self._value.bits - 1) - 1
         return min(max(round(digits), -most), most)
-
-    def _break(self) -> None:
-        """A sensor without a value says so once."""
-        if not self._broken:
-            self._broken = True
-            self.node.emergency(ERROR_NO_VALUE)
 
 
 def _mapping(field: TorqueField, value: int) -> tuple[int, ...]:

@@ -393,6 +393,19 @@ def test_the_heartbeat_stops_with_the_commands(drive, link, open_drive):
     assert len(drive.beats_ns) == before
 
 
+def test_a_drive_that_is_enabled_has_heard_our_heartbeat(drive, open_drive):
+    """Before that it does not watch: a host that died now would leave it enabled."""
+    amplifier = open_drive(watchdog=5.0)
+    for _ in range(2):
+        before = len(drive.beats_ns)
+        amplifier.enable()
+        enabled_ns = next(ns for ns, c in zip(drive.command_ns, drive.commands, strict=True) if c.controlword == 0x0F)
+        assert drive.beats_ns[before] <= enabled_ns
+        amplifier.stop()
+        drive.commands.clear()
+        drive.command_ns.clear()
+
+
 def test_enabling_feeds_the_watchdog(drive, open_drive):
     drive.refuses = {State.OPERATION_ENABLED}
     amplifier = open_drive(watchdog=0.02)

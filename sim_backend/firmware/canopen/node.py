@@ -104,8 +104,8 @@ class CanopenNode:
 
     def restart(self) -> None:
         """As after a failing supply: everything forgotten, a boot-up message when it is back."""
-        self.on_power_on()
         self._reset_communication()
+        self.on_power_on()
 
     def emergency(self, code: int) -> None:
         """Report an error; 0 says that all are gone."""

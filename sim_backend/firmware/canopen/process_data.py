@@ -21,7 +21,7 @@ _COB_MASK = 0x7FF
 class Pdo:
     """Communication and mapping parameters of one PDO in the object dictionary.
 
-    ``locked`` says whether the node is in a state in which its process data cannot be changed.
+    ``locked`` says whether the node is operational: its process data are then exchanged, and cannot be changed.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class SentPdo(Pdo):
 
     def event(self) -> None:
         """Something in it has changed."""
-        if self.enabled and not self.synchronous:
+        if self._locked() and self.enabled and not self.synchronous:
             self.send()
 
     def send(self) -> None:
