@@ -23,7 +23,7 @@ from drivers.codecs.canopen import NmtCommand
 from drivers.codecs.canopen_words import describe_nmt_state
 from drivers.codecs.cia402 import Controlword, Mode, Object, State
 from drivers.codecs.errors import CodecError
-from drivers.errors import DeviceError, DeviceTimeoutError, WiringError
+from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.inbox import Inbox
 from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
@@ -136,8 +136,6 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "Cia402Drive":
     Raises WiringError for a wrong option, ConnectionFailedError for the bus, DeviceError for the drive.
     """
     options = parse_options(Cia402Options, settings)
-    if options.node == options.master_node:
-        raise WiringError(f"[{settings.role}] node = {options.node} is our own (master_node); give one of them another")
     dictionary = load_dictionary(options.eds, options.node, settings.role)
     master = master_of(settings, link, options.master_node)
     drive = Cia402Drive(settings, options, Node(settings.role, options.node, dictionary, master, link), master, link)
@@ -170,7 +168,9 @@ class Cia402Drive:
         self._with_current = options.current_per_unit_a is not None
         self._command_id = protocol.receive_pdo_id(options.node)
         self._controlword: int = Controlword.DISABLE_VOLTAGE
+        self._carried = 0.0  # of the torque, in units: what the last command could not say
         self._enabled_wanted = False
+        self._fell_to: State | None = None  # where it went by itself from "Operation enabled"
         self._heard = False  # whether there has been a statusword
         self._watching = False  # whether the drive watches our heartbeat
         self._watch_ends = False  # whether it shall stop to do so once it is idle
@@ -211,23 +211,31 @@ class Cia402Drive:
             host_watch.arm(self.node, self._master.node, self.options.watchdog_s)
             self._master.beat_at_once()
             self._watching = True
-        ascent.climb(self, timeout_s)
-        self._enabled_wanted = True
+        try:
+            ascent.climb(self, timeout_s)
+        except BaseException:
+            self.stop()  # or the next command would go on from where it stands
+            raise
+        self._enabled_wanted, self._fell_to = True, None
         self._status = None
 
     def command(self, value: float) -> None:
         """Command a torque [N m]; also sends our heartbeat where it is due. Raises ConnectionFailedError, DeviceError.
 
-        The torque is rounded to the drive's unit.
+        The drive takes whole units. What rounding leaves is carried to the next command, so that torque is right on
+        average: rounded each for itself, equal commands would all be wrong by the same.
         """
         try:
-            payload = cia402.command_value(self._controlword, self.mode, round(value / self._torque_per_unit_nm))
+            wanted = value / self._torque_per_unit_nm + self._carried if value else 0.0
+            units = round(wanted)
+            payload = cia402.command_value(self._controlword, self.mode, units)
         except (CodecError, ValueError, OverflowError) as error:
             raise DeviceError(
                 f"{self.node.place}: cannot command a torque of {value} N*m; with torque_per_unit = "
                 f"{self.options.torque_per_unit_nm:g} N*m it takes up to "
                 f"{cia402.TARGET_MAX * self.options.torque_per_unit_nm:g} N*m"
             ) from error
+        self._carried = wanted - units
         self._master.port.send(self._command_id, payload)
         self._master.beat()
 
@@ -296,8 +304,8 @@ class Cia402Drive:
             return troubles
         if not self.node.operational and self.node.state is not None:
             return (f"left the exchange of process data (now {describe_nmt_state(self.node.state)})",)
-        if self._where is not State.OPERATION_ENABLED:
-            return (f'left "Operation enabled" without an error (now "{self._where.value}")',)
+        if self._fell_to is not None:
+            return (f'left "Operation enabled" without an error (for "{self._fell_to.value}")',)
         return ()
 
     # ---- Setting up ----------------------------------------------------------------------------------------------
@@ -393,10 +401,9 @@ class Cia402Drive:
         if self.node.heartbeat_ns is None or not self._heard:
             return DriveState.UNKNOWN
         where = self._where
-        enabled = where is State.OPERATION_ENABLED and self.node.operational
         if self.node.restarted or where in (State.FAULT, State.FAULT_REACTION):
             return DriveState.FAULT
-        if self._enabled_wanted and not enabled:
+        if self._enabled_wanted and not (self._fell_to is None and self.node.operational):
             return DriveState.FAULT
         return DriveState.ENABLED if where in _DRIVING else DriveState.IDLE
 
@@ -434,6 +441,11 @@ class Cia402Drive:
         self.statusword = statusword
         self._heard = True
         self._status = None
+        if self._enabled_wanted and self._where is not State.OPERATION_ENABLED:
+            # What it left by itself, commands must not bring it back to.
+            self._fell_to = self._fell_to or self._where
+            braking = self._where is State.QUICK_STOP
+            self._controlword = Controlword.QUICK_STOP if braking else Controlword.DISABLE_VOLTAGE
         if self._watch_ends and self._where not in _DRIVING:
             # Only now: until it has obeyed, its watch is what would stop it.
             self._watch_ends = False
@@ -442,6 +454,8 @@ class Cia402Drive:
 
     def _on_node_change(self) -> None:
         self._status = None
+        if self.node.restarted:
+            self._controlword = Controlword.DISABLE_VOLTAGE
         if not self.node.operational and self._heard and self._where in _DRIVING:
             with suppress(DeviceError):
                 self._ask_statusword()

@@ -39,10 +39,12 @@ class Node:
 
     ``restarted`` is set by a boot-up message that nobody asked for: what the device was told before is gone.
     ``emergencies`` are the codes of the errors that are active, in the order of their appearance. ``on_change`` is
-    called where any of these, or the heartbeat, has changed.
+    called where any of these, or the heartbeat, has changed. Raises WiringError where its node id is taken.
     """
 
     def __init__(self, role: str, node: int, dictionary: ObjectDictionary, master: Master, link: Link) -> None:
+        if node == master.node:
+            raise WiringError(f"[{role}] node = {node} is our own (master_node); give one of them another")
         self.role = role
         self.id = node
         self.place = f"[{role}] CANopen node {node} on {master.port.name}"

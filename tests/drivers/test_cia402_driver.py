@@ -564,6 +564,20 @@ def test_a_position_that_wraps_goes_on(drive, link, open_drive, start, step):
     assert steps == pytest.approx([step * math.tau / COUNTS] * 2, rel=1e-6)
 
 
+def test_torque_is_right_on_average_though_the_drive_takes_whole_units(drive, open_drive):
+    amplifier = open_drive()
+    drive.commands.clear()
+    for _ in range(1000):
+        amplifier.command(0.0123)
+    targets = [command.target for command in drive.commands]
+    assert set(targets) == {12, 13}
+    assert sum(targets) == pytest.approx(12_300, abs=1)
+    amplifier.command(0.0)
+    assert drive.commands[-1].target == 0
+    amplifier.command(-0.0004)
+    assert drive.commands[-1].target == 0  # nothing is left of what was before the zero
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e6, -32.9])
 def test_a_torque_that_cannot_be_commanded(drive, open_drive, value):
     amplifier = open_drive()
@@ -623,7 +637,7 @@ def test_a_fault_is_told_in_words(drive, link, open_drive):
     assert amplifier.status().errors == ("continuous over-current in the motor (0x2310)",)
     drive.emergency(0)
     link.poll()
-    assert amplifier.status().errors == ('left "Operation enabled" without an error (now "Fault")',)
+    assert amplifier.status().errors == ('left "Operation enabled" without an error (for "Fault")',)
 
 
 def test_leaving_operation_enabled_is_a_fault(drive, link, open_drive):
@@ -633,7 +647,39 @@ def test_leaving_operation_enabled_is_a_fault(drive, link, open_drive):
     drive.report()
     link.poll()
     assert amplifier.status().state is DriveState.FAULT
-    assert amplifier.status().errors == ('left "Operation enabled" without an error (now "Switch on disabled")',)
+    assert amplifier.status().errors == ('left "Operation enabled" without an error (for "Switch on disabled")',)
+
+
+@pytest.mark.parametrize(
+    ("left_to", "controlword"),
+    [(State.SWITCHED_ON, OFF), (State.READY, OFF), (State.FAULT, OFF), (State.QUICK_STOP, Controlword.QUICK_STOP)],
+)
+def test_commands_do_not_bring_it_back(drive, link, open_drive, left_to, controlword):
+    amplifier = open_drive()
+    amplifier.enable()
+    drive.where = left_to
+    drive.step = lambda controlword: None
+    drive.report()
+    link.poll()
+    amplifier.command(0.1)
+    assert drive.commands[-1].controlword == controlword
+    drive.where = State.OPERATION_ENABLED  # by whatever hand
+    drive.report()
+    link.poll()
+    amplifier.command(0.1)
+    assert drive.commands[-1].controlword == controlword
+    assert amplifier.status().state is DriveState.FAULT
+
+
+def test_a_failed_enabling_leaves_nothing_half_way(drive, open_drive):
+    drive.refuses = {State.OPERATION_ENABLED}
+    amplifier = open_drive()
+    with pytest.raises(DeviceTimeoutError):
+        amplifier.enable(timeout_s=0.05)
+    drive.refuses = set()
+    amplifier.command(0.0)
+    assert drive.where is State.SWITCH_ON_DISABLED
+    assert drive.commands[-1].controlword == OFF
 
 
 def test_leaving_the_exchange_of_process_data_is_a_fault(drive, link, open_drive):
