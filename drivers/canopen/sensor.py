@@ -184,7 +184,7 @@ class CanopenSensor:
 
     def _lives(self, now_ns: int) -> bool:
         heartbeat_ns = self.node.heartbeat_ns
-        if heartbeat_ns is None or self.node.restarted or not self.node.operational:
+        if heartbeat_ns is None or not self.node.operational:
             return False
         return now_ns - heartbeat_ns <= self.node.heartbeat_timeout_ns
 
@@ -200,7 +200,7 @@ class CanopenSensor:
 
     def _on_torque(self, data: bytearray, arrival_ns: int) -> None:
         torque_nm = self._scale_nm * self._field.decode(data)
-        if self.node.restarted:
+        if not self.node.operational:
             return
         if self._on_change:
             self._say_again(arrival_ns)

@@ -106,7 +106,7 @@ def heartbeat_of(data: bytes | bytearray) -> NmtState:
     if len(data) != 1:
         raise CodecError(f"heartbeat: {len(data)} bytes instead of 1")
     try:
-        return NmtState(data[0] & 0x7F)  # the highest bit toggles in the older node guarding
+        return NmtState(data[0])
     except ValueError as error:
         raise CodecError(f"heartbeat: unknown state 0x{data[0]:02X}") from error
 
