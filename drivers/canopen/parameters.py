@@ -37,9 +37,17 @@ class PolledClient(SdoClient):
         super().on_response(can_id, data, timestamp)
 
     def request_response(self, sdo_request: bytearray) -> bytes:
+        """Ask again once: a frame may be lost on its way through an adapter."""
+        try:
+            return self._answer_to(sdo_request)
+        except SdoCommunicationError:
+            self.unasked -= 1  # the first answer may still come
+            return self._answer_to(sdo_request)
+
+    def _answer_to(self, request: bytearray) -> bytes:
         self.asking = True
         try:
-            return bytes(super().request_response(sdo_request))
+            return bytes(super().request_response(request))
         finally:
             self.asking = False
 

@@ -27,8 +27,10 @@ OPTION_UNITS = {"scale": "N*m", "range": "N*m", "heartbeat": "s", "period": "s"}
 OPTION_FILES = ("eds",)  # may stand beside the rig file
 
 _STATUS_PDO = 2
-# A value that is late by less than this many periods is only late, and not the same as before.
-_LATE_PERIODS = 1.5
+# Between two frames further apart than this, values were left out.
+_GAP_PERIODS = 1.5
+# No frame for so long is no longer a late one. Below the least age at which a reading is stale.
+_SILENCE_PERIODS = 3.0
 _CATCH_UP_PERIODS = 100
 
 
@@ -123,7 +125,6 @@ class CanopenSensor:
         self._status: int | None = None
         self._torque_nm: float | None = None  # the last value
         self._stamp_ns = 0  # of the last reading
-        self._patience_ns = round(_LATE_PERIODS * self._period_ns)
         self._readings: Inbox[TorqueReading] = Inbox()
         node.listen(options.torque_id, self._on_torque)
         if options.status_mask:
@@ -167,19 +168,19 @@ class CanopenSensor:
 
     def take_torque(self) -> list[TorqueReading]:
         if self._on_change:
-            self._say_again(self._link.clock.now_ns())
+            self._say_again(self._link.clock.now_ns(), round(_SILENCE_PERIODS * self._period_ns))
         return self._readings.take()
 
-    def _say_again(self, until_ns: int) -> None:
+    def _say_again(self, until_ns: int, patience_ns: int) -> None:
         """What is not sent has not changed, while the sensor lives: a reading for each value that it left out.
 
         Each bears the time at which its frame would have come, so that readings stay as regular as the sensor is.
         """
-        if self._torque_nm is None or until_ns - self._stamp_ns < self._patience_ns or not self._lives(until_ns):
+        if self._torque_nm is None or until_ns - self._stamp_ns < patience_ns or not self._lives(until_ns):
             return
         if until_ns - self._stamp_ns > _CATCH_UP_PERIODS * self._period_ns:
-            self._stamp_ns = until_ns - self._patience_ns  # nobody was here to take them
-        while until_ns - self._stamp_ns >= self._patience_ns:
+            self._stamp_ns = until_ns - patience_ns  # nobody was here to take them
+        while until_ns - self._stamp_ns >= patience_ns:
             self._put(self._torque_nm, self._stamp_ns + self._period_ns)
 
     def _lives(self, now_ns: int) -> bool:
@@ -203,7 +204,7 @@ class CanopenSensor:
         if not self.node.operational:
             return
         if self._on_change:
-            self._say_again(arrival_ns)
+            self._say_again(arrival_ns, round(_GAP_PERIODS * self._period_ns))
         self._torque_nm = torque_nm
         self._put(torque_nm, arrival_ns)
 

@@ -73,7 +73,7 @@ def test_silence_with_a_heartbeat_is_the_same_value_again(peer, link, open_senso
     sensor = open_sensor()
     peer.value(100)
     readings = run(link, sensor, 300)
-    assert len(readings) == pytest.approx(300, abs=2)
+    assert len(readings) == pytest.approx(300, abs=3)
     assert {reading.torque_nm for reading in readings} == {0.1}
     assert {b.arrival_ns - a.arrival_ns for a, b in pairwise(readings)} == {MS}
     assert [reading.sequence for reading in readings] == list(range(len(readings)))
@@ -95,15 +95,15 @@ def test_a_value_left_out_here_and_there_leaves_readings_as_regular_as_the_senso
     assert digits[:10] == [0, 1, 1, 1, 4, 5, 6, 6, 6, 9]
 
 
-def test_a_value_that_is_a_little_late_is_not_said_twice(world, peer, link, open_sensor):
+def test_a_value_that_is_late_is_waited_for(world, peer, link, open_sensor):
     sensor = open_sensor()
     peer.value(1)
     link.poll()
-    world.clock.ns += round(1.4 * MS)
+    world.clock.ns += round(2.9 * MS)
     assert len(sensor.take_torque()) == 1
     peer.value(2)
     link.poll()
-    assert [reading.torque_nm for reading in sensor.take_torque()] == [0.002]
+    assert [reading.torque_nm for reading in sensor.take_torque()] == [0.001, 0.001, 0.002]  # two were left out
 
 
 def test_without_its_heartbeat_silence_is_silence(world, peer, link, open_sensor):
@@ -155,7 +155,7 @@ def test_after_a_pause_of_ours_old_values_are_not_made_up(world, peer, link, ope
     world.clock.ns += 10_000 * MS  # the host was busy: nobody polled
     peer.heartbeat()
     link.poll()
-    assert 1 <= len(sensor.take_torque()) <= 2
+    assert 1 <= len(sensor.take_torque()) <= 3
 
 
 @pytest.mark.parametrize("send", ["always", "sync", "timer"])

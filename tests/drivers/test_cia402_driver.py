@@ -178,6 +178,21 @@ def test_a_drive_that_does_not_start(drive, open_drive):
         open_drive()
 
 
+def test_a_lost_frame_is_asked_for_again(drive, open_drive):
+    """Were only one lost, an adapter that loses one now and then would make every set-up fail."""
+    answer, asked = drive.answer, []
+
+    def losing(request):
+        asked.append(request)
+        if len(asked) % 7 != 1:
+            answer(request)
+
+    drive.answer = losing
+    amplifier = open_drive()
+    drive.answer = answer
+    assert amplifier.identify().firmware == "7.1"
+
+
 # ---- Who it is ------------------------------------------------------------------------------------------------------
 
 
