@@ -2,13 +2,23 @@
 
 from collections.abc import Callable, Mapping
 
+from drivers.odrive import ODriveOptions
+from drivers.options import parse_options
 from sim_backend.firmware.bota import BotaSensor
 from sim_backend.firmware.dbc_sensor import DbcSensor
 from sim_backend.firmware.odrive import ODriveAxis
+from sim_backend.firmware.odrive_05 import ODrive05Axis
 from sim_backend.firmware.site import Firmware, Site
 
+
+def _odrive(site: Site) -> Firmware:
+    """The axis with the firmware that the rig names."""
+    options = parse_options(ODriveOptions, site.settings)
+    return ODrive05Axis(site) if options.firmware == "0.5" else ODriveAxis(site)
+
+
 FIRMWARE: Mapping[str, Callable[[Site], Firmware]] = {
-    "odrive": ODriveAxis,
+    "odrive": _odrive,
     "bota": BotaSensor,
     "dbc": DbcSensor,
 }
