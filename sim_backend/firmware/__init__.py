@@ -4,8 +4,11 @@ from collections.abc import Callable, Mapping
 
 from drivers.odrive import ODriveOptions
 from drivers.options import parse_options
+from sim_backend.firmware.ascii_lines import AsciiSensor
 from sim_backend.firmware.bota import BotaSensor
 from sim_backend.firmware.dbc_sensor import DbcSensor
+from sim_backend.firmware.dyn200 import Dyn200Sensor
+from sim_backend.firmware.mantracourt import MantracourtSensor
 from sim_backend.firmware.odrive import ODriveAxis
 from sim_backend.firmware.odrive_05 import ODrive05Axis
 from sim_backend.firmware.site import Firmware, Site
@@ -19,6 +22,9 @@ def _odrive(site: Site) -> Firmware:
 
 FIRMWARE: Mapping[str, Callable[[Site], Firmware]] = {
     "odrive": _odrive,
+    "ascii": AsciiSensor,
     "bota": BotaSensor,
     "dbc": DbcSensor,
+    "dyn200": Dyn200Sensor,
+    "mantracourt": MantracourtSensor,
 }

@@ -53,8 +53,12 @@ class FakeBus(can.BusABC):
 
 
 class FakeLine:
+    """What is written goes to ``peer``; what the peer puts into ``arriving`` is read."""
+
     def __init__(self) -> None:
         self.arriving = b""
+        self.sent: list[bytes] = []
+        self.peer: Callable[[bytes], None] = lambda _data: None
 
     @property
     def in_waiting(self) -> int:
@@ -65,6 +69,8 @@ class FakeLine:
         return data
 
     def write(self, data: bytes, /) -> int:
+        self.sent.append(data)
+        self.peer(data)
         return len(data)
 
     def close(self) -> None:
