@@ -194,7 +194,8 @@ class PolledDyn200:
     def _read_decimals(self) -> int | None:
         """None for a sensor of the family that has no such register."""
         self._other_answer, refusals = None, self.refusals
-        self._next = ReadRequest(self._options.station, DECIMALS_REGISTER, NUMBER_REGISTERS)
+        # A number more than is wanted: no answer to another question can then be taken for this one's.
+        self._next = ReadRequest(self._options.station, DECIMALS_REGISTER, 2 * NUMBER_REGISTERS)
         try:
             wait_until(
                 lambda: self._other_answer is not None or self.refusals > refusals, self._link, DECIMALS_WITHIN_S
@@ -221,4 +222,4 @@ class PolledDyn200:
         elif asked is self._torque:
             self._readings.put(number_of(answer.data), complete_ns, asked_ns)
         else:
-            self._other_answer = number_of(answer.data)
+            self._other_answer = number_of(answer.data[: 2 * NUMBER_REGISTERS])

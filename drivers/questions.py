@@ -11,6 +11,9 @@ ANSWERS_THAT_TELL = 2
 class Questions:
     """Asks again as soon as the last answer is there, or after ``timeout_s`` where none came.
 
+    Answers do not say what they answer. One that comes after a question was given up may be that question's own, late;
+    so nothing more is asked until the other, if there is one, must have come too, and found nobody waiting.
+
     ``ask`` sends the question. ``pause_s`` is how long the device or its line wants to be left alone after an answer.
     ``answers`` and ``unanswered`` count. While ``hushed``, nothing is asked.
     """
@@ -25,6 +28,7 @@ class Questions:
         self._pause_ns = round(pause_s * 1e9)
         self._asked_ns: int | None = None
         self._overdue = False
+        self._given_up = False  # whether the question before the present one got no answer
         self._free_ns = 0  # when the next question may be asked
         link.questions.append(self.ask_if_due)
 
@@ -35,6 +39,7 @@ class Questions:
             return
         if self._asked_ns is None:
             if now_ns >= self._free_ns:
+                self._given_up = False
                 self._send(now_ns)
         elif now_ns < self._asked_ns + self._timeout_ns:
             return
@@ -43,6 +48,7 @@ class Questions:
             self._overdue = True
         else:
             self.unanswered += 1
+            self._given_up = True
             self._send(now_ns)
 
     def answered(self, arrival_ns: int) -> int | None:
@@ -54,7 +60,7 @@ class Questions:
         if asked_ns is not None:
             self.answers += 1
             self._asked_ns = None
-            self._free_ns = arrival_ns + self._pause_ns
+            self._free_ns = asked_ns + self._timeout_ns if self._given_up else arrival_ns + self._pause_ns
             # At once rather than at the next poll: a tick is as long as some devices take to answer. But a device that
             # takes no time at all must not keep the poll from ending.
             if self._clock.now_ns() > asked_ns:

@@ -22,6 +22,7 @@ STATION_MAX: Final = 120
 TORQUE_REGISTER: Final = 0x0000  # each number is an i32 in two registers
 SPEED_REGISTER: Final = 0x0002
 DECIMALS_REGISTER: Final = 0x0008
+ZERO_AT_START_REGISTER: Final = 0x000A  # 1 where it takes the torque at power-on for zero
 NUMBER_REGISTERS: Final = 2
 
 _NUMBER = Struct(">i")

@@ -81,6 +81,7 @@ class Dyn200Sensor:
             dyn200.TORQUE_REGISTER: self._digits,
             dyn200.SPEED_REGISTER: self._speed_rpm(),
             dyn200.DECIMALS_REGISTER: self._decimals(),
+            dyn200.ZERO_AT_START_REGISTER: 0,
         }
 
     def _decimals(self) -> int:

@@ -27,7 +27,7 @@ import sys
 from pymodbus.server import StartSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-numbers = [SimData(0, values=[-1234, 60], datatype=DataType.INT32), SimData(8, values=3, datatype=DataType.INT32)]
+numbers = [SimData(0, values=[-1234, 60], datatype=DataType.INT32), SimData(8, values=[3, 0], datatype=DataType.INT32)]
 device = SimDevice(1, simdata=numbers if sys.argv[2] == "all" else numbers[1:])
 print("ready", flush=True)
 StartSerialServer(device, port=sys.argv[1], baudrate=115200, ignore_missing_devices=True)

@@ -115,7 +115,7 @@ def test_it_answers_its_own_address_alone(asked: Host) -> None:
 
 def test_several_numbers_at_once(asked: Host) -> None:
     assert asked.ask(with_crc("05 03 0000 0004")) == with_crc("05 03 08 FFFFFF06 00000000")
-    assert asked.ask(with_crc("05 03 0008 0002")) == with_crc("05 03 04 00000003")
+    assert asked.ask(with_crc("05 03 0008 0004")) == with_crc("05 03 08 00000003 00000000")
     assert asked.ask(with_crc("05 03 0001 0001")) == with_crc("05 03 02 FF06")
 
 
