@@ -8,20 +8,20 @@ from typing import Literal
 
 from pydantic import Field
 
-from drivers.codecs.bota import BAUD, FRAME_LENGTH, BotaFrame, BotaStream
-from drivers.errors import DeviceTimeoutError
+from drivers.codecs.bota import BAUD, FRAME_LENGTH, BotaFrame, BotaStream, describe_status
+from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.inbox import Inbox
 from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import SerialPort
 from drivers.readings import DeviceIdentity, TorqueReading
+from drivers.stamps import ByteStamps
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
 CONNECTION = "serial"
 OPTION_UNITS = {"range": "N*m"}
 
-BITS_PER_BYTE = 10  # start, eight data bits, stop
 _CLOCK_WRAP_US = 1 << 32
 
 
@@ -49,8 +49,8 @@ class BotaSensor:
         self._port = port
         self._link = link
         self._direction = settings.direction
-        self._last_ns = 0  # arrival of the last reading
-        self._byte_ns = BITS_PER_BYTE * 1e9 / options.baud
+        self._stamps = ByteStamps(options.baud)
+        self._status = 0  # of the last frame
         self._field = BotaFrame._fields.index(f"torque_{options.axis}_nm")
         self._readings: Inbox[TorqueReading] = Inbox()
         self._clock = _UnwrappedClock()
@@ -66,13 +66,18 @@ class BotaSensor:
         return self._options.range_nm
 
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
-        """Wait for a frame: the sensor sends nothing else of itself while it streams."""
+        """Wait for a frame: the sensor sends nothing else of itself while it streams.
+
+        Raises DeviceTimeoutError where none comes, DeviceError for a sensor that says that it is not well.
+        """
         before = self._readings.count
         if not wait_until(lambda: self._readings.count > before, self._link, timeout_s):
             raise DeviceTimeoutError(
                 f"[{self.role}] Bota sensor on {self._port.name}: no frame in {timeout_s:g} s "
                 f"({self.stream.discarded_bytes} bytes that are none); check power, port and baud {self._options.baud}"
             )
+        if words := describe_status(self._status):
+            raise DeviceError(f"[{self.role}] Bota sensor on {self._port.name}: says that {'; '.join(words)}")
         return DeviceIdentity(driver="bota", address=self._port.name)
 
     def take_torque(self) -> list[TorqueReading]:
@@ -80,16 +85,11 @@ class BotaSensor:
 
     def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
         frames = self.stream.feed(data)
-        if not frames:
-            return
-        # Bytes come one by one: a frame was complete before those that followed it in the same chunk.
         later_bytes = self.stream.pending_bytes + FRAME_LENGTH * len(frames)
         for frame in frames:
             later_bytes -= FRAME_LENGTH
-            # Adapters that pile bytes up hand them over closer together than they can have come.
-            complete_ns = arrival_ns - round(later_bytes * self._byte_ns)
-            self._last_ns = max(self._last_ns, complete_ns)
-            self._readings.put(self._reading(frame, self._last_ns))
+            self._status = frame.status
+            self._readings.put(self._reading(frame, self._stamps.complete_ns(arrival_ns, later_bytes)))
 
     def _reading(self, frame: BotaFrame, arrival_ns: int) -> TorqueReading:
         return TorqueReading(

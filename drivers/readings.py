@@ -30,7 +30,8 @@ class CurrentReading(NamedTuple):
 class TorqueReading(NamedTuple):
     """Torque that the actuator exerts on the load, at the port.
 
-    ``device_ns`` is the sensor's own clock where it sends one (unwrapped, its epoch arbitrary), else None.
+    ``device_ns`` is the sensor's own clock where it sends one (unwrapped, its epoch arbitrary), and for a sensor that
+    has to be asked the instant of the question, from which its measurement is a constant time away; else None.
     """
 
     sequence: int

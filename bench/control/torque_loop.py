@@ -5,6 +5,9 @@ from math import exp
 
 from bench.control.design import TorqueGains
 
+# A shaft that moves is taken to have been moving so for this long.
+MOVING_S = 0.1
+
 
 @dataclass
 class TorqueLoop:
@@ -25,21 +28,24 @@ class TorqueLoop:
     _farthest_rad: float = field(default=0.0, init=False)
 
     def begin(self, torque_nm: float, position_rad: float, velocity_rad_s: float) -> None:
-        """Sticking, until the shaft has moved."""
+        """Sticking where the shaft is at rest; one that moves has slid, and its damping ended long ago."""
         self._torque_nm = torque_nm
-        self._turned_at_rad = self._farthest_rad = position_rad
-        self._damping_nm = -self.gains.damping_nms_rad * velocity_rad_s
+        self._turned_at_rad, self._farthest_rad = position_rad - MOVING_S * velocity_rad_s, position_rad
+        self._damping_nm = -self._sticking(position_rad) * self.gains.damping_nms_rad * velocity_rad_s
 
     def change_nm(self, torque_nm: float, position_rad: float, velocity_rad_s: float, *, bold: bool) -> float:
         """What to add to the last command; not ``bold`` where little is left to mend, and noise would be most of it."""
         self._follow(position_rad)
-        sticking = exp(-abs(position_rad - self._turned_at_rad) / self.turn_rad)
+        sticking = self._sticking(position_rad)
         boost = self.gains.boost + (1 - self.gains.boost) * sticking if bold else 1.0
         rise_nm, self._torque_nm = torque_nm - self._torque_nm, torque_nm
         damping_nm = -sticking * self.gains.damping_nms_rad * velocity_rad_s
         damped_nm, self._damping_nm = damping_nm - self._damping_nm, damping_nm
         feedback_nm = self.gains.proportional * rise_nm + self.gains.integral_per_s * self.tick_s * torque_nm
         return boost * feedback_nm + damped_nm
+
+    def _sticking(self, position_rad: float) -> float:
+        return exp(-abs(position_rad - self._turned_at_rad) / self.turn_rad)
 
     def _follow(self, position_rad: float) -> None:
         direction = self._farthest_rad - self._turned_at_rad

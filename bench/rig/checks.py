@@ -124,6 +124,17 @@ def _stall(draft: Draft) -> Found:
             )
 
 
+def _lost_answers(draft: Draft) -> Found:
+    """One answer lost by a sensor that has to be asked must not end the experiment."""
+    timeout_s = draft.options.get("torque_sensor", {}).get("timeout")
+    if draft.limits is not None and isinstance(timeout_s, float) and timeout_s >= draft.limits.stale_after_s:
+        yield (
+            "[torque_sensor] timeout",
+            f"{timeout_s * 1e3:g} ms is not below [limits] stale_after = {draft.limits.stale_after_s * 1e3:g} ms: one "
+            "lost answer would end the experiment; shorten timeout or lengthen stale_after",
+        )
+
+
 def _torque_limits(draft: Draft) -> Found:
     if draft.limits is None:
         return
@@ -177,6 +188,7 @@ CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _interfaces,
     _timing,
     _stall,
+    _lost_answers,
     _torque_limits,
     _twist,
     _command_limit,

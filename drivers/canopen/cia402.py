@@ -31,6 +31,7 @@ from drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveSt
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
+CONNECTION = "can"
 OPTION_UNITS = {
     "torque_per_unit": "N*m",
     "velocity_per_unit": "rad/s",

@@ -23,6 +23,7 @@ from drivers.readings import DeviceIdentity, TorqueReading
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
+CONNECTION = "can"
 OPTION_UNITS = {"scale": "N*m", "range": "N*m", "heartbeat": "s", "period": "s"}
 OPTION_FILES = ("eds",)  # may stand beside the rig file
 

@@ -1,9 +1,9 @@
 """Bota Systems force-torque sensors, binary serial format: bytes to frames and back, fed in pieces of any size.
 
 A frame is 0xAA, 34 bytes little-endian (status u16, Fx Fy Fz Mx My Mz f32, time u32 [µs], temperature f32) and a
-CRC-16/X-25 of those 34 bytes, low byte first. Source: Bota Systems, "Rokubi / SensONE serial communication" and the
-maker's published serial driver. Nothing marks the frame's start but the byte 0xAA, which also occurs inside frames,
-so that only a matching CRC tells a frame.
+CRC-16/X-25 of those 34 bytes, low byte first. Nothing marks the frame's start but the byte 0xAA, which also occurs
+inside frames, so that only a matching CRC tells a frame. Sources: Bota Systems, "Rokubi / SensONE serial
+communication"; the maker's published driver ``rokubimini_serial``, which names the status bits below.
 """
 
 from math import isfinite
@@ -17,16 +17,24 @@ HEADER: Final = 0xAA
 BAUD: Final = 460_800
 FRAME_LENGTH: Final = 37
 
-STATUS_WORDS: Final = (
-    (1 << 0, "the sensor's processing took too long"),
-    (1 << 1, "overrange"),
-    (1 << 2, "invalid measurement"),
-    (1 << 3, "raw, uncalibrated measurement"),
+_STATUS_WORDS: Final = (
+    (1 << 0, "it skips measurements: set a longer filter in the sensor"),
+    (1 << 1, "its range is exceeded"),
+    (1 << 2, "its measurements are invalid: it may be damaged"),
+    (1 << 3, "its measurements are raw: it has no calibration"),
 )
+_STATUS_BITS_KNOWN: Final = sum(bit for bit, _ in _STATUS_WORDS)
 
 _PAYLOAD = Struct("<H6fIf")
 _CRC = Struct("<H")
 _FRAME = Struct("<xH6fIfH")
+
+
+def describe_status(status: int) -> tuple[str, ...]:
+    """A frame's status in words, lowest bit first; empty where all is well."""
+    words = tuple(text for bit, text in _STATUS_WORDS if status & bit)
+    unknown = status & ~_STATUS_BITS_KNOWN
+    return (*words, f"unknown status bits 0x{unknown:04X}") if unknown else words
 
 
 class BotaFrame(NamedTuple):

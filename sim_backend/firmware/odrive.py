@@ -1,14 +1,15 @@
 """An ODrive axis, firmware 0.6, in torque control, as it behaves on CAN.
 
 Source: ODrive manual, "CAN Protocol" (messages, cyclic rates, watchdog fed by every frame to the axis), and the API
-reference, "ODrive.Axis", "ODrive.Error". Cyclic messages come at the rates a bench would configure: estimates at
-1 kHz, current at 100 Hz, the rest at 10 Hz. Only torque control with passed-through input is emulated.
+reference, "ODrive.Axis", "ODrive.Error", ``axis.config.enable_watchdog`` and ``axis.config.watchdog_timeout``. Cyclic
+messages come at the rates a bench would configure: estimates at 1 kHz, current at 100 Hz, the rest at 10 Hz. Only
+torque control with passed-through input is emulated.
 """
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import inf, isnan, nan, tau
-from typing import Protocol, cast
+from math import isfinite, isnan, nan
+from typing import Protocol
 
 import can
 
@@ -17,19 +18,15 @@ from drivers.codecs.errors import CodecError
 from drivers.codecs.odrive import AxisState, Command
 from drivers.odrive import ODriveOptions
 from drivers.options import parse_options
-from sim_backend.firmware.heating import Heating
+from sim_backend.firmware.odrive_motor import SUPPLY_V, Motor
 from sim_backend.firmware.site import DriveFault, Site
 from sim_backend.firmware.watchdog import Watchdog
-from sim_backend.plant import Machine
 
 ENCODER_PERIOD_NS = 1_000_000
 IQ_PERIOD_NS = 10_000_000
 SLOW_PERIOD_NS = 100_000_000
 
 VERSION = odrive.Version(protocol=2, hardware=(4, 4, 58), firmware=(0, 6, 10))
-TORQUE_CONTROL = (odrive.ControlMode.TORQUE, odrive.InputMode.PASSTHROUGH)
-SUPPLY_V = 24.0
-WINDING_OHM = 0.1
 
 RESULT_SUCCESS = 0
 RESULT_DISARMED = 3
@@ -57,16 +54,10 @@ class ODriveAxis:
         self.active_errors = 0
         self.disarm_reason = 0
         self.axis_state = AxisState.IDLE
-        self.heating = Heating()
+        self.motor = Motor(site, input_nm=nan)
         self._result = RESULT_SUCCESS
-        self._mode: tuple[int, int] = (odrive.ControlMode.POSITION, odrive.InputMode.PASSTHROUGH)
-        self._input_nm = nan
-        self._limit_nm = inf
-        self._frozen: tuple[float, float] | None = None
-        self._plant = site.world.plant
-        self._machine = cast(Machine, site.settings.role)
-        self._amperes_per_nm = _amperes_per_nm(site)
-        self._watchdog = Watchdog(site.world, options, self._starve)
+        self._watchdog = Watchdog(site.world, self._starve)
+        self._parameters = _Parameters(options, self._watchdog)
         self._node = options.node
         self._ids = {command: odrive.arbitration_id(options.node, command) for command in Command}
         self._estimates_id = self._ids[Command.ENCODER_ESTIMATES]
@@ -79,20 +70,20 @@ class ODriveAxis:
     def fail(self, error_bits: int) -> None:
         """Raise errors: an armed axis is disarmed, and stays so until the errors are cleared."""
         self.active_errors |= error_bits
-        if self.axis_state == AxisState.CLOSED_LOOP_CONTROL:
+        if self.armed:
             self.disarm_reason = error_bits
             self._go_idle(RESULT_DISARMED)
 
     @property
     def armed(self) -> bool:
-        return self.axis_state == AxisState.CLOSED_LOOP_CONTROL
+        return self.motor.armed
 
     def break_down(self, fault: DriveFault) -> None:
         self.fail(ERROR_BITS[fault])
 
     def freeze(self) -> None:
         """From now on report the position and velocity of this instant."""
-        self._frozen = self._estimates()
+        self.motor.freeze()
 
     def _start(self, site: Site) -> None:
         site.cyclic(ENCODER_PERIOD_NS, self._send_estimates)
@@ -103,17 +94,16 @@ class ODriveAxis:
     # ---- what it says ----
 
     def _message_getters(self) -> Mapping[int, Callable[[], _Answer]]:
+        motor = self.motor
         return {
             Command.VERSION: lambda: VERSION,
             Command.HEARTBEAT: lambda: odrive.Heartbeat(self.active_errors, self.axis_state, self._result),
             Command.ERROR: lambda: odrive.GetError(self.active_errors, self.disarm_reason),
-            Command.ENCODER_ESTIMATES: lambda: odrive.EncoderEstimates(*self._estimates()),
-            Command.IQ: lambda: odrive.Iq(self._target_nm() * self._amperes_per_nm, self._measure_current_a()),
-            Command.TEMPERATURE: lambda: odrive.Temperature(self.heating.temperature_c, nan),
-            Command.BUS_VOLTAGE_CURRENT: lambda: odrive.BusVoltageCurrent(SUPPLY_V, self._supply_current_a()),
-            Command.TORQUES: lambda: odrive.Torques(
-                self._target_nm(), self._measure_current_a() / self._amperes_per_nm
-            ),
+            Command.ENCODER_ESTIMATES: lambda: odrive.EncoderEstimates(*motor.estimates()),
+            Command.IQ: lambda: odrive.Iq(motor.target_a(), motor.current_a()),
+            Command.TEMPERATURE: lambda: odrive.Temperature(motor.heating.temperature_c, nan),
+            Command.BUS_VOLTAGE_CURRENT: lambda: odrive.BusVoltageCurrent(SUPPLY_V, motor.supply_current_a()),
+            Command.TORQUES: lambda: odrive.Torques(motor.target_nm(), motor.torque_nm()),
         }
 
     def _answer(self, command: int) -> None:
@@ -123,27 +113,13 @@ class ODriveAxis:
         self._answer(command)
 
     def _send_estimates(self, _stamp_ns: int) -> None:
-        self._plug.send(self._estimates_id, odrive.estimates_value(*self._estimates()))
+        self._plug.send(self._estimates_id, odrive.estimates_value(*self.motor.estimates()))
 
     def _send_current(self, _stamp_ns: int) -> None:
-        self.heating.carry(self._plant.true_current_a(self._machine), IQ_PERIOD_NS * 1e-9)
-        if self.heating.too_hot:
+        self.motor.warm_up(IQ_PERIOD_NS * 1e-9)
+        if self.motor.heating.too_hot:
             self.fail(ERROR_INVERTER_TOO_HOT)
         self._answer(Command.IQ)
-
-    def _estimates(self) -> tuple[float, float]:
-        """Position [turns] and velocity [turns/s]."""
-        if self._frozen is not None:
-            return self._frozen
-        plant, machine = self._plant, self._machine
-        return plant.encoder_position_rad(machine) / tau, plant.encoder_velocity_rad_s(machine) / tau
-
-    def _measure_current_a(self) -> float:
-        return self._plant.current_a(self._machine)
-
-    def _supply_current_a(self) -> float:
-        """What the supply sees of the winding's losses."""
-        return WINDING_OHM * self._plant.true_current_a(self._machine) ** 2 / SUPPLY_V
 
     # ---- what it does when told ----
 
@@ -154,7 +130,7 @@ class ODriveAxis:
             Command.SET_AXIS_STATE: lambda data: self._request(odrive.SetAxisState.decode(data).axis_state),
             Command.SET_CONTROLLER_MODE: self._set_controller_mode,
             Command.SET_INPUT_TORQUE: self._set_input_torque,
-            Command.SET_LIMITS: self._set_limits,
+            Command.SET_LIMITS: lambda data: self.motor.limit(odrive.SetLimits.decode(data).current_a),
             Command.CLEAR_ERRORS: self._clear_errors,
         }
 
@@ -177,20 +153,16 @@ class ODriveAxis:
 
     def _set_input_torque(self, data: bytearray) -> None:
         try:
-            self._input_nm = odrive.torque_of(data)
+            self.motor.input_nm = odrive.torque_of(data)
         except CodecError:
             self.fail(ERROR_MISSING_INPUT)  # a torque that is no number
             return
-        self._drive()
-
-    def _set_limits(self, data: bytearray) -> None:
-        self._limit_nm = abs(odrive.SetLimits.decode(data).current_a) / self._amperes_per_nm
-        self._drive()
+        self.motor.drive()
 
     def _set_controller_mode(self, data: bytearray) -> None:
         mode = odrive.SetControllerMode.decode(data)
-        self._mode = (mode.control_mode, mode.input_mode)
-        if self.armed and self._mode != TORQUE_CONTROL:
+        self.motor.mode = (mode.control_mode, mode.input_mode)
+        if self.armed and not self.motor.in_torque_control:
             self.fail(ERROR_BAD_CONFIGURATION)
 
     def _clear_errors(self, _data: bytearray) -> None:
@@ -199,9 +171,9 @@ class ODriveAxis:
     def _access_parameter(self, data: bytearray) -> None:
         request = odrive.RxSdo.decode(data)
         if request.opcode == odrive.SdoOpcode.WRITE:
-            self._watchdog.write(request.endpoint, request.value)
+            self._parameters.write(request.endpoint, request.value)
             return
-        value = self._watchdog.read(request.endpoint)
+        value = self._parameters.read(request.endpoint)
         if value is not None:
             self._plug.send(self._ids[Command.TX_SDO], odrive.TxSdo(request.endpoint, value).encode())
 
@@ -218,9 +190,9 @@ class ODriveAxis:
             self._result = RESULT_INVALID_STATE
 
     def _close_loop(self) -> None:
-        if self._mode != TORQUE_CONTROL:
+        if not self.motor.in_torque_control:
             self.active_errors |= ERROR_BAD_CONFIGURATION
-        elif isnan(self._input_nm):
+        elif isnan(self.motor.input_nm):
             self.active_errors |= ERROR_MISSING_INPUT
         if self.active_errors:
             self._result = RESULT_INVALID_STATE
@@ -228,27 +200,34 @@ class ODriveAxis:
         self.axis_state = AxisState.CLOSED_LOOP_CONTROL
         self.disarm_reason = 0
         self._result = RESULT_SUCCESS
-        self._drive()
+        self.motor.arm()
 
     def _go_idle(self, result: int) -> None:
         self.axis_state = AxisState.IDLE
         self._result = result
-        self._plant.release(self._machine)
-
-    def _drive(self) -> None:
-        if self.armed:
-            self._plant.command(self._machine, self._target_nm())
-
-    def _target_nm(self) -> float:
-        if not self.armed:
-            return 0.0
-        input_nm, limit_nm = self._input_nm, self._limit_nm
-        if -limit_nm <= input_nm <= limit_nm:
-            return input_nm
-        return min(max(input_nm, -limit_nm), limit_nm)
+        self.motor.disarm()
 
 
-def _amperes_per_nm(site: Site) -> float:
-    """The drive's own idea of its motor: the current that it sets for each newton metre of input."""
-    machine = site.truth.actuator if site.settings.role == "actuator" else site.truth.load
-    return machine.motor.Ka if machine is not None else nan
+class _Parameters:
+    """The watchdog's parameters, at the endpoints that the rig names; others are left alone."""
+
+    def __init__(self, options: ODriveOptions, watchdog: Watchdog) -> None:
+        self._watchdog = watchdog
+        self._enable_endpoint = options.enable_watchdog_endpoint
+        self._timeout_endpoint = options.watchdog_timeout_endpoint
+
+    def read(self, endpoint: int) -> bytes | None:
+        """The parameter's four bytes; None where there is none."""
+        if endpoint == self._enable_endpoint:
+            return odrive.u32_value(self._watchdog.enabled)
+        if endpoint == self._timeout_endpoint:
+            return odrive.f32_value(self._watchdog.timeout_ns * 1e-9)
+        return None
+
+    def write(self, endpoint: int, value: bytes) -> None:
+        enabled, timeout_ns = self._watchdog.enabled, self._watchdog.timeout_ns
+        if endpoint == self._enable_endpoint:
+            enabled = bool(odrive.u32_of(value) & 0xFF)
+        elif endpoint == self._timeout_endpoint and isfinite(timeout_s := odrive.f32_of(value)):
+            timeout_ns = max(0, round(timeout_s * 1e9))
+        self._watchdog.configure(enabled=enabled, timeout_ns=timeout_ns)

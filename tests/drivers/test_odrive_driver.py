@@ -188,8 +188,8 @@ def test_identity(drive, open_drive):
 
 
 def test_another_firmware_is_refused(drive, open_drive):
-    drive.firmware = (0, 5, 6)
-    with pytest.raises(DeviceError, match=r"firmware 0\.5\.6; only 0\.6"):
+    drive.firmware = (0, 7, 1)
+    with pytest.raises(DeviceError, match=r'says it runs firmware 0\.7\.1; the rig file has firmware = "0\.6"'):
         open_drive().identify()
 
 
@@ -375,7 +375,9 @@ def test_a_lost_bus_is_told(world, drive, open_drive):
     [
         ({}, r'\[load\] driver = "odrive" needs node: the drive\'s CAN node id'),
         ({"node": 64}, r"\[load\] node = 64: .*less than or equal to 63"),
-        ({"node": 1, "firmware": "0.5"}, r"\[load\] firmware = '0\.5': only ODrive firmware 0\.6"),
+        ({"node": 1, "firmware": "0.4"}, r"\[load\] firmware = '0\.4': firmware \"0\.5\" and \"0\.6\""),
+        ({"node": 1, "position": "counts", "counts_per_turn": 4096}, r"\[load\] position = 'counts': firmware 0\.6"),
+        ({"node": 1, "firmware": "0.5", "position": "counts"}, r"counts mean nothing without counts_per_turn; add it"),
         ({"node": 1, "watchdog": 0.001}, r"\[load\] watchdog = 0\.001: .*at least 20 ms"),
         ({"node": 1, "colour": "red"}, r'\[load\] colour is not an option of driver "odrive"; known: node, firmware'),
     ],

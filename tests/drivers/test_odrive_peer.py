@@ -1,10 +1,7 @@
 """The ODrive driver meets a drive that nobody here wrote: the mock of the package odrive-can, over real sockets."""
 
 import os
-import subprocess
-import sys
 import time
-from contextlib import contextmanager
 from itertools import pairwise
 
 import can
@@ -16,27 +13,10 @@ from drivers.link import Link
 from drivers.odrive import open_amplifier
 from drivers.readings import DriveState
 from drivers.wiring import CanBusSettings, DeviceSettings
+from tests.drivers.odrive_mock import GROUP, NODE, mock_drive
 
-# A group and a port of this process's own: python-can's bus hears every group that is joined on the machine.
-GROUP = f"239.75.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
 UDP_PORT = 30_000 + os.getpid() % 2_000
-NODE = 3
-MOCK = f"""
-import can
-from odrive_can.mock import ODriveCANMock
-ODriveCANMock({NODE}, can.Bus({GROUP!r}, "udp_multicast", port={UDP_PORT})).start()
-"""
 pytestmark = pytest.mark.wall_time
-
-
-@contextmanager
-def mock_drive():
-    process = subprocess.Popen([sys.executable, "-c", MOCK], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait()
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +27,7 @@ def drive():
     settings = DeviceSettings(
         "actuator", "odrive", bus="can0", options={"node": NODE, "watchdog": 0.0, "heartbeat": 0.2}
     )
-    with mock_drive():
+    with mock_drive(UDP_PORT, "0.6.10"):
         amplifier = open_amplifier(settings, link)
         deadline = time.monotonic() + 20
         while amplifier.status().state is DriveState.UNKNOWN and time.monotonic() < deadline:
@@ -97,5 +77,5 @@ def test_a_strangers_motion(drive):
 
 def test_a_stranger_with_another_firmware_is_refused(drive):
     amplifier, _ = drive
-    with pytest.raises(DeviceError, match=r"says it runs firmware 0\.0\.0; only 0\.6 is spoken here"):
+    with pytest.raises(DeviceError, match=r'says it runs firmware 0\.0\.0; the rig file has firmware = "0\.6"'):
         amplifier.identify()

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivers import dbc_sensor, registry
 from drivers.codecs.odrive import AxisState, Command, EncoderEstimates, Heartbeat, arbitration_id
-from drivers.odrive_recognition import recognise
+from drivers.odrive.recognition import recognise
 
 
 def message(identifier: int, data: bytes = b"", *, extended: bool = False, remote: bool = False) -> can.Message:

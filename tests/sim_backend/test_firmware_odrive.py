@@ -161,7 +161,7 @@ def test_it_refuses_to_close_its_loop(host: Host, prepare: Callable[[Host], obje
         (lambda host: host.torque(nan), MISSING_INPUT),
         (lambda host: host.send(0x0B, pack("<II", 2, 1)), BAD_CONFIG),
         (lambda host: host.firmware.fail(1 << 5), 1 << 5),
-        (lambda host: setattr(host.firmware.heating, "temperature_c", 120.0), TOO_HOT),
+        (lambda host: setattr(host.firmware.motor.heating, "temperature_c", 120.0), TOO_HOT),
     ],
 )
 def test_what_disarms_it(host: Host, harm: Callable[[Host], object], error: int) -> None:

@@ -19,13 +19,14 @@ import odrive_can
 import pytest
 
 from drivers.bota import open_torque_sensor
+from drivers.dyn200 import open_torque_sensor as open_dyn200
 from drivers.errors import ConnectionFailedError, DeviceTimeoutError, WiringError
 from drivers.hardware import open_backend
 from drivers.link import Link
 from drivers.odrive import open_amplifier
 from drivers.readings import DriveState
 from drivers.waiting import wait_until
-from drivers.wiring import CanBusSettings, Wiring
+from drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 from sim_backend.pseudo_terminals import ServedPort
 from sim_backend.serve import serve
 
@@ -120,6 +121,32 @@ def test_another_process_enables_both_drives_and_streams(
             backend.close()
     assert server.returncode == 130
     assert not any(os.path.lexists(tmp_path / "ports" / name) for name in ("bota", "can0"))
+
+
+@pytest.mark.wall_time
+def test_a_sensor_that_has_to_be_asked_is_asked_from_another_process(
+    wiring: Wiring, simulated: dict[str, object], tmp_path: Path
+) -> None:
+    options = {"mode": "polled", "torque_per_digit": 1e-3, "station": 9}
+    sensor_settings = DeviceSettings("torque_sensor", "dyn200", port=str(tmp_path / "dyn200"), options=options)
+    wiring = replace(
+        wiring, buses=(CanBusSettings("can0", "udp_multicast", own_group()),), torque_sensor=sensor_settings
+    )
+    with serving(wiring, simulated):
+        link = Link(open_backend(wiring, {}, seed=None, place=""), ())
+        try:
+            sensor = open_dyn200(sensor_settings, link)
+            assert sensor.identify(timeout_s=5).hardware == "3 decimals"
+            sensor.take_torque()
+            for _ in range(500):
+                link.wait()
+            readings = sensor.take_torque()
+        finally:
+            link.close()
+    assert len(readings) > 30
+    # Bias and noise, in whole digits.
+    assert np.mean([reading.torque_nm for reading in readings]) == pytest.approx(3e-3, abs=1e-3)
+    assert all(abs(reading.torque_nm * 1e3 - round(reading.torque_nm * 1e3)) < 1e-9 for reading in readings)
 
 
 @pytest.mark.wall_time

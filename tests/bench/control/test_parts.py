@@ -124,6 +124,13 @@ def test_the_torque_loop_is_bold_only_once_the_shaft_has_slid() -> None:
     assert turned == pytest.approx(1e-3, rel=0.05)
 
 
+def test_the_torque_loop_takes_over_a_turning_shaft_without_a_bump() -> None:
+    loop = TorqueLoop(TorqueGains(0.0, 0.0, 1.0, 0.02), TICK_S, turn_rad=0.01, play_rad=1e-4)
+    loop.begin(0.0, 7.0, 48.0)
+    changes_nm = [loop.change_nm(0.0, 7.0 + 48.0 * TICK_S * tick, 48.0, bold=True) for tick in range(1, 20)]
+    assert max(np.abs(changes_nm)) < 1e-9
+
+
 def test_the_torque_loop_damps_only_what_sticks() -> None:
     loop = TorqueLoop(TorqueGains(0.0, 0.0, 1.0, 0.02), TICK_S, turn_rad=0.01, play_rad=1e-4)
     loop.begin(0.0, 0.0, 0.0)

@@ -233,6 +233,12 @@ ONE_MISTAKE = {
         "r.toml: [limits] stall_after: 100 ms is not below the watchdog of [actuator], 100 ms; "
         "shorten stall_after or lengthen the watchdog",
     ),
+    "a lost answer": (
+        'driver = "bota"\nport = "/dev/ttyUSB0"\naxis = "z"',
+        'driver = "mantracourt"\nport = "/dev/ttyUSB0"\nscale = 0.001\ntimeout = "8 ms"',
+        "r.toml: [torque_sensor] timeout: 8 ms is not below [limits] stale_after = 8 ms: one lost answer would end the "
+        "experiment; shorten timeout or lengthen stale_after",
+    ),
     "torque beyond sensor": (
         'torque = "1 N*m"',
         'torque = "3 N*m"',

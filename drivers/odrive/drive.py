@@ -1,28 +1,34 @@
-"""ODrive drives, CANSimple protocol, firmware 0.6: torque commands out, motion, current and state in.
+"""An ODrive on CAN: torque commands out, motion, current and state in.
 
-The drive sends its encoder estimates, currents and temperatures by itself, at the rates of its own configuration
-(``axis0.config.can.encoder_msg_rate_ms`` and so on): set them in the drive and save. Positive torque is the torque that
-the actuator exerts on its load in the drive's positive sense, times ``direction``.
+The drive sends its encoder estimates and currents by itself, at the rates of its own configuration
+(``axis0.config.can.…_rate_ms``): set them in the drive and save. Firmware before 0.5.6 sends currents and counts only
+to those who ask: ``ask`` does. What else the firmwares say differently stands in :mod:`drivers.odrive.firmware_05` and
+:mod:`drivers.odrive.firmware_06`. Positive torque is the torque that the actuator exerts on its load in the drive's
+positive sense, times ``direction``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from math import frexp, ldexp, nan, pi
-from typing import ClassVar, Protocol
+from math import frexp, isnan, ldexp, nan, pi
+from typing import Final, Literal
 
 import can
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from drivers.codecs import odrive as protocol
-from drivers.codecs import odrive_words as words
 from drivers.codecs.errors import CodecError
+from drivers.codecs.odrive_05 import Command05, EncoderCount
+from drivers.codecs.odrive_words import describe_axis_state
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.inbox import Inbox
 from drivers.link import Link
-from drivers.odrive_recognition import recognise  # noqa: F401  (found here by whoever looks for it)
-from drivers.odrive_watchdog import arm_watchdog
+from drivers.odrive.dialect import Dialect, Drive, Handler, Heard, Message
+from drivers.odrive.firmware_05 import Firmware05
+from drivers.odrive.firmware_06 import Firmware06
+from drivers.odrive.recognition import recognise  # noqa: F401  (found here by whoever looks for it)
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import CanPort
+from drivers.questions import Questions
 from drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
@@ -31,6 +37,11 @@ TURN_RAD = 2 * pi
 _FLOAT32_BITS = 24
 _HEARTBEATS_MISSED = 3
 _FEED_INTERVAL_NS = 10_000_000  # while waiting; half of the shortest watchdog
+_ASK_AGAIN_S = 0.02
+_CURRENT_INTERVAL_S = 0.01
+_COUNT_WRAP = 1 << 32
+
+DIALECTS: Final[Mapping[str, Callable[[Drive], Dialect]]] = {"0.5": Firmware05, "0.6": Firmware06}
 
 CONNECTION = "can"
 OPTION_UNITS = {"watchdog": "s", "heartbeat": "s"}
@@ -40,19 +51,23 @@ class ODriveOptions(DeviceOptions):
     """What a rig file may say of an ODrive."""
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the drive's CAN node id, 0 to 63", examples=[1])
-    firmware: str = Field("0.6", description="the firmware's version", examples=["0.6"])
+    firmware: str = Field("0.6", description="the firmware's version, 0.5 or 0.6", examples=["0.6"])
     watchdog_s: float = Field(
         0.1,
         alias="watchdog",
         ge=0,
         le=10,
-        description='silence that makes the drive stop; "0 s" leaves the drive\'s watchdog as it is',
+        description='silence that makes the drive stop; with firmware 0.5, what is set in the drive; "0 s": none is',
         examples=["100 ms"],
     )
     heartbeat_s: float = Field(
         0.1, alias="heartbeat", gt=0, le=10, description="the drive's heartbeat period", examples=["100 ms"]
     )
     counts_per_turn: int = Field(0, ge=0, description="encoder counts per turn; 0 where unknown", examples=[16384])
+    position: Literal["turns", "counts"] = Field(
+        "turns", description='what positions are made from: estimates, or, exact however far it turns, "counts"'
+    )
+    ask: bool = Field(False, description="whether currents and counts must be asked for, as before firmware 0.5.6")
     watchdog_timeout_endpoint: int = Field(
         protocol.ENDPOINT_WATCHDOG_TIMEOUT, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
@@ -70,17 +85,18 @@ class ODriveOptions(DeviceOptions):
     @field_validator("firmware")
     @classmethod
     def _is_supported(cls, firmware: str) -> str:
-        if firmware != "0.6":
-            raise ValueError("only ODrive firmware 0.6 is spoken here; update the drive")
+        if firmware not in DIALECTS:
+            raise ValueError('firmware "0.5" and "0.6" are spoken here; update the drive')
         return firmware
 
-
-class Message(Protocol):
-    """Anything of the codec that can be sent."""
-
-    COMMAND: ClassVar[protocol.Command]
-
-    def encode(self) -> bytes: ...
+    @field_validator("position")
+    @classmethod
+    def _is_sent(cls, position: str, info: ValidationInfo) -> str:
+        if position == "counts" and info.data.get("firmware") == "0.6":
+            raise ValueError('firmware 0.6 sends no counts; use "turns"')
+        if position == "counts" and not info.data.get("counts_per_turn"):
+            raise ValueError("counts mean nothing without counts_per_turn; add it")
+        return position
 
 
 def open_amplifier(settings: DeviceSettings, link: Link) -> "ODrive":
@@ -97,25 +113,25 @@ class ODrive:
         self.role = settings.role
         self.options = options
         self.malformed = 0
-        self.parameters: dict[int, bytes] = {}  # endpoint -> value, as answered
         self.heartbeat_timeout_ns = round(_HEARTBEATS_MISSED * options.heartbeat_s * 1e9)
         self._direction = settings.direction
         self._rad_per_turn = settings.direction * TURN_RAD
         self._port = port
         self._link = link
-        self._versions: Inbox[protocol.Version] = Inbox()
+        self._firmware = DIALECTS[options.firmware](self)
         self._motion: Inbox[MotionReading] = Inbox()
         self._current: Inbox[CurrentReading] = Inbox()
         self._position_rev = 0.0
-        self._temperature = protocol.Temperature(nan, nan)
+        self._velocity_rev_s = nan
+        self._count: int | None = None
         self._bus_voltage_v = nan
-        self._heartbeat = protocol.Heartbeat(0, protocol.AxisState.UNDEFINED)
+        self._heard = Heard(0, protocol.AxisState.UNDEFINED, failed=False)
         self._heartbeat_ns: int | None = None
         self._heartbeats = 0
-        self._disarm_bits = 0
         self._closed_loop_wanted = False
         self._status: DriveStatus | None = None  # as last told; None where it has changed since
         self._fed_ns = 0
+        self._questions = self._questions_by_command()
         self._torque_id = protocol.arbitration_id(options.node, protocol.Command.SET_INPUT_TORQUE)
         self._handlers = self._handlers_by_id()
         port.subscribe(self._on_frame)
@@ -123,36 +139,20 @@ class ODrive:
     # ---- What the bench asks -------------------------------------------------------------------------------------
 
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
-        """Ask for the version, and see that encoder estimates arrive."""
-        asked = self._versions.count
+        """Ask who it is, and see that positions arrive."""
         before = self._motion.count
-        self.request(protocol.Command.VERSION)
-        self.wait_for(
-            lambda: self._versions.count > asked, timeout_s, "does not answer; is it powered and on this bus?"
-        )
-        version = self._versions.take()[-1]
-        if version.firmware[:2] != (0, 6):
-            said = ".".join(map(str, version.firmware))
-            raise DeviceError(f"{self.place}: says it runs firmware {said}; only 0.6 is spoken here")
-        self.wait_for(
-            lambda: self._motion.count > before,
-            timeout_s,
-            "sends no encoder estimates; set axis0.config.can.encoder_msg_rate_ms = 1 in the drive and save",
-        )
-        return DeviceIdentity(
-            driver="odrive",
-            address=f"{self._port.name} node {self.options.node}",
-            hardware=".".join(map(str, version.hardware)),
-            firmware=".".join(map(str, version.firmware)),
-        )
+        hardware, firmware = self._firmware.identify(timeout_s)
+        self.wait_for(lambda: self._motion.count > before, timeout_s, self._no_motion())
+        return DeviceIdentity("odrive", f"{self._port.name} node {self.options.node}", hardware, firmware)
 
     def enable(self, timeout_s: float = 2.0) -> None:
         """Arm the watchdog, clear errors, close the torque loop at zero torque; return when the drive says so."""
+        self._hush(False)
         if self.options.watchdog_s > 0:
-            arm_watchdog(self)
-        self._disarm_bits = 0
+            self._firmware.arm_watchdog()
+        self._firmware.forget()
         self._status = None
-        self.send(protocol.ClearErrors())
+        self.send(self._firmware.clear_errors)
         self.send(protocol.SetControllerMode(protocol.ControlMode.TORQUE, protocol.InputMode.PASSTHROUGH))
         self.command(0.0)
         self.send(protocol.SetAxisState(protocol.AxisState.CLOSED_LOOP_CONTROL))
@@ -182,8 +182,8 @@ class ODrive:
                 state=self._state(),
                 heartbeat_ns=self._heartbeat_ns,
                 errors=self._errors(),
-                transistor_temperature_c=self._temperature.transistor_c,
-                motor_temperature_c=self._temperature.motor_c,
+                transistor_temperature_c=self._firmware.temperature.transistor_c,
+                motor_temperature_c=self._firmware.temperature.motor_c,
                 bus_voltage_v=self._bus_voltage_v,
             )
         return self._status
@@ -191,6 +191,8 @@ class ODrive:
     @property
     def position_resolution_rad(self) -> float:
         """The encoder's step, or that of the float32 turns on the wire at the present position if it is larger."""
+        if self.options.position == "counts":
+            return TURN_RAD / self.options.counts_per_turn
         _, exponent = frexp(self._position_rev)
         wire_step_rev = ldexp(1.0, exponent - _FLOAT32_BITS)
         encoder_step_rev = 1 / self.options.counts_per_turn if self.options.counts_per_turn else 0.0
@@ -202,6 +204,7 @@ class ODrive:
 
     def provoke_watchdog(self) -> None:
         self.command(0.0)
+        self._hush(True)  # the drive takes every frame for a sign of life
 
     def made_itself_safe(self) -> bool | None:
         return self._heartbeat_ns is not None and not self._in_closed_loop
@@ -214,7 +217,7 @@ class ODrive:
             with suppress(Exception):
                 self.send(message)
 
-    # ---- What the watchdog's arming needs too --------------------------------------------------------------------
+    # ---- What the dialects need too ------------------------------------------------------------------------------
 
     @property
     def place(self) -> str:
@@ -225,14 +228,22 @@ class ODrive:
         """Send one message. Raises ConnectionFailedError."""
         self._port.send(protocol.arbitration_id(self.options.node, message.COMMAND), message.encode())
 
-    def request(self, command: protocol.Command) -> None:
+    def request(self, command: int) -> None:
         """Ask for a message by remote frame. Raises ConnectionFailedError."""
         self._port.send(protocol.arbitration_id(self.options.node, command), b"", remote=True)
 
     def wait_for(self, arrived: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
         """Poll until ``arrived()``, feeding the watchdog; raises DeviceTimeoutError saying ``otherwise``."""
-        if not wait_until(arrived, self._link, timeout_s, meanwhile=self._feed):
-            raise DeviceTimeoutError(f"{self.place}: {otherwise} ({timeout_s:g} s waited)")
+        if not self.arrives(arrived, timeout_s):
+            raise self.late(timeout_s, otherwise)
+
+    def arrives(self, arrived: Callable[[], bool], timeout_s: float) -> bool:
+        """Poll until ``arrived()``, feeding the watchdog; False where ``timeout_s`` passed first."""
+        return wait_until(arrived, self._link, timeout_s, meanwhile=self._feed)
+
+    def late(self, timeout_s: float, otherwise: str) -> DeviceTimeoutError:
+        """What to raise where nothing came within ``timeout_s``."""
+        return DeviceTimeoutError(f"{self.place}: {otherwise} ({timeout_s:g} s waited)")
 
     def _feed(self) -> None:
         now_ns = self._link.clock.now_ns()
@@ -248,47 +259,73 @@ class ODrive:
         # One heartbeat may have been on its way, with the old errors, when they were cleared.
         if since >= 2 and (reasons := self._reasons_to_refuse()):
             raise DeviceError(f"{self.place}: refuses to close its torque loop: {'; '.join(reasons)}")
-        return since >= 1 and self._in_closed_loop and not self._heartbeat.error_bits
+        return since >= 1 and self._in_closed_loop and not self._heard.failed
 
     def _reasons_to_refuse(self) -> tuple[str, ...]:
-        if errors := self._errors():
-            return errors
-        result = self._heartbeat.procedure_result
-        if self._in_closed_loop or result in (protocol.RESULT_SUCCESS, protocol.RESULT_BUSY):
-            return ()
-        return (words.describe_procedure_result(result),)
+        errors = self._errors()
+        return errors if errors or self._in_closed_loop else self._firmware.refusals()
 
     @property
     def _in_closed_loop(self) -> bool:
-        return self._heartbeat.axis_state == protocol.AxisState.CLOSED_LOOP_CONTROL
+        return self._heard.axis_state == protocol.AxisState.CLOSED_LOOP_CONTROL
 
     def _state(self) -> DriveState:
         if self._heartbeat_ns is None:
             return DriveState.UNKNOWN
-        if self._heartbeat.error_bits or (self._closed_loop_wanted and not self._in_closed_loop):
+        if self._heard.failed or (self._closed_loop_wanted and not self._in_closed_loop):
             return DriveState.FAULT
         return DriveState.ENABLED if self._in_closed_loop else DriveState.IDLE
 
     def _errors(self) -> tuple[str, ...]:
-        errors = words.describe_errors(self._heartbeat.error_bits | self._disarm_bits)
+        errors = self._firmware.errors(self._heard.error_bits)
         if errors or not self._closed_loop_wanted or self._in_closed_loop:
             return errors
-        return (f"left closed loop without an error (now {words.describe_axis_state(self._heartbeat.axis_state)})",)
+        return (f"left closed loop without an error (now {describe_axis_state(self._heard.axis_state)})",)
+
+    def _no_motion(self) -> str:
+        setting = f"set axis0.config.can.{self._firmware.encoder_rate} = 1 in the drive and save"
+        if self.options.position == "turns":
+            return f"sends no encoder estimates; {setting}"
+        counts = "set axis0.config.can.encoder_count_rate_ms = 1, or, before firmware 0.5.6, write ask = true"
+        return f"sends no encoder counts, or no estimates beside them; {counts}, and {setting}"
 
     # ---- What arrives --------------------------------------------------------------------------------------------
 
-    def _handlers_by_id(self) -> dict[int, Callable[[bytearray, int], None]]:
-        handlers: dict[protocol.Command, Callable[[bytearray, int], None]] = {
-            protocol.Command.VERSION: self._on_version,
+    def _questions_by_command(self) -> dict[int, Questions]:
+        """What has to be asked for, again and again."""
+        if not self.options.ask:
+            return {}
+        pauses_s = {int(protocol.Command.IQ): _CURRENT_INTERVAL_S}
+        if self.options.position == "counts":
+            pauses_s[Command05.ENCODER_COUNT] = 0.0
+        return {command: self._question(command, pause_s) for command, pause_s in pauses_s.items()}
+
+    def _hush(self, hushed: bool) -> None:
+        for questions in self._questions.values():
+            questions.hushed = hushed
+
+    def _question(self, command: int, pause_s: float) -> Questions:
+        return Questions(self._link, lambda: self.request(command), _ASK_AGAIN_S, pause_s)
+
+    def _handlers_by_id(self) -> dict[int, Handler]:
+        counts = self.options.position == "counts"
+        handlers: dict[int, Handler] = {
             protocol.Command.HEARTBEAT: self._on_heartbeat,
-            protocol.Command.ERROR: self._on_error,
-            protocol.Command.TX_SDO: self._on_parameter,
-            protocol.Command.ENCODER_ESTIMATES: self._on_encoder_estimates,
+            protocol.Command.ENCODER_ESTIMATES: self._on_velocity if counts else self._on_encoder_estimates,
             protocol.Command.IQ: self._on_iq,
-            protocol.Command.TEMPERATURE: self._on_temperature,
             protocol.Command.BUS_VOLTAGE_CURRENT: self._on_bus_voltage,
         }
+        if counts:
+            handlers[Command05.ENCODER_COUNT] = self._on_encoder_count
+        handlers |= {command: self._changing_status(call) for command, call in self._firmware.handlers().items()}
         return {protocol.arbitration_id(self.options.node, command): call for command, call in handlers.items()}
+
+    def _changing_status(self, handler: Handler) -> Handler:
+        def on_message(data: bytearray, arrival_ns: int) -> None:
+            handler(data, arrival_ns)
+            self._status = None
+
+        return on_message
 
     def _on_frame(self, message: can.Message, arrival_ns: int) -> None:
         handler = self._handlers.get(message.arbitration_id)
@@ -305,37 +342,46 @@ class ODrive:
         scale, motion = self._rad_per_turn, self._motion
         motion.put(MotionReading(motion.count, arrival_ns, scale * position_rev, scale * velocity_rev_s))
 
+    def _on_velocity(self, data: bytearray, arrival_ns: int) -> None:
+        _, self._velocity_rev_s = protocol.estimates_of(data)
+
+    def _on_encoder_count(self, data: bytearray, arrival_ns: int) -> None:
+        self._count = _unwrapped(EncoderCount.decode(data).shadow_count, self._count)
+        self._note_answer(Command05.ENCODER_COUNT, arrival_ns)
+        if isnan(self._velocity_rev_s):
+            return  # no estimate has come yet
+        scale, motion = self._rad_per_turn, self._motion
+        position_rad = scale * self._count / self.options.counts_per_turn
+        motion.put(MotionReading(motion.count, arrival_ns, position_rad, scale * self._velocity_rev_s))
+
     def _on_iq(self, data: bytearray, arrival_ns: int) -> None:
         measured_a = protocol.Iq.decode(data).measured_a
+        self._note_answer(protocol.Command.IQ, arrival_ns)
         self._current.put(CurrentReading(self._current.count, arrival_ns, self._direction * measured_a))
 
+    def _note_answer(self, command: int, arrival_ns: int) -> None:
+        if command in self._questions:
+            self._questions[command].answered(arrival_ns)
+
     def _on_heartbeat(self, data: bytearray, arrival_ns: int) -> None:
-        self._heartbeat = protocol.Heartbeat.decode(data)
+        self._heard = self._firmware.heard(data)
         self._status = None
         self._heartbeat_ns = arrival_ns
         self._heartbeats += 1
         if self._state() is not DriveState.FAULT:
-            self._disarm_bits = 0
-        elif not self._disarm_bits:
-            with suppress(DeviceError):  # a lost bus shows elsewhere
-                self.request(protocol.Command.ERROR)
-
-    def _on_error(self, data: bytearray, arrival_ns: int) -> None:
-        error = protocol.GetError.decode(data)
-        self._status = None
-        self._disarm_bits = error.active_bits | error.disarm_bits
-
-    def _on_version(self, data: bytearray, arrival_ns: int) -> None:
-        self._versions.put(protocol.Version.decode(data))
-
-    def _on_parameter(self, data: bytearray, arrival_ns: int) -> None:
-        answer = protocol.TxSdo.decode(data)
-        self.parameters[answer.endpoint] = answer.value
-
-    def _on_temperature(self, data: bytearray, arrival_ns: int) -> None:
-        self._temperature = protocol.Temperature.decode(data)
-        self._status = None
+            self._firmware.forget()
+            return
+        with suppress(DeviceError):  # a lost bus shows elsewhere
+            self._firmware.ask_why()
 
     def _on_bus_voltage(self, data: bytearray, arrival_ns: int) -> None:
         self._bus_voltage_v = protocol.BusVoltageCurrent.decode(data).voltage_v
         self._status = None
+
+
+def _unwrapped(count: int, before: int | None) -> int:
+    """The 32-bit count as one that goes on."""
+    if before is None:
+        return count
+    half = _COUNT_WRAP // 2
+    return before + (count - before + half) % _COUNT_WRAP - half

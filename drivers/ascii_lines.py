@@ -1,0 +1,104 @@
+"""Torque sensors and indicators that print numbers, line by line, on a serial line, without being asked.
+
+Torque is that which the actuator exerts on the load, times ``direction``. Nothing checks a line but its form (see
+:mod:`drivers.codecs.lines`): where the sensor's lines are all of one width, say so with ``width``.
+"""
+
+from math import inf
+
+from pydantic import Field
+
+from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat
+from drivers.errors import DeviceTimeoutError
+from drivers.link import Link
+from drivers.options import DeviceOptions, parse_options
+from drivers.ports import SerialPort
+from drivers.readings import DeviceIdentity, TorqueReading
+from drivers.stamps import ByteStamps
+from drivers.torque_readings import TorqueReadings
+from drivers.waiting import wait_until
+from drivers.wiring import DeviceSettings
+
+CONNECTION = "serial"
+OPTION_UNITS = {"range": "N*m"}
+
+BAUD = 115_200
+_SHOWN = 40  # characters of a line that is no number, in a message
+
+
+class AsciiOptions(DeviceOptions):
+    """What a rig file may say of a sensor that prints lines."""
+
+    scale: float = Field(gt=0, description="N*m per unit of the number", examples=[0.001])
+    unit: str = Field("", description="the text behind the number, where there is one", examples=["Nm"])
+    separator: str = Field("", description="what parts the fields of a line, where it has several", examples=[";"])
+    field: int = Field(1, ge=1, description="which of the fields is the torque, counted from 1")
+    width: int = Field(
+        0, ge=0, le=LINE_MAX, description="characters of a line, where they are always as many; 0 where not"
+    )
+    range_nm: float = Field(inf, alias="range", gt=0, description="the torque it can measure", examples=["2 N*m"])
+    baud: int = Field(BAUD, gt=0, description="the baud rate set in the sensor", examples=[BAUD])
+
+    @property
+    def number_format(self) -> NumberFormat:
+        return NumberFormat(self.unit, self.separator, self.field, self.width)
+
+
+def open_torque_sensor(settings: DeviceSettings, link: Link) -> "AsciiSensor":
+    """Raises WiringError for a wrong option, ConnectionFailedError for the port."""
+    options = parse_options(AsciiOptions, settings)
+    return AsciiSensor(settings, options, link.serial_port(settings, options.baud), link)
+
+
+class AsciiSensor:
+    """``garbled`` counts lines that are no number of the expected form, ``stream`` those that never ended."""
+
+    def __init__(self, settings: DeviceSettings, options: AsciiOptions, port: SerialPort, link: Link) -> None:
+        self.role = settings.role
+        self.stream = LineStream(mid_line=True)
+        self.garbled = 0
+        self._last_garbled = b""
+        self._options = options
+        self._format = options.number_format
+        self._port = port
+        self._link = link
+        self._stamps = ByteStamps(options.baud)
+        self._readings = TorqueReadings(settings.direction * options.scale, options.range_nm)
+        port.subscribe(self._on_bytes)
+
+    @property
+    def malformed(self) -> int:
+        """Lines that are no number, or no line."""
+        return self.garbled + self.stream.overlong
+
+    @property
+    def range_nm(self) -> float:
+        return self._options.range_nm
+
+    def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
+        """Wait for a number: the sensor says nothing else."""
+        before = self._readings.count
+        if not wait_until(lambda: self._readings.count > before, self._link, timeout_s):
+            raise DeviceTimeoutError(
+                f"[{self.role}] sensor on {self._port.name}: no number in {timeout_s:g} s{self._what_came()}; check "
+                f"power, port, baud {self._options.baud}, and unit, separator, field and width in the rig file"
+            )
+        return DeviceIdentity(driver="ascii", address=self._port.name)
+
+    def take_torque(self) -> list[TorqueReading]:
+        return self._readings.take()
+
+    def _what_came(self) -> str:
+        if not self.malformed:
+            return ""
+        last = f", the last {self._last_garbled[:_SHOWN].decode('ascii', 'replace')!r}" if self._last_garbled else ""
+        return f" ({self.malformed} lines that are none{last})"
+
+    def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
+        for line in self.stream.feed(data):
+            number = self._format.number_in(line.text)
+            if number is None:
+                self.garbled += 1
+                self._last_garbled = line.text
+            else:
+                self._readings.put(number, self._stamps.complete_ns(arrival_ns, line.later_bytes))
