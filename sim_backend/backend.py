@@ -102,4 +102,5 @@ def open_backend(wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | No
 
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
-    return SimulatedBackend(wiring, read_truth(simulated, seed=seed, place=place), place)
+    truth = read_truth(simulated, seed=seed, place=place, command_unit=wiring.command_unit)
+    return SimulatedBackend(wiring, truth, place)

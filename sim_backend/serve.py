@@ -164,7 +164,7 @@ def serve(
     An interrupt takes everything down too and goes on to the caller as KeyboardInterrupt; so does SIGTERM. Raises
     WiringError for wrong true values, ConnectionFailedError where an interface or a port cannot be opened.
     """
-    truth = read_truth(simulated, seed=seed, place=place)
+    truth = read_truth(simulated, seed=seed, place=place, command_unit=wiring.command_unit)
     world = build_world(wiring, truth, place)
     with _termination_interrupts(), ExitStack() as open_wires:
         wall = _WallTime(world)
