@@ -1,9 +1,13 @@
 """Zero torque: proportional-integral feedback, damped while contacts stick and bolder while they slide."""
 
 from dataclasses import dataclass, field
-from math import exp
+from math import copysign, exp
 
 from bench.control.design import TorqueGains
+
+# A shaft that covers the way to sliding in this time is taken to slide already.
+UNDER_WAY_S = 0.01
+SLID_TURNS = 20.0  # ways to sliding; nothing of the sticking is left
 
 
 @dataclass
@@ -25,10 +29,15 @@ class TorqueLoop:
     _farthest_rad: float = field(default=0.0, init=False)
 
     def begin(self, torque_nm: float, position_rad: float, velocity_rad_s: float) -> None:
-        """Sticking, until the shaft has moved."""
+        """Sticking, until the shaft has moved, or sliding, where it is well under way.
+
+        Damping that is taken for there and then fades as the shaft goes on would kick it.
+        """
         self._torque_nm = torque_nm
-        self._turned_at_rad = self._farthest_rad = position_rad
-        self._damping_nm = -self.gains.damping_nms_rad * velocity_rad_s
+        slides = abs(velocity_rad_s) * UNDER_WAY_S > self.turn_rad
+        behind_rad = copysign(SLID_TURNS * self.turn_rad, velocity_rad_s) if slides else 0.0
+        self._turned_at_rad, self._farthest_rad = position_rad - behind_rad, position_rad
+        self._damping_nm = 0.0 if slides else -self.gains.damping_nms_rad * velocity_rad_s
 
     def change_nm(self, torque_nm: float, position_rad: float, velocity_rad_s: float, *, bold: bool) -> float:
         """What to add to the last command; not ``bold`` where little is left to mend, and noise would be most of it."""

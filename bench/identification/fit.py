@@ -39,7 +39,7 @@ PHYSICAL = (
 # What no residual shows: friction sees the motion between readings and within counts, the fit does not.
 # Relative deviations, from errors made on simulated benches of many true values (docs/identification.md).
 # Coarser counts than those benches', against the way in which friction builds up, hide more of it in proportion.
-USUAL_COUNT = 0.05  # presliding lengths
+USUAL_COUNT = 0.025  # presliding lengths
 GROW_WITH_COUNTS = ("presliding_stiffness", "presliding_damping")
 MODEL_ERROR = {
     "viscous_damping": 0.0002,
