@@ -19,9 +19,9 @@ TICK = np.dtype(
         ("lateness_ns", "i8"),  # when the tick really began, after its deadline
         ("work_ns", "i8"),  # how long the tick took
         ("segment", "i4"),
-        ("command", "f8"),  # actuator command after the guard, in its own unit
+        ("command", "f8"),  # actuator command as it was sent: after the guard and the rounding of its wire
         ("wished_load_torque_nm", "f8"),
-        ("load_torque_nm", "f8"),  # load command after the guard
+        ("load_torque_nm", "f8"),  # load command, likewise
         ("torque_nm", "f8"),
         ("torque_age_ns", "i8"),
         ("position_rad", "f8"),

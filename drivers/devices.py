@@ -36,10 +36,11 @@ class Amplifier(Device, Protocol):
         """
         ...
 
-    def command(self, value: float) -> None:
+    def command(self, value: float) -> float:
         """Command ``value``, in :attr:`command_unit`; also feeds the drive's watchdog.
 
-        Raises ConnectionFailedError, and DeviceError for what cannot be sent, such as a value that is no number.
+        Returns the command that the wire really carries: rounded as the protocol rounds, limited as it limits. Raises
+        ConnectionFailedError, and DeviceError for what cannot be sent, such as a value that is no number.
         """
         ...
 

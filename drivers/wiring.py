@@ -43,6 +43,7 @@ class Wiring:
     torque_sensor: DeviceSettings | None = None
     load: DeviceSettings | None = None
     shaft: str = "free"  # where there is no load drive: "free" or "clamped"
+    command_unit: str = "N*m"  # of the actuator's command
 
     def devices(self) -> tuple[DeviceSettings, ...]:
         """The devices that are there, the actuator first."""

@@ -139,6 +139,7 @@ def open_backend(wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | No
 
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
-    backend = SimulatedBackend(wiring, read_truth(simulated, seed=seed, place=place), place)
+    truth = read_truth(simulated, seed=seed, place=place, command_unit=wiring.command_unit)
+    backend = SimulatedBackend(wiring, truth, place)
     backend.inject(*read_faults(simulated.get(FAULTS, ()), wiring, place=place, section=f"simulated.{FAULTS}"))
     return backend

@@ -1,6 +1,9 @@
 """Torque constant and amplifier gain apart: possible only where the amplifier reports its current.
 
 i = Ka·lag_β(c): with the lag known from the torque, the gain is one more linear unknown, and Km = (Km·Ka)/Ka.
+
+A drive that reports its current in steps makes the same error again and again where the current is held, and no number
+of readings averages it out: each step that was met is one datum, and its error as likely anywhere within the step.
 """
 
 from dataclasses import dataclass
@@ -19,6 +22,8 @@ FloatArray = npt.NDArray[np.float64]
 FLOOR = 0.001
 DELAY_STEPS = 6
 LEAST_READINGS = 50
+# Currents come in steps where so many readings share a value; fewer on one do not make it count for less.
+READINGS_A_STEP = 20
 
 
 @dataclass(frozen=True)
@@ -52,23 +57,55 @@ def fit_current(
     target = np.concatenate([value for _, value in readings])
     if target.size < LEAST_READINGS:
         return None
+    steps = Steps.of(target)
+    weight = np.ones(target.size) if steps is None else steps.weight
     for _ in range(DELAY_STEPS):
         parts = [
             _lag(stretch, bandwidth_rad_s, time_s - delay_s)
             for stretch, (time_s, _) in zip(stretches, readings, strict=True)
         ]
         columns = np.concatenate([np.concatenate(parts, axis=1), np.ones((1, target.size))])
-        solution = linear_solution(columns, target)
+        solution = linear_solution(columns * weight, target * weight)
         gain, slope, _bias = solution
         if gain == 0.0:
             return None
         delay_s -= float(np.clip(slope / gain, -1e-3, 1e-3))
     residual = target - solution @ columns
+    columns, residual = columns * weight, residual * weight
     covariance = sandwich(columns.T, residual, np.concatenate([time_s for time_s, _ in readings]))
-    std = float(np.hypot(np.sqrt(covariance[0, 0]), FLOOR * gain))
+    unseen = 0.0 if steps is None else steps.deviation(columns)
+    std = float(np.sqrt(covariance[0, 0] + (FLOOR * gain) ** 2 + unseen**2))
     constant = torque_gain / gain
     relative = np.hypot(std / gain, torque_gain_std / torque_gain)
     return CurrentFit(float(gain), std, float(constant), float(abs(constant) * relative))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Readings that come in steps: the step of each reading, and how wide each step is [A]."""
+
+    index: npt.NDArray[np.intp]
+    width: FloatArray
+
+    @classmethod
+    def of(cls, readings: FloatArray) -> "Steps | None":
+        """None where the readings, shape (m,), come in no steps."""
+        levels, index = np.unique(readings, return_inverse=True)
+        if levels.size < 2 or readings.size < READINGS_A_STEP * levels.size:
+            return None
+        return cls(index, np.gradient(levels))
+
+    @property
+    def weight(self) -> FloatArray:
+        """By which each row is to be multiplied, shape (m,), so that every step weighs the same."""
+        met = np.maximum(np.bincount(self.index), READINGS_A_STEP)
+        return np.asarray(1.0 / np.sqrt(met[self.index]), dtype=np.float64)
+
+    def deviation(self, weighted: FloatArray) -> float:
+        """What the steps' own errors leave unknown of the first parameter; ``weighted`` columns, (parameters, m)."""
+        scores = np.stack([np.bincount(self.index, row * self.weight) for row in weighted])
+        of_first = np.linalg.solve(weighted @ weighted.T, scores)[0]
+        return float(np.sqrt(np.sum((of_first * self.width) ** 2) / 12.0))
 
 
 def _in_use(stretch: Signals) -> tuple[FloatArray, FloatArray]:

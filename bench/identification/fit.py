@@ -38,6 +38,9 @@ PHYSICAL = (
 )
 # What no residual shows: friction sees the motion between readings and within counts, the fit does not.
 # Relative deviations, from errors made on simulated benches of many true values (docs/identification.md).
+# Coarser counts than those benches', against the way in which friction builds up, hide more of it in proportion.
+USUAL_COUNT = 0.025  # presliding lengths
+GROW_WITH_COUNTS = ("presliding_stiffness", "presliding_damping")
 MODEL_ERROR = {
     "viscous_damping": 0.0002,
     "coulomb_torque": 0.0002,
@@ -114,8 +117,16 @@ def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatA
     for position, unknown in enumerate(solution.free):
         row, slope = slopes[unknown]
         gradient[row, columns + position] = slope
-    unseen = np.array([MODEL_ERROR.get(name, 0.0) for name in (*PHYSICAL, "", "")]) * np.abs(ordered)
+    unseen = _unseen(solution) * np.abs(ordered)
     return ordered, gradient @ covariance @ gradient.T + np.diag(unseen**2)
+
+
+def _unseen(solution: Solution) -> FloatArray:
+    """Relative deviations that no residual shows, in the order of :func:`physical`, shape (9,)."""
+    step_rad = max(rows.signals.position_step_rad for rows in solution.regression.rows)
+    coarser = max(1.0, step_rad * solution.shape.s_per_rad / USUAL_COUNT)
+    deviations = [MODEL_ERROR.get(name, 0.0) * (coarser if name in GROW_WITH_COUNTS else 1.0) for name in PHYSICAL]
+    return np.array([*deviations, 0.0, 0.0])
 
 
 def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:

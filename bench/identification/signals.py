@@ -70,6 +70,7 @@ class Signals:
     position_noise: float = 0.0  # spectral density of the readings' own errors [rad²/Hz], two-sided
     torque_noise: float = 0.0  # [N² m²/Hz]
     position_period_s: float = 0.0  # between two readings
+    position_step_rad: float = 0.0  # between two counts; 0 where none can be seen
     torque_period_s: float = 0.0
 
 
@@ -98,6 +99,7 @@ class Stream:
     time_s: FloatArray
     value: FloatArray
     period_s: float
+    step: float = 0.0  # in which values come; 0 where none can be seen
 
     def at(self, grid_s: FloatArray) -> FloatArray:
         """Interpolated, band-limited; a straight line where readings are missing."""
@@ -140,7 +142,7 @@ def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int) -> d
     step_rad = resolution_rad(position.value)
     smooth = unquantised(position.value, step_rad)
     streams = {
-        "position": position,
+        "position": replace(position, step=step_rad),
         "path": replace(position, value=smooth),
         "moving": replace(position, value=moving(smooth, step_rad).astype(float)),
     }
@@ -229,6 +231,7 @@ def _stretch(
         position_noise=_density(streams["position"], time_s, usable),
         torque_noise=0.0 if torque is None else _density(torque, time_s, usable),
         position_period_s=streams["position"].period_s,
+        position_step_rad=streams["position"].step,
         torque_period_s=0.0 if torque is None else torque.period_s,
     )
 

@@ -77,11 +77,14 @@ class Devices:
             [] if load is None else load.take_current(),
         )
 
-    def send(self, commands: Commands) -> None:
-        """Raises ConnectionFailedError."""
-        self.actuator.command(commands.command)
-        if self.load is not None:
-            self.load.command(commands.load_torque_nm)
+    def send(self, commands: Commands) -> Commands:
+        """Returns what the wires carry, which is what acts: each protocol rounds in its way.
+
+        Raises ConnectionFailedError.
+        """
+        command = self.actuator.command(commands.command)
+        load_nm = commands.load_torque_nm if self.load is None else self.load.command(commands.load_torque_nm)
+        return Commands(command, load_nm, commands.limited)
 
     def health(self) -> tuple[DriveHealth, ...]:
         """The last word of every drive."""

@@ -140,8 +140,7 @@ class Loop:
         wish = Commands(command, strategy.wish(seen, index))
         self._obey_operator()
         drives = self.devices.health()
-        commands = self.guard.limit(wish, sample, drives)
-        self.devices.send(commands)
+        commands = self.devices.send(self.guard.limit(wish, sample, drives))
         strategy.note_sent(commands.load_torque_nm)
         self._load_torque_nm = commands.load_torque_nm
         self._position_rad = sample.load_position_rad

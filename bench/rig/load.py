@@ -69,6 +69,7 @@ def _wiring(draft: Draft, rig: RigSection, actuator: ActuatorSection) -> Wiring:
         else None,
         load=_device("load", draft.load, draft.options["load"]) if draft.load else None,
         shaft=rig.shaft,
+        command_unit=actuator.command.unit,
     )
 
 

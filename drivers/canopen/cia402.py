@@ -220,10 +220,10 @@ class Cia402Drive:
         self._enabled_wanted, self._fell_to = True, None
         self._status = None
 
-    def command(self, value: float) -> None:
-        """Command a torque [N m]; also sends our heartbeat where it is due. Raises ConnectionFailedError, DeviceError.
+    def command(self, value: float) -> float:
+        """Command a torque [N m]; returns that of the whole units sent. Our heartbeat goes with it where it is due.
 
-        The drive takes whole units. What rounding leaves is carried to the next command, so that torque is right on
+        Raises ConnectionFailedError, DeviceError. The drive takes whole units. What rounding leaves is carried to the next command, so that torque is right on
         average: rounded each for itself, equal commands would all be wrong by the same.
         """
         try:
@@ -239,6 +239,7 @@ class Cia402Drive:
         self._carried = wanted - units
         self._master.port.send(self._command_id, payload)
         self._master.beat()
+        return units * self._torque_per_unit_nm
 
     def take_motion(self) -> list[MotionReading]:
         return self._motion.take()

@@ -161,13 +161,17 @@ class ODrive:
         self._closed_loop_wanted = True
         self._status = None
 
-    def command(self, value: float) -> None:
-        """Command a torque [N m], which also feeds the watchdog. Raises ConnectionFailedError, DeviceError."""
+    def command(self, value: float) -> float:
+        """Command a torque [N m], which also feeds the watchdog; returns it as the float32 that is sent.
+
+        Raises ConnectionFailedError, DeviceError.
+        """
         try:
             payload = protocol.torque_value(self._direction * value)
         except CodecError as error:
             raise DeviceError(f"{self.place}: cannot command a torque of {value} N*m") from error
         self._port.send(self._torque_id, payload)
+        return self._direction * protocol.torque_of(payload)
 
     def take_motion(self) -> list[MotionReading]:
         return self._motion.take()

@@ -11,9 +11,11 @@ from sim_backend.firmware.cia402 import Cia402Drive
 from sim_backend.firmware.dbc_sensor import DbcSensor
 from sim_backend.firmware.dyn200 import Dyn200Sensor
 from sim_backend.firmware.mantracourt import MantracourtSensor
+from sim_backend.firmware.mit import MitMotor
 from sim_backend.firmware.odrive import ODriveAxis
 from sim_backend.firmware.odrive_05 import ODrive05Axis
 from sim_backend.firmware.site import Firmware, Site
+from sim_backend.firmware.vesc import VescController
 
 
 def _odrive(site: Site) -> Firmware:
@@ -25,6 +27,8 @@ def _odrive(site: Site) -> Firmware:
 FIRMWARE: Mapping[str, Callable[[Site], Firmware]] = {
     "odrive": _odrive,
     "cia402": Cia402Drive,
+    "mit": MitMotor,
+    "vesc": VescController,
     "ascii": AsciiSensor,
     "bota": BotaSensor,
     "canopen": CanopenSensor,

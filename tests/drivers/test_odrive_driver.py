@@ -1,6 +1,7 @@
 """The ODrive driver against a scripted drive: what it sends, in which order, and what it makes of what comes."""
 
 import math
+import struct
 from itertools import pairwise
 
 import can
@@ -209,8 +210,10 @@ def test_signs(world, drive, link, open_drive, direction):
     assert motion.position_rad == pytest.approx(direction * TURN / 4)
     assert motion.velocity_rad_s == pytest.approx(-direction * 2 * TURN)
     assert current.current_a == direction * 3.0
-    amplifier.command(0.5)
+    assert amplifier.command(0.5) == 0.5
     assert protocol.SetInputTorque.decode(world.bus.sent[-1].data).torque_nm == direction * 0.5
+    # What is sent is a float32, and that is what is said to have been sent.
+    assert amplifier.command(0.1) == struct.unpack("<f", struct.pack("<f", 0.1))[0] != 0.1
 
 
 def test_each_message_is_one_reading_and_each_reading_is_handed_out_once(world, drive, link, open_drive):

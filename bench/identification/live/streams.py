@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from bench.identification import noise
 from bench.identification.live.sanity import sound
 from bench.identification.quantisation import moving, resolution_rad, unquantised
 from bench.identification.signals import FINE, LONGEST_GAP_S, Stream, stream_of
@@ -21,6 +22,9 @@ FIRST_AFTER_S = 0.4
 PIECE_S = 0.5
 # Another estimate of the encoder's step replaces the one before only where it is clearly smaller.
 SMALLER_STEP = 0.7
+# Readings that are so many times noisier than their counts are noisy for another reason: they were taken at instants
+# that nobody knows, for instance when a command came.
+NOISIER_THAN_COUNTS = 2.0
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,7 @@ class Piece:
     moving: FloatArray  # 1 where readings are there and the counts tell what friction holds, else 0
     sent_s: FloatArray
     command: FloatArray
-    count_variance_rad2: float  # of the positions, as one reading a tick would have it
+    count_variance_rad2: float  # of the positions' errors, as one reading a tick would have it
 
 
 @dataclass
@@ -106,12 +110,19 @@ class LiveStreams:
         position = position.between(time_s[0] - 2 * MARGIN_S, np.inf)
         smooth = unquantised(position.value, self.resolution)
         path = replace(position, value=smooth)
-        moves = np.interp(time_s, path.time_s, moving(smooth, self.resolution).astype(float)) > 0.5
+        moving_then = moving(smooth, self.resolution)
+        moves = np.interp(time_s, path.time_s, moving_then.astype(float)) > 0.5
         known = moves & position.covers(time_s) & port.covers(time_s)
         torque_nm = port.at(time_s)
-        variance = self.resolution**2 / 12.0 * position.period_s / self.tick_s
+        variance = self._variance_rad2(position.value, moving_then) * position.period_s / self.tick_s
         position_rad, path_rad = position.at(fine_s), path.at(fine_s)
         return Piece(time_s, torque_nm, position_rad, path_rad, known.astype(float), sent_s, command, variance)
+
+    def _variance_rad2(self, position_rad: FloatArray, moving_then: npt.NDArray[np.bool_]) -> float:
+        """Of the readings' own errors."""
+        of_counts = self.resolution**2 / 12.0
+        measured = noise.deviation(position_rad, moving_then) ** 2
+        return measured if measured > NOISIER_THAN_COUNTS * of_counts else of_counts
 
     def _look_at_counts(self, position_rad: FloatArray) -> None:
         """The smallest step ever seen is the count: a constant speed makes all steps alike, and larger."""

@@ -54,6 +54,28 @@ def test_a_drive_that_reports_its_current_slowly_will_do(experiment):
     assert estimate.std < 0.01 * estimate.value
 
 
+def test_a_current_in_coarse_steps_widens_its_interval_alone(experiment, result):
+    """As a VESC's: cut off towards zero to 0.1 A, read as the middle of each step."""
+    current = experiment.current.copy()
+    cut = np.trunc(current["current_a"] / 0.1)
+    current["current_a"] = 0.1 * cut + 0.05 * np.sign(cut)
+    coarse = fit(replace(experiment, current=current), command_unit="N*m", tick_s=TICK_S)
+    for name in ("torque_constant", "amplifier_gain"):
+        estimate = coarse.estimate(name)
+        assert abs(estimate.value - getattr(Truth(), name)) < 3 * estimate.std
+        assert 2 * result.estimate(name).std < estimate.std < 0.02 * estimate.value
+    assert coarse.estimate("torque_gain") == result.estimate("torque_gain")
+
+
+def test_coarse_counts_widen_the_intervals_of_friction():
+    """0.02 degrees: a sixth of the way in which this friction builds up."""
+    measured = synthetic.experiment(1, bench=Bench(counts=18_000.0))
+    coarse = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    assert np.all(np.abs(deviates(coarse, Truth())) < 3)
+    for name, least in (("presliding_stiffness", 0.014), ("presliding_damping", 0.028)):
+        assert coarse.estimate(name).std > least * coarse.estimate(name).value
+
+
 def test_delays_are_relative_to_the_torque(result):
     # Transport: 0.25 ms to the drive, 0.25 ms for its encoder, 1.16 ms for the torque; the devices' own phases, up to
     # half a tick either way of what is drawn here, are in the stamps and cancel.

@@ -29,6 +29,20 @@ def test_shocks_and_what_is_not_chosen_do_not_count():
     assert deviation(values, chosen) == pytest.approx(1e-3, rel=0.1)
 
 
+def test_errors_that_come_with_the_speed_count_by_their_mean_square():
+    """Read at instants that jitter by 30 microseconds: nothing at rest, much at speed."""
+    rng = np.random.default_rng(5)
+    time = np.arange(40_000) * 1e-3
+    position = 40 / 2 * np.sin(2 * time)
+    jittered = 40 / 2 * np.sin(2 * (time + 3e-5 * rng.standard_normal(time.size)))
+    expected = np.std(jittered - position)
+    moving = np.abs(np.cos(2 * time)) ** 8  # at speed for a part of the time only
+    values = position + (jittered - position) * moving
+    told = np.sqrt(np.mean(((jittered - position) * moving) ** 2))
+    assert told < 0.7 * expected
+    assert deviation(values, np.ones(time.size, dtype=bool)) == pytest.approx(told, rel=0.1)
+
+
 def test_too_few_readings_tell_nothing():
     assert deviation(np.arange(100.0), np.ones(100, dtype=bool)) == 0.0
     assert deviation(np.arange(5.0), np.ones(5, dtype=bool)) == 0.0
