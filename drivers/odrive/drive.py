@@ -1,8 +1,8 @@
 """An ODrive on CAN: torque commands out, motion, current and state in.
 
 The drive sends its encoder estimates and currents by itself, at the rates of its own configuration
-(``axis0.config.can.…_rate_ms``): set them in the drive and save. Firmware before 0.5.6 sends currents and counts only
-to those who ask: ``ask`` does. What else the firmwares say differently stands in :mod:`drivers.odrive.firmware_05` and
+(``axis0.config.can.…_rate_ms``): set them in the drive and save. Firmware before 0.5.6 tells currents only to those who
+ask: ``ask`` does. What else the firmwares say differently stands in :mod:`drivers.odrive.firmware_05` and
 :mod:`drivers.odrive.firmware_06`. Positive torque is the torque that the actuator exerts on its load in the drive's
 positive sense, times ``direction``.
 """
@@ -67,7 +67,7 @@ class ODriveOptions(DeviceOptions):
     position: Literal["turns", "counts"] = Field(
         "turns", description='what positions are made from: estimates, or, exact however far it turns, "counts"'
     )
-    ask: bool = Field(False, description="whether currents and counts must be asked for, as before firmware 0.5.6")
+    ask: bool = Field(False, description="whether currents must be asked for, as before firmware 0.5.6")
     watchdog_timeout_endpoint: int = Field(
         protocol.ENDPOINT_WATCHDOG_TIMEOUT, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
@@ -97,6 +97,14 @@ class ODriveOptions(DeviceOptions):
         if position == "counts" and not info.data.get("counts_per_turn"):
             raise ValueError("counts mean nothing without counts_per_turn; add it")
         return position
+
+    @field_validator("ask")
+    @classmethod
+    def _is_exact_enough(cls, ask: bool, info: ValidationInfo) -> bool:
+        # A remote frame is on its way for as long as the bus likes: a shaft turns by many counts meanwhile.
+        if ask and info.data.get("position") == "counts":
+            raise ValueError('counts that are asked for come too irregularly; write position = "turns"')
+        return ask
 
 
 def open_amplifier(settings: DeviceSettings, link: Link) -> "ODrive":
@@ -131,7 +139,7 @@ class ODrive:
         self._closed_loop_wanted = False
         self._status: DriveStatus | None = None  # as last told; None where it has changed since
         self._fed_ns = 0
-        self._questions = self._questions_by_command()
+        self._questions = self._ask_for_current() if options.ask else None
         self._torque_id = protocol.arbitration_id(options.node, protocol.Command.SET_INPUT_TORQUE)
         self._handlers = self._handlers_by_id()
         port.subscribe(self._on_frame)
@@ -147,7 +155,8 @@ class ODrive:
 
     def enable(self, timeout_s: float = 2.0) -> None:
         """Arm the watchdog, clear errors, close the torque loop at zero torque; return when the drive says so."""
-        self._hush(False)
+        if self._questions is not None:
+            self._questions.hushed = False
         if self.options.watchdog_s > 0:
             self._firmware.arm_watchdog()
         self._firmware.forget()
@@ -208,7 +217,8 @@ class ODrive:
 
     def provoke_watchdog(self) -> None:
         self.command(0.0)
-        self._hush(True)  # the drive takes every frame for a sign of life
+        if self._questions is not None:
+            self._questions.hushed = True  # the drive takes every frame for a sign of life
 
     def made_itself_safe(self) -> bool | None:
         return self._heartbeat_ns is not None and not self._in_closed_loop
@@ -290,26 +300,13 @@ class ODrive:
         setting = f"set axis0.config.can.{self._firmware.encoder_rate} = 1 in the drive and save"
         if self.options.position == "turns":
             return f"sends no encoder estimates; {setting}"
-        counts = "set axis0.config.can.encoder_count_rate_ms = 1, or, before firmware 0.5.6, write ask = true"
-        return f"sends no encoder counts, or no estimates beside them; {counts}, and {setting}"
+        counts = "set axis0.config.can.encoder_count_rate_ms = 1, which firmware before 0.5.6 has not"
+        return f"sends no encoder counts, or no estimates beside them; {counts}; {setting}"
 
     # ---- What arrives --------------------------------------------------------------------------------------------
 
-    def _questions_by_command(self) -> dict[int, Questions]:
-        """What has to be asked for, again and again."""
-        if not self.options.ask:
-            return {}
-        pauses_s = {int(protocol.Command.IQ): _CURRENT_INTERVAL_S}
-        if self.options.position == "counts":
-            pauses_s[Command05.ENCODER_COUNT] = 0.0
-        return {command: self._question(command, pause_s) for command, pause_s in pauses_s.items()}
-
-    def _hush(self, hushed: bool) -> None:
-        for questions in self._questions.values():
-            questions.hushed = hushed
-
-    def _question(self, command: int, pause_s: float) -> Questions:
-        return Questions(self._link, lambda: self.request(command), _ASK_AGAIN_S, pause_s)
+    def _ask_for_current(self) -> Questions:
+        return Questions(self._link, lambda: self.request(protocol.Command.IQ), _ASK_AGAIN_S, _CURRENT_INTERVAL_S)
 
     def _handlers_by_id(self) -> dict[int, Handler]:
         counts = self.options.position == "counts"
@@ -351,7 +348,6 @@ class ODrive:
 
     def _on_encoder_count(self, data: bytearray, arrival_ns: int) -> None:
         self._count = _unwrapped(EncoderCount.decode(data).shadow_count, self._count)
-        self._note_answer(Command05.ENCODER_COUNT, arrival_ns)
         if isnan(self._velocity_rev_s):
             return  # no estimate has come yet
         scale, motion = self._rad_per_turn, self._motion
@@ -360,12 +356,9 @@ class ODrive:
 
     def _on_iq(self, data: bytearray, arrival_ns: int) -> None:
         measured_a = protocol.Iq.decode(data).measured_a
-        self._note_answer(protocol.Command.IQ, arrival_ns)
+        if self._questions is not None:
+            self._questions.answered(arrival_ns)
         self._current.put(CurrentReading(self._current.count, arrival_ns, self._direction * measured_a))
-
-    def _note_answer(self, command: int, arrival_ns: int) -> None:
-        if command in self._questions:
-            self._questions[command].answered(arrival_ns)
 
     def _on_heartbeat(self, data: bytearray, arrival_ns: int) -> None:
         self._heard = self._firmware.heard(data)

@@ -9,7 +9,7 @@ import pytest
 from drivers.codecs import odrive, odrive_05
 from drivers.codecs.odrive import AxisState, Command
 from drivers.codecs.odrive_05 import Command05
-from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 from drivers.odrive import ODrive, open_amplifier
 from drivers.readings import DriveState
 
@@ -264,20 +264,23 @@ def test_a_count_without_a_velocity_is_no_reading_yet(drive, link, open_counting
 
 
 def test_counts_that_do_not_come_are_told_with_the_mend(drive, open_counting):
-    with pytest.raises(DeviceTimeoutError, match=r"encoder_count_rate_ms = 1, or, before .* 0\.5\.6, write ask = true"):
+    with pytest.raises(DeviceTimeoutError, match=r"encoder_count_rate_ms = 1, which firmware before 0\.5\.6 has not"):
         open_counting().identify(timeout_s=0.3)
 
 
-def test_old_firmware_is_asked_for_counts_and_currents(drive, link, open_counting):
-    amplifier = open_counting(ask=True)
-    for count in range(200):
-        drive.count = count
+def test_old_firmware_is_asked_for_currents(drive, link, open_drive):
+    amplifier = open_drive(ask=True)
+    for _ in range(200):
         link.wait()
-    motion, current = amplifier.take_motion(), amplifier.take_current()
-    assert len(motion) >= 190
+    current = amplifier.take_current()
     assert len(current) in range(15, 22)
     assert current[0].current_a == 1.5
-    assert amplifier.identify().firmware == "0.5"
+    assert set(drive.asked) == {Command.IQ}
+
+
+def test_counts_are_not_asked_for(open_counting):
+    with pytest.raises(WiringError, match=r"ask = True: counts that are asked for come too irregularly"):
+        open_counting(ask=True)
 
 
 def test_who_is_not_to_ask_does_not(drive, link, open_drive):
@@ -287,15 +290,15 @@ def test_who_is_not_to_ask_does_not(drive, link, open_drive):
     assert drive.asked == []
 
 
-def test_a_lost_answer_does_not_end_the_asking(drive, link, open_counting):
-    amplifier = open_counting(ask=True)
+def test_a_lost_answer_does_not_end_the_asking(drive, link, open_drive):
+    amplifier = open_drive(ask=True)
     for _ in range(20):
         link.wait()
     drive.deaf = True
     for _ in range(50):
         link.wait()
     drive.deaf = False
-    amplifier.take_motion()
-    for _ in range(50):
+    amplifier.take_current()
+    for _ in range(100):
         link.wait()
-    assert len(amplifier.take_motion()) >= 15
+    assert len(amplifier.take_current()) >= 5

@@ -205,7 +205,7 @@ def test_its_watchdog_bites_an_idle_axis_too(open_host: Callable[..., Host]) -> 
     assert (host.firmware.armed, host.firmware.axis_errors) == (False, WATCHDOG)
 
 
-@pytest.mark.parametrize("options", [{}, {"ask": True}, {"position": "counts", "counts_per_turn": CPR, "ask": True}])
+@pytest.mark.parametrize("options", [{}, {"ask": True}, {"position": "counts", "counts_per_turn": 131072}])
 def test_the_real_driver_enables_and_turns_the_shaft(
     wiring: Wiring, open_bench: Bench, options: dict[str, object]
 ) -> None:

@@ -34,7 +34,7 @@ VARIANTS = {
     "mantracourt": ({'"dyn200"': '"mantracourt"', PUSHED: "scale = 0.001\nwidth = 10\n"}, 280),
     "0.5": ({FIRMWARE: 'firmware = "0.5"'}, 1000),
     "0.5 counting": ({FIRMWARE: 'firmware = "0.5"\nposition = "counts"'}, 1000),
-    "0.5 asked": ({FIRMWARE: 'firmware = "0.5"\nposition = "counts"\nask = true'}, 1000),
+    "0.5 asked": ({FIRMWARE: 'firmware = "0.5"\nask = true'}, 1000),
 }
 
 
