@@ -1,0 +1,129 @@
+"""The shipped CANopen bench in simulated time: two CiA 402 drives and a torque sensor under one master."""
+
+from collections.abc import Callable, Iterator
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.errors import SafetyStopError
+from bench.procedures.makers import coasting, pushed
+from bench.rig.load import load_rig
+from bench.segments import Segment, Use
+from drivers.readings import DriveState
+from sim_backend.firmware.cia402 import Cia402Drive
+from sim_backend.firmware.site import DriveFault
+from tests.bench.bench_in_simulation import Bench, opened
+
+RIG = Path(__file__).parents[3] / "rigs" / "sim-cia402.toml"
+WATCHDOG_NS = 300_000_000
+TICK_NS = 1_000_000
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with opened(load_rig(RIG)) as made:
+        yield made
+
+
+def firmware(bench: Bench, role: str) -> Any:
+    return bench.backend.world.devices[role]
+
+
+def drives(bench: Bench) -> list[Cia402Drive]:
+    return [firmware(bench, role) for role in ("actuator", "load")]
+
+
+def armed(bench: Bench) -> list[bool]:
+    return [drive.armed for drive in drives(bench)]
+
+
+def resting(duration_s: float = 0.5) -> Segment:
+    return coasting("test", "rest", Use.PREPARE, np.zeros(round(duration_s * 1e3)))
+
+
+def run(bench: Bench, segment: Segment) -> None:
+    with bench.loop.running():
+        bench.loop.run(segment)
+
+
+def test_segments_one_after_the_other(bench: Bench) -> None:
+    """Between them the drives are idle for as long as it takes, and have no reason to complain of the silence."""
+    for _ in range(3):
+        run(bench, pushed("test", "push", Use.PREPARE, np.full(300, 0.03)))
+        assert armed(bench) == [False, False]
+        bench.backend.world.advance(bench.backend.world.now_ns + 10 * WATCHDOG_NS)
+        assert [drive.error for drive in drives(bench)] == [0, 0]
+    torque = np.concatenate([part.torque["arrival_ns"] for part in bench.parts])
+    assert len(torque) == pytest.approx(900, abs=100)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (lambda b: b.cut("torque_sensor"), "torque sensor: silent"),
+        (lambda b: b.cut("actuator"), "actuator encoder: silent"),
+        (lambda b: b.cut("load"), "load encoder: silent"),
+        (lambda b: firmware(b, "torque_sensor").signal.force(1.5), "port torque"),
+        (lambda b: firmware(b, "torque_sensor").signal.force(nan), "port torque"),
+        (lambda b: setattr(firmware(b, "torque_sensor"), "status", 0x04), "port torque"),
+        (lambda b: firmware(b, "torque_sensor").node.restart(), "torque sensor: silent"),
+        (lambda b: firmware(b, "load").break_down(DriveFault.UNDERVOLTAGE), "load drive: .*bus voltage too low"),
+        (lambda b: firmware(b, "actuator").break_down(DriveFault.FAULT), "actuator drive: .*over-current"),
+        (lambda b: firmware(b, "actuator").node.restart(), "actuator drive: .*it restarted by itself"),
+        (lambda b: b.devices.actuator.node.order(0x02), "actuator drive: "),  # type: ignore[attr-defined]
+    ],
+)
+def test_a_fault_stops_everything(bench: Bench, fault: Callable[[Bench], None], words: str) -> None:
+    bench.after(0.3, lambda: fault(bench))
+    with pytest.raises(SafetyStopError, match=words):
+        run(bench, resting(1.0))
+    bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS + 2 * TICK_NS)
+    assert armed(bench) == [False, False]
+
+
+def test_a_host_that_dies_leaves_the_drives_to_their_watchdogs(bench: Bench) -> None:
+    bench.devices.await_streams()
+    bench.devices.enable()
+    assert armed(bench) == [True, True]
+    bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS + 2 * TICK_NS)
+    assert armed(bench) == [False, False]
+
+
+def test_a_loop_that_stands_still_is_a_host_that_dies(bench: Bench) -> None:
+    """Polling goes on, and with it all that is not a command."""
+    bench.devices.await_streams()
+    bench.devices.enable()
+    for _ in range(WATCHDOG_NS // TICK_NS + 2):
+        bench.devices.link.wait(TICK_NS)
+    assert armed(bench) == [False, False]
+
+
+def test_the_watchdogs_are_seen_to_act_and_the_drives_come_back(bench: Bench) -> None:
+    bench.devices.await_streams()
+    bench.devices.enable()
+    for drive in bench.devices.drives:
+        drive.provoke_watchdog()
+    begun_ns = bench.devices.clock.now_ns()
+    while not all(drive.made_itself_safe() for drive in bench.devices.drives):
+        bench.devices.link.wait(TICK_NS)
+        assert bench.devices.clock.now_ns() - begun_ns < WATCHDOG_NS + 10 * TICK_NS
+    assert armed(bench) == [False, False]
+    bench.devices.enable()
+    assert armed(bench) == [True, True]
+    bench.devices.stop()
+    assert [drive.status().state for drive in bench.devices.drives] == [DriveState.IDLE] * 2
+
+
+def test_the_next_host_finds_drives_that_are_well(bench: Bench) -> None:
+    bench.devices.await_streams()
+    bench.devices.enable()
+    bench.backend.world.advance(bench.backend.world.now_ns + 10 * WATCHDOG_NS)
+    assert [drive.error for drive in drives(bench)] == [0x8130] * 2
+    for drive in bench.devices.drives:
+        drive.set_up()  # type: ignore[attr-defined]  # as when the bench is opened
+    bench.devices.link.wait(5 * TICK_NS)
+    assert [drive.status().state for drive in bench.devices.drives] == [DriveState.IDLE] * 2
+    assert [drive.error for drive in drives(bench)] == [0, 0]
