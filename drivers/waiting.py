@@ -6,7 +6,7 @@ from drivers.link import Link
 
 
 def wait_until(
-    arrived: Callable[[], bool], link: Link, timeout_s: float, meanwhile: Callable[[], None] | None = None
+    arrived: Callable[[], bool], link: Link, timeout_s: float, meanwhile: Callable[[], object] | None = None
 ) -> bool:
     """Poll until ``arrived()``; False where ``timeout_s`` passed first. ``meanwhile`` is called before each poll.
 

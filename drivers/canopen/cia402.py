@@ -223,8 +223,8 @@ class Cia402Drive:
     def command(self, value: float) -> float:
         """Command a torque [N m]; returns that of the whole units sent. Our heartbeat goes with it where it is due.
 
-        Raises ConnectionFailedError, DeviceError. The drive takes whole units. What rounding leaves is carried to the next command, so that torque is right on
-        average: rounded each for itself, equal commands would all be wrong by the same.
+        What rounding leaves is carried to the next command, so that torque is right on average: rounded each for
+        itself, equal commands would all be wrong by the same. Raises ConnectionFailedError, DeviceError.
         """
         try:
             wanted = value / self._torque_per_unit_nm + self._carried if value else 0.0

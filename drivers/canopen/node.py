@@ -20,6 +20,8 @@ from drivers.waiting import wait_until
 SHIPPED = Path(__file__).parent / "eds"
 HEARTBEATS_MISSED = 3
 STARTS_WITHIN_S = 2.0
+# The first ones tell what happened; a device that babbles has no end of them.
+_EMERGENCIES_TOLD = 8
 # A second device with the same node id answers within this time of the first.
 _ECHO_NS = 5_000_000
 
@@ -80,6 +82,7 @@ class Node:
 
     def begin(self, heartbeat_s: float) -> None:
         """Ready for being set up: pre-operational, with a heartbeat, and all that was before forgotten."""
+        self.state = None
         self.restarted = False
         self.emergencies.clear()
         self.order(NmtCommand.PRE_OPERATIONAL)
@@ -204,7 +207,7 @@ class Node:
         code = protocol.Emergency.decode(data).code
         if code & 0xFF00 == 0:
             self.emergencies.clear()
-        elif code not in self.emergencies:
+        elif code not in self.emergencies and len(self.emergencies) < _EMERGENCIES_TOLD:
             self.emergencies.append(code)
         self.on_change()
 

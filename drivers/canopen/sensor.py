@@ -14,6 +14,7 @@ from drivers.canopen.master import master_of
 from drivers.canopen.node import DEVICE_TYPE, Node, load_dictionary
 from drivers.codecs import canopen as protocol
 from drivers.codecs import canopen_torque, cia402
+from drivers.codecs.canopen import NmtState
 from drivers.codecs.canopen_torque import PDO_MAX, TorqueField, ValueType
 from drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 from drivers.inbox import Inbox
@@ -202,8 +203,8 @@ class CanopenSensor:
 
     def _on_torque(self, data: bytearray, arrival_ns: int) -> None:
         torque_nm = self._scale_nm * self._field.decode(data)
-        if not self.node.operational:
-            return
+        if self.node.state is NmtState.BOOT_UP:
+            return  # it restarted, and nobody knows what it sends
         if self._on_change:
             self._say_again(arrival_ns, round(_GAP_PERIODS * self._period_ns))
         self._torque_nm = torque_nm

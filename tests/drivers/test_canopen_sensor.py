@@ -62,6 +62,22 @@ def test_it_is_started_with_a_heartbeat(peer, open_sensor):
     assert [entry for entry in peer.written if entry[0] >= 0x1800] == []
 
 
+def test_the_value_that_it_sends_when_it_is_started_counts(peer, link, open_sensor):
+    """It comes before the first heartbeat that says so, and may be the last for long."""
+    obey = peer.obey
+
+    def obey_and_send(order):
+        obey(order)
+        if order.command is NmtCommand.START:
+            peer.value(70)
+
+    peer.obey = obey_and_send
+    peer.boot_up()  # just switched on
+    sensor = open_sensor()
+    sensor.identify()
+    assert {reading.torque_nm for reading in run(link, sensor, 50)} == {0.07}
+
+
 def test_a_heartbeat_that_cannot_be_set_but_is_right_already(peer, open_sensor):
     peer.parameters[0x1017, 0] = struct.pack("<H", 10)
     peer.aborts[0x1017, 0] = 0x06010002

@@ -1,6 +1,7 @@
 """The CiA 402 driver against a scripted drive: what it sets up, sends and makes of what comes."""
 
 import math
+import random
 import struct
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +17,7 @@ from drivers.readings import DriveState
 from tests.drivers.canopen_peers import ScriptedDrive
 
 NODE = 5
+FRAMES = 100_000
 TORQUE_UNIT_NM = 1e-3
 COUNTS = 4000
 VELOCITY_UNIT_RAD_S = 0.01
@@ -616,6 +618,30 @@ def test_frames_of_others_and_malformed_ones(world, drive, link, open_drive):
         world.bus.arrive(identifier, data)
     link.poll()
     assert (amplifier.take_motion(), amplifier.statuses, amplifier.node.malformed) == ([], statuses, 5)
+
+
+def test_a_hundred_thousand_random_frames_give_no_false_reading(world, drive, link, open_drive):
+    amplifier = open_drive(current_per_unit=0.01)
+    link.poll()
+    amplifier.take_motion()
+    amplifier.take_current()
+    rng, motions, currents = random.Random(7), 0, 0
+    identifiers = [0x000, 0x080, 0x085, 0x185, 0x205, 0x285, 0x385, 0x585, 0x605, 0x705, 0x77F, 0x286, 0x184]
+    for k in range(FRAMES):
+        identifier, data = rng.choice(identifiers), rng.randbytes(rng.randrange(9))
+        extended, remote = rng.random() < 0.05, rng.random() < 0.05
+        if identifier == 0x705 and data == b"\0":
+            continue  # a restart ends all readings, and rightly
+        world.bus.arrive(identifier, b"" if remote else data, extended=extended, remote=remote)
+        ours = not (extended or remote)
+        motions += ours and (identifier, len(data)) == (0x285, 8)
+        currents += ours and (identifier, len(data)) == (0x185, 7)
+        if k % 1000 == 999:
+            link.poll()
+            motions -= len(amplifier.take_motion())
+            currents -= len(amplifier.take_current())
+    assert (motions, currents) == (0, 0)
+    assert amplifier.node.malformed > 10_000
 
 
 def test_a_bus_that_echoes_confuses_nobody(world, drive, link, open_drive):
