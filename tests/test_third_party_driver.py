@@ -7,10 +7,13 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import can
 import pytest
 
 from bench.errors import RigError
 from bench.rig.load import parse_rig
+from bench.rig.new.interview import Interview
+from bench.rig.new.questions import Prepared
 from drivers import registry
 from drivers.errors import WiringError
 
@@ -80,6 +83,17 @@ def test_it_is_listed_without_being_imported_and_a_rig_file_can_name_it(found: P
     assert (rig.wiring.actuator.driver, rig.wiring.actuator.options) == ("turnwell", {"node": 5})
     with pytest.raises(RigError, match=r"rig.toml: \[actuator\] node: .*the drive's node number"):
         parse_rig(RIG.format(node=500), place="rig.toml")
+
+
+def test_rig_new_asks_for_it_and_rig_check_knows_it(found: Path) -> None:
+    answers = {
+        "actuator.driver": "turnwell", "actuator.node": "5", "actuator.command": "0.5 N*m",
+        "bus.can0.channel": "can0", "limits.velocity": "60 rad/s",
+    }  # fmt: skip
+    rig = parse_rig(Interview(Prepared(answers), "foreign").rig(), place="rig.toml")
+    assert (rig.wiring.actuator.driver, rig.wiring.actuator.options) == ("turnwell", {"node": 5})
+    state = can.Message(arbitration_id=0x207, data=bytes(3), is_extended_id=False)
+    assert registry.recognisers()["turnwell"](state, {}).options == {"node": 7}
 
 
 def test_a_package_that_cannot_be_imported_is_named_in_a_sentence(found: Path, monkeypatch: pytest.MonkeyPatch) -> None:

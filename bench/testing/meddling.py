@@ -9,6 +9,7 @@ import can
 
 from drivers.backend import Backend
 from drivers.clock import Clock
+from drivers.codecs.can_errors import ErrorClass
 from drivers.ports import CanPort, SerialLine, SerialPort
 from drivers.wiring import CanBusSettings
 
@@ -120,12 +121,14 @@ def _junk_frame(random: Random, heard: dict[int, can.Message], now_s: float) -> 
     if heard and random.random() < 0.7:
         like = heard[random.choice(sorted(heard))]
         identifier, extended = like.arbitration_id, like.is_extended_id
+    remote, error = random.random() < 0.1, random.random() < 0.1
     return can.Message(
         timestamp=now_s,
-        arbitration_id=identifier,
+        # An error frame that says bus-off is no junk, but a lost bus.
+        arbitration_id=identifier & ~ErrorClass.BUS_OFF if error else identifier,
         is_extended_id=extended,
-        is_remote_frame=random.random() < 0.1,
-        is_error_frame=random.random() < 0.1,
+        is_remote_frame=remote,
+        is_error_frame=error,
         data=random.randbytes(random.randrange(9)),
     )
 

@@ -1,6 +1,7 @@
 """What the documentation shows must work as it stands, and must name everything there is."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -11,17 +12,45 @@ from bench.rig.mistakes import keys_of
 from bench.rig.schema import PLAUSIBILITY, BusSection, GuardSection, LimitsSection, RigSection
 from bench.session.schema import STEPS, parse_session
 from drivers import registry
+from drivers.adapters.table import ADAPTERS, mistakes
+from drivers.wiring import CanBusSettings
 
 DOCS = Path(__file__).parents[3] / "docs"
 
 
+def all_shown_in(document: str) -> list[str]:
+    return re.findall(r"```toml\n(.*?)```", (DOCS / document).read_text(), re.DOTALL)
+
+
 def shown_in(document: str) -> str:
-    (block,) = re.findall(r"```toml\n(.*?)```", (DOCS / document).read_text(), re.DOTALL)
-    return str(block)
+    """The whole file that a document begins with."""
+    return all_shown_in(document)[0]
 
 
 def test_the_rig_shown_is_right() -> None:
     assert parse_rig(shown_in("rig-file.md"), place="docs").name == "dyno-2"
+
+
+def test_the_set_ups_shown_are_right() -> None:
+    """Beside the rig that the document shows, in the true values of a rig that has some."""
+    (tables,) = [tomllib.loads(block)["simulated"] for block in all_shown_in("rig-file.md")[1:]]
+    simulated = tomllib.loads((DOCS.parent / "rigs" / "sim-odrive.toml").read_text())["simulated"]
+    merged = {**simulated, **{role: {**simulated[role], **table} for role, table in tables.items()}}
+    rig = parse_rig((DOCS.parent / "rigs" / "sim-odrive.toml").read_text(), place="docs")
+    registry.load_backend("simulated")(rig.wiring, merged, seed=1, place="docs").close()
+
+
+def test_the_buses_shown_are_right() -> None:
+    for block in all_shown_in("adapters.md"):
+        written = tomllib.loads(block)
+        bus = BusSection.model_validate(written.get("bus", {"can0": written})["can0"])
+        settings = CanBusSettings("can0", bus.interface, bus.channel, round(bus.bitrate_bit_s), bus.options)
+        assert list(mistakes(settings)) == []
+
+
+def test_every_adapter_is_explained() -> None:
+    text = (DOCS / "adapters.md").read_text()
+    assert [name for name in ADAPTERS if name != "virtual" and f"| `{name}` |" not in text] == []
 
 
 def test_the_session_shown_is_right() -> None:

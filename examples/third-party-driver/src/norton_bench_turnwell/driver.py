@@ -1,7 +1,9 @@
 """Turnwell T1 drives: torque commands out, motion, current and state in."""
 
 import struct
+from collections.abc import Mapping
 from contextlib import suppress
+from typing import Any
 
 import can
 from pydantic import Field
@@ -12,6 +14,7 @@ from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import CanPort
 from drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
+from drivers.recognition import Recognised
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 from norton_bench_turnwell import protocol
@@ -22,12 +25,28 @@ WATCHDOG_S = 0.1
 
 # Of the options below none is a quantity; a drive with a settable watchdog would say {"watchdog": "s"}.
 OPTION_UNITS: dict[str, str] = {}
+CONNECTION = "can"
 
 
 class TurnwellOptions(DeviceOptions):
     """What a rig file may say of a Turnwell T1."""
 
     node: int = Field(ge=1, le=protocol.NODE_MAX, description="the drive's node number", examples=[5])
+
+
+def recognise(message: can.Message, _options: Mapping[str, Any]) -> Recognised | None:
+    """A state message is sure; other frames only tell more of a node that sends one."""
+    kind, node = message.arbitration_id & ~protocol.NODE_MAX, message.arbitration_id & protocol.NODE_MAX
+    if message.is_extended_id or message.is_remote_frame or not node:
+        return None
+    device, options = "a Turnwell T1", {"node": node}
+    if kind == protocol.STATE and message.dlc == 3 and message.data[0] <= protocol.FAILED:
+        return Recognised(device, "state", options)
+    if kind == protocol.MOTION and message.dlc == 8:
+        return Recognised(device, "motion", options, sure=False)
+    if kind == protocol.COMMAND:
+        return Recognised(device, "command", options, sure=False, from_host=True)
+    return None
 
 
 def open_amplifier(settings: DeviceSettings, link: Link) -> "Turnwell":
