@@ -1,4 +1,4 @@
-"""ODrive CANSimple, firmware 0.6: messages to bytes and back, for either end of the wire.
+"""ODrive CANSimple, firmware 0.6, and what 0.5 has in common with it: messages to bytes and back, for either end.
 
 Standard identifiers are ``node << 5 | command``; payloads are little-endian. Sources: ODrive manual, "CAN Protocol"
 and "ODrive.Error", "ODrive.Axis.AxisState", "ODrive.ProcedureResult" of the API reference (firmware 0.6), and the

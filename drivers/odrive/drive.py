@@ -57,7 +57,8 @@ class ODriveOptions(DeviceOptions):
         alias="watchdog",
         ge=0,
         le=10,
-        description='silence that makes the drive stop; with firmware 0.5, what is set in the drive; "0 s": none is',
+        description="silence that makes the drive stop, with firmware 0.5 as it is set in the drive; "
+        '"0 s" leaves the drive\'s watchdog as it is',
         examples=["100 ms"],
     )
     heartbeat_s: float = Field(

@@ -8,7 +8,7 @@ import pytest
 
 from drivers import bota, dbc_sensor
 from drivers.codecs.bota import BotaFrame
-from drivers.errors import DeviceTimeoutError, WiringError
+from drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 
 SHIPPED = cantools.database.load_file(Path(dbc_sensor.__file__).parent / "dbc" / "torque-sensor.dbc")
 
@@ -79,6 +79,15 @@ def test_bota_says_when_a_reading_is_not_to_be_trusted(world, link, open_bota, t
     link.poll()
     (reading,) = sensor.take_torque()
     assert not reading.valid
+
+
+def test_bota_that_is_not_well_is_refused_in_its_own_words(world, open_bota):
+    sensor = open_bota()
+    world.line.arriving = frame(status=0b11000)
+    with pytest.raises(DeviceError, match=r"says that its measurements are raw: .*; unknown status bits 0x0010"):
+        sensor.identify()
+    world.line.arriving = frame()
+    assert sensor.identify().driver == "bota"
 
 
 def test_bota_range_and_junk(world, link, open_bota):
