@@ -40,6 +40,7 @@ MOVES_WITHIN_S = 120.0
 LOOK_S = 0.005
 STRIKES_WITHIN_S = 0.5
 WATCH_ON_S = 0.3
+END_WITHIN_S = 10.0
 TRIES = 3
 
 
@@ -129,7 +130,16 @@ def _served(rig: Rig, witness: Path) -> Iterator[None]:
                 raise _CannotServeError(said.strip() or "the simulated devices could not be served")
             yield
         finally:
-            server.send_signal(signal.SIGINT)
+            _end(server)
+
+
+def _end(server: "subprocess.Popen[str]") -> None:
+    """As on a terminal; by force where that takes too long."""
+    server.send_signal(signal.SIGINT)
+    try:
+        server.wait(END_WITHIN_S)
+    except subprocess.TimeoutExpired:
+        server.kill()
 
 
 @contextmanager

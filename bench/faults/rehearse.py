@@ -48,9 +48,10 @@ class _Listener(Silent):
 
 @dataclass(frozen=True)
 class _Run:
-    """What is known after a session: what ended it, what was measured, what was true."""
+    """What is known after a session: what ended it, what was measured, what was true; ``bug`` is what should not be."""
 
     error: str | None
+    bug: str | None
     ended_ns: int
     measured: Measured
     states: Sequence[TrueState]
@@ -87,6 +88,8 @@ def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> Outcome
     run = _run(prepared, case, backend, seed, allowed)
     fault = backend.injected[-1] if backend.injected else None
     outcome = nothing_yet(rig, case, allowed)
+    if run.bug is not None:
+        return _failed(outcome, run.bug)
     if fault is None or fault.begun_ns is None:
         return _failed(outcome, f"the session ended before the fault: {run.error or 'as planned'}")
     if "count" in case.table and not fault.hits:
@@ -113,7 +116,9 @@ def family(rig: Rig) -> str:
 
 
 def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None, allowed: int) -> _Run:
-    states, listener, error = backend.watch(), _Listener(), None
+    states, listener = backend.watch(), _Listener()
+    error: str | None = None
+    bug: str | None = None
     session = Session((), f"faults, {case.name}", faults=(WrittenFault({**STRIKES, **case.table}, Exercise.name),))
     with TemporaryDirectory() as folder:
         try:
@@ -129,9 +134,11 @@ def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None, a
             )
         except (BenchError, DeviceError) as stopped_by:
             error = str(stopped_by)
+        except Exception as stumbled_over:  # a host that a fault makes stumble is a finding, among all the others
+            bug = f"the program itself failed ({type(stumbled_over).__name__}: {stumbled_over})"
     ended_ns = backend.clock.now_ns()
     backend.clock.wait_until_ns(ended_ns + allowed + WATCH_ON_NS)
-    return _Run(error, ended_ns, join(listener.parts), states)
+    return _Run(error, bug, ended_ns, join(listener.parts), states)
 
 
 def nothing_yet(rig: Rig, case: Case, allowed: int) -> Outcome:

@@ -8,6 +8,7 @@ from bench.errors import RigError
 from bench.faults.case import Case, Expected, Outcome, Verdict
 from bench.faults.matrix import cases
 from bench.faults.rehearse import Prepared, prepare, rehearse
+from bench.loop.alignment import Alignment
 from bench.rig.load import load_rig
 
 RIGS = Path(__file__).parents[3] / "rigs"
@@ -99,6 +100,16 @@ def test_a_case_that_comes_to_nothing_has_failed(prepared: Prepared, table: dict
     outcome = rehearse(prepared, Case("nothing", table, RIDE))
     assert outcome.verdict is Verdict.FAILED
     assert words in outcome.guard
+
+
+def test_a_program_that_stumbles_over_a_fault_is_told_so(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stumble(*_arguments: object) -> None:
+        raise TypeError("a fault of its own")
+
+    monkeypatch.setattr(Alignment, "update", stumble)
+    outcome = rehearse(prepared, named("one frame lost", "load"))
+    assert outcome.verdict is Verdict.FAILED
+    assert outcome.guard == "the program itself failed (TypeError: a fault of its own)"
 
 
 def test_a_rig_that_cannot_move_its_shaft_is_refused() -> None:
