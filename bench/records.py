@@ -64,7 +64,7 @@ class Event:
     """Something that happened once, in words."""
 
     stamp_ns: int
-    kind: str  # "stop", "drive", "bus", "device", "operator", "fault", "note"
+    kind: str  # "stop", "drive", "watchdog", "bus", "device", "operator", "fault"
     text: str
 
 

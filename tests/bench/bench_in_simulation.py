@@ -1,6 +1,6 @@
 """A loop on the simulated backend, for tests that need the real path but not a whole session."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -11,7 +11,6 @@ from bench.loop.loop import Loop
 from bench.loop.outbox import Outbox
 from bench.records import Measured
 from bench.rig.rig import Rig
-from drivers.codecs.odrive import AxisState
 from drivers.registry import load_backend
 from sim_backend.backend import SimulatedBackend
 from sim_backend.firmware.odrive import ODriveAxis
@@ -27,6 +26,18 @@ class Bench:
     loop: Loop
     parts: list[Measured]
 
+    def after(self, delay_s: float, fault: Callable[[], None]) -> None:
+        """Let ``fault`` happen in the simulated world ``delay_s`` from now: what a schedule has no word for."""
+        self.backend.world.at(self.backend.world.now_ns + round(delay_s * 1e9), lambda _now: fault())
+
+    def cut(self, role: str) -> None:
+        """Pull a device's plug."""
+        self.backend.world.wires[role].cut()
+
+    def force_torque(self, torque_nm: float) -> None:
+        """Let the torque sensor read this from now on."""
+        self.backend.world.devices["torque_sensor"].signal.force(torque_nm)  # type: ignore[attr-defined]
+
     def axis(self, role: str) -> ODriveAxis:
         device = self.backend.world.devices[role]
         assert isinstance(device, ODriveAxis)
@@ -35,7 +46,7 @@ class Bench:
     def armed(self) -> list[str]:
         """Roles of the drives whose firmware still closes the torque loop."""
         roles = [drive.role for drive in self.devices.drives]
-        return [role for role in roles if self.axis(role).axis_state == AxisState.CLOSED_LOOP_CONTROL]
+        return [role for role in roles if self.backend.world.devices[role].armed]  # type: ignore[attr-defined]
 
 
 @contextmanager

@@ -72,10 +72,10 @@ def test_each_is_noticed_by_the_guard_that_is_there_for_it(
 def test_what_was_ridden_through_is_shown_to_have_been_there(prepared: Prepared) -> None:
     outcome = rehearse(prepared, named("messages corrupted", "torque_sensor"))
     assert outcome.verdict is Verdict.RIDDEN_THROUGH
-    assert "torque_sensor: 3 malformed messages" in outcome.counted
+    assert "[torque_sensor]: messages that could not be decoded, 3 times" in outcome.counted
     assert "3 hit on their way" in outcome.evidence
     caught = rehearse(prepared, named("frames corrupted, check fails", "can0"))
-    assert "bus can0: 50 error frames" in caught.evidence
+    assert "bus can0: bus error, 50 times" in caught.evidence
 
 
 def test_a_fault_that_nobody_notices_is_told_so(prepared: Prepared) -> None:

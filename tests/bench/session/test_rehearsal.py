@@ -7,6 +7,7 @@ import pytest
 
 from bench.errors import SafetyStopError, UsageError
 from bench.recording.reader import read_recording
+from bench.records import Event, Measured
 from bench.rig.load import load_rig
 from bench.session.engine import record_session
 from bench.session.rehearsal import rehearsed
@@ -18,13 +19,19 @@ RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 HEAD = '[[step]]\ndo = "tare"\nduration = "500 ms"\n[[step]]\ndo = "calibrate"\nduration = "2 s"\n'
 
 
+def only(measured: Measured, kind: str) -> Event:
+    """The one event of its kind."""
+    (event,) = (event for event in measured.events if event.kind == kind)
+    return event
+
+
 def test_a_fault_happens_in_its_step_and_the_recording_says_so(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "dropout"\non = "torque_sensor"\nduring = "calibrate"\nafter = "armed"\nat = "200 ms"\n'
     with pytest.raises(SafetyStopError, match="torque sensor: silent"):
         record_session(RIG, parse_session(HEAD + fault, place="faulty.toml"), out=tmp_path, seed=1)
     recording = read_recording(tmp_path / "sim-odrive.mcap")
-    stop, fault_event = sorted(recording.measured.events, key=lambda event: event.kind, reverse=True)
-    assert (stop.kind, fault_event.kind, fault_event.text) == ("stop", "fault", "dropout on torque_sensor")
+    stop, fault_event = (only(recording.measured, kind) for kind in ("stop", "fault"))
+    assert fault_event.text == "dropout on torque_sensor"
     assert 60e6 < stop.stamp_ns - fault_event.stamp_ns < 65e6
     begun = {segment.procedure: segment.start_ns for segment in reversed(recording.measured.segments)}
     assert begun["tare"] < begun["calibrate"] < fault_event.stamp_ns < begun["calibrate"] + 250e6
@@ -34,7 +41,7 @@ def test_a_fault_of_the_whole_session_counts_from_its_beginning(tmp_path: Path) 
     fault = '[[fault]]\nkind = "bias-jump"\non = "torque_sensor"\nat = "300 ms"\nfor = "100 ms"\nby = "20 mN*m"\n'
     session = parse_session(HEAD.partition('[[step]]\ndo = "calibrate"')[0] + fault, place="faulty.toml")
     recorded = record_session(RIG, session, out=tmp_path, seed=1)
-    (event,) = recorded.measured.events
+    event = only(recorded.measured, "fault")
     torque = recorded.measured.torque
     inside = (torque["arrival_ns"] > event.stamp_ns + 5e6) & (torque["arrival_ns"] < event.stamp_ns + 95e6)
     assert torque["torque_nm"][inside].mean() == pytest.approx(0.023, abs=1e-3)
