@@ -23,6 +23,7 @@ from drivers.codecs.mit import Ranges, Reply, Special
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.inbox import Inbox
 from drivers.link import Link
+from drivers.mit_recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
 from drivers.mit_shaft import MitShaft, OutOfRangeError
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import CanPort
@@ -37,6 +38,7 @@ PROBE_FLOWS_NS = 20_000_000
 PROBE_ENDED_NS = 60_000_000  # after the timeout
 LEAST_PROBE_STEPS = 8
 
+CONNECTION = "can"
 OPTION_UNITS = {
     "position_range": "rad",
     "velocity_range": "rad/s",

@@ -11,7 +11,7 @@ from drivers.backend import BackendFactory
 from drivers.devices import Amplifier, TorqueSensor
 from drivers.errors import WiringError
 from drivers.link import Link
-from drivers.recognition import Recogniser
+from drivers.recognition import Recognition
 from drivers.wiring import DeviceSettings
 
 BACKENDS = "norton_bench.backends"
@@ -59,11 +59,13 @@ def installed(group: str) -> dict[str, ModuleType]:
     return dict(sorted(found.items()))
 
 
-def recognisers() -> dict[str, Recogniser]:
-    """What the installed drivers offer to tell who sends a frame, by the driver's name."""
+def recognition() -> dict[str, Recognition]:
+    """What the installed drivers offer to tell who is on a bus, by the driver's name."""
     modules = {**installed(AMPLIFIERS), **installed(TORQUE_SENSORS)}
-    offered = ((name, getattr(module, "recognise", None)) for name, module in modules.items())
-    return {name: recognise for name, recognise in offered if recognise is not None}
+    return {
+        name: Recognition(*(getattr(module, offer, None) for offer in ("recognise", "answers", "probes")))
+        for name, module in modules.items()
+    }
 
 
 def load_backend(name: str) -> BackendFactory:

@@ -27,6 +27,7 @@ from drivers.options import DeviceOptions, parse_options
 from drivers.ports import CanPort
 from drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
 from drivers.vesc_queries import VescQueries
+from drivers.vesc_recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
 from drivers.vesc_shaft import VescShaft
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
@@ -35,6 +36,7 @@ SILENT_NS = 250_000_000  # longer than a busy host may forget to ask
 UNITS = {"current": "A", "torque": "N*m", "duty": "1"}
 _MOTOR_CONTROLLER = 0
 
+CONNECTION = "can"
 OPTION_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s", "watchdog_probe": "A"}
 
 

@@ -93,7 +93,7 @@ def test_rig_new_asks_for_it_and_rig_check_knows_it(found: Path) -> None:
     rig = parse_rig(Interview(Prepared(answers), "foreign").rig(), place="rig.toml")
     assert (rig.wiring.actuator.driver, rig.wiring.actuator.options) == ("turnwell", {"node": 5})
     state = can.Message(arbitration_id=0x207, data=bytes(3), is_extended_id=False)
-    assert registry.recognisers()["turnwell"](state, {}).options == {"node": 7}
+    assert registry.recognition()["turnwell"].recognise(state, {}).options == {"node": 7}
 
 
 def test_a_package_that_cannot_be_imported_is_named_in_a_sentence(found: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,29 +1,31 @@
 """One bus judged: how busy it is, who is heard, who shares an address."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from bench.check.doubles import answered_twice, sent_by_two
 from bench.check.findings import BusCheck, Problem
-from bench.check.senders import Claims, claims_on, in_words, owner, senders_on
-from bench.check.survey import BusSurvey, Key
+from bench.check.senders import Claim, Claims, claims_of, claims_on, in_words, senders_on
+from bench.check.survey import BusSurvey, HeardId
 from bench.errors import ExperimentError
-from drivers.recognition import Recogniser
+from drivers.recognition import Recognition, answers_remotely
 from drivers.wiring import CanBusSettings, DeviceSettings
 
 # A bus as busy as this holds frames back now and then.
 BUSY = 0.7
+_TWICE = "each question has two answers"
 
 
 def check_bus(
     settings: CanBusSettings,
     survey: BusSurvey,
     devices: Sequence[DeviceSettings],
-    recognisers: Mapping[str, Recogniser],
+    recognition: Mapping[str, Recognition],
     troubles: Mapping[str, int],
     took_s: float,
 ) -> BusCheck:
     """``devices`` are those of the rig on this bus, ``troubles`` what was counted on it."""
-    claims = claims_on(survey, recognisers, devices)
+    claims = claims_on(survey, recognition, devices)
     known = {key for key, claimed in claims.items() if claimed}
     return BusCheck(
         settings.name,
@@ -32,10 +34,10 @@ def check_bus(
         survey.frames,
         survey.frames / took_s,
         survey.bits / took_s / settings.bitrate_bit_s,
-        senders_on(survey, claims, devices),
+        senders_on(survey, claims),
         tuple(heard.name for key, heard in sorted(survey.heard.items()) if key not in known),
         dict(troubles),
-        tuple(_problems(settings, survey, claims, devices)),
+        tuple(_problems(settings, _Bus(survey, claims, devices, recognition))),
     )
 
 
@@ -50,45 +52,51 @@ def remarks_on(bus: BusCheck, bitrate_bit_s: int) -> Iterator[str]:
         )
 
 
-def _problems(
-    settings: CanBusSettings, survey: BusSurvey, claims: Claims, devices: Sequence[DeviceSettings]
-) -> Iterator[Problem]:
-    for who, seen in _shared(survey, claims, devices).items():
+@dataclass(frozen=True)
+class _Bus:
+    """All that is known of what passed on one bus."""
+
+    survey: BusSurvey
+    claims: Claims
+    devices: Sequence[DeviceSettings]
+    recognition: Mapping[str, Recognition]
+
+    def shared(self) -> dict[str, str]:
+        """Who there are two of, and how that shows."""
+        found: dict[str, str] = {}
+        offered = [each.answers for each in self.recognition.values() if each.answers is not None]
+        for frame in answered_twice(self.survey, [answers_remotely, *offered]):
+            claims = list(claims_of(frame, self.recognition, self.devices))
+            found.setdefault(_who(claims, self.survey.heard[frame.arbitration_id, frame.extended]), _TWICE)
+        for key in sorted(sent_by_two(self.survey)):
+            heard = self.survey.heard[key]
+            found.setdefault(_who(self.claims.get(key, ()), heard), f"{heard.name} comes from two senders")
+        return found
+
+    def commanded(self) -> dict[str, str]:
+        """Devices of the rig that are commanded by somebody else, and the identifier of the commands."""
+        found: dict[str, str] = {}
+        for key, claimed in self.claims.items():
+            for each in claimed:
+                if each.claim.from_host and each.role is not None:
+                    found.setdefault(each.role, self.survey.heard[key].name)
+        return found
+
+
+def _problems(settings: CanBusSettings, bus: _Bus) -> Iterator[Problem]:
+    for who, seen in bus.shared().items():
         yield ExperimentError(
             f"bus {settings.name}: two devices share the address of {who} ({seen}); give each one of its own"
         )
-    for role, name in _commanded(survey, claims, devices).items():
+    for role, name in bus.commanded().items():
         yield ExperimentError(
             f"bus {settings.name}: somebody else commands [{role}] ({name}); stop the other program, or the other "
             "computer"
         )
 
 
-def _shared(survey: BusSurvey, claims: Claims, devices: Sequence[DeviceSettings]) -> dict[str, str]:
-    """Who there are two of, and how that shows."""
-    found: dict[str, str] = {}
-    for key in sorted(answered_twice(survey)):
-        found.setdefault(_who(key, survey, claims, devices), "each question has two answers")
-    for key in sorted(sent_by_two(survey)):
-        found.setdefault(_who(key, survey, claims, devices), f"{survey.heard[key].name} comes from two senders")
-    return found
-
-
-def _commanded(survey: BusSurvey, claims: Claims, devices: Sequence[DeviceSettings]) -> dict[str, str]:
-    """Devices of the rig that are commanded by somebody else, and the identifier of the commands."""
-    found: dict[str, str] = {}
-    for key, claimed in claims.items():
-        for driver, claim in claimed:
-            role = owner(driver, claim, devices) if claim.from_host else None
-            if role is not None:
-                found.setdefault(role, survey.heard[key].name)
-    return found
-
-
-def _who(key: Key, survey: BusSurvey, claims: Claims, devices: Sequence[DeviceSettings]) -> str:
-    for driver, claim in claims.get(key, ()):
-        if role := owner(driver, claim, devices):
-            return f"[{role}]"
-    for _, claim in claims.get(key, ()):
-        return f"{claim.device} at {in_words(claim.options)}"
-    return survey.heard[key].name
+def _who(claims: Sequence[Claim], heard: HeardId) -> str:
+    ours = next((each.role for each in claims if each.role is not None), None)
+    if ours is not None:
+        return f"[{ours}]"
+    return next((f"{each.claim.device} at {in_words(each.claim.options)}" for each in claims), heard.name)

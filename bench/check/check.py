@@ -12,6 +12,7 @@ from bench.check.doubles import contradictory
 from bench.check.findings import BusCheck, DeviceCheck, Problem, RigCheck
 from bench.check.host import host_remarks, look_at_host
 from bench.check.moving import announcement, check_moving
+from bench.check.probing import ask_everybody
 from bench.check.streams import status_problems, stream_problems, streams_of
 from bench.check.survey import Survey
 from bench.check.watch import Watched, open_watched, watch
@@ -21,7 +22,9 @@ from bench.rig.rig import Rig
 from drivers.backend import Backend
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.link import Link
-from drivers.registry import load_backend, recognisers
+from drivers.recognition import Recognition, answers_remotely
+from drivers.registry import load_backend, recognition
+from drivers.wiring import CanBusSettings, DeviceSettings
 
 WATCH_S = 1.0
 
@@ -64,20 +67,22 @@ def _moved(rig: Rig, backend: Backend, found: RigCheck, move: Permission) -> Rig
 
 def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
     """As :func:`check_rig`, on a backend that is open already and stays so; its ports are closed again."""
-    survey, link = Survey(), Link(backend, rig.wiring.buses)
+    survey, link, known = Survey(), Link(backend, rig.wiring.buses), recognition()
     begun_ns = link.clock.now_ns()
     try:
         watched = [open_watched(settings, link, survey) for settings in rig.wiring.devices()]
         lost = watch(watched, link, watch_s)
+        ask_everybody(watched, link, survey, known)
         took_s = (link.clock.now_ns() - begun_ns) * 1e-9
         troubles = link.troubles()
     finally:
         link.close()
     host = None if backend.lock_step else look_at_host(rig, backend.clock)
-    buses = _buses(rig, survey, troubles, took_s or watch_s)
+    seen = _Seen(rig, backend, survey, known, troubles, took_s or watch_s, watch_s)
+    buses = {settings.name: seen.bus(settings) for settings in rig.wiring.buses}
     remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.bitrate_bit_s)]
     return RigCheck(
-        devices=tuple(_device(each, rig, buses, survey, backend, watch_s) for each in watched),
+        devices=tuple(seen.device(each, buses) for each in watched),
         buses=tuple(buses.values()),
         host=host,
         whole=() if lost is None else (lost,),
@@ -85,48 +90,59 @@ def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
     )
 
 
-def _buses(rig: Rig, survey: Survey, troubles: Mapping[tuple[str, str], int], took_s: float) -> dict[str, BusCheck]:
-    known, found = recognisers(), {}
-    for settings in rig.wiring.buses:
+@dataclass(frozen=True)
+class _Seen:
+    """What was seen, and by whose help it is understood."""
+
+    rig: Rig
+    backend: Backend
+    survey: Survey
+    recognition: Mapping[str, Recognition]
+    troubles: Mapping[tuple[str, str], int]
+    took_s: float
+    watched_s: float
+
+    def bus(self, settings: CanBusSettings) -> BusCheck:
+        """One bus judged."""
         name = settings.name
-        devices = [device for device in rig.wiring.devices() if device.bus == name]
-        counted = {what: count for (place, what), count in troubles.items() if place == f"bus {name}"}
-        found[name] = check_bus(settings, survey.buses[name], devices, known, counted, took_s)
-    return found
+        devices = [device for device in self.rig.wiring.devices() if device.bus == name]
+        counted = {what: count for (place, what), count in self.troubles.items() if place == f"bus {name}"}
+        return check_bus(settings, self.survey.buses[name], devices, self.recognition, counted, self.took_s)
 
+    def device(self, each: Watched, buses: Mapping[str, BusCheck]) -> DeviceCheck:
+        """One device judged, in the light of what else is heard on its bus."""
+        settings, streams = each.settings, streams_of(each, self.watched_s)
+        status = each.status() if each.status is not None else None
+        problems = [self._explained(problem, settings, buses) for problem in each.problems]
+        if each.identity is not None:
+            problems += stream_problems(each, streams, self.rig)
+            problems += status_problems(settings.role, status)
+            problems += _contradictions(each)
+        answer_s = self._answer_s(each)
+        return DeviceCheck(settings.role, settings.driver, each.identity, status, streams, tuple(problems), answer_s)
 
-def _device(
-    each: Watched, rig: Rig, buses: Mapping[str, BusCheck], survey: Survey, backend: Backend, watch_s: float
-) -> DeviceCheck:
-    settings, streams = each.settings, streams_of(each, watch_s)
-    status = each.status() if each.status is not None else None
-    problems = [_explained(problem, each, rig, buses, survey, backend) for problem in each.problems]
-    if each.identity is not None:
-        problems += stream_problems(each, streams, rig)
-        problems += status_problems(settings.role, status)
-        problems += _contradictions(each)
-    answer_s = _answer_s(each, survey)
-    return DeviceCheck(settings.role, settings.driver, each.identity, status, streams, tuple(problems), answer_s)
-
-
-def _explained(
-    problem: Problem,
-    each: Watched,
-    rig: Rig,
-    buses: Mapping[str, BusCheck],
-    survey: Survey,
-    backend: Backend,
-) -> Problem:
-    """A device's silence in the light of what else is heard."""
-    settings = each.settings
-    if not isinstance(problem, DeviceTimeoutError):
+    def _explained(self, problem: Problem, settings: DeviceSettings, buses: Mapping[str, BusCheck]) -> Problem:
+        if not isinstance(problem, DeviceTimeoutError):
+            return problem
+        if settings.bus is not None and settings.bus in buses:
+            bitrate_bit_s = next(bus.bitrate_bit_s for bus in self.rig.wiring.buses if bus.name == settings.bus)
+            return explain_silence(settings, problem, buses[settings.bus], bitrate_bit_s)
+        if settings.port is not None:
+            return explain_noise(settings, problem, self.survey.bytes_heard[settings.port], self.backend)
         return problem
-    if settings.bus is not None and settings.bus in buses:
-        bitrate_bit_s = next(bus.bitrate_bit_s for bus in rig.wiring.buses if bus.name == settings.bus)
-        return explain_silence(settings, problem, buses[settings.bus], bitrate_bit_s)
-    if settings.port is not None:
-        return explain_noise(settings, problem, survey.bytes_heard[settings.port], backend)
-    return problem
+
+    def _answer_s(self, each: Watched) -> float | None:
+        """The median time from a question to its first answer, while the device was asked who it is."""
+        bus = self.survey.buses.get(each.settings.bus or "")
+        offered = self.recognition.get(each.settings.driver, Recognition()).answers
+        answers = [answers_remotely] if offered is None else [answers_remotely, offered]
+        first_ns, last_ns = each.asked_ns
+        delays = [
+            found[0].stamp_ns - question.stamp_ns
+            for question, found in (() if bus is None else bus.answered(answers))
+            if first_ns <= question.stamp_ns <= last_ns
+        ]
+        return median(delays) * 1e-9 if delays else None
 
 
 def _contradictions(each: Watched) -> Iterator[Problem]:
@@ -136,12 +152,3 @@ def _contradictions(each: Watched) -> Iterator[Problem]:
                 f"[{each.settings.role}] {name} readings jump to and fro between two values: two devices share its "
                 "address; give each one of its own"
             )
-
-
-def _answer_s(each: Watched, survey: Survey) -> float | None:
-    """The median time from a question to its first answer, while the device was asked who it is."""
-    bus = survey.buses.get(each.settings.bus or "")
-    first_ns, last_ns = each.asked_ns
-    questions = bus.answers_ns() if bus is not None else ()
-    delays = [min(answers) for _, at_ns, answers in questions if answers and first_ns <= at_ns <= last_ns]
-    return median(delays) * 1e-9 if delays else None

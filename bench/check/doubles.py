@@ -8,6 +8,8 @@ import numpy as np
 
 from bench.check.survey import BusSurvey, Key
 from bench.segments import FloatArray
+from drivers.readings import RawFrame
+from drivers.recognition import Answers
 
 _READINGS_MIN = 40
 # A rhythm is judged where the period is long against what an adapter and the host may hold frames up.
@@ -18,12 +20,15 @@ _APART = 0.15
 _MOST = 0.8  # of the gaps: the host may be late now and then
 
 
-def answered_twice(survey: BusSurvey) -> set[Key]:
-    """Identifiers whose every question had two answers."""
-    answers: dict[Key, list[int]] = {}
-    for key, _, delays in survey.answers_ns():
-        answers.setdefault(key, []).append(len(delays))
-    return {key for key, counts in answers.items() if counts and min(counts) >= 2 and median(counts) == 2}
+def answered_twice(survey: BusSurvey, answers: Sequence[Answers]) -> list[RawFrame]:
+    """An answer of each device whose every question had two."""
+    counts: dict[tuple[Key, bytes], list[int]] = {}
+    example: dict[tuple[Key, bytes], RawFrame] = {}
+    for question, found in survey.answered(answers):
+        asked = ((question.arbitration_id, question.extended), b"" if question.remote else question.data)
+        counts.setdefault(asked, []).append(len(found))
+        example[asked] = found[0]
+    return [example[asked] for asked, each in counts.items() if min(each) >= 2 and median(each) == 2]
 
 
 def sent_by_two(survey: BusSurvey) -> set[Key]:

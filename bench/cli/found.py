@@ -29,8 +29,8 @@ def check_view(found: "RigCheck") -> Iterator["RenderableType"]:
         yield _stream_table(device)
     for bus in found.buses:
         yield _bus_line(bus)
-        for sender in bus.senders:
-            yield f"  {_sender_line(sender)}"
+        # A kind that several drivers speak to is one line.
+        yield from dict.fromkeys(f"  {_sender_line(sender)}" for sender in bus.senders)
     if found.host is not None:
         yield _host_line(found.host)
     yield from found.moved

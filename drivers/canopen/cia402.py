@@ -17,6 +17,7 @@ from drivers.canopen import ascent, host_watch, process_data
 from drivers.canopen.master import Master, master_of
 from drivers.canopen.node import DEVICE_TYPE, Node, load_dictionary
 from drivers.canopen.process_data import Pdo
+from drivers.canopen.recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
 from drivers.codecs import canopen as protocol
 from drivers.codecs import cia402
 from drivers.codecs.canopen import NmtCommand

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 from drivers.canopen import process_data
 from drivers.canopen.master import master_of
 from drivers.canopen.node import DEVICE_TYPE, Node, load_dictionary
+from drivers.canopen.recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
 from drivers.codecs import canopen as protocol
 from drivers.codecs import canopen_torque, cia402
 from drivers.codecs.canopen import NmtState

@@ -5,6 +5,7 @@ import types
 from pathlib import Path
 
 import can
+import canopen as canopen_library
 import cantools
 import odrive_can
 import pytest
@@ -12,8 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers import dbc_sensor, registry
+from drivers import mit_recognition as mit
+from drivers import vesc_recognition as vesc
+from drivers.canopen import recognition as canopen
 from drivers.codecs.odrive import AxisState, Command, EncoderEstimates, Heartbeat, arbitration_id
 from drivers.odrive.recognition import recognise
+from drivers.readings import RawFrame
+from drivers.recognition import Recognition, answers_remotely, nobodys
 
 
 def message(identifier: int, data: bytes = b"", *, extended: bool = False, remote: bool = False) -> can.Message:
@@ -66,8 +72,9 @@ def test_commands_are_known_to_come_from_a_host():
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8), st.booleans(), st.booleans())
 def test_any_frame_may_be_shown(identifier, data, extended, remote):
     frame = message(identifier if extended else identifier & 0x7FF, data, extended=extended, remote=remote)
-    for recogniser in registry.recognisers().values():
-        recogniser(frame, {})
+    for offered in registry.recognition().values():
+        if offered.recognise is not None:
+            offered.recognise(frame, {})
 
 
 def test_a_dbc_files_messages():
@@ -106,4 +113,109 @@ def test_drivers_are_found_and_broken_ones_left_out(monkeypatch):
     entries = [_Entry("stranger", module), _Entry("broken", None)]
     monkeypatch.setattr(registry, "entry_points", lambda group: entries if group == registry.AMPLIFIERS else [])
     assert registry.installed(registry.AMPLIFIERS) == {"stranger": module}
-    assert registry.recognisers() == {"stranger": module.recognise}
+    assert registry.recognition() == {"stranger": Recognition(module.recognise)}
+
+
+# ---- Other families -------------------------------------------------------------------------------------------------
+
+
+def sent(identifier: int, data: bytes, *, extended: bool = False, remote: bool = False) -> RawFrame:
+    return RawFrame(0, "can0", True, data, identifier, extended, remote)
+
+
+def heard(identifier: int, data: bytes, *, extended: bool = False) -> RawFrame:
+    return RawFrame(1, "can0", False, data, identifier, extended)
+
+
+@pytest.mark.parametrize(
+    ("frame", "says", "sure", "from_host"),
+    [
+        (message(0x705, b"\x05"), "heartbeat", True, False),
+        (message(0x705, b"\x7f"), "heartbeat", True, False),
+        (message(0x705, b"\x33"), "heartbeat", False, False),  # no state that there is
+        (message(0x585, bytes.fromhex("4300100092010200")), "answers", True, False),
+        (message(0x585, bytes.fromhex("4b41600037020000")), "answers", False, False),
+        (message(0x185, bytes(8)), "PDO 1", False, False),
+        (message(0x085, bytes(8)), "emergency", False, False),
+        (message(0x205, bytes(8)), "command", False, True),
+        (message(0x605, bytes(8)), "command", False, True),
+    ],
+)
+def test_canopen(frame, says, sure, from_host):
+    found = canopen.recognise(frame, {})
+    assert (found.says, found.sure, found.from_host, found.options) == (says, sure, from_host, {"node": 5})
+
+
+@pytest.mark.parametrize(
+    "frame", [message(0x080), message(0x000, b"\1\0"), message(0x705, bytes(8)), message(0x705, b"\5", extended=True)]
+)
+def test_what_is_not_a_canopen_devices(frame):
+    assert canopen.recognise(frame, {}) is None
+
+
+def test_python_canopens_boot_up_is_known():
+    """As the slave of python-canopen, which nobody here wrote, sends it."""
+    network, got = canopen_library.Network(), []
+    network.send_message = lambda can_id, data, remote=False: got.append(message(can_id, bytes(data)))
+    node = canopen_library.LocalNode(9, str(Path(canopen.__file__).parent / "eds" / "cia402.eds"))
+    node.associate_network(network)
+    node.nmt.send_command(0)
+    (boot_up,) = got
+    assert (canopen.recognise(boot_up, {}).options, canopen.recognise(boot_up, {}).sure) == ({"node": 9}, True)
+
+
+def test_vesc():
+    status = message(0x0901, bytes(8), extended=True)
+    assert (vesc.recognise(status, {}).says, vesc.recognise(status, {}).options) == ("STATUS_1", {"node": 1})
+    assert vesc.recognise(message(0x0901, bytes(8)), {}) is None
+    assert vesc.recognise(message(0x12FE, b"\x17\x00", extended=True), {}).options == {"node": 0x17}
+    assert vesc.recognise(message(0x0117, bytes(4), extended=True), {}).from_host
+    assert vesc.recognise(message(0x18FF0917, bytes(8), extended=True), {}) is None  # J1939's identifiers are far above
+
+
+def test_a_vescs_answer_to_a_ping():
+    ping = sent(0x1117, b"\xfe", extended=True)
+    assert vesc.answers(ping, heard(0x12FE, b"\x17\x00", extended=True))
+    assert not vesc.answers(ping, heard(0x12FE, b"\x18\x00", extended=True))
+    assert not vesc.answers(ping, heard(0x12FD, b"\x17\x00", extended=True))
+    assert not vesc.answers(sent(0x0117, bytes(4), extended=True), heard(0x12FE, b"\x17\x00", extended=True))
+
+
+def test_mit():
+    reply = message(0, bytes([3, *bytes(5)]))
+    assert mit.recognise(reply, {}).options == {"node": 3}
+    assert mit.recognise(message(0x10, bytes([3, *bytes(7)])), {"master": 0x10}).options == {"node": 3}
+    assert mit.recognise(message(0, bytes(2)), {}) is None  # network management of CANopen
+    assert mit.answers(sent(3, bytes(8)), heard(0, bytes([3, *bytes(5)])))
+    assert not mit.answers(sent(3, bytes(8)), heard(0, bytes([4, *bytes(5)])))
+
+
+def test_an_sdos_answer():
+    question = sent(0x605, bytes(8))
+    assert canopen.answers(question, heard(0x585, bytes(8)))
+    assert not canopen.answers(question, heard(0x586, bytes(8)))
+    assert not canopen.answers(sent(0x205, bytes(8)), heard(0x585, bytes(8)))
+
+
+def test_a_remote_frames_answer():
+    assert answers_remotely(sent(0x20, b"", remote=True), heard(0x20, bytes(8)))
+    assert not answers_remotely(sent(0x20, bytes(8)), heard(0x20, bytes(8)))
+    assert not answers_remotely(sent(0x20, b"", remote=True), heard(0x21, bytes(8)))
+
+
+@pytest.mark.parametrize("offers", [canopen, mit, vesc])
+def test_probes_are_answered_by_their_own_kind_and_come_once_to_each(offers):
+    questions = list(offers.probes({}, set()))
+    assert len(set(questions)) == len(questions) > 100
+
+
+def test_probes_keep_away_from_others():
+    odrive_at_2 = {0x41, 0x49}
+    assert {question.arbitration_id for question in mit.probes({}, odrive_at_2)} & set(range(0x40, 0x60)) == set()
+    assert {question.arbitration_id for question in mit.probes({}, {0x000})} == set(
+        range(1, 128)
+    )  # its own kind answers
+    odrive_at_48 = {0x601}
+    assert all(question.arbitration_id >= 0x620 for question in canopen.probes({}, odrive_at_48))
+    assert nobodys(0x60, {0x41})
+    assert not nobodys(0x5F, {0x41})

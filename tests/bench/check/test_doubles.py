@@ -6,6 +6,7 @@ import pytest
 from bench.check.doubles import answered_twice, contradictory, sent_by_two, two_rhythms
 from bench.check.survey import BusSurvey
 from drivers.readings import RawFrame
+from drivers.recognition import answers_remotely
 
 PERIOD_NS = 100_000_000
 
@@ -88,5 +89,7 @@ def survey_of(answers_ns: list[list[int]]) -> BusSurvey:
 )
 def test_a_question_with_two_answers(answers_ns: list[list[int]], twice: bool) -> None:
     survey = survey_of(answers_ns)
-    assert answered_twice(survey) == ({(0x20, False)} if twice else set())
+    found = answered_twice(survey, [answers_remotely])
+    assert [(frame.arbitration_id, frame.sent) for frame in found] == ([(0x20, False)] if twice else [])
+    assert answered_twice(survey, []) == []
     assert sent_by_two(survey) == set()
