@@ -10,7 +10,7 @@ applications/appconf_default.h (timeout of 1000 ms, all status messages off).
 
 from collections.abc import Callable
 from contextlib import suppress
-from math import nan
+from math import isfinite, nan
 from typing import Literal
 
 import can
@@ -255,7 +255,7 @@ class Vesc:
     def _encoded(self, value: float) -> tuple[bytes, float]:
         """The payload, and what it stands for in the command's unit; both in the drive's own sense."""
         if self.options.mode == "duty":
-            payload = protocol.duty_value(min(max(value, -1.0), 1.0))
+            payload = protocol.duty_value(min(max(value, -1.0), 1.0) if isfinite(value) else value)
             return payload, protocol.duty_of(payload)
         per_ampere = self.options.per_ampere
         current_a = value / per_ampere

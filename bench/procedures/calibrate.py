@@ -116,12 +116,18 @@ def calibration_from(fit: LoadFit, actuator: FitResult, known: Knowledge) -> Loa
         torque_noise_nm=tare.torque_noise_nm,
         torque_bias_nm=fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
-        actuator_inertia_kgm2=actuator.network.inertia_kgm2 if actuator.converged else None,
+        actuator_inertia_kgm2=first_inertia_kgm2(actuator),
     )
+
+
+def first_inertia_kgm2(actuator: FitResult) -> float | None:
+    """The actuator's inertia as far as the calibration tells it: a winding's lag can make it seem to be negative."""
+    inertia_kgm2 = actuator.network.inertia_kgm2
+    return inertia_kgm2 if actuator.converged and inertia_kgm2 > 0.0 else None
 
 
 def least_damping_nms_rad(fit: LoadFit, actuator: FitResult) -> float:
     """What the sensor must have at the resonance of the two machines on it, whatever the fit says."""
-    stiffness_nm_rad = fit.sensor_stiffness_nm_rad
-    mobility = 1 / fit.result.network.inertia_kgm2 + 1 / actuator.network.inertia_kgm2
+    stiffness_nm_rad, actuator_kgm2 = fit.sensor_stiffness_nm_rad, first_inertia_kgm2(actuator)
+    mobility = 1 / fit.result.network.inertia_kgm2 + (1 / actuator_kgm2 if actuator_kgm2 else 0.0)
     return 2 * LEAST_DAMPING_RATIO * sqrt(max(stiffness_nm_rad, 0.0) / mobility)

@@ -84,7 +84,8 @@ class Ranges:
         """The nearest code, held within the range: the firmware does not clamp. Raises CodecError for no number."""
         if not isfinite(torque_nm):
             raise CodecError("torque: not a finite number")
-        return min(max(round((torque_nm + self.torque_nm) / self.torque_step_nm), 0), _LAST_SHORT)
+        held_nm = min(max(torque_nm, -self.torque_nm), self.torque_nm)
+        return min(round((held_nm + self.torque_nm) / self.torque_step_nm), _LAST_SHORT)
 
     def commanded_nm(self, code: int) -> float:
         """The torque that the drive makes of a code in a command."""

@@ -171,10 +171,9 @@ def pong_of(data: bytes | bytearray) -> tuple[int, int]:
 def _command(name: str, value: float, scale: float) -> bytes:
     if not isfinite(value):
         raise CodecError(f"{name}: not a finite number")
-    number = round(value * scale)
-    if abs(number) > _I32:
+    if abs(value) * scale > _I32:
         raise CodecError(f"{name}: {value:g} does not fit into the frame")
-    return _COMMAND.pack(number)
+    return _COMMAND.pack(round(value * scale))
 
 
 def _commanded(name: str, data: bytes | bytearray) -> int:

@@ -1,0 +1,96 @@
+"""VESC and MIT mode in wall time, over real sockets, against programs that share no code with this project.
+
+The MIT peer packs and unpacks its frames with a package that drives such motors; no such package emulates a VESC, so
+that peer's bytes are made by hand from the firmware's source.
+"""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers.devices import Amplifier
+from drivers.errors import DeviceTimeoutError
+from drivers.hardware import HardwareBackend
+from drivers.link import Link
+from drivers.readings import DriveState
+from drivers.registry import open_amplifier
+from drivers.wiring import CanBusSettings, DeviceSettings
+
+HERE = Path(__file__).parent
+NODE = 11
+pytestmark = pytest.mark.wall_time
+
+RANGES = {"position_range": 12.5, "velocity_range": 50.0, "torque_range": 18.0, "beyond_range": "wraps"}
+VESC = ("vesc", {"node": NODE, "pole_pairs": 7, "watchdog": 0.5}, "peer_vesc.py", ["0.5"])
+MIT = ("mit", {"node": NODE, "master": 3, **RANGES}, "peer_mit.py", ["3"])
+
+
+@contextmanager
+def peer(script: str, port: int, arguments: list[str]) -> Iterator["subprocess.Popen[bytes]"]:
+    process = subprocess.Popen([sys.executable, str(HERE / script), group(), str(port), str(NODE), *arguments])
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def group() -> str:
+    return f"239.76.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
+
+
+def eventually(link: Link, happened: Callable[[], bool], within_s: float = 20.0) -> bool:
+    deadline = time.monotonic() + within_s
+    while not happened() and time.monotonic() < deadline:
+        link.wait()
+    return happened()
+
+
+def drive(amplifier: Amplifier, link: Link, command: float, duration_s: float) -> list[float]:
+    """Velocities while the same is commanded at 500 Hz."""
+    velocities, end = [], time.monotonic() + duration_s
+    while time.monotonic() < end:
+        amplifier.command(command)
+        link.wait(2_000_000)
+        velocities += [reading.velocity_rad_s for reading in amplifier.take_motion()]
+    return velocities
+
+
+@pytest.mark.parametrize(("driver", "options", "script", "arguments"), [VESC, MIT], ids=["vesc", "mit"])
+def test_a_stranger_is_identified_enabled_driven_stopped_and_lost(driver, options, script, arguments):
+    port = 32_000 + os.getpid() % 2_000 + (0 if driver == "vesc" else 2_000)
+    link = Link(HardwareBackend(), (CanBusSettings("can0", "udp_multicast", group(), options={"port": port}),))
+    amplifier = open_amplifier(DeviceSettings("actuator", driver, bus="can0", options=options), link)
+    try:
+        with pytest.raises(DeviceTimeoutError, match="does not answer"):
+            amplifier.identify(timeout_s=0.1)
+        with peer(script, port, arguments) as process:
+            assert eventually(link, lambda: amplifier.status().state is DriveState.IDLE)
+            identity = amplifier.identify()
+            assert identity.driver == driver
+            assert (identity.firmware, identity.hardware) == (("5.03", "410") if driver == "vesc" else ("", ""))
+            amplifier.enable()
+            assert amplifier.status().state is DriveState.ENABLED
+            velocities = drive(amplifier, link, 1.0, 0.5)
+            assert len(velocities) > 50
+            assert velocities[-1] > 3.0
+            assert drive(amplifier, link, -1.0, 1.0)[-1] < -3.0
+            amplifier.stop()
+            assert eventually(link, lambda: amplifier.status().state is DriveState.IDLE, 3.0)
+            amplifier.enable()
+            process.kill()
+            process.wait()
+            lost_ns = link.clock.now_ns()
+            drive(amplifier, link, 0.0, 0.4)
+            heartbeat_ns = amplifier.status().heartbeat_ns
+            assert heartbeat_ns is not None
+            assert heartbeat_ns <= lost_ns + 50_000_000
+            assert link.clock.now_ns() - heartbeat_ns > amplifier.heartbeat_timeout_ns
+    finally:
+        link.close()
