@@ -35,6 +35,7 @@ from drivers.wiring import DeviceSettings
 SILENT_NS = 250_000_000  # longer than a busy host may forget to ask
 UNITS = {"current": "A", "torque": "N*m", "duty": "1"}
 _MOTOR_CONTROLLER = 0
+TIMEOUT_LOOK_S = 0.010  # bldc: timeout.c
 
 CONNECTION = "can"
 OPTION_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s", "watchdog_probe": "A"}
@@ -231,7 +232,8 @@ class Vesc:
 
     @property
     def watchdog_s(self) -> float:
-        return self.options.watchdog_s
+        """The timeout as set, and the interval at which the firmware looks whether it is over."""
+        return self.options.watchdog_s + TIMEOUT_LOOK_S if self.options.watchdog_s else 0.0
 
     def provoke_watchdog(self) -> None:
         """The probe's current, where the rig gives one: STATUS shows how it ends."""

@@ -45,7 +45,8 @@ def rig_text(actuator: str, load: str) -> str:
     command = 'command = { unit = "N*m", limit = "0.5 N*m" }'
     return (
         f'{head}[actuator]\nbus = "can0"\nnode = 1\n{DRIVERS[actuator]}{command}\n\n'
-        f'[load]\nbus = "can0"\nnode = 2\ndirection = -1\ntorque_limit = "1 N*m"\n{DRIVERS[load]}\n[torque_sensor]{rest}'
+        f'[load]\nbus = "can0"\nnode = 2\ndirection = -1\ntorque_limit = "1 N*m"\n{DRIVERS[load]}\n'
+        f"[torque_sensor]{rest}"
     )
 
 
