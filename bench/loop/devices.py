@@ -132,6 +132,7 @@ class Devices:
 
         self.link.keep_alive = feed_watchdogs
         try:
+            self.link.poll()  # what piled up while nobody looked would leave no room for the drives' answers
             for drive in drives:
                 drive.enable()
                 enabled.append(drive)
