@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from random import Random
@@ -156,4 +156,5 @@ def _host(rig: Rig, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
         try:
             yield host
         finally:
-            os.killpg(host.pid, signal.SIGKILL)
+            with suppress(ProcessLookupError):  # it ended by itself
+                os.killpg(host.pid, signal.SIGKILL)
