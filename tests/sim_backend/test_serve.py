@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from random import SystemRandom
@@ -31,6 +31,8 @@ from sim_backend.pseudo_terminals import ServedPort
 from sim_backend.serve import serve
 
 DBC = cantools.database.load_file(Path(odrive_can.__file__).parent / "dbc" / "odrive-cansimple-0.6.10.dbc")
+
+NOWHERE = {"seed": None, "place": ""}
 
 # The server's own process: it is told the wiring, and says when it is ready.
 SERVER = """
@@ -177,16 +179,19 @@ def test_faults_happen_in_wall_time(served_wiring: Wiring, simulated: dict[str, 
         {"kind": "unplugged", "on": "torque_sensor", "at": "1.5 s"},
         {"kind": "dropout", "on": "load", "at": "500 ms", "for": "500 ms"},
     ]
-    with serving(served_wiring, {**simulated, "fault": faults}):
-        backend = open_backend(served_wiring, {}, seed=None, place="")
-        link = Link(backend, served_wiring.buses)
+    with (
+        serving(served_wiring, {**simulated, "fault": faults}),
+        closing(open_backend(served_wiring, {}, **NOWHERE)) as host,
+    ):
+        link = Link(host, served_wiring.buses)
         load = open_amplifier(served_wiring.load, link)
         open_torque_sensor(served_wiring.torque_sensor, link)
         with pytest.raises(ConnectionFailedError, match="bota: lost"):
             wait_until(lambda: False, link, timeout_s=10)
-        arrivals = [reading.arrival_ns for reading in load.take_motion()]
-        assert max(np.diff(arrivals)) == pytest.approx(500e6, rel=0.15)
-        backend.close()
+        gaps_ns = np.diff([reading.arrival_ns for reading in load.take_motion()])
+        # This machine may stall for a while; it does not for half a second, or just once.
+        assert 400e6 < max(gaps_ns) < 1000e6
+        assert sum(gaps_ns > 400e6) == 1
 
 
 def test_a_host_of_its_own_cannot_be_stalled(wiring: Wiring, simulated: dict[str, object], tmp_path: Path) -> None:

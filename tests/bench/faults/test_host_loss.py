@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from bench.faults import host_loss
 from bench.faults.case import Verdict
 from bench.faults.host_loss import lose_host
 from bench.faults.matrix import host_losses
@@ -57,6 +58,16 @@ def test_the_drives_watchdogs_stop_the_shaft(case: object, tmp_path: Path) -> No
     assert outcome.drives == {"actuator": "idle", "load": "idle"}
     assert outcome.peak.velocity_rad_s > 1.0
     assert not (tmp_path / "bota").is_symlink()
+
+
+@pytest.mark.wall_time
+def test_a_host_that_ends_by_itself_is_no_lost_host(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(host_loss, "SESSION", "no session")
+    monkeypatch.setattr(host_loss, "TRIES", 1)
+    outcome = lose_host(rig_of_its_own(tmp_path), KILLED, 0.4)
+    assert outcome.verdict is Verdict.FAILED
+    assert outcome.guard.startswith("the host ended before it was lost: ")
+    assert "is not TOML" in outcome.guard
 
 
 @pytest.mark.wall_time
