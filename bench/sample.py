@@ -9,7 +9,8 @@ class Sample(NamedTuple):
     """The newest value of every signal at ``tick_ns``; NaN and an age of -1 where nothing has arrived yet.
 
     ``torque_nm`` is what the actuator exerts on the load, tared. ``*_new`` says whether a reading arrived since the
-    last tick: a repeat is not a measurement.
+    last tick: a repeat is not a measurement. ``*_count`` says how many did: where many come at once, they were held up
+    on their way, and their arrivals say little of when they were true.
     """
 
     tick_ns: int
@@ -30,6 +31,9 @@ class Sample(NamedTuple):
     load_current_a: float = NAN
     load_current_age_ns: int = -1
     load_current_new: bool = False
+    torque_count: int = 0
+    motion_count: int = 0
+    load_motion_count: int = 0
 
     def counted_from(self, tick_ns: int) -> "Sample":
         """The same readings, with ages as of ``tick_ns``: negative for what arrived only after that."""

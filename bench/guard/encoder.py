@@ -19,9 +19,12 @@ LEAST_RAD = 0.05
 STEPS = 4  # of the position's resolution
 # After a longer pause nobody knows how the shaft moved meanwhile.
 LONGEST_GAP_NS = 30_000_000
+# Nor where readings come in a heap: so many beyond twice what a tick usually sees.
+HEAP = 2
+USUAL = 0.02  # of what is new enters what is usual
 _READ = {
-    "actuator encoder": attrgetter("position_rad", "velocity_rad_s", "motion_age_ns", "motion_new"),
-    "load encoder": attrgetter("load_position_rad", "load_velocity_rad_s", "load_motion_age_ns", "load_motion_new"),
+    "actuator encoder": attrgetter("position_rad", "velocity_rad_s", "motion_age_ns", "motion_count"),
+    "load encoder": attrgetter("load_position_rad", "load_velocity_rad_s", "load_motion_age_ns", "load_motion_count"),
 }
 
 
@@ -38,6 +41,7 @@ class EncoderAgreement:
         self._position_rad = self._velocity_rad_s = 0.0  # of the last reading
         self._apart_rad = 0.0  # what the two differ by, as far as it is not forgotten
         self._peak_rad_s = 0.0  # the greatest speed, forgotten likewise
+        self._usual = 1.0  # readings that a tick sees, where it sees any
         self._strikes = 0
 
     def begin(self, sample: Sample) -> None:
@@ -48,15 +52,17 @@ class EncoderAgreement:
         """Nothing that is measured later makes it any sharper."""
 
     def fault(self, sample: Sample, sent: Commands) -> str | None:
-        position_rad, velocity_rad_s, age_ns, is_new = self._read(sample)
-        if not is_new:
+        position_rad, velocity_rad_s, age_ns, count = self._read(sample)
+        if not count:
             return None
         arrival_ns = sample.tick_ns - age_ns
         gap_ns = arrival_ns - self._arrival_ns
         turned_rad = position_rad - self._position_rad
         expected_rad_s = 0.5 * (velocity_rad_s + self._velocity_rad_s)
         self._arrival_ns, self._position_rad, self._velocity_rad_s = arrival_ns, position_rad, velocity_rad_s
-        if not 0 < gap_ns <= LONGEST_GAP_NS:
+        heap = count > HEAP + 2 * self._usual
+        self._usual += USUAL * (count - self._usual)
+        if heap or not 0 < gap_ns <= LONGEST_GAP_NS:
             self._apart_rad, self._strikes = 0.0, 0
             return None
         gap_s = gap_ns * 1e-9

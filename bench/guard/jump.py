@@ -13,7 +13,10 @@ from bench.sample import Sample
 
 TIMES = 3.0  # the greatest step seen
 LEAST = 0.5  # of the limit of torque: both drives at once can do nearly as much
-LATE = 2.5  # periods: readings further apart are no neighbours; a tick may see two at once, and the next none
+# A tick may see two readings at once, and the next none. Readings further apart, or of a heap that was held up on its
+# way, are no neighbours.
+LATE = 2.5  # periods
+HEAP = 2
 
 
 class TorqueJump:
@@ -44,7 +47,7 @@ class TorqueJump:
             return None
         torque_nm, last_nm = sample.torque_nm, self._last_nm
         arrival_ns = sample.tick_ns - sample.torque_age_ns
-        neighbours = arrival_ns - self._arrival_ns <= self._period_ns
+        neighbours = arrival_ns - self._arrival_ns <= self._period_ns and sample.torque_count <= HEAP
         self._last_nm, self._arrival_ns = torque_nm, arrival_ns
         if not self._strikes:
             if neighbours and abs(torque_nm - last_nm) > self._limit_nm:

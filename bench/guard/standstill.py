@@ -11,6 +11,7 @@ from bench.sample import Sample
 
 TIMES = 2.0  # the command at which the shaft began to turn
 PATIENCE_NS = 100_000_000
+FRESH_NS = 30_000_000  # an encoder that is silent does not stand still
 
 
 class Standstill:
@@ -32,7 +33,8 @@ class Standstill:
 
     def fault(self, sample: Sample, sent: Commands) -> str | None:
         # Bit for bit: any encoder that lives moves by a count within the patience.
-        if abs(sent.command) <= self._beyond or sample.position_rad != self._position_rad:
+        stands = sample.position_rad == self._position_rad and sample.motion_age_ns <= FRESH_NS
+        if abs(sent.command) <= self._beyond or not stands:
             self._since_ns, self._position_rad = sample.tick_ns, sample.position_rad
             return None
         if sample.tick_ns - self._since_ns <= PATIENCE_NS:

@@ -60,4 +60,7 @@ class Alignment:
             nan if il is None else il.current_a,
             -1 if il is None else max(0, tick_ns - il.arrival_ns),
             bool(load_current),
+            len(torque),
+            len(motion),
+            len(load),
         )

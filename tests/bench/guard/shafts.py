@@ -40,6 +40,9 @@ def turning(tick: int, *, amplitude_rad: float = 1.0, rate_rad_s: float = 10.0) 
         load_current_a=0.0,
         load_current_age_ns=AGE_NS,
         load_current_new=True,
+        torque_count=1,
+        motion_count=1,
+        load_motion_count=1,
     )
 
 

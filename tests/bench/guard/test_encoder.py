@@ -81,8 +81,20 @@ def test_a_pause_is_bridged_by_nothing() -> None:
     assert ask(check(), map(late, range(600))).tick is None
 
 
+@pytest.mark.parametrize("at_once", [1, 5])
+def test_readings_that_were_held_up_and_come_in_a_heap_are_a_pause(at_once: int) -> None:
+    def heaped(tick: int) -> Sample:
+        """The shaft went on for 50 ms, unseen; then all of it came within a tick, as if it were of that tick."""
+        there = turning(tick if tick < 300 else tick + 50)
+        return there._replace(tick_ns=turning(tick).tick_ns, motion_count=at_once * (51 if tick == 300 else 1))
+
+    assert ask(check(), map(heaped, range(600))).tick is None
+    alone = (heaped(tick)._replace(motion_count=at_once) for tick in range(600))
+    assert ask(check(), alone).tick is not None
+
+
 def test_what_is_not_new_is_not_looked_at() -> None:
-    samples = from_tick(300, lambda s: s._replace(position_rad=9.0, motion_new=False))
+    samples = from_tick(300, lambda s: s._replace(position_rad=9.0, motion_count=0))
     assert ask(check(), samples).tick is None
 
 

@@ -123,6 +123,12 @@ def test_a_spike_passes() -> None:
     assert ask(jump(habits()), samples).tick is None
 
 
+def test_after_a_heap_of_readings_the_torque_may_be_another() -> None:
+    samples = from_tick(300, shows(0.9))
+    samples[300] = samples[300]._replace(torque_count=20)
+    assert ask(jump(habits()), samples).tick is None
+
+
 def test_after_a_pause_the_torque_may_be_another() -> None:
     samples = [*map(turning, range(300)), *(shows(0.9)(turning(k)) for k in range(303, 600))]
     assert ask(jump(habits()), samples).tick is None
@@ -155,6 +161,11 @@ def test_a_free_shaft_that_turns_by_a_count_now_and_then_passes() -> None:
         return resting(tick)._replace(position_rad=1e-4 * (tick // 90))
 
     assert ask(free(), map(creeping, range(1000)), pushed_at_300).tick is None
+
+
+def test_an_encoder_that_is_silent_does_not_stand_still() -> None:
+    silent = (resting(k)._replace(motion_age_ns=40_000_000) for k in range(1000))
+    assert ask(free(), silent, pushed_at_300).tick is None
 
 
 @pytest.mark.parametrize("moving_command", [0.03, None, inf])

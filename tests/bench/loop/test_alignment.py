@@ -3,7 +3,7 @@
 from math import isnan
 
 from bench.loop.alignment import Alignment
-from drivers.readings import MotionReading, TorqueReading
+from drivers.readings import CurrentReading, MotionReading, TorqueReading
 
 
 def test_nothing_has_arrived_yet() -> None:
@@ -24,7 +24,7 @@ def test_age_grows_from_arrival_while_nothing_new_comes() -> None:
 def test_the_newest_of_several_counts_and_torque_is_tared() -> None:
     alignment = Alignment(torque_bias_nm=0.5)
     sample = alignment.update(1_000, [], [], [TorqueReading(1, 100, 1.0), TorqueReading(2, 900, 2.0)])
-    assert (sample.torque_nm, sample.torque_age_ns) == (1.5, 100)
+    assert (sample.torque_nm, sample.torque_age_ns, sample.torque_count) == (1.5, 100, 2)
 
 
 def test_an_invalid_torque_is_no_number() -> None:
@@ -33,3 +33,17 @@ def test_an_invalid_torque_is_no_number() -> None:
 
 def test_what_arrives_while_the_tick_is_reading_is_not_from_the_future() -> None:
     assert Alignment().update(1_000, [MotionReading(1, 1_200, 1.0, 2.0)], [], []).motion_age_ns == 0
+
+
+def test_currents_of_both_drives() -> None:
+    alignment = Alignment()
+    first = alignment.update(1_000, [], [], [], [CurrentReading(1, 400, 1.5)], [CurrentReading(1, 600, -2.0)])
+    second = alignment.update(2_000, [], [], [])
+    assert (first.current_a, first.current_age_ns, first.current_new) == (1.5, 600, True)
+    assert (first.load_current_a, first.load_current_age_ns, first.load_current_new) == (-2.0, 400, True)
+    assert (second.current_a, second.current_age_ns, second.current_new, second.load_current_new) == (
+        1.5,
+        1_600,
+        False,
+        False,
+    )
