@@ -14,7 +14,7 @@ from drivers.backend import Backend
 from drivers.clock import Clock
 from drivers.devices import Amplifier, Device, TorqueSensor
 from drivers.link import Link
-from drivers.readings import CurrentReading, DriveState, MotionReading, TorqueReading
+from drivers.readings import CurrentReading, DeviceIdentity, DriveState, MotionReading, TorqueReading
 from drivers.registry import open_amplifier, open_torque_sensor
 
 # A drive that was told to idle says so with its next heartbeat; waiting longer than this is pointless.
@@ -90,6 +90,14 @@ class Devices:
         """The last word of every drive."""
         return tuple([DriveHealth(drive.role, drive.status(), drive.heartbeat_timeout_ns) for drive in self.drives])
 
+    def identify(self) -> list[DeviceIdentity]:
+        """Who everybody says to be. Raises DeviceError."""
+        found = list[DeviceIdentity]()
+        for device in self.all():
+            self.link.poll()  # what piled up while nobody looked would leave no room for the answer
+            found.append(device.identify())
+        return found
+
     def enable(self) -> None:
         """Close every drive's torque loop at zero torque. Raises DeviceError; the drives are then idle again."""
         self._enable(self.drives)
@@ -132,7 +140,7 @@ class Devices:
 
         self.link.keep_alive = feed_watchdogs
         try:
-            self.link.poll()  # what piled up while nobody looked would leave no room for the drives' answers
+            self.link.poll()  # as before asking who they are
             for drive in drives:
                 drive.enable()
                 enabled.append(drive)

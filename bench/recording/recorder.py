@@ -67,9 +67,9 @@ class Recorder:
             self.dropped_parts += 1
 
     def put_estimate(self, live: EstimatesLike) -> None:
-        """Record the state of the live identification; skipped where there is no room. Raises as :meth:`put`."""
+        """Record the state of the live identification; waits as :meth:`put` does, and raises as it does."""
         self._check()
-        self._offer(wire.estimates_of(live), 0.0)
+        self._offer(wire.estimates_of(live), self._patience_s)
 
     def close(self) -> RecordingSummary:
         """Write what is still waiting, finish the file, and say how it went; may be called twice.

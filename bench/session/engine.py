@@ -194,7 +194,7 @@ def record_procedures(
         stack.enter_context(_settled_memory())
         devices = open_devices(rig, backend)
         stack.callback(devices.link.close)
-        metadata = provenance(rig, session, seed, [device.identify() for device in devices.all()])
+        metadata = provenance(rig, session, seed, devices.identify())
         recorder = stack.enter_context(
             Recorder(
                 out / f"{rig.name}.mcap",

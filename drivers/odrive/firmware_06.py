@@ -11,6 +11,9 @@ from drivers.inbox import Inbox
 from drivers.odrive.dialect import Drive, Handler, Heard
 from drivers.odrive.watchdog import Parameters, arm_watchdog
 
+# A frame may be lost where many have piled up.
+_TIMES_ASKED = 4
+
 
 class Firmware06:
     """See :class:`drivers.odrive.dialect.Dialect`."""
@@ -40,15 +43,18 @@ class Firmware06:
         return Heard(heartbeat.error_bits, heartbeat.axis_state, heartbeat.error_bits != 0)
 
     def identify(self, timeout_s: float) -> tuple[str, str]:
-        asked = self._versions.count
-        self._drive.request(protocol.Command.VERSION)
-        if not self._drive.arrives(lambda: self._versions.count > asked, timeout_s):
+        if not any(self._tells_version(timeout_s / _TIMES_ASKED) for _ in range(_TIMES_ASKED)):
             raise self._why_silent(timeout_s)
         version = self._versions.take()[-1]
         said = ".".join(map(str, version.firmware))
         if version.firmware[:2] != (0, 6):
             raise DeviceError(f'{self._drive.place}: says it runs firmware {said}; the rig file has firmware = "0.6"')
         return ".".join(map(str, version.hardware)), said
+
+    def _tells_version(self, timeout_s: float) -> bool:
+        before = self._versions.count
+        self._drive.request(protocol.Command.VERSION)
+        return self._drive.arrives(lambda: self._versions.count > before, timeout_s)
 
     def arm_watchdog(self) -> None:
         arm_watchdog(self._drive, self._parameters)

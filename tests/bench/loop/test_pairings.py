@@ -72,7 +72,7 @@ def test_both_push_and_both_are_idle_in_the_end(actuator: str, load: str) -> Non
         for drive in bench.devices.drives:
             drive.identify()
         with bench.loop.running():
-            ticks = bench.loop.run(pushing(0.05, 0.1)).ticks
+            ticks = bench.loop.run(pushing(0.02, 0.05)).ticks
             assert armed(bench) == ["actuator", "load"]
         assert armed(bench) == []
         assert [drive.status().state for drive in bench.devices.drives] == [DriveState.IDLE] * 2
