@@ -17,6 +17,7 @@ import numpy.typing as npt
 from bench.identification import loops
 from bench.identification.friction.additive import hats
 from bench.identification.kernels import Kernel
+from bench.identification.recounting import friction_error
 from bench.identification.signals import FINE, Signals
 
 FloatArray = npt.NDArray[np.float64]
@@ -74,6 +75,7 @@ class Rows:
     signals: Signals
     kernel: Kernel
     stride: int = 1
+    friction_error: FloatArray | None = None  # of h along the path, what is known of it
     _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
 
     @property
@@ -134,9 +136,14 @@ class Rows:
         path = self._recent.once(
             ("friction", s), lambda: loops.friction_path(self._grid(signals.path_rad), s, signals.rests * self.fine)
         )
-        sliding = self.of_fine_signal(path[0], (0, 1), shape.motion_delay_s, of_means=True)
+        h = path[0] if self.friction_error is None else path[0] - self._grid(self.friction_error)
+        sliding = self.of_fine_signal(h, (0, 1), shape.motion_delay_s, of_means=True)
         left = self.of_fine_signal(path[1], (0,), shape.motion_delay_s, of_means=True)
         return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
+
+    def recounted(self, shape: Shape) -> "Rows":
+        """With what counts do to the friction on average taken off, as found at ``shape``."""
+        return replace(self, friction_error=friction_error(self.signals, shape.s_per_rad))
 
     def cogging(self, shape: Shape, periods: float) -> FloatArray:
         """Cosine and sine of so many periods a turn, shape (2, count)."""
@@ -237,6 +244,10 @@ class Regression:
         cls, stretches: tuple[Signals, ...], kernel: Kernel, stride: int = 1, *, free_motion: bool = False
     ) -> "Regression":
         return cls(tuple(Rows(stretch, kernel, stride) for stretch in stretches), free_motion)
+
+    def recounted(self, shape: Shape) -> "Regression":
+        """The same, corrected for what counts do to the friction on average."""
+        return replace(self, rows=tuple(rows.recounted(shape) for rows in self.rows))
 
     @property
     def free(self) -> tuple[int, ...]:

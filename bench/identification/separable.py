@@ -72,6 +72,8 @@ def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solut
     if band != FULL_BAND:
         full = Regression.of(stretches, band, free_motion=free_motion)
         solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
+    full = full.recounted(solution.shape)
+    solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
     for _ in range(MOST_COGGINGS):
         periods = strongest_period(full.position(), solution.residual, CORRELATED)
         if periods is None or periods in full.cogging:

@@ -52,7 +52,7 @@ class Signals:
     ``usable`` marks what may be fitted; the rest is there because friction and amplifier remember it. ``rests`` are the
     ends of longer rests, as indices of ``time_s``; within a rest counts do not tell what becomes of the friction.
     ``torque_nm`` and ``current`` are None where nothing measures them; current comes as it was read, for drives report
-    it more slowly than anything can be interpolated.
+    it more slowly than anything can be interpolated. ``smoothed`` are the readings that ``path_rad`` comes from.
     """
 
     tick_s: float
@@ -72,6 +72,8 @@ class Signals:
     position_period_s: float = 0.0  # between two readings
     position_step_rad: float = 0.0  # between two counts; 0 where none can be seen
     torque_period_s: float = 0.0
+    smoothed: "Stream | None" = None
+    count_rad: float = 0.0  # the step in which positions are read; 0 where none can be seen
 
 
 def signals(measured: Measured, tick_s: float, use: Use, port: Port = Port.ACTUATOR) -> tuple[Signals, ...]:
@@ -80,9 +82,10 @@ def signals(measured: Measured, tick_s: float, use: Use, port: Port = Port.ACTUA
     if not len(motion) or not len(measured.ticks):
         raise ExperimentError(f"no motion of the {port.value} was recorded: run an experiment that moves it")
     origin_ns = int(measured.ticks["tick_ns"][0])
-    streams = _streams(measured, motion, port, origin_ns)
+    count_rad = resolution_rad(np.asarray(motion["position_rad"], dtype=np.float64))
+    streams = _streams(measured, motion, port, origin_ns, count_rad)
     stretches = [
-        _stretch(measured, streams, tick_s, use, port, origin_ns, start_s, end_s)
+        _stretch(measured, streams, tick_s, use, port, origin_ns, count_rad, start_s, end_s)
         for start_s, end_s in _common_spans(measured, streams, origin_ns)
         if end_s - start_s >= SHORTEST_STRETCH_TICKS * tick_s
     ]
@@ -137,14 +140,13 @@ class Stream:
         return covered
 
 
-def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int) -> dict[str, Stream]:
+def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, count_rad: float) -> dict[str, Stream]:
     position = stream_of(motion, "position_rad", origin_ns)
-    step_rad = resolution_rad(position.value)
-    smooth = unquantised(position.value, step_rad)
+    smooth = unquantised(position.value, count_rad)
     streams = {
-        "position": replace(position, step=step_rad),
+        "position": replace(position, step=count_rad),
         "path": replace(position, value=smooth),
-        "moving": replace(position, value=moving(smooth, step_rad).astype(float)),
+        "moving": replace(position, value=moving(smooth, count_rad).astype(float)),
     }
     torque = measured.torque[measured.torque["valid"]]
     if len(torque):
@@ -190,6 +192,7 @@ def _stretch(
     use: Use,
     port: Port,
     origin_ns: int,
+    count_rad: float,
     start_s: float,
     end_s: float,
 ) -> Signals:
@@ -233,6 +236,8 @@ def _stretch(
         position_period_s=streams["position"].period_s,
         position_step_rad=streams["position"].step,
         torque_period_s=0.0 if torque is None else torque.period_s,
+        smoothed=streams["path"].between(start_s - LONGEST_GAP_S, end_s + LONGEST_GAP_S),
+        count_rad=count_rad,
     )
 
 

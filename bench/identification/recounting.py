@@ -1,0 +1,44 @@
+"""What an encoder's counts do to the friction on average, found by counting the motion again.
+
+Friction follows every turning back, so errors of its path do not cancel: counts that are left in it make the shaft
+travel too far, smoothing that takes them out cuts its turns. One reading of the motion tells neither. But the smoothed
+path is a motion too, and known: counted once more by encoders whose counts lie elsewhere, and smoothed as before, it
+gives a friction that differs from its own about as its own, on average, differs from the true one (a bootstrap of the
+bias: of the right sign, and mostly within half of its size).
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.identification import loops
+from bench.identification.quantisation import REACH, unquantised
+from bench.identification.signals import FINE, Signals, Stream
+
+FloatArray = npt.NDArray[np.float64]
+
+DRAWS = 4
+# The zero of such an encoder wanders at about this rate, now faster, now slower, so that what is slow meets all phases
+# of the counts, and no motion that repeats itself always the same; for friction that is no motion.
+WANDERS_COUNTS_S = 10.0
+SWAYS_COUNTS = 3.0
+
+
+def friction_error(signals: Signals, s_per_rad: float) -> FloatArray | None:
+    """How much too great the friction's share h is along ``path_rad``, shape (n · FINE,); None without counts."""
+    if signals.smoothed is None or signals.count_rad == 0.0 or signals.smoothed.value.size <= 2 * REACH:
+        return None
+    fine_s = signals.time_s[0] + np.arange(signals.path_rad.size) * (signals.tick_s / FINE)
+    paths = (signals.path_rad, *(path.at(fine_s) for path in _counted_again(signals.smoothed, signals.count_rad)))
+    own, *again = (loops.friction_path(path, s_per_rad, signals.rests * FINE)[0] for path in paths)
+    return np.asarray(np.mean(again, axis=0) - own)
+
+
+def _counted_again(smoothed: Stream, count_rad: float) -> Iterator[Stream]:
+    wander = WANDERS_COUNTS_S * smoothed.time_s + SWAYS_COUNTS * np.sin(smoothed.time_s)
+    for draw in range(DRAWS):
+        zero_rad = count_rad * (wander + draw / DRAWS)
+        read_rad = np.round((smoothed.value + zero_rad) / count_rad) * count_rad
+        yield replace(smoothed, value=unquantised(read_rad, count_rad) - zero_rad)
