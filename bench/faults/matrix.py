@@ -69,7 +69,7 @@ def _read(rig: Rig) -> Iterator[Case]:
     limit_nm = rig.limits.torque_nm
     for role in (*DRIVES, SENSOR):
         yield _case("reading frozen", "freeze", role)
-        yield _case("sign flips", "sign-flip", role)
+        yield _case("sign flips", "sign-flip", role, quick=role == SENSOR)
     yield _case("saturates", "saturation", SENSOR, limit=f"{0.02 * limit_nm:g} N*m")
     yield _case("bias jumps", "bias-jump", SENSOR, by=f"{0.5 * limit_nm:g} N*m")
     yield _case("reads beyond the limit", "false-reading", SENSOR, torque=f"{1.2 * limit_nm:g} N*m", quick=True)
@@ -83,8 +83,9 @@ def _driven(rig: Rig) -> Iterator[Case]:
         yield _case("drive error", "drive-error", role, quick=role == "actuator")
         yield _case("undervoltage", "undervoltage", role)
         yield _case("over-temperature", "over-temperature", role)
-        yield _case("command runs away", "runaway", role, torque=f"{0.4 * rig.limits.torque_nm:g} N*m")
-        yield _case("shaft stuck", "stuck", role)
+        runaway = f"{0.4 * rig.limits.torque_nm:g} N*m"
+        yield _case("command runs away", "runaway", role, torque=runaway, quick=role == "actuator")
+        yield _case("shaft stuck", "stuck", role, quick=role == "load")
     yield Case("coupling breaks", {"kind": "broken-coupling"})
 
 

@@ -208,7 +208,8 @@ def record_procedures(
             run.learn(known)
         stack.callback(_put_away, run.loop, rehearsal)
         if rig.supervision.verify_watchdogs:
-            verify_watchdogs(devices, run.loop.outbox, progress.note)
+            with run.loop.on_time():  # it is about time
+                verify_watchdogs(devices, run.loop.outbox, progress.note)
         _step_by_step(run, procedures, rehearsal)
     return Recorded(recorder.path, metadata, run.knowledge, join(run.parts), run.live)
 

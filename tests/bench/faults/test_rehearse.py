@@ -57,6 +57,11 @@ def test_the_short_round_ends_safely(prepared: Prepared, case: Case) -> None:
         ("frames late by 200 ms", "can0", "silent for", 0.065),
         ("undervoltage", "load", "load drive: left its torque loop (fault: bus voltage too low", 0.105),
         ("host stalls for long", "bench", "the loop stood still for 2000 ms", 2.01),
+        ("reading frozen", "torque_sensor", "as no living sensor does", 0.1),
+        ("bias jumps", "torque_sensor", "port torque: ", 0.2),
+        ("sign flips", "actuator", "they turn opposite ways", 0.05),
+        ("reading frozen", "load", "the load's encoder stands still", 0.05),
+        ("coupling breaks", "bench", "coupling: actuator and load have turned", 0.1),
     ],
 )
 def test_each_is_noticed_by_the_guard_that_is_there_for_it(
