@@ -22,12 +22,14 @@ FRESH_NS = 100_000_000
 class AmplifierContract(DriverContract):
     """Subclass it, and say in :meth:`set_up` which drive is tested; its far end is an :class:`AmplifierFarEnd`.
 
-    ``some_command`` is one that the drive takes, in its own unit; it must arrive within ``command_resolution``.
+    ``some_command`` is one that the drive takes, in its own unit; it must arrive within ``command_resolution``. A drive
+    that has no state "enabled" ``lets_go_at_zero``: its far end is armed by a command alone.
     """
 
     group: ClassVar[str] = registry.AMPLIFIERS
     some_command: ClassVar[float] = 0.1
     command_resolution: ClassVar[float] = 1e-6
+    lets_go_at_zero: ClassVar[bool] = False
     position_tolerance_rad: ClassVar[float] = 0.01
 
     @staticmethod
@@ -49,7 +51,7 @@ class AmplifierContract(DriverContract):
         assert plugged.device.status().state is not DriveState.ENABLED
         plugged.device.enable()
         assert plugged.device.status().state is DriveState.ENABLED
-        assert plugged.far_end.armed
+        assert plugged.far_end.armed is not self.lets_go_at_zero
         assert plugged.far_end.command == pytest.approx(0.0, abs=self.command_resolution)
 
     def test_it_is_not_enabled_where_nobody_answers(self, plugged: Plugged) -> None:
@@ -164,6 +166,7 @@ class AmplifierContract(DriverContract):
         plugged.device.stop()
         plugged.wait(IDLE_S)
         plugged.device.enable()
+        _keep(plugged, self.some_command, ARRIVED_S)
         assert plugged.far_end.armed
 
     def test_its_watchdog_acts_as_it_says(self, plugged: Plugged) -> None:

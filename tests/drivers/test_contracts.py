@@ -65,6 +65,20 @@ class TestODriveAsLoad(AmplifierContract):
         return simulated("sim-odrive.toml", "load", direction)
 
 
+class TestVesc(AmplifierContract):
+    lets_go_at_zero = True
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-vesc.toml", "actuator", direction)
+
+
+class TestMit(AmplifierContract):
+    command_resolution = 0.5e-3  # half a step: exactly zero cannot be sent
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-mit.toml", "actuator", direction)
+
+
 class TestBota(TorqueSensorContract):
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-odrive.toml", "torque_sensor", direction)
