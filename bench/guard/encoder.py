@@ -19,7 +19,7 @@ LEAST_RAD = 0.05
 STEPS = 4  # of the position's resolution
 # After a longer pause nobody knows how the shaft moved meanwhile.
 LONGEST_GAP_NS = 30_000_000
-# Nor where readings come in a heap: so many beyond twice what a tick usually sees.
+# Nor where readings come in a heap, and some may be missing after it: so many beyond twice what a tick usually sees.
 HEAP = 2
 USUAL = 0.02  # of what is new enters what is usual
 _READ = {
@@ -42,6 +42,7 @@ class EncoderAgreement:
         self._apart_rad = 0.0  # what the two differ by, as far as it is not forgotten
         self._peak_rad_s = 0.0  # the greatest speed, forgotten likewise
         self._usual = 1.0  # readings that a tick sees, where it sees any
+        self._heap = False  # whether the last reading was of one
         self._strikes = 0
 
     def begin(self, sample: Sample) -> None:
@@ -62,7 +63,9 @@ class EncoderAgreement:
         self._arrival_ns, self._position_rad, self._velocity_rad_s = arrival_ns, position_rad, velocity_rad_s
         heap = count > HEAP + 2 * self._usual
         self._usual += USUAL * (count - self._usual)
-        if heap or not 0 < gap_ns <= LONGEST_GAP_NS:
+        bridged = 0 < gap_ns <= LONGEST_GAP_NS and not (heap or self._heap)
+        self._heap = heap
+        if not bridged:
             self._apart_rad, self._strikes = 0.0, 0
             return None
         gap_s = gap_ns * 1e-9

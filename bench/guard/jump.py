@@ -13,8 +13,8 @@ from bench.sample import Sample
 
 TIMES = 3.0  # the greatest step seen
 LEAST = 0.5  # of the limit of torque: both drives at once can do nearly as much
-# A tick may see two readings at once, and the next none. Readings further apart, or of a heap that was held up on its
-# way, are no neighbours.
+# A tick may see two readings at once, and the next none. Readings further apart are no neighbours, nor are those of a
+# heap that was held up on its way, and the first after it: where there was no room for more, some are missing.
 LATE = 2.5  # periods
 HEAP = 2
 
@@ -30,6 +30,7 @@ class TorqueJump:
         self._period_ns = 0.0
         self._last_nm = 0.0
         self._arrival_ns = 0
+        self._heap = False  # whether the last reading was of one
         self._before_nm = 0.0  # what stood before the jump
         self._strikes = 0
 
@@ -47,8 +48,9 @@ class TorqueJump:
             return None
         torque_nm, last_nm = sample.torque_nm, self._last_nm
         arrival_ns = sample.tick_ns - sample.torque_age_ns
-        neighbours = arrival_ns - self._arrival_ns <= self._period_ns and sample.torque_count <= HEAP
-        self._last_nm, self._arrival_ns = torque_nm, arrival_ns
+        heap = sample.torque_count > HEAP
+        neighbours = arrival_ns - self._arrival_ns <= self._period_ns and not (heap or self._heap)
+        self._last_nm, self._arrival_ns, self._heap = torque_nm, arrival_ns, heap
         if not self._strikes:
             if neighbours and abs(torque_nm - last_nm) > self._limit_nm:
                 self._before_nm, self._strikes = last_nm, 1

@@ -88,7 +88,12 @@ def test_readings_that_were_held_up_and_come_in_a_heap_are_a_pause(at_once: int)
         there = turning(tick if tick < 300 else tick + 50)
         return there._replace(tick_ns=turning(tick).tick_ns, motion_count=at_once * (51 if tick == 300 else 1))
 
+    def incomplete(tick: int) -> Sample:
+        """Only the first of them found room: what was lost shows in the reading after the heap."""
+        return heaped(tick) if tick != 300 else turning(300)._replace(motion_count=at_once * 51)
+
     assert ask(check(), map(heaped, range(600))).tick is None
+    assert ask(check(), map(incomplete, range(600))).tick is None
     alone = (heaped(tick)._replace(motion_count=at_once) for tick in range(600))
     assert ask(check(), alone).tick is not None
 
