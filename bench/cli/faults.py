@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # One for each family of drives: those of them that lie in ./rigs are tried where none is named.
 FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit")
 
-Quick = Annotated[bool, Parameter(help="A choice of the faults, in less than a minute.")]
+Quick = Annotated[bool, Parameter(help="A choice of the faults, in a minute or two.")]
 Jobs = Annotated[int | None, Parameter(help="How many at a time; as many as this machine has cores.")]
 Only = Annotated[str | None, Parameter(help="Only faults in whose name, kind or place this occurs.")]
 
