@@ -5,22 +5,32 @@ from typing import Any
 
 import can
 
-from drivers.codecs.mit import Special
+from drivers.codecs.mit import VELOCITY_CODES, Reply, Special
 from drivers.readings import RawFrame
 from drivers.recognition import Question, Recognised, nobodys
 
+_DEVICE = "an actuator in MIT mode"
 _REPLY_LENGTHS = (6, 7, 8)
+# How far from the middle of their ranges velocity and torque of a motor that stands still may be; both have 12 bits.
+_REST_VELOCITY_CODES, _REST_TORQUE_CODES = 16, 64
 _PROBED_MAX = 0x7F  # identifiers above are others': SYNC, emergencies, process data
 
 
 def recognise(message: can.Message, options: Mapping[str, Any]) -> Recognised | None:
-    """A reply under the master's identifier, whose first byte is the motor's."""
-    master = options.get("master", 0)
-    if message.is_extended_id or message.is_remote_frame or message.arbitration_id != master:
+    """A reply under the master's identifier, whose first byte is the motor's; or one to another master, at rest."""
+    if message.is_extended_id or message.is_remote_frame or message.dlc not in _REPLY_LENGTHS:
         return None
-    if message.dlc not in _REPLY_LENGTHS:
-        return None
-    return Recognised("an actuator in MIT mode", "reply", {"node": message.data[0]})
+    reply, master = Reply.decode(message.data), message.arbitration_id
+    if master == options.get("master", 0):
+        return Recognised(_DEVICE, "reply", {"node": reply.node})
+    return Recognised(_DEVICE, "reply", {"node": reply.node, "master": master}) if _rests(reply) else None
+
+
+def _rests(reply: Reply) -> bool:
+    """As hardly any frame of another device looks by chance."""
+    middle = VELOCITY_CODES // 2
+    velocity, torque = abs(reply.velocity_code - middle), abs(reply.torque_code - middle)
+    return velocity <= _REST_VELOCITY_CODES and torque <= _REST_TORQUE_CODES
 
 
 def answers(question: RawFrame, frame: RawFrame) -> bool:

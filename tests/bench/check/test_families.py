@@ -44,6 +44,11 @@ def test_a_wrong_node(path: Path) -> None:
     assert f"set node = 29, or give the device node = {node}" in sentence
 
 
+def test_a_wrong_master() -> None:
+    (sentence,) = sentences(really(load_rig(MIT), "actuator", master=17))
+    assert "but an actuator in MIT mode at node = 1, master = 17 (reply): set node = 1, master = 17, or " in sentence
+
+
 def twins(path: Path) -> Rig:
     """A rig whose load is of the actuator's kind, and really set to the actuator's node."""
     text = path.read_text()
