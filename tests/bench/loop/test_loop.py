@@ -19,6 +19,8 @@ RIGS = Path(__file__).parents[3] / "rigs"
         ("sim-odrive.toml", 0.1, float(np.float32(0.1)), float(np.float32(0.05))),
         ("sim-vesc.toml", 0.12345, 0.123, float(np.float32(0.05))),  # whole milliamperes
         ("sim-vesc.toml", 0.009, 0.0, float(np.float32(0.05))),  # less than the drive's minimum
+        ("sim-mit.toml", 0.12345, -2 + 2174 * 4 / 4095, float(np.float32(0.05))),  # the nearest of 4096 codes
+        ("sim-mit.toml", 0.0, -2 + 2048 * 4 / 4095, float(np.float32(0.05))),  # which is never quite zero
     ],
 )
 def test_commands_are_recorded_as_the_wire_carries_them(

@@ -61,11 +61,6 @@ def pushing(load_nm: float, command: float, duration_s: float = 0.4) -> Segment:
     return pushed("test", "push", Use.PREPARE, np.full(ticks, load_nm), np.full(ticks, command))
 
 
-def armed(bench: Bench) -> list[str]:
-    """Roles of the drives that drive their motors, by their firmware's own account."""
-    return [role for role in ("actuator", "load") if bench.backend.world.devices[role].armed]  # type: ignore[attr-defined]
-
-
 @pytest.mark.parametrize(("actuator", "load"), PAIRS)
 def test_both_push_and_both_are_idle_in_the_end(actuator: str, load: str) -> None:
     with bench_of(actuator, load) as bench:
@@ -73,11 +68,11 @@ def test_both_push_and_both_are_idle_in_the_end(actuator: str, load: str) -> Non
             drive.identify()
         with bench.loop.running():
             ticks = bench.loop.run(pushing(0.02, 0.05)).ticks
-            assert armed(bench) == ["actuator", "load"]
-        assert armed(bench) == []
+            assert bench.armed() == ["actuator", "load"]
+        assert bench.armed() == []
         assert [drive.status().state for drive in bench.devices.drives] == [DriveState.IDLE] * 2
         last = ticks[-1]
-        assert last["velocity_rad_s"] > 20
+        assert 5 < last["velocity_rad_s"] < 70
         assert last["load_velocity_rad_s"] == pytest.approx(last["velocity_rad_s"], rel=0.05)
         # Both count from where they were switched on, and go the same way.
         travelled = [last[name] - ticks[0][name] for name in ("position_rad", "load_position_rad")]
@@ -96,7 +91,7 @@ def test_every_fault_stops_the_bench(driver: str, role: str, fault: DriveFault) 
         bench.after(0.3, lambda: firmware.break_down(fault))  # type: ignore[attr-defined]
         with pytest.raises(SafetyStopError, match=f"{role} drive: left its torque loop"), bench.loop.running():
             bench.loop.run(pushing(0.05, 0.1))
-        assert armed(bench) == []
+        assert bench.armed() == []
 
 
 @pytest.mark.parametrize("driver", ["vesc", "mit"])
@@ -121,7 +116,7 @@ def test_a_position_at_the_end_of_its_range_stops_the_bench(role: str) -> None:
         bench.loop.running(),
     ):
         bench.loop.run(pushing(0.05, 0.1, 3.0))
-    assert armed(bench) == []
+    assert bench.armed() == []
 
 
 @pytest.mark.parametrize(
@@ -132,13 +127,9 @@ def test_the_timeout_is_seen_at_work_without_moving_the_shaft(driver: str, probe
     text = rig_text(driver, "odrive").replace(DRIVERS[driver], DRIVERS[driver] + probe)
     with opened(parse_rig(text, place="probed")) as bench:
         actuator, link = bench.devices.actuator, bench.devices.link
-        if not works:
-            bench.backend.world.devices["actuator"]._look = lambda _stamp: None  # type: ignore[attr-defined]
-            text_of_timeout = "set in the drive as 0"
-            bench.backend.world.devices["actuator"]._options = (  # type: ignore[attr-defined]
-                actuator.options.model_copy(update={"watchdog_s": 0.0})  # type: ignore[attr-defined]
-            )
-            assert text_of_timeout
+        if not works:  # the drive's own setting is another than the rig's
+            set_in_drive = actuator.options.model_copy(update={"watchdog_s": 0.0})  # type: ignore[attr-defined]
+            bench.backend.world.devices["actuator"]._options = set_in_drive  # type: ignore[attr-defined]
         actuator.enable()
         start_rad = bench.backend.world.plant.true_position_rad("actuator")
         actuator.provoke_watchdog()
