@@ -48,10 +48,10 @@ def _in_lock_step(trials: Sequence[Trial], jobs: int, seed: int | None, on_outco
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=_leave_interrupts_to_the_parent) as pool:
         try:
-            ready = [pool.submit(prepare, trial.rig, seed) for trial in trials]
+            ready = {index: pool.submit(prepare, trial.rig, seed) for index, trial in enumerate(trials) if trial.cases}
             futures = [
-                [pool.submit(rehearse, prepared.result(), case, seed) for case in trial.cases]
-                for prepared, trial in zip(ready, trials, strict=True)
+                [pool.submit(rehearse, ready[index].result(), case, seed) for case in trial.cases]
+                for index, trial in enumerate(trials)
             ]
             for done in as_completed([future for row in futures for future in row]):
                 on_outcome(done.result())

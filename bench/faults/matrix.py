@@ -30,9 +30,9 @@ def _carried(rig: Rig) -> Iterator[Case]:
     for role in (*DRIVES, SENSOR):
         # What comes from a device is its own; what goes to it is all that the host sends on its bus.
         yield _case("one frame lost", "drop", role, RIDE, count=1, towards="host", quick=role == "actuator")
-        yield _case("frames doubled", "duplicate", role, RIDE, count=20, towards="host", quick=role == SENSOR)
+        yield _case("frames doubled", "duplicate", role, RIDE, count=20, towards="host")
         if _bus_of(rig, role):
-            yield _case("frames out of order", "reorder", role, RIDE, count=20, towards="host", quick=role == "load")
+            yield _case("frames out of order", "reorder", role, RIDE, count=20, towards="host")
     for role in DRIVES:
         yield _case("commands lost", "drop", role, RIDE, count=20, towards="device")
         yield _case("commands doubled", "duplicate", role, RIDE, count=20, towards="device")
@@ -62,7 +62,7 @@ def _connected(rig: Rig) -> Iterator[Case]:
         else:
             yield _case("adapter unplugged", "unplugged", role)
         yield _case("silent for a while", "dropout", role, RIDE, lasts=f"{rig.limits.stale_after_ns / 2e6:g} ms")
-        yield _case("silent", "dropout", role, quick=role == SENSOR)
+        yield _case("silent", "dropout", role)
 
 
 def _read(rig: Rig) -> Iterator[Case]:
