@@ -42,7 +42,7 @@ def checks_for(
         checks.append(Standstill(command.unit))
     checks += _of_current(limits, command, fitted)
     if fitted.torque_sensor:
-        checks += [FrozenTorque(), TorqueJump(limits.torque_nm)]
+        checks += [FrozenTorque(), TorqueJump(limits.torque_nm, tick_s)]
     if isfinite(fitted.range_nm):
         checks.append(Saturation(fitted.range_nm))
     if fitted.load and fitted.torque_sensor:

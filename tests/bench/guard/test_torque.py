@@ -1,5 +1,6 @@
 """The torque sensor by itself: frozen, at its end, jumping; and a free shaft that must turn."""
 
+from dataclasses import replace
 from math import inf
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from bench.guard.commands import Commands
 from bench.guard.frozen import FrozenTorque
 from bench.guard.jump import TorqueJump
-from bench.guard.known import NOTHING_KNOWN, Known, TorqueHabits
+from bench.guard.known import NOTHING_KNOWN, Known, Machine, TorqueHabits
 from bench.guard.saturation import Saturation
 from bench.guard.standstill import Standstill
 from bench.sample import Sample
@@ -15,7 +16,11 @@ from tests.bench.guard.shafts import ask, from_tick, resting, turning
 
 
 def habits(longest_repeat: int | None = 2, period_s: float = 1e-3, greatest_step_nm: float | None = 0.02) -> Known:
-    return Known(torque=TorqueHabits(0.03, 1e-3, period_s, longest_repeat, greatest_step_nm))
+    return Known(
+        torque=TorqueHabits(0.03, 1e-3, period_s, longest_repeat, greatest_step_nm),
+        actuator=Machine(0.9, 5e-5, 1e-3, 0.02),
+        load=Machine(0.95, 1.2e-4, 3e-4, 0.008),
+    )
 
 
 def shows(torque_nm: float):
@@ -92,7 +97,7 @@ def test_one_reading_at_the_end_passes_and_repeats_are_none() -> None:
 
 
 def jump(known: Known) -> TorqueJump:
-    made = TorqueJump(1.0)
+    made = TorqueJump(1.0, 1e-3)
     made.know(known)
     return made
 
@@ -111,10 +116,22 @@ def test_a_step_that_stays_is_found_with_its_third_reading() -> None:
         (habits(greatest_step_nm=0.3), 0.95, True),
         (habits(greatest_step_nm=None), 0.95, False),
         (NOTHING_KNOWN, 0.95, False),
+        (replace(habits(), load=None), 0.95, False),
+        (replace(habits(), actuator=None), 0.95, False),
     ],
 )
 def test_how_great_a_step_is_too_great(known: Known, step_nm: float, found: bool) -> None:
     assert (ask(jump(known), from_tick(300, shows(step_nm), resting)).tick is not None) is found
+
+
+@pytest.mark.parametrize("change", [Commands(0.5, 0.0), Commands(0.0, -0.5), Commands(-0.3, 0.2)])
+def test_what_the_drives_were_told_to_change_the_torque_may_change_by(change: Commands) -> None:
+    def told(tick: int) -> Commands:
+        return change if tick >= 295 else Commands(0.0, 0.0)
+
+    assert ask(jump(habits()), from_tick(300, shows(0.7), resting), told).tick is None
+    assert ask(jump(habits()), from_tick(300, shows(0.99), resting), told).tick is not None
+    assert ask(jump(habits()), from_tick(400, shows(0.7), resting), told).tick == 402
 
 
 def test_a_spike_passes() -> None:
