@@ -64,12 +64,12 @@ class LoopProcess:
         self._consumer: Callable[[Measured], None] = _nobody
         self._enabled = False
         self._begun = (-1, 0)  # the segment that runs, and its first tick [ns]
-        memory, pulse = SharedMemory(rig), Pulse()
-        self._inbox, self._beat_ns = SharedInbox(memory), pulse.view()
+        self._shared = Shared(SharedMemory(rig), stop or StopWord(), Pulse())
+        self._inbox, self._beat_ns = SharedInbox(self._shared.memory), self._shared.pulse.view()
         self._orders, far_end = context.Pipe()
         self._process = context.Process(
             target=serve_loop,
-            args=(rig, seed, Shared(memory, stop or StopWord(), pulse), far_end),
+            args=(rig, seed, self._shared, far_end),
             name="loop",
             daemon=True,
         )
