@@ -128,7 +128,7 @@ def main() -> int:
         print("this process may not take real-time priorities: run it as root", file=sys.stderr)
         return 2
     cpus = sorted(os.sched_getaffinity(0))
-    if len(cpus) < 2:  # noqa: PLR2004
+    if len(cpus) < 2:
         print("one CPU for the loop and another for its devices are needed", file=sys.stderr)
         return 2
     quick = arguments.quick
@@ -193,9 +193,7 @@ def own_loop(
                     measured = loop.run(segment)
                 found.windows.append(window_of(measured, finish(), rig.tick_ns))
         elapsed_s = time.monotonic() - began_s
-        found.cpu_shares = {
-            who: (after - spent[who]) / elapsed_s for who, after in cpu_times(loop, recorder).items()
-        }
+        found.cpu_shares = {who: (after - spent[who]) / elapsed_s for who, after in cpu_times(loop, recorder).items()}
     return found
 
 
@@ -319,7 +317,10 @@ def public_loop(peer: Peer, rate_hz: int, seconds: float, windows: int, cpu: int
     for _ in range(windows):
         command = [sys.executable, __file__, "--neuroloco", str(rate_hz), str(seconds + 2 * SETTLED_S)]
         with subprocess.Popen(
-            command, stdout=subprocess.PIPE, text=True, preexec_fn=partial(_as_the_loop, cpu)
+            command,
+            stdout=subprocess.PIPE,
+            text=True,
+            preexec_fn=partial(_as_the_loop, cpu),  # noqa: PLW1509  (no threads here)
         ) as process:
             assert process.stdout is not None
             process.stdout.readline()  # it is ready
@@ -346,8 +347,7 @@ def neuroloco(rate_hz: float, seconds: float) -> int:
         if index + 1 == len(begun_s):
             break
     grid_s = np.arange(len(begun_s)) / rate_hz
-    late_s = begun_s - grid_s
-    print(json.dumps(late((late_s - np.min(late_s)) * 1e6)))
+    print(json.dumps(late((begun_s - loop.t0 - grid_s) * 1e6)))
     return 0
 
 
@@ -380,7 +380,7 @@ def served(rig: Rig, cpu: int) -> Iterator[None]:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: os.sched_setaffinity(0, {cpu}),
+        preexec_fn=lambda: os.sched_setaffinity(0, {cpu}),  # noqa: PLW1509  (no threads here)
     ) as server:
         assert server.stderr is not None
         try:
@@ -448,7 +448,9 @@ def told(result: Mapping[str, object]) -> str:
     lines = [f"{result['loop']} at {result['rate_hz']} Hz beside {result['peer']}, {result['windows']} windows"]
     for name in PERCENTILES:
         each: Mapping[str, float] = result[name]  # type: ignore[assignment]
-        lines.append(f"  {name:>5}: {each['loop_us']:8.1f} us, peer {each['peer_us']:8.1f} us, ratio {each['ratio']:.2f}")
+        lines.append(
+            f"  {name:>5}: {each['loop_us']:8.1f} us, peer {each['peer_us']:8.1f} us, ratio {each['ratio']:.2f}"
+        )
     if "share_run" in result:
         lines.append(f"  ticks run {100 * result['share_run']:.2f} %, work p99 {result['work_p99_us']:.0f} us")  # type: ignore[operator]
     for key in ("stages_p50_us", "cpu_shares"):

@@ -92,7 +92,9 @@ def timing_sentence(timing: LoopTiming) -> str:
     rate = f"{1e9 / timing.tick_ns:g} ticks a second"
     if not timing.skipped:
         return f"{timing.ticks} ticks at {rate}; none was skipped."
-    return f"{timing.ticks} ticks at {rate}, {100 * timing.share_run:.2f} % of those due; {timing.skipped} were skipped."
+    return (
+        f"{timing.ticks} ticks at {rate}, {100 * timing.share_run:.2f} % of those due; {timing.skipped} were skipped."
+    )
 
 
 def _spread(values: npt.NDArray[np.int64]) -> Spread:
