@@ -1,20 +1,18 @@
 """A session from beginning to end: check, open, run step by step, put away, conclude."""
 
 import gc
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 
-from bench.control.admittance import AdmittanceController
 from bench.control.preview import with_preview
 from bench.identification.results import LiveEstimate
-from bench.loop.alignment import Alignment
-from bench.loop.devices import Devices, open_devices
-from bench.loop.gate import guard_for
-from bench.loop.loop import Loop, never_stop
-from bench.loop.outbox import Outbox
+from bench.loop.bench_loop import BenchLoop
+from bench.loop.in_process import loop_in_process
+from bench.loop.process import LoopProcess
+from bench.loop.stop_word import StopWord
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import make_procedures
 from bench.procedures.knowledge import Adaptive, Knowledge, Procedure
@@ -28,10 +26,9 @@ from bench.session.progress import Progress, Silent
 from bench.session.provenance import provenance
 from bench.session.rehearsal import Rehearsed, rehearsed
 from bench.session.schema import Session
-from bench.session.supervision import told_to_guard, verify_watchdogs
+from bench.session.supervision import learned
 from bench.session.warm_up import warm_up
 from drivers.backend import Backend
-from drivers.punctual import punctual
 from drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
@@ -66,7 +63,7 @@ class _Run:
     """One session under way."""
 
     rig: Rig
-    loop: Loop
+    loop: BenchLoop
     feed: LiveFeed
     knowledge: Knowledge
     progress: Progress
@@ -113,15 +110,9 @@ class _Run:
         )
 
     def learn(self, known: Knowledge) -> None:
-        """Let loop, guard and controller know it too."""
-        self.knowledge, loop = known, self.loop
-        loop.guard.know(told_to_guard(known))
-        if known.tare is not None:
-            loop.alignment.torque_bias_nm = known.tare.torque_bias_nm
-        if known.calibration is not None:
-            loop.alignment.torque_bias_nm = known.calibration.torque_bias_nm
-            if loop.controller is None or loop.controller.calibration != known.calibration:
-                loop.controller = AdmittanceController(known.calibration, known.tick_s, self.rig.limits.load_torque_nm)
+        """Let the loop know it too."""
+        self.knowledge = known
+        self.loop.learn(learned(known))
 
 
 def run_session(
@@ -131,13 +122,13 @@ def run_session(
     out: Path,
     seed: int | None = None,
     progress: Progress | None = None,
-    stop_request: Callable[[], str | None] = never_stop,
+    stop: StopWord | None = None,
 ) -> SessionResult:
     """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
 
     Raises as :func:`record_session` does, and ExperimentError where the data tell nothing.
     """
-    done = record_session(rig, session, out=out, seed=seed, progress=progress, stop_request=stop_request)
+    done = record_session(rig, session, out=out, seed=seed, progress=progress, stop=stop)
     refined = done.knowledge.refinement
     conclusion = conclude(
         done.measured,
@@ -158,11 +149,11 @@ def record_session(
     out: Path,
     seed: int | None = None,
     progress: Progress | None = None,
-    stop_request: Callable[[], str | None] = never_stop,
+    stop: StopWord | None = None,
 ) -> Recorded:
     """The experiment alone, recorded into the folder ``out``. Raises as :func:`record_procedures` does."""
     procedures = make_procedures([(step.do, step.options) for step in session.steps], rig, place=session.place)
-    return record_procedures(rig, session, procedures, out=out, seed=seed, progress=progress, stop_request=stop_request)
+    return record_procedures(rig, session, procedures, out=out, seed=seed, progress=progress, stop=stop)
 
 
 def record_procedures(
@@ -175,7 +166,7 @@ def record_procedures(
     known: Knowledge | None = None,
     seed: int | None = None,
     progress: Progress | None = None,
-    stop_request: Callable[[], str | None] = never_stop,
+    stop: StopWord | None = None,
 ) -> Recorded:
     """Carry out ``procedures`` as a session's steps, on ``backend`` or on the rig's own; either is closed at the end.
 
@@ -186,15 +177,21 @@ def record_procedures(
     progress = progress or Silent()
     progress.plan(tuple((procedure.name, procedure.duration_s(rig)) for procedure in procedures))
     warm_up()
+    own_backend = backend is None
     if backend is None:
         backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
     with ExitStack() as stack:
         stack.callback(backend.close)
         rehearsal = rehearsed(session, backend)
         stack.enter_context(_settled_memory())
-        devices = open_devices(rig, backend)
-        stack.callback(devices.link.close)
-        metadata = provenance(rig, session, seed, devices.identify())
+        stop = stop or StopWord()
+        if own_backend and not backend.lock_step:
+            loop: BenchLoop = stack.enter_context(LoopProcess(rig, stop, seed=seed))
+        else:
+            loop = stack.enter_context(loop_in_process(rig, backend, stop.heard))
+        for note in loop.notes:
+            progress.note(note)
+        metadata = {**provenance(rig, session, seed, loop.identify()), "loop": loop.place}
         recorder = stack.enter_context(
             Recorder(
                 out / f"{rig.name}.mcap",
@@ -203,34 +200,32 @@ def record_procedures(
                 patience_s=LOCK_STEP_PATIENCE_S if backend.lock_step else 0.0,
             )
         )
-        run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
+        run = stack.enter_context(_running(rig, loop, recorder, progress, lock_step=backend.lock_step))
         if known is not None:
             run.learn(known)
-        stack.callback(_put_away, run.loop, rehearsal)
+        stack.callback(_put_away, loop, rehearsal)
         if rig.supervision.verify_watchdogs:
-            with run.loop.on_time():  # it is about time
-                verify_watchdogs(devices, run.loop.outbox, progress.note)
+            for finding in loop.verify_watchdogs():
+                progress.note(str(finding))
         _step_by_step(run, procedures, rehearsal)
     return Recorded(recorder.path, metadata, run.knowledge, join(run.parts), run.live)
 
 
 def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], rehearsal: Rehearsed) -> None:
-    clock, begun_s = run.loop.devices.clock, perf_counter()
-    begun_ns = clock.now_ns()
+    begun_ns, begun_s = run.loop.now_ns, perf_counter()
     rehearsal.begin(None)
     for index, procedure in enumerate(procedures):
         run.progress.step(index, procedure.name)
         rehearsal.begin(procedure.name)
         run.step(procedure)
-    bench_s, took_s = (clock.now_ns() - begun_ns) * 1e-9, perf_counter() - begun_s
+    bench_s, took_s = (run.loop.now_ns - begun_ns) * 1e-9, perf_counter() - begun_s
     run.progress.note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x); now the final fit")
 
 
-def _put_away(loop: Loop, rehearsal: Rehearsed) -> None:
+def _put_away(loop: BenchLoop, rehearsal: Rehearsed) -> None:
     """A recording says what was made to fail in it."""
     for stamp_ns, text in rehearsal.happened():
-        loop.outbox.put_event(stamp_ns, "fault", text)
-    loop.outbox.hand_on()
+        loop.tell("fault", text, stamp_ns)
 
 
 @contextmanager
@@ -245,22 +240,10 @@ def _settled_memory() -> Iterator[None]:
 
 
 @contextmanager
-def _running(
-    rig: Rig,
-    devices: Devices,
-    backend: Backend,
-    recorder: Recorder,
-    progress: Progress,
-    stop_request: Callable[[], str | None],
-) -> Iterator[_Run]:
-    outbox = Outbox()
-    devices.link.set_tap(outbox.put_frame)
-    loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, stop_request)
-    if not backend.lock_step:
-        loop.on_time = punctual
-    feed = (InlineFeed if backend.lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
+def _running(rig: Rig, loop: BenchLoop, recorder: Recorder, progress: Progress, *, lock_step: bool) -> Iterator[_Run]:
+    feed = (InlineFeed if lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
     run = _Run(rig, loop, feed, Knowledge(rig), progress, recorder)
-    outbox.consumers = (run.take,)
+    loop.subscribe(run.take)
     try:
         yield run
     finally:

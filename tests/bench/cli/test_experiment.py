@@ -208,10 +208,10 @@ def test_runs_go_to_a_folder_of_their_own(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_the_first_interrupt_asks_and_the_second_ends() -> None:
     before = signal.getsignal(signal.SIGINT)
-    with operator_stop() as stop_request:
-        assert stop_request() is None
+    with operator_stop() as word:
+        assert word.heard() is None
         os.kill(os.getpid(), signal.SIGINT)
-        assert stop_request() == "stopped by the operator"
+        assert word.heard() == "stopped by the operator"
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before

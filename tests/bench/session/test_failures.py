@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bench.errors import BenchError, ExitCode, OperatorStopError, SafetyStopError
+from bench.loop.stop_word import StopWord
 from bench.procedures.options import CalibrateOptions, TareOptions
 from bench.recording.contents import Recording
 from bench.recording.reader import read_recording
@@ -31,6 +32,14 @@ PROGRAM = Path(sys.executable).with_name("norton-bench")
 SESSION = Session((Step("tare", TareOptions(0.5)), Step("calibrate", CalibrateOptions(2.0))), place="test")
 
 
+class Asked(StopWord):
+    """Is asked, where others are told."""
+
+    def __init__(self, ask: Callable[[], str | None]) -> None:
+        super().__init__()
+        self.heard = ask  # type: ignore[method-assign]
+
+
 @dataclass
 class Bench:
     """Runs sessions on backends of which it keeps hold."""
@@ -45,7 +54,7 @@ class Bench:
     def stopped(self, rig: Rig, kind: type[BenchError], stop: Callable[[], str | None]) -> tuple[str, Recording]:
         """What the session ended with, and its recording."""
         with pytest.raises(kind) as stop_error:
-            engine.run_session(rig, SESSION, out=self.out, seed=1, stop_request=stop)
+            engine.run_session(rig, SESSION, out=self.out, seed=1, stop=Asked(stop))
         return str(stop_error.value), read_recording(self.out / f"{rig.name}.mcap")
 
     @property
