@@ -1,0 +1,41 @@
+"""The operator's stop, in memory that all of our processes share: any of them says it, the loop hears it every tick."""
+
+import multiprocessing
+from multiprocessing.sharedctypes import RawArray
+
+UNSAID = b"\0"
+SAID = b"\1"
+LONGEST_REASON_BYTES = 240
+NO_REASON = "asked to stop"
+
+
+class StopWord:
+    """Said once, heard from then on. Goes to spawned processes as an argument; nothing of it outlives them.
+
+    The first reason stays. Nothing in it waits, so that a signal handler may say it too.
+    """
+
+    def __init__(self) -> None:
+        # Taken by whoever speaks first, and never given back.
+        self._turn = multiprocessing.get_context("spawn").Lock()
+        self._said = RawArray("c", 1)
+        self._reason = RawArray("c", LONGEST_REASON_BYTES + 1)
+
+    def say(self, reason: str) -> None:
+        """Stop, because of ``reason``; what is longer than 240 bytes is cut."""
+        if self._turn.acquire(block=False):
+            self._reason.value = _cut(reason)
+        # Also where another is still writing its reason, or was killed over it: the stop must not wait for words.
+        self._said[0] = SAID
+
+    def heard(self) -> str | None:
+        """The reason, once there is one; costs a look at one byte until then."""
+        if self._said[0] == UNSAID:
+            return None
+        return self._reason.value.decode(errors="replace") or NO_REASON
+
+
+def _cut(reason: str) -> bytes:
+    """As UTF-8, without half a letter at the end, and up to the first NUL."""
+    text = reason.partition("\0")[0].encode(errors="replace")[:LONGEST_REASON_BYTES]
+    return text.decode(errors="ignore").encode()
