@@ -29,8 +29,8 @@ def check(
     output = Output(json)
     rig = load_rig(rig_file, backend=backend)
     if move:
-        with operator_stop() as stop_request:
-            found = check_rig(rig, seed=seed, move=Permission(output.say, stop_request))
+        with operator_stop() as stop_word:
+            found = check_rig(rig, seed=seed, move=Permission(output.say, stop_word.heard))
     else:
         found = check_rig(rig, seed=seed)
     output.result(check_data(found), *check_view(found))

@@ -102,9 +102,10 @@ def perform(rig: "Rig", session: "Session", *, out: Path | None, seed: int | Non
 def _run(rig: "Rig", session: "Session", folder: Path, seed: int | None, output: Output) -> "SessionResult":
     from bench.cli.progress import showing_progress  # noqa: PLC0415
     from bench.session.engine import run_session  # noqa: PLC0415
+    from bench.session.operator import Nobody  # noqa: PLC0415
 
-    with operator_stop() as stop_request, showing_progress(output, rig.tick_s) as progress:
-        return run_session(rig, session, out=folder, seed=seed, progress=progress, stop_request=stop_request)
+    with operator_stop() as stop_word, showing_progress(output, rig.tick_s) as progress:
+        return run_session(rig, session, out=folder, seed=seed, progress=progress, operator=Nobody(stop_word))
 
 
 def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:

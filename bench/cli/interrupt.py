@@ -1,24 +1,26 @@
 """Ctrl-C as the operator's stop: asked for once, the loop ends by itself with the drives idle; twice, all ends."""
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from bench.loop.stop_word import StopWord
+
 
 @contextmanager
-def operator_stop() -> Iterator[Callable[[], str | None]]:
-    """Inside, the yielded function returns the reason to stop once there is one, else None."""
-    reasons: list[str] = []
+def operator_stop() -> Iterator[StopWord]:
+    """Inside, the yielded word is said once there is a reason to stop."""
+    stop = StopWord()
 
     def ask(number: int, _frame: FrameType | None) -> None:
-        if reasons:
+        if stop.heard() is not None:
             raise KeyboardInterrupt
-        reasons.append("stopped by the operator" if number == signal.SIGINT else "asked to end")
+        stop.say("Ctrl-C" if number == signal.SIGINT else "asked to end")
 
     before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: reasons[0] if reasons else None
+        yield stop
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,7 +1,7 @@
 """A session from beginning to end: check, open, run step by step, put away, conclude."""
 
 import gc
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ from bench.identification.results import LiveEstimate
 from bench.loop.alignment import Alignment
 from bench.loop.devices import Devices, open_devices
 from bench.loop.gate import guard_for
-from bench.loop.loop import Loop, never_stop
+from bench.loop.loop import Loop
 from bench.loop.outbox import Outbox
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import make_procedures
@@ -24,7 +24,8 @@ from bench.rig.rig import Rig
 from bench.segments import Segment
 from bench.session.conclusion import Conclusion, conclude
 from bench.session.live_feed import InlineFeed, LiveFeed, ProcessFeed
-from bench.session.progress import Progress, Silent
+from bench.session.operator import Nobody, Operator
+from bench.session.progress import PlannedStep, Progress, Silent
 from bench.session.provenance import provenance
 from bench.session.rehearsal import Rehearsed, rehearsed
 from bench.session.schema import Session
@@ -131,13 +132,13 @@ def run_session(
     out: Path,
     seed: int | None = None,
     progress: Progress | None = None,
-    stop_request: Callable[[], str | None] = never_stop,
+    operator: Operator | None = None,
 ) -> SessionResult:
     """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
 
     Raises as :func:`record_session` does, and ExperimentError where the data tell nothing.
     """
-    done = record_session(rig, session, out=out, seed=seed, progress=progress, stop_request=stop_request)
+    done = record_session(rig, session, out=out, seed=seed, progress=progress, operator=operator)
     refined = done.knowledge.refinement
     conclusion = conclude(
         done.measured,
@@ -158,11 +159,11 @@ def record_session(
     out: Path,
     seed: int | None = None,
     progress: Progress | None = None,
-    stop_request: Callable[[], str | None] = never_stop,
+    operator: Operator | None = None,
 ) -> Recorded:
     """The experiment alone, recorded into the folder ``out``. Raises as :func:`record_procedures` does."""
     procedures = make_procedures([(step.do, step.options) for step in session.steps], rig, place=session.place)
-    return record_procedures(rig, session, procedures, out=out, seed=seed, progress=progress, stop_request=stop_request)
+    return record_procedures(rig, session, procedures, out=out, seed=seed, progress=progress, operator=operator)
 
 
 def record_procedures(
@@ -175,7 +176,7 @@ def record_procedures(
     known: Knowledge | None = None,
     seed: int | None = None,
     progress: Progress | None = None,
-    stop_request: Callable[[], str | None] = never_stop,
+    operator: Operator | None = None,
 ) -> Recorded:
     """Carry out ``procedures`` as a session's steps, on ``backend`` or on the rig's own; either is closed at the end.
 
@@ -184,7 +185,8 @@ def record_procedures(
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
     progress = progress or Silent()
-    progress.plan(tuple((procedure.name, procedure.duration_s(rig)) for procedure in procedures))
+    operator = operator or Nobody()
+    progress.plan([PlannedStep(procedure.name, procedure.duration_s(rig)) for procedure in procedures])
     warm_up()
     if backend is None:
         backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
@@ -203,7 +205,7 @@ def record_procedures(
                 patience_s=LOCK_STEP_PATIENCE_S if backend.lock_step else 0.0,
             )
         )
-        run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
+        run = stack.enter_context(_running(rig, devices, backend, recorder, progress, operator))
         if known is not None:
             run.learn(known)
         stack.callback(_put_away, run.loop, rehearsal)
@@ -251,11 +253,11 @@ def _running(
     backend: Backend,
     recorder: Recorder,
     progress: Progress,
-    stop_request: Callable[[], str | None],
+    operator: Operator,
 ) -> Iterator[_Run]:
     outbox = Outbox()
     devices.link.set_tap(outbox.put_frame)
-    loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, stop_request)
+    loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, operator.stop.heard)
     if not backend.lock_step:
         loop.on_time = punctual
     feed = (InlineFeed if backend.lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 
 from bench.errors import BenchError, ExitCode, OperatorStopError, SafetyStopError
+from bench.loop.stop_word import StopWord
 from bench.procedures.options import CalibrateOptions, TareOptions
 from bench.recording.contents import Recording
 from bench.recording.reader import read_recording
 from bench.rig.load import load_rig
 from bench.rig.rig import Rig
 from bench.session import engine
+from bench.session.operator import Nobody
 from bench.session.schema import Session, Step
 from drivers.codecs.odrive import AxisState, Command, Heartbeat
 from drivers.registry import load_backend
@@ -29,6 +31,17 @@ RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"
 RIG = load_rig(RIG_FILE)
 PROGRAM = Path(sys.executable).with_name("norton-bench")
 SESSION = Session((Step("tare", TareOptions(0.5)), Step("calibrate", CalibrateOptions(2.0))), place="test")
+
+
+class Listening(StopWord):
+    """Heard whenever the loop asks, and what it hears is for ``stop`` to say."""
+
+    def __init__(self, stop: Callable[[], str | None]) -> None:
+        super().__init__()
+        self._stop = stop
+
+    def heard(self) -> str | None:
+        return self._stop()
 
 
 @dataclass
@@ -45,7 +58,7 @@ class Bench:
     def stopped(self, rig: Rig, kind: type[BenchError], stop: Callable[[], str | None]) -> tuple[str, Recording]:
         """What the session ended with, and its recording."""
         with pytest.raises(kind) as stop_error:
-            engine.run_session(rig, SESSION, out=self.out, seed=1, stop_request=stop)
+            engine.run_session(rig, SESSION, out=self.out, seed=1, operator=Nobody(Listening(stop)))
         return str(stop_error.value), read_recording(self.out / f"{rig.name}.mcap")
 
     @property
