@@ -2,12 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 from bench.errors import UsageError
 from bench.procedures.catalogue import make_procedure
 from bench.procedures.knowledge import Adaptive, Procedure
-from bench.procedures.options import Options
 from bench.rig.rig import Rig
 from bench.session.conditions import Condition
 from bench.session.expectations import check_expectation
@@ -107,7 +105,7 @@ class _Maker:
             self.asked.add(step.options.name)
             return Ask(step.options.name, step.options.text, step.options.choices)
         place = f"{self.session.place}: [{step.where}]" if step.where else f"{self.session.place}: step"
-        return make_procedure(step.do, cast(Options, step.options), self.rig, before, place=place)
+        return make_procedure(step.do, step.options, self.rig, before, place=place)
 
     def _check(self, condition: Condition | None, where: str) -> None:
         if condition is None:
