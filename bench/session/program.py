@@ -126,7 +126,29 @@ def _joined(label: str, turn: str) -> str:
     return f"{label}, turn {turn}" if label else f"turn {turn}"
 
 
-def make_experiment(session: Session, rig: Rig) -> Experiment:
+@dataclass(frozen=True)
+class Program:
+    """A session's items made ready, and the plan of all of them."""
+
+    steps: tuple[Made | MadeBlock, ...]
+    always: tuple[Made | MadeBlock, ...]
+    plan: tuple[PlannedStep, ...]
+
+    def every_turn(self) -> Iterator[Made]:
+        """Every step of the plan, in order: one in a repetition as often as it may come."""
+        return turns((*self.steps, *self.always))
+
+    def script(self, so_far: SoFar) -> Script:
+        """One item after the other; at the end, however it comes, those that always run."""
+        try:
+            for item in self.steps:
+                yield from item.script(so_far)
+        finally:
+            for item in self.always:
+                yield from item.script(so_far)
+
+
+def make_program(session: Session, rig: Rig) -> Program:
     """The session's steps, ready to run on ``rig``.
 
     Raises RigError for what the rig cannot do, UsageError for steps out of order and conditions that cannot be judged.
@@ -137,17 +159,14 @@ def make_experiment(session: Session, rig: Rig) -> Experiment:
     always = maker.items(session.always, set())
     for expectation in session.expectations:
         check_expectation(expectation, rig, session.place)
-    prompts = tuple(made.action.prompt for made in flat_made((*steps, *always)) if isinstance(made.action, Ask))
+    return Program(steps, always, tuple(maker.plan))
 
-    def script(so_far: SoFar) -> Script:
-        try:
-            for item in steps:
-                yield from item.script(so_far)
-        finally:
-            for item in always:
-                yield from item.script(so_far)
 
-    return Experiment(script, tuple(maker.plan), prompts)
+def make_experiment(session: Session, rig: Rig) -> Experiment:
+    """The same as an experiment. Raises as :func:`make_program` does."""
+    program = make_program(session, rig)
+    asks = [made.action for made in program.every_turn() if isinstance(made.action, Ask)]
+    return Experiment(program.script, program.plan, tuple(dict.fromkeys(ask.prompt for ask in asks)))
 
 
 def of_procedures(procedures: Sequence[Procedure | Adaptive], rig: Rig) -> Experiment:
@@ -159,13 +178,14 @@ def of_procedures(procedures: Sequence[Procedure | Adaptive], rig: Rig) -> Exper
     return Experiment(script, tuple(PlannedStep(each.name, each.duration_s(rig)) for each in procedures))
 
 
-def flat_made(items: Sequence[Made | MadeBlock]) -> Iterator[Made]:
-    """Every step once."""
+def turns(items: Sequence[Made | MadeBlock]) -> Iterator[Made]:
+    """Every step, as often as it may come."""
     for item in items:
         if isinstance(item, Made):
             yield item
-        else:
-            yield from flat_made(item.items)
+            continue
+        for turn in range(item.block.at_most):
+            yield from turns([moved(inner, turn * item.stride) for inner in item.items])
 
 
 def check_unit(condition: Condition, rig: Rig, place: str) -> None:
