@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from bench.cli.arguments import Backend, Json, RigFile, Seed
-from bench.cli.exits import exit_code_of
 from bench.cli.found import check_data, check_view
 from bench.cli.interrupt import operator_stop
 from bench.cli.output import Output
 from bench.errors import ExitCode
+from bench.session.failure import exit_code_of
 
 if TYPE_CHECKING:
     from drivers.discovery import FoundPort
@@ -29,8 +29,8 @@ def check(
     output = Output(json)
     rig = load_rig(rig_file, backend=backend)
     if move:
-        with operator_stop() as word:
-            found = check_rig(rig, seed=seed, move=Permission(output.say, word.heard))
+        with operator_stop() as stop_word:
+            found = check_rig(rig, seed=seed, move=Permission(output.say, stop_word.heard))
     else:
         found = check_rig(rig, seed=seed)
     output.result(check_data(found), *check_view(found))

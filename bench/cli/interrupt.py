@@ -10,17 +10,17 @@ from bench.loop.stop_word import StopWord
 
 @contextmanager
 def operator_stop() -> Iterator[StopWord]:
-    """Inside, the yielded word is said when the operator, or the system, asks to stop."""
-    word = StopWord()
+    """Inside, the yielded word is said once there is a reason to stop."""
+    stop = StopWord()
 
     def ask(number: int, _frame: FrameType | None) -> None:
-        if word.heard() is not None:
+        if stop.heard() is not None:
             raise KeyboardInterrupt
-        word.say("stopped by the operator" if number == signal.SIGINT else "asked to end")
+        stop.say("Ctrl-C" if number == signal.SIGINT else "asked to end")
 
     before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield word
+        yield stop
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,7 +1,7 @@
 """A running session on stderr: a bar with the time left on a terminal, a line a step elsewhere."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 
@@ -13,47 +13,45 @@ from bench.cli.output import Output
 from bench.identification.results import LiveEstimate
 from bench.models.parameters import Status
 from bench.records import Measured
-from bench.session.progress import Progress, Silent
+from bench.session.progress import PlannedStep, Progress, SessionState, Silent
 
 
-class Lines:
+class Lines(Silent):
     """One line a step."""
 
     def __init__(self, output: Output) -> None:
         self._output = output
-        self._steps: tuple[tuple[str, float], ...] = ()
+        self._steps: Sequence[PlannedStep] = ()
 
-    def plan(self, steps: tuple[tuple[str, float], ...]) -> None:
+    def plan(self, steps: Sequence[PlannedStep]) -> None:
         self._steps = steps
-        total_s = sum(duration_s for _, duration_s in steps)
+        total_s = sum(step.duration_s for step in steps)
         self._output.say(f"{len(steps)} steps, about {total_s:.0f} s of bench time")
 
     def step(self, index: int, name: str) -> None:
         self._output.say(f"[{index + 1}/{len(self._steps)}] {name}")
 
-    def part(self, measured: Measured, live: LiveEstimate) -> None: ...
-
     def note(self, text: str) -> None:
         self._output.say(text)
 
 
-class Terminal:
+class Terminal(Silent):
     """A bar for the whole session; it says which step runs and how many parameters are known by now."""
 
     def __init__(self, bars: Bars, tick_s: float) -> None:
         self._bars = bars
         self._tick_s = tick_s
-        self._steps: tuple[tuple[str, float], ...] = ()
+        self._steps: Sequence[PlannedStep] = ()
         self._task: TaskID | None = None
 
-    def plan(self, steps: tuple[tuple[str, float], ...]) -> None:
+    def plan(self, steps: Sequence[PlannedStep]) -> None:
         self._steps = steps
-        self._task = self._bars.add_task("preparing", total=sum(duration_s for _, duration_s in steps), known="")
+        self._task = self._bars.add_task("preparing", total=sum(step.duration_s for step in steps), known="")
 
     def step(self, index: int, name: str) -> None:
         if self._task is None:
             return
-        before_s = sum(duration_s for _, duration_s in self._steps[:index])
+        before_s = sum(step.duration_s for step in self._steps[:index])
         self._bars.update(self._task, description=f"{index + 1}/{len(self._steps)} {name}", completed=before_s)
 
     def part(self, measured: Measured, live: LiveEstimate) -> None:
@@ -62,6 +60,13 @@ class Terminal:
         valid = sum(estimate.status is Status.VALID for estimate in live.estimates)
         known = f"{valid} of {len(live.estimates)} parameters known" if live.estimates else ""
         self._bars.update(self._task, advance=len(measured.ticks) * self._tick_s, known=known)
+
+    def state(self, state: SessionState) -> None:
+        """While somebody is asked, the bar must not draw over what is typed."""
+        if state in (SessionState.PAUSED, SessionState.ASKING):
+            self._bars.stop()
+        else:
+            self._bars.start()
 
     def note(self, text: str) -> None:
         self._bars.console.print(text, markup=False, highlight=False)

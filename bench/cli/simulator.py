@@ -23,14 +23,14 @@ def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, q
     output = Output(quiet=quiet)
     places = [bus.channel for bus in rig.wiring.buses]
     places += [device.port for device in rig.wiring.devices() if device.port is not None]
-    with operator_stop() as word:
+    with operator_stop() as stop_word:
         _simulator("serve")(
             rig.wiring,
             rig.simulated,
             seed=seed,
             place=str(rig_file),
             on_ready=lambda: output.say(f"serving {rig.name} on {', '.join(places)}; Ctrl-C ends it"),
-            stop=lambda: word.heard() is not None,
+            stop=lambda: stop_word.heard() is not None,
             witness=witness,
         )
 

@@ -23,6 +23,7 @@ from bench.recording.reader import read_recording
 from bench.records import Measured
 from bench.report.render import ReportData, write_report
 from bench.segments import Use
+from bench.session.past import with_past
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -128,7 +129,7 @@ def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, 
     recording = read_recording(path, raw_frames=False)
     check_metadata(path, recording.metadata)
     conclusion = conclude(
-        recording.measured,
+        with_past(path, recording),
         rig_text=recording.rig_text,
         metadata=recording.metadata,
         live=recording.live,

@@ -24,6 +24,7 @@ from bench.models.parameters import Estimate, Status
 from bench.procedures.refinement import Refinement
 from bench.records import Measured
 from bench.session.conclusion import Conclusion
+from bench.session.progress import Judged, PlannedStep
 from bench.session.schema import STEPS
 
 ROOT = Path(__file__).parents[3]
@@ -42,6 +43,7 @@ class Result:
     conclusion: Conclusion
     knowledge: Knowledge
     measured: Measured
+    expectations: tuple[Judged, ...] = ()
 
 
 class Engine:
@@ -57,7 +59,7 @@ class Engine:
         self.asked = {"rig": rig, "session": session, **asked}
         recording = asked["out"] / "r.mcap"
         recording.write_text("")
-        asked["progress"].plan((("tare", 2.0),))
+        asked["progress"].plan([PlannedStep("tare", 2.0)])
         asked["progress"].step(0, "tare")
         asked["progress"].part(Measured(), LiveEstimate(0))
         asked["progress"].note("a remark")
@@ -86,7 +88,8 @@ def test_identify_runs_the_standard_session_and_prints_json(
     streams = capsys.readouterr()
     assert code == ExitCode.OK
     assert json.loads(streams.out)["parameters"]["inertia"]["std"] == 1e-7
-    assert [step.do for step in engine.asked["session"].steps] == [name for name in STEPS if name != "refine"]
+    standard = [name for name in STEPS if name not in ("refine", "rest")]
+    assert [step.do for step in engine.asked["session"].steps] == standard
     assert "until" not in json.loads(streams.out)
     assert (engine.asked["seed"], engine.asked["rig"].backend) == (7, "simulated")
     assert engine.asked["out"] == tmp_path / "new"
@@ -208,10 +211,10 @@ def test_runs_go_to_a_folder_of_their_own(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_the_first_interrupt_asks_and_the_second_ends() -> None:
     before = signal.getsignal(signal.SIGINT)
-    with operator_stop() as word:
-        assert word.heard() is None
+    with operator_stop() as stop_word:
+        assert stop_word.heard() is None
         os.kill(os.getpid(), signal.SIGINT)
-        assert word.heard() == "stopped by the operator"
+        assert stop_word.heard() == "Ctrl-C"
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before
@@ -219,7 +222,7 @@ def test_the_first_interrupt_asks_and_the_second_ends() -> None:
 
 def test_progress_says_how_long_it_takes(capsys: pytest.CaptureFixture[str]) -> None:
     lines = Lines(Output())
-    lines.plan((("tare", 2.0), ("free", 10.0)))
+    lines.plan([PlannedStep("tare", 2.0), PlannedStep("free", 10.0)])
     lines.step(1, "free")
     assert capsys.readouterr().err.splitlines() == ["2 steps, about 12 s of bench time", "[2/2] free"]
 
@@ -229,7 +232,7 @@ def test_progress_on_a_terminal_draws_a_bar(
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with showing_progress(Output(), tick_s=1e-3) as progress:
-        progress.plan((("free", 1.0),))
+        progress.plan([PlannedStep("free", 1.0)])
         progress.step(0, "free")
         progress.part(Measured(), LiveEstimate(1, (Estimate("inertia", 1.0, 0.1, "kg*m^2", Status.VALID),)))
         progress.note("a remark")
