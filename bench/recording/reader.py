@@ -61,6 +61,14 @@ def _metadata(found: Scan, path: Path) -> Mapping[str, str]:
     return metadata
 
 
+def read_so_far(path: Path) -> Recording:
+    """As :func:`read_recording`, of a recording that is still being written, or was cut off: what it holds by now.
+
+    Raises UsageError where the file is missing or is not one of ours.
+    """
+    return recording_in(scan(path), path)
+
+
 def recording_in(found: Scan, path: Path) -> Recording:
     """The recording as far as the scan found it. Raises UsageError where it is not one of ours."""
     metadata = _metadata(found, path)
@@ -93,7 +101,7 @@ def _measured(found: Scan) -> Measured:
         **{stream.table: _table(found, stream) for stream in STREAMS},
         segments=tuple({segment.index: segment for segment in segments}.values()),
         events=tuple(_event(message) for message in _messages(found, EVENTS, "Event")),
-        frames=_frames(found),
+        frames=frames_in(found),
     )
 
 
@@ -104,7 +112,8 @@ def _table(found: Scan, stream: Stream) -> Table:
     return table if (np.diff(stamps) >= 0).all() else table[np.argsort(stamps, kind="stable")]
 
 
-def _frames(found: Scan) -> tuple[RawFrame, ...]:
+def frames_in(found: Scan) -> tuple[RawFrame, ...]:
+    """The raw frames, in their order of arrival."""
     topics = [channel.topic for channel in found.channels.values() if channel.topic.startswith(RAW_PREFIX)]
     return frames.decode([(_wire_name(channel), rows) for topic in topics for channel, rows in _raw_rows(found, topic)])
 

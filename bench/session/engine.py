@@ -3,13 +3,12 @@
 import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
 from bench.control.admittance import AdmittanceController
 from bench.control.preview import with_preview
-from bench.identification.results import LiveEstimate
 from bench.loop.alignment import Alignment
 from bench.loop.devices import Devices, open_devices
 from bench.loop.gate import guard_for
@@ -18,11 +17,15 @@ from bench.loop.outbox import Outbox
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import make_procedures
 from bench.procedures.knowledge import Adaptive, Knowledge, Procedure
+from bench.recording.contents import RecordedEstimates
+from bench.recording.reader import read_recording
 from bench.recording.recorder import Recorder
-from bench.records import Measured, join
+from bench.recording.room import Need
+from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import Segment
 from bench.session.conclusion import Conclusion, conclude
+from bench.session.kept import with_last_on_disk
 from bench.session.live_feed import InlineFeed, LiveFeed, ProcessFeed
 from bench.session.progress import Progress, Silent
 from bench.session.provenance import provenance
@@ -42,13 +45,13 @@ TROUBLES = ("bus", "device")
 
 @dataclass(frozen=True)
 class Recorded:
-    """What an experiment leaves behind before anything is concluded from it."""
+    """What an experiment leaves behind before anything is concluded from it, as its recording has it."""
 
     recording: Path
     metadata: Mapping[str, str]
     knowledge: Knowledge
     measured: Measured
-    live: Sequence[LiveEstimate]
+    live: Sequence[RecordedEstimates]
 
 
 @dataclass(frozen=True)
@@ -71,16 +74,14 @@ class _Run:
     knowledge: Knowledge
     progress: Progress
     recorder: Recorder
-    parts: list[Measured] = field(default_factory=list)
-    live: list[LiveEstimate] = field(default_factory=list)
+    live_ns: int = 0  # of the last live estimate that was recorded
 
     def take(self, part: Measured) -> None:
         """One part from the loop: recorder first, then the live identifier, then whoever watches."""
         self.recorder.put(part)
         self.feed(part)
-        self.parts.append(part.without_frames())
-        if not self.live or self.feed.latest.stamp_ns > self.live[-1].stamp_ns:
-            self.live.append(self.feed.latest)
+        if self.feed.latest.stamp_ns > self.live_ns:
+            self.live_ns = self.feed.latest.stamp_ns
             self.recorder.put_estimate(self.feed.latest)
         self.progress.part(part, self.feed.latest)
         for event in part.events:
@@ -100,7 +101,8 @@ class _Run:
         self.knowledge = decision.known
 
     def _carry_out(self, procedure: Procedure) -> None:
-        self.learn(carry_out(procedure, self.knowledge, self.loop, self._foresee))
+        known = carry_out(procedure, self.knowledge, self.loop, self._foresee)
+        self.learn(with_last_on_disk(known, self.recorder.path.parent))
 
     def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
         """The free motion to expect under zero torque, once the live estimate is valid."""
@@ -184,7 +186,8 @@ def record_procedures(
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
     progress = progress or Silent()
-    progress.plan(tuple((procedure.name, procedure.duration_s(rig)) for procedure in procedures))
+    plan = tuple((procedure.name, procedure.duration_s(rig)) for procedure in procedures)
+    progress.plan(plan)
     warm_up()
     if backend is None:
         backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
@@ -201,6 +204,8 @@ def record_procedures(
                 rig_text=rig.text,
                 metadata=metadata,
                 patience_s=LOCK_STEP_PATIENCE_S if backend.lock_step else 0.0,
+                need=Need.of(rig.tick_s, sum(duration_s for _, duration_s in plan)),
+                candump=rig.candump,
             )
         )
         run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))
@@ -211,7 +216,10 @@ def record_procedures(
             with run.loop.on_time():  # it is about time
                 verify_watchdogs(devices, run.loop.outbox, progress.note)
         _step_by_step(run, procedures, rehearsal)
-    return Recorded(recorder.path, metadata, run.knowledge, join(run.parts), run.live)
+    if recorder.dropped_parts:
+        progress.note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them")
+    found = read_recording(recorder.path, raw_frames=False)
+    return Recorded(recorder.path, found.metadata, run.knowledge, found.measured, found.live)
 
 
 def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], rehearsal: Rehearsed) -> None:

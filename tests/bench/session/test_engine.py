@@ -114,6 +114,7 @@ def test_unseen_motion_is_predicted(performed: Performed) -> None:
 def test_it_leaves_recording_network_and_report(performed: Performed) -> None:
     conclusion = performed.result.conclusion
     assert sorted(path.name for path in performed.out.iterdir()) == [
+        "sim-odrive.candump.log",
         "sim-odrive.mcap",
         "sim-odrive.network.json",
         "sim-odrive.report.html",
