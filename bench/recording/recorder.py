@@ -38,7 +38,8 @@ class Recorder:
     Parameters: the rig file's text; ``metadata`` that explains the data (seed, command unit, tick, ...);
     ``patience_s``, how long :meth:`put` may wait for room before it drops a part: a real-time caller keeps it short;
     where time stands still meanwhile, it may be long. ``need`` is what there must be room for; ``candump`` asks for a
-    log of the CAN frames beside it; ``reserve_bytes`` are kept back on the disk to end in good order by.
+    log of the CAN frames beside it; ``reserve_bytes`` are kept back on the disk to end in good order by; in
+    ``wall_time`` the recording process goes before all that is not real-time, where the machine permits it.
 
     Raises UsageError where a file is there already or cannot be made, ExperimentError where recording cannot start, or
     would not come to its end.
@@ -54,6 +55,7 @@ class Recorder:
         need: Need | None = None,
         candump: bool = False,
         reserve_bytes: int = RESERVE_BYTES,
+        wall_time: bool = False,
     ) -> None:
         self.path = path
         self.dropped_parts = 0
@@ -64,7 +66,8 @@ class Recorder:
         self._made = _create([path, log_name(path)] if candump else [path], need or Need())
         self._process = WriterProcess()
         log = str(log_name(path).absolute()) if candump else ""
-        self._start(wire.Start(str(path.absolute()), rig_text, dict(metadata), log, reserve_bytes), need or Need())
+        start = wire.Start(str(path.absolute()), rig_text, dict(metadata), log, reserve_bytes, wall_time)
+        self._start(start, need or Need())
         self._feeder = Thread(target=self._feed, name="recorder", daemon=True)
         self._feeder.start()
 

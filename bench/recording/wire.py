@@ -19,6 +19,7 @@ class Start:
     """The file, which is there and empty, and what is known before the first sample.
 
     ``candump`` is the log beside it, likewise there and empty, or "". ``reserve_bytes`` are kept back on the disk.
+    ``wall_time`` says that parts come whether they are taken or not.
     """
 
     path: str
@@ -26,6 +27,7 @@ class Start:
     metadata: Mapping[str, str]
     candump: str = ""
     reserve_bytes: int = RESERVE_BYTES
+    wall_time: bool = False
 
 
 @dataclass(frozen=True)

@@ -206,6 +206,7 @@ def record_procedures(
                 patience_s=LOCK_STEP_PATIENCE_S if backend.lock_step else 0.0,
                 need=Need.of(rig.tick_s, sum(duration_s for _, duration_s in plan)),
                 candump=rig.candump,
+                wall_time=not backend.lock_step,
             )
         )
         run = stack.enter_context(_running(rig, devices, backend, recorder, progress, stop_request))

@@ -12,6 +12,7 @@ from typing import Protocol
 from bench.identification.live.identifier import LiveIdentifier
 from bench.identification.results import LiveEstimate
 from bench.recording.contents import Recording
+from bench.recording.parts import parts_of
 from bench.records import Measured
 
 # Ten seconds of parts: a worker that is further behind loses parts, and says so, rather than holding up the loop.
@@ -80,17 +81,10 @@ class ProcessFeed:
 
 
 def replayed(recording: Recording) -> Iterator[LiveEstimate]:
-    """What the live identifier says of a recording, part by part: of a lock-step run, the very estimates it holds.
-
-    Parts end where the recorded estimates stand: there the session's did. In wall time an estimate may come after
-    several parts, so that the pieces differ a little; see docs/recording-format.md for how much.
-    """
-    metadata, start_ns = recording.metadata, 0
+    """What the live identifier says of a recording, part by part: as it did in the session, of the same parts."""
+    metadata = recording.metadata
     identifier = LiveIdentifier(metadata["command_unit"], float(metadata["tick_s"]))
-    for recorded in recording.live:
-        end_ns = recorded.stamp_ns + 1  # the tick of that time included
-        yield identifier.update(recording.measured.between(start_ns, end_ns))
-        start_ns = end_ns
+    return map(identifier.update, parts_of(recording))
 
 
 def _identify(
