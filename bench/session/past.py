@@ -98,7 +98,7 @@ def with_past(path: Path, recording: Recording) -> Measured:
     if resumed is None:
         return recording.measured
     earlier = [record for _, record in past_of(resumed, read_recording(resumed, raw_frames=False))]
-    return join([*before(earlier, recording.measured), recording.measured])
+    return behind(earlier, recording.measured)
 
 
 def resumed_path(path: Path, recording: Recording) -> Path | None:
@@ -110,6 +110,11 @@ def resumed_path(path: Path, recording: Recording) -> Path | None:
         if place.is_file() and place.resolve() != path.resolve():
             return place
     raise UsageError(f"{path}: resumes {written}, which is not there; put it beside this recording")
+
+
+def behind(records: Sequence[Measured], later: Measured) -> Measured:
+    """``later``, behind ``records`` that were moved to before it."""
+    return join([*before(records, later), later]) if records else later
 
 
 def before(records: Sequence[Measured], later: Measured) -> list[Measured]:

@@ -115,7 +115,7 @@ def test_a_folder_that_cannot_be_is_refused(tmp_path) -> None:
 def test_a_full_disk_is_found_out_before_anything_moves(tmp_path, monkeypatch) -> None:
     path = tmp_path / "r.mcap"
     path.symlink_to("/dev/full")
-    monkeypatch.setattr(recorder_module, "_create", lambda path: None)
+    monkeypatch.setattr(recorder_module, "_create", lambda paths, need: paths)
     with pytest.raises(ExperimentError, match=r"cannot record to .*: No space left"):
         Recorder(path, rig_text="", metadata={})
     assert not path.is_symlink()
@@ -131,7 +131,7 @@ def test_a_disk_that_fills_up_is_told_and_costs_nothing_written(tmp_path, part) 
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, before[1]))
     try:
-        recorder = Recorder(tmp_path / "r.mcap", rig_text="", metadata={})
+        recorder = Recorder(tmp_path / "r.mcap", rig_text="", metadata={}, reserve_bytes=0)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     with pytest.raises(ExperimentError, match="broke down: File too large; rescue"):
