@@ -10,16 +10,15 @@ from math import inf
 from pydantic import Field, field_validator
 
 from drivers.codecs.errors import CodecError
-from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat
+from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers
 from drivers.codecs.mantracourt import BAUD, BROADCAST, NOT_UNDERSTOOD, STATION_MAX, question
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import SerialPort
 from drivers.questions import ANSWERS_THAT_TELL, Questions
-from drivers.readings import DeviceIdentity, TorqueReading
-from drivers.stamps import ByteStamps
-from drivers.torque_readings import TorqueReadings
+from drivers.readings import DeviceIdentity
+from drivers.serial_sensor import SerialSensor
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
@@ -68,33 +67,24 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> "MantracourtSens
     return MantracourtSensor(settings, options, link.serial_port(settings, options.baud), link)
 
 
-class MantracourtSensor:
-    """``garbled`` counts answers that are no number, ``refusals`` those that say the question is not understood,
+class MantracourtSensor(SerialSensor):
+    """``numbers`` counts answers that are none, ``refusals`` those that say the question is not understood,
     ``questions`` the ones that got no answer."""
 
     def __init__(self, settings: DeviceSettings, options: MantracourtOptions, port: SerialPort, link: Link) -> None:
-        self.role = settings.role
+        super().__init__(settings, options, port, link, options.scale)
         self.stream = LineStream(mid_line=False)
-        self.garbled = 0
+        self.numbers = Numbers(NumberFormat(width=options.width, signed=True))
         self.refusals = 0
         self._options = options
         self._question = question(options.station, options.command)
-        self._format = NumberFormat(width=options.width, signed=True)
-        self._port = port
-        self._link = link
-        self._stamps = ByteStamps(options.baud)
-        self._readings = TorqueReadings(settings.direction * options.scale, options.range_nm)
         self.questions = Questions(link, self._ask, options.timeout_s)
         port.subscribe(self._on_bytes)
 
     @property
     def malformed(self) -> int:
         """Answers that are no number, or no line."""
-        return self.garbled + self.stream.overlong
-
-    @property
-    def range_nm(self) -> float:
-        return self._options.range_nm
+        return self.numbers.garbled + self.stream.overlong
 
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
         """Wait for answers that are numbers."""
@@ -108,9 +98,6 @@ class MantracourtSensor:
         if self.refusals > refusals:
             raise DeviceError(f"{self._place}: does not know the command {self._options.command}; correct command")
         return DeviceIdentity(driver="mantracourt", address=f"{self._port.name} station {self._options.station:03d}")
-
-    def take_torque(self) -> list[TorqueReading]:
-        return self._readings.take()
 
     @property
     def _place(self) -> str:
@@ -126,12 +113,13 @@ class MantracourtSensor:
                 self._on_answer(line.text, self._stamps.complete_ns(arrival_ns, line.later_bytes))
 
     def _on_answer(self, text: bytes, complete_ns: int) -> None:
-        number = self._format.number_in(text)
-        if number is None and text != NOT_UNDERSTOOD:
-            self.garbled += 1  # the answer may still be on its way behind it
-            return
-        asked_ns = self.questions.answered(complete_ns)
-        if number is None:
+        if text == NOT_UNDERSTOOD:
             self.refusals += 1
-        elif asked_ns is not None:
+            self.questions.answered(complete_ns)
+            return
+        number = self.numbers.take(text)
+        if number is None:
+            return  # the answer may still be on its way behind it
+        asked_ns = self.questions.answered(complete_ns)
+        if asked_ns is not None and self.numbers.believed:
             self._readings.put(number, complete_ns, asked_ns)

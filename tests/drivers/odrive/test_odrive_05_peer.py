@@ -11,7 +11,7 @@ from drivers.link import Link
 from drivers.odrive import ODrive, open_amplifier
 from drivers.readings import DriveState
 from drivers.wiring import CanBusSettings, DeviceSettings
-from tests.drivers.odrive_mock import GROUP, NODE, mock_drive
+from tests.drivers.odrive.odrive_mock import GROUP, NODE, mock_drive
 
 UDP_PORT = 32_000 + os.getpid() % 2_000
 pytestmark = pytest.mark.wall_time
@@ -47,7 +47,7 @@ def await_state(drive: ODrive, link: Link, state: DriveState, within_s: float) -
     return drive.status().state is state
 
 
-def test_a_stranger_is_known_enabled_stopped_and_lost(open_drive, mock):
+def test_a_stranger_is_known_enabled_and_stopped(open_drive):
     drive, link = open_drive(firmware="0.5")
     assert drive.identify().firmware == "0.5"
     drive.enable(timeout_s=5)
