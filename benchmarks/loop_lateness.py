@@ -200,7 +200,7 @@ def own_loop(
 def window_of(measured: Measured, peer: Late, tick_ns: int) -> Window:
     settled = round(SETTLED_S * 1e9 / tick_ns)
     ticks = measured.ticks[settled:-settled]
-    timing = loop_timing(ticks, tick_ns)
+    timing = loop_timing(ticks)
     assert timing is not None
     whole_us = (ticks["work_ns"][:-1] + ticks["put_ns"][1:]) * 1e-3
     return Window(lateness_of(ticks, tick_ns), peer, timing, float(np.percentile(whole_us, PERCENTILES["p99"])))

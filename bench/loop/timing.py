@@ -48,27 +48,32 @@ class LoopTiming:
     stages: tuple[tuple[str, Spread], ...]
 
     @property
+    def in_lock_step(self) -> bool:
+        """Nothing is late, and nothing takes any time."""
+        return self.lateness.most_ns == self.work.most_ns == 0.0
+
+    @property
     def share_run(self) -> float:
         """Of the ticks that were due."""
         return self.ticks / (self.ticks + self.skipped)
 
 
-def loop_timing(ticks: Table, tick_ns: int) -> LoopTiming | None:
-    """The timing of a table of kind TICK, in time order; None for an empty one.
+def loop_timing(ticks: Table) -> LoopTiming | None:
+    """The timing of a table of kind TICK, in time order; None for one that is too short to tell.
 
     Between segments nothing is due: only what was missed inside one counts as skipped.
     """
-    if not len(ticks):
-        return None
     deadline_ns, lateness_ns, work_ns = ticks["tick_ns"], ticks["lateness_ns"], ticks["work_ns"]
     within = np.diff(ticks["segment"]) == 0
+    if not within.any():
+        return None
+    tick_ns = int(np.diff(deadline_ns)[within].min())
     missed = np.where(within, np.diff(deadline_ns) // tick_ns - 1, 0)
-    periods = np.diff(deadline_ns + lateness_ns)[within]
     return LoopTiming(
         tick_ns,
         len(ticks),
         int(missed.sum()),
-        _spread(periods) if len(periods) else _spread(np.array([tick_ns])),
+        _spread(np.diff(deadline_ns + lateness_ns)[within]),
         _spread(lateness_ns + np.concatenate(([0], missed)) * tick_ns),
         _spread(work_ns),
         _least(tick_ns - lateness_ns - work_ns),
@@ -89,12 +94,12 @@ def timing_rows(timing: LoopTiming) -> tuple[tuple[str, ...], tuple[tuple[str, .
 
 def timing_sentence(timing: LoopTiming) -> str:
     """How many ticks there were, and how many were missed."""
-    rate = f"{1e9 / timing.tick_ns:g} ticks a second"
+    count = f"{timing.ticks:,} ticks at {1e9 / timing.tick_ns:g} a second".replace(",", " ")
+    if timing.in_lock_step:
+        return f"{count}, in lock step: time waited for each of them."
     if not timing.skipped:
-        return f"{timing.ticks} ticks at {rate}; none was skipped."
-    return (
-        f"{timing.ticks} ticks at {rate}, {100 * timing.share_run:.2f} % of those due; {timing.skipped} were skipped."
-    )
+        return f"{count}; none was skipped."
+    return f"{count}, {100 * timing.share_run:.2f} % of those that were due; {timing.skipped} were skipped."
 
 
 def _spread(values: npt.NDArray[np.int64]) -> Spread:
