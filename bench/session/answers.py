@@ -36,10 +36,15 @@ class Answers:
                 raise UsageError(f"--answer {name}={answer}: is none of {', '.join(choices)}")
         for prompt in prompts:
             if not somebody and self.to(prompt) is None:
-                raise UsageError(
-                    f'{place}: asks "{prompt.text}", and nobody is there to answer; run it on a terminal, or answer '
-                    f"with --answer {prompt.name}=... or --yes"
-                )
+                raise unanswered(prompt, place)
+
+
+def unanswered(prompt: Prompt, place: str) -> UsageError:
+    """The error of a prompt that nobody can answer."""
+    return UsageError(
+        f'{place}: asks "{prompt.text}", and nobody is there to answer; run it on a terminal, or answer with '
+        f"--answer {prompt.name}=... or --yes"
+    )
 
 
 NO_ANSWERS = Answers()

@@ -199,7 +199,8 @@ def _recorded(
     known: Knowledge | None = None,
 ) -> Recorded:
     progress, operator = terms.progress or Silent(), terms.operator or Nobody()
-    terms.answers.check(experiment.prompts, session.place, somebody=operator.answers)
+    if experiment.prompts is not None:
+        terms.answers.check(experiment.prompts, session.place, somebody=operator.answers)
     past = Past() if terms.resume is None else read_past(terms.resume, rig)
     progress.plan(experiment.plan)
     progress.state(SessionState.PREPARING)

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from bench.errors import UsageError
 from bench.recording.contents import Recording
 from bench.recording.reader import read_recording
@@ -17,6 +19,8 @@ FINISHED, ANSWERED = "step", "answer"
 RESUMES = "resumes"
 # Between two recordings: long enough for nobody to take it for a missing reading.
 PAUSE_NS = 2_000_000_000
+# So many readings on either side tell how two clocks differ.
+ABOUT_THE_PAUSE = 500
 READINGS = ("motion", "load_motion", "torque", "current", "load_current")
 
 
@@ -121,14 +125,16 @@ def before(records: Sequence[Measured], later: Measured) -> list[Measured]:
     """``records``, one after the other as they are, moved to end before ``later`` begins.
 
     Stamps and numbers of readings and segments go on from one to the other. Positions stay as they were read, for most
-    encoders know them still. The devices' own clocks may have been restarted, and are left out.
+    encoders know them still. A sensor's own clock, which may have been restarted, is moved so that it goes on too.
     """
     if not records or not len(later.ticks):
         return list(records)
     end_ns = max(int(record.ticks["tick_ns"][-1]) for record in records)
     segments = 1 + max(segment.index for record in records for segment in record.segments)
+    time_ns = int(later.ticks["tick_ns"][0]) - PAUSE_NS - end_ns
     shift = _Shift(
-        time_ns=int(later.ticks["tick_ns"][0]) - PAUSE_NS - end_ns,
+        time_ns=time_ns,
+        device_ns=_on_device(later, records, time_ns),
         # One further: -1 stands for no segment at all.
         segments=min((segment.index for segment in later.segments), default=0) - segments - 1,
         counted={name: _count(later, records, name) for name in READINGS},
@@ -138,9 +144,10 @@ def before(records: Sequence[Measured], later: Measured) -> list[Measured]:
 
 @dataclass(frozen=True)
 class _Shift:
-    """What is added to stamps, segments, and the numbers of readings."""
+    """What is added to stamps, segments, and the numbers of readings; ``device_ns`` is None where no device stamps."""
 
     time_ns: int
+    device_ns: int | None
     segments: int
     counted: dict[str, int]
 
@@ -173,8 +180,21 @@ class _Shift:
         table["arrival_ns"] += self.time_ns
         table["sequence"] += self.counted[stream]
         if "device_ns" in (table.dtype.names or ()):
-            table["device_ns"] = NO_DEVICE_TIME
+            table["device_ns"] = NO_DEVICE_TIME if self.device_ns is None else table["device_ns"] + self.device_ns
         return table
+
+
+def _on_device(later: Measured, records: Sequence[Measured], time_ns: int) -> int | None:
+    """Between the sensor's clock then and now, once the host's is moved by ``time_ns``: as the readings about the pause
+    tell it, whose delay on the way is the same on average."""
+    older = next((record.torque for record in reversed(records) if len(record.torque)), None)
+    if older is None or not len(later.torque):
+        return None
+    older, newer = older[-ABOUT_THE_PAUSE:], later.torque[:ABOUT_THE_PAUSE]
+    if np.any(older["device_ns"] == NO_DEVICE_TIME) or np.any(newer["device_ns"] == NO_DEVICE_TIME):
+        return None
+    then = np.median(older["device_ns"] - (older["arrival_ns"] + time_ns))
+    return round(float(np.median(newer["device_ns"] - newer["arrival_ns"]) - then))
 
 
 def _count(later: Measured, records: Sequence[Measured], stream: str) -> int:

@@ -175,7 +175,7 @@ def of_procedures(procedures: Sequence[Procedure | Adaptive], rig: Rig) -> Exper
     def script(_so_far: SoFar) -> Script:
         yield from procedures
 
-    return Experiment(script, tuple(PlannedStep(each.name, each.duration_s(rig)) for each in procedures))
+    return Experiment(script, tuple(PlannedStep(each.name, each.duration_s(rig)) for each in procedures), ())
 
 
 def turns(items: Sequence[Made | MadeBlock]) -> Iterator[Made]:

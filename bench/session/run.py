@@ -13,7 +13,7 @@ from bench.recording.recorder import Recorder
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import Segment
-from bench.session.answers import Answers
+from bench.session.answers import Answers, unanswered
 from bench.session.desk import Desk
 from bench.session.kept import with_last_on_disk
 from bench.session.live_feed import LiveFeed
@@ -112,6 +112,8 @@ class Run:
         answer = self.past.answer(action.name)
         if answer is None:
             ready = self.answers.to(action.prompt)
+            if ready is None and not self.desk.operator.answers:
+                raise unanswered(action.prompt, "the script")
             answer = self.desk.ask(action.prompt) if ready is None else ready
             self.progress.note(f"{action.text} {answer}")
         self.loop.tell(ANSWERED, f"{action.name}: {answer}")

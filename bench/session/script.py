@@ -15,7 +15,7 @@ What stands behind ``finally`` is done however the experiment ends. After a safe
 operator's stop nothing moves any more: then only prompts are left of it.
 """
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 
 from bench.errors import ExperimentError
@@ -98,9 +98,8 @@ class SoFar:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A script with what is known of it beforehand: its ``plan``, and the prompts that need an answer."""
+    """A script with what is known of it beforehand: its ``plan``, and its ``prompts``, None where nobody knows them."""
 
     script: Callable[[SoFar], Script]
     plan: tuple[PlannedStep, ...] = ()
-    prompts: tuple[Prompt, ...] = ()
-    answers: Mapping[str, str] = field(default_factory=dict)
+    prompts: tuple[Prompt, ...] | None = None
