@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import fields
+from io import FileIO
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,9 @@ from bench.recording.contents import RecordedEstimates
 from bench.recording.reader import read_recording
 from bench.recording.recorder import Recorder
 from bench.recording.recover import recover
+from bench.recording.syncing import Syncing
 from bench.records import Measured, join
+from drivers.punctual import LOOP_PRIORITY, real_time_allowed
 
 RIG = '[rig]\nname = "x"  # µ\n'
 
@@ -169,6 +172,27 @@ def test_a_writer_that_hangs_costs_parts_but_never_the_caller(tmp_path, part, mo
     assert time.perf_counter() - begin_s < 5.0
     with pytest.raises(ExperimentError, match=r"did not finish within|has died"):
         recorder.close()
+
+
+@pytest.mark.skipif(not real_time_allowed(), reason="real time is not permitted here")
+@pytest.mark.parametrize("wall_time", [True, False])
+def test_in_wall_time_the_writer_goes_before_what_is_not_real_time(tmp_path, part, wall_time) -> None:
+    with Recorder(tmp_path / "r.mcap", rig_text="", metadata={}, wall_time=wall_time) as recorder:
+        recorder.put(part(0))
+        policy, priority = (ask(recorder.writer_pid) for ask in (os.sched_getscheduler, os.sched_getparam))
+    assert (policy == os.SCHED_FIFO) is wall_time
+    assert priority.sched_priority < LOOP_PRIORITY
+
+
+def test_a_disk_that_reports_errors_later_is_told(tmp_path) -> None:
+    """Only when it is brought onto the disk does it show."""
+    read_end, write_end = os.pipe()  # which cannot be brought anywhere
+    with FileIO(read_end), FileIO(write_end, "w") as pipe, Syncing([pipe], interval_s=0.01) as syncing:
+        deadline_s = time.monotonic() + 10
+        while syncing.trouble is None:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+    assert syncing.trouble == "the disk reports: Invalid argument; run again, with --out on another disk"
 
 
 def test_a_recording_that_dropped_parts_says_so(tmp_path, part) -> None:
