@@ -50,7 +50,8 @@ def loop_in_process(
     """The rig's devices, open, with a loop. Raises WiringError, RigError, ConnectionFailedError."""
     devices = open_devices(rig, backend)
     try:
-        loop = InProcessLoop(devices, guard_for(rig, devices), Outbox(), Alignment(), rig.tick_ns, stop_request)
+        outbox = Outbox(torque_averaging_s=rig.torque_averaging_s)
+        loop = InProcessLoop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, stop_request)
         if not backend.lock_step:
             loop.on_time = partial(punctual, LOOP_PRIORITY)
         yield loop

@@ -6,7 +6,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from multiprocessing.connection import wait
 from typing import Any
 
@@ -250,8 +250,10 @@ class LoopProcess:
         measured = self._inbox.take()
         if segment is not None and info is None and len(measured.ticks):
             info = self._so_far(segment, measured.ticks)
-        part = replace(measured, segments=() if info is None else (info,))
-        if not _empty(part):
+        part = replace(
+            measured, segments=() if info is None else (info,), torque_averaging_s=self._rig.torque_averaging_s
+        )
+        if not part.empty:
             self._consumer(part)
         return part.without_frames()
 
@@ -285,10 +287,6 @@ def _ending(exit_code: int | None) -> str:
     if exit_code is not None and exit_code < 0:
         return f"ended by {signal.Signals(-exit_code).name}"
     return f"exit code {exit_code}"
-
-
-def _empty(part: Measured) -> bool:
-    return all(not len(getattr(part, each.name)) for each in fields(part))
 
 
 @contextmanager

@@ -78,7 +78,7 @@ def recording_in(found: Scan, path: Path) -> Recording:
     metadata = _metadata(found, path)
     try:
         segments = tuple(_segment(message) for message in _messages(found, SEGMENTS, "Segment"))
-        measured = _measured(found, segments)
+        measured = _measured(found, segments, float(metadata.get("torque_averaging_s", "0")))
         live = tuple(_estimates(message) for message in _messages(found, ESTIMATES, "Estimates"))
     except (ValueError, KeyError, DecodeError) as error:
         raise UsageError(
@@ -101,12 +101,13 @@ def _fault(found: Scan) -> str:
     return f"damaged in {found.damaged} place{'s' if found.damaged > 1 else ''}"
 
 
-def _measured(found: Scan, segments: Iterable[SegmentInfo]) -> Measured:
+def _measured(found: Scan, segments: Iterable[SegmentInfo], torque_averaging_s: float) -> Measured:
     return Measured(
         **{stream.table: _table(found, stream) for stream in STREAMS},
         segments=tuple({segment.index: segment for segment in segments}.values()),
         events=tuple(_event(message) for message in _messages(found, EVENTS, "Event")),
         frames=frames_in(found),
+        torque_averaging_s=torque_averaging_s,
     )
 
 

@@ -3,6 +3,7 @@
 from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Any, cast
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def _mapped(record: Measured, folder: Path) -> Measured:
             content = np.memmap(file, np.uint8, mode="r")
     except OSError:
         return record
-    return Measured(**_cut(content, tables), segments=record.segments, events=record.events, frames=record.frames)
+    return replace(record, **cast(dict[str, Any], _cut(content, tables)))
 
 
 def _cut(content: "np.memmap[tuple[int], np.dtype[np.uint8]]", tables: dict[str, Table]) -> dict[str, Table]:

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -155,7 +156,7 @@ class _Shift:
         return replace(
             record,
             ticks=self._ticks(record.ticks),
-            **{name: self._readings(getattr(record, name), name) for name in READINGS},
+            **cast(dict[str, Any], {name: self._readings(getattr(record, name), name) for name in READINGS}),
             segments=tuple(
                 replace(
                     each,

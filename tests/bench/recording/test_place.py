@@ -37,14 +37,14 @@ def small(tmp_path: Path) -> Iterator[Path]:
     """A disk that is soon full."""
     mounted(tmp_path / "small", "-o", f"size={SMALL}")
     yield tmp_path / "small"
-    subprocess.run(["umount", tmp_path / "small"], check=True)
+    subprocess.run(["umount", "-l", tmp_path / "small"], check=True)
 
 
 @pytest.fixture
 def read_only(tmp_path: Path) -> Iterator[Path]:
     mounted(tmp_path / "fixed", "-o", "ro")
     yield tmp_path / "fixed"
-    subprocess.run(["umount", tmp_path / "fixed"], check=True)
+    subprocess.run(["umount", "-l", tmp_path / "fixed"], check=True)
 
 
 def put_until_told(recorder: Recorder, part: Callable[[int], Measured]) -> tuple[str, list[Measured]]:
