@@ -44,9 +44,8 @@ def test_repetitions_are_counted_as_often_as_they_may_come() -> None:
     )
     found = dry_run(parse_session(text, place="s.toml"), RIG)
     assert found.at_most_s - found.at_least_s == pytest.approx(30.0)
-    assert [step.begins_s for step in found.steps[3:]] == pytest.approx(
-        [found.steps[2].begins_s + n for n in (10, 20, 30)]
-    )
+    first_s = found.steps[2].begins_s
+    assert [step.begins_s - first_s for step in found.steps[3:]] == pytest.approx([10.0, 20.0, 30.0])
 
 
 def limited(**limits: float) -> Rig:
@@ -58,7 +57,7 @@ def test_travel_beyond_the_limit_is_told_once_with_its_place() -> None:
     with pytest.raises(RigError) as refusal:
         dry_run(parse_session(text, place="s.toml"), limited(position_rad=20.0))
     assert str(refusal.value).startswith(
-        "s.toml: [step 3, imposed] turns the shaft as far as 53.3 rad, but [limits] position is 20 rad; ask for less"
+        "s.toml: [step 3, imposed]: turns the shaft as far as 156 rad, but [limits] position is 20 rad; ask for less"
     )
     assert len(str(refusal.value).splitlines()) == 1
 

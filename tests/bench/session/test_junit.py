@@ -78,5 +78,5 @@ def test_what_fails_before_the_first_step_is_a_case_too(tmp_path: Path) -> None:
 
 def test_a_file_that_cannot_be_written_is_told_before_anything_moves(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(UsageError, match="cannot be written .*; name another file"):
+    with pytest.raises(UsageError, match=r"cannot be written .*; name another file"):
         JUnitReport(tmp_path / "file" / "j.xml", "x").prepare()
