@@ -119,7 +119,7 @@ def run_script(
 ) -> SessionResult:
     """The same for a script of your own (:mod:`bench.session.script`), whose name goes into the recording."""
     terms = Terms(out, seed, progress, operator, answers or NO_ANSWERS, resume)
-    session = Session((), f"script {getattr(script, '__name__', 'without a name')}")
+    session = Session((), f"script {getattr(script, '__name__', type(script).__name__)}")
     return _told(terms, rig, session, lambda: Experiment(script))
 
 

@@ -43,9 +43,9 @@ class Run:
     answers: Answers
     plan: list[PlannedStep]
     past: Past
-    _live_ns: int = 0  # of the last live estimate that was recorded
     _done: set[str] = field(default_factory=set)
     _next: int = 0
+    _live_ns: int = 0  # of the last live estimate that was recorded
 
     def take(self, part: Measured) -> None:
         """One part from the loop: recorder first, then the live identifier, then whoever watches."""
@@ -141,8 +141,8 @@ class Run:
         self.loop.tell(FINISHED, procedure.name)
 
     def _carry_out_now(self, procedure: Procedure) -> None:
-        known = self._on_one_clock(carry_out(procedure, self.so_far.known, self.loop, self._foresee))
-        self.learn(with_last_on_disk(known, self.recorder.path.parent))
+        known = carry_out(procedure, self.so_far.known, self.loop, self._foresee)
+        self.learn(with_last_on_disk(self._on_one_clock(known), self.recorder.path.parent))
 
     def _on_one_clock(self, known: Knowledge) -> Knowledge:
         """With the past session's records moved to before this one's, once there is one of this one's."""
