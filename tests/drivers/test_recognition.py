@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers import dbc_sensor, registry
-from drivers import mit_recognition as mit
-from drivers import vesc_recognition as vesc
 from drivers.canopen import recognition as canopen
 from drivers.codecs.odrive import AxisState, Command, EncoderEstimates, Heartbeat, arbitration_id
+from drivers.mit import recognition as mit
 from drivers.odrive.recognition import recognise
 from drivers.readings import RawFrame
 from drivers.recognition import Recognition, answers_remotely, nobodys
+from drivers.vesc import recognition as vesc
 
 
 def message(identifier: int, data: bytes = b"", *, extended: bool = False, remote: bool = False) -> can.Message:

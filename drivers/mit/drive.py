@@ -23,8 +23,8 @@ from drivers.codecs.mit import Ranges, Reply, Special
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.inbox import Inbox
 from drivers.link import Link
-from drivers.mit_recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
-from drivers.mit_shaft import MitShaft, OutOfRangeError
+from drivers.mit.recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from drivers.mit.shaft import MitShaft, OutOfRangeError
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import CanPort
 from drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading

@@ -14,7 +14,7 @@ from drivers.codecs.canopen import NmtCommand, NmtState
 from drivers.codecs.cia402 import Controlword, State
 from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
 from drivers.readings import DriveState
-from tests.drivers.canopen_peers import ScriptedDrive
+from tests.drivers.canopen.canopen_peers import ScriptedDrive
 
 NODE = 5
 FRAMES = 100_000

@@ -13,7 +13,7 @@ from drivers.link import Link
 from drivers.odrive import open_amplifier
 from drivers.readings import DriveState
 from drivers.wiring import CanBusSettings, DeviceSettings
-from tests.drivers.odrive_mock import GROUP, NODE, mock_drive
+from tests.drivers.odrive.odrive_mock import GROUP, NODE, mock_drive
 
 UDP_PORT = 30_000 + os.getpid() % 2_000
 pytestmark = pytest.mark.wall_time

@@ -26,9 +26,9 @@ from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import CanPort
 from drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from drivers.vesc_queries import VescQueries
-from drivers.vesc_recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
-from drivers.vesc_shaft import VescShaft
+from drivers.vesc.queries import VescQueries
+from drivers.vesc.recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from drivers.vesc.shaft import VescShaft
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 

@@ -9,7 +9,7 @@ import pytest
 from drivers.canopen.sensor import CanopenSensor, open_torque_sensor
 from drivers.codecs.canopen import NmtCommand, NmtState
 from drivers.errors import DeviceError, DeviceTimeoutError, WiringError
-from tests.drivers.canopen_peers import ScriptedSensor
+from tests.drivers.canopen.canopen_peers import ScriptedSensor
 
 NODE = 3
 MS = 1_000_000
