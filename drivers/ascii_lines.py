@@ -8,7 +8,7 @@ from math import inf
 
 from pydantic import Field
 
-from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat
+from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers
 from drivers.errors import DeviceTimeoutError
 from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
@@ -51,15 +51,14 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> "AsciiSensor":
 
 
 class AsciiSensor:
-    """``garbled`` counts lines that are no number of the expected form, ``stream`` those that never ended."""
+    """``numbers`` counts lines that are no number of the expected form, ``stream`` those that never ended."""
 
     def __init__(self, settings: DeviceSettings, options: AsciiOptions, port: SerialPort, link: Link) -> None:
         self.role = settings.role
         self.stream = LineStream(mid_line=True)
-        self.garbled = 0
+        self.numbers = Numbers(options.number_format)
         self._last_garbled = b""
         self._options = options
-        self._format = options.number_format
         self._port = port
         self._link = link
         self._stamps = ByteStamps(options.baud)
@@ -69,7 +68,7 @@ class AsciiSensor:
     @property
     def malformed(self) -> int:
         """Lines that are no number, or no line."""
-        return self.garbled + self.stream.overlong
+        return self.numbers.garbled + self.stream.overlong
 
     @property
     def range_nm(self) -> float:
@@ -96,9 +95,8 @@ class AsciiSensor:
 
     def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
         for line in self.stream.feed(data):
-            number = self._format.number_in(line.text)
+            number = self.numbers.take(line.text)
             if number is None:
-                self.garbled += 1
                 self._last_garbled = line.text
-            else:
+            elif self.numbers.believed:
                 self._readings.put(number, self._stamps.complete_ns(arrival_ns, line.later_bytes))

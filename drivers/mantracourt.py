@@ -10,7 +10,7 @@ from math import inf
 from pydantic import Field, field_validator
 
 from drivers.codecs.errors import CodecError
-from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat
+from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers
 from drivers.codecs.mantracourt import BAUD, BROADCAST, NOT_UNDERSTOOD, STATION_MAX, question
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.link import Link
@@ -69,17 +69,16 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> "MantracourtSens
 
 
 class MantracourtSensor:
-    """``garbled`` counts answers that are no number, ``refusals`` those that say the question is not understood,
+    """``numbers`` counts answers that are none, ``refusals`` those that say the question is not understood,
     ``questions`` the ones that got no answer."""
 
     def __init__(self, settings: DeviceSettings, options: MantracourtOptions, port: SerialPort, link: Link) -> None:
         self.role = settings.role
         self.stream = LineStream(mid_line=False)
-        self.garbled = 0
+        self.numbers = Numbers(NumberFormat(width=options.width, signed=True))
         self.refusals = 0
         self._options = options
         self._question = question(options.station, options.command)
-        self._format = NumberFormat(width=options.width, signed=True)
         self._port = port
         self._link = link
         self._stamps = ByteStamps(options.baud)
@@ -90,7 +89,7 @@ class MantracourtSensor:
     @property
     def malformed(self) -> int:
         """Answers that are no number, or no line."""
-        return self.garbled + self.stream.overlong
+        return self.numbers.garbled + self.stream.overlong
 
     @property
     def range_nm(self) -> float:
@@ -126,12 +125,13 @@ class MantracourtSensor:
                 self._on_answer(line.text, self._stamps.complete_ns(arrival_ns, line.later_bytes))
 
     def _on_answer(self, text: bytes, complete_ns: int) -> None:
-        number = self._format.number_in(text)
-        if number is None and text != NOT_UNDERSTOOD:
-            self.garbled += 1  # the answer may still be on its way behind it
-            return
-        asked_ns = self.questions.answered(complete_ns)
-        if number is None:
+        if text == NOT_UNDERSTOOD:
             self.refusals += 1
-        elif asked_ns is not None:
+            self.questions.answered(complete_ns)
+            return
+        number = self.numbers.take(text)
+        if number is None:
+            return  # the answer may still be on its way behind it
+        asked_ns = self.questions.answered(complete_ns)
+        if asked_ns is not None and self.numbers.believed:
             self._readings.put(number, complete_ns, asked_ns)

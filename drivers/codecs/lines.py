@@ -2,7 +2,8 @@
 
 There is no checksum: a changed digit gives another number. What can be told is told by form. A whole line between two
 line ends must be one number of the expected shape, and, where the sensor's lines are all of one width, of that width:
-then no lost character goes unnoticed either.
+then no lost character goes unnoticed either. Noise makes a line that is a number now and then, but hardly two in a row:
+so a number is believed only where the line before it was one too.
 """
 
 import re
@@ -94,6 +95,24 @@ class NumberFormat:
     def _pattern(self) -> re.Pattern[bytes]:
         sign = rb"[+-]" if self.signed else rb"[+-]?"
         return re.compile(rb" *(" + sign + rb" *" + _DIGITS + rb") *" + re.escape(self.unit.encode()) + rb" *")
+
+
+class Numbers:
+    """The numbers in lines. ``garbled`` counts lines that are none; ``believed``: two lines in a row were numbers."""
+
+    def __init__(self, form: NumberFormat) -> None:
+        self.garbled = 0
+        self.believed = False
+        self._form = form
+        self._in_a_row = False
+
+    def take(self, text: bytes) -> float | None:
+        """The number in the next line; None where there is none."""
+        number = self._form.number_in(text)
+        self.believed = self._in_a_row and number is not None
+        self._in_a_row = number is not None
+        self.garbled += number is None
+        return number
 
 
 def signed_text(number: float, before: int, after: int) -> bytes:

@@ -97,17 +97,20 @@ class SlcanStream:
         self.refused = 0
         self.flags_asked = 0
         self._rest = b""
+        self._skipping = False  # what has begun is too long for a line, and so is none to its end
 
     def feed(self, data: bytes) -> None:
         """Take bytes in. Never raises."""
         self.refused += data.count(b"\a")
         *lines, rest = (self._rest + data.replace(b"\a", _END)).split(_END)
         for line in lines:
-            self._take(line)
-        if len(rest) > _LINE_MAX:
+            if not self._skipping:
+                self._take(line)
+            self._skipping = False
+        if len(rest) > _LINE_MAX and not self._skipping:
             self.malformed += 1
-            rest = b""
-        self._rest = rest
+            self._skipping = True
+        self._rest = b"" if self._skipping else rest
 
     def _take(self, line: bytes) -> None:
         if not line or line[0] in _ANSWERS:

@@ -5,6 +5,7 @@ import random
 import struct
 from itertools import pairwise
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -828,3 +829,14 @@ def test_sdo_answers_that_nobody_waits_for_are_no_twin(drive, link, open_drive):
     for _ in range(10):
         link.wait()
     amplifier.identify()
+
+
+def test_no_frame_brings_the_driver_down(world, drive, link, open_drive):
+    amplifier, random = open_drive(current_per_unit=1e-3), Random(5)
+    for _ in range(4000):
+        identifier = random.choice((0x000, 0x080, 0x085, 0x185, 0x285, 0x585, 0x605, 0x705, random.getrandbits(11)))
+        world.bus.arrive(identifier, random.randbytes(random.randint(0, 8)), remote=random.random() < 0.02)
+        link.poll()
+        amplifier.status()
+    assert len(amplifier.take_motion()) > 20
+    assert amplifier.node.malformed > 500

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.codecs.errors import CodecError
-from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, signed_text
+from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers, signed_text
 from drivers.codecs.mantracourt import ANSWER, question, question_in
 
 PLAIN = NumberFormat()
@@ -110,18 +110,21 @@ def test_dropping_what_has_begun():
     assert [line.text for line in stream.feed(b"32.1\r")] == [b"32.1"]
 
 
-def false_numbers(form: NumberFormat) -> int:
-    stream, random = LineStream(mid_line=True), Random(3)
-    lines = (line for _ in range(1000) for line in stream.feed(random.randbytes(1000)))
-    return sum(form.number_in(line.text) is not None for line in lines)
+def test_noise_is_a_number_now_and_then_but_not_twice_in_a_row():
+    stream, random, numbers = LineStream(mid_line=True), Random(3), Numbers(PLAIN)
+    lines = [line.text for _ in range(1000) for line in stream.feed(random.randbytes(1000))]
+    believed = [numbers.believed for line in lines if numbers.take(line) is not None]
+    assert 0 < len(believed) < 20
+    assert not any(believed)
 
 
-def test_a_million_random_bytes():
-    # There is no checksum: a digit between two line ends is a number. A width or a unit leaves none.
-    assert false_numbers(PLAIN) < 20
-    assert false_numbers(NumberFormat(width=10)) == 0
-    assert false_numbers(NumberFormat(unit="Nm")) == 0
-    assert false_numbers(NumberFormat(width=10, signed=True)) == 0
+@given(st.lists(st.booleans(), max_size=30))
+def test_a_number_is_believed_behind_a_number(are_numbers):
+    numbers = Numbers(PLAIN)
+    for before, is_number in pairwise([False, *are_numbers]):
+        assert numbers.take(b"1.5" if is_number else b"1,5") == (1.5 if is_number else None)
+        assert numbers.believed == (before and is_number)
+    assert numbers.garbled == are_numbers.count(False)
 
 
 def test_the_published_question():

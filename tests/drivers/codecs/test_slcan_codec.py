@@ -93,6 +93,16 @@ def test_a_line_without_end_does_not_grow():
     assert (list(stream.frames), stream.malformed) == ([SlcanFrame(1, b"", 0)], 1)
 
 
+def test_the_end_of_a_line_too_long_is_no_frame():
+    at_once, by_byte = SlcanStream(), SlcanStream()
+    data = b"x" * 70 + b"t1000\rt2000\r"
+    at_once.feed(data)
+    for byte in data:
+        by_byte.feed(bytes([byte]))
+    for stream in (at_once, by_byte):
+        assert (list(stream.frames), stream.malformed) == ([SlcanFrame(0x200, b"", 0)], 1)
+
+
 @given(st.integers(0, 255))
 def test_status_flags_both_ways(flags):
     assert decode_flags(encode_flags(flags)[:-1]) == flags

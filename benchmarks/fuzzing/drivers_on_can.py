@@ -1,0 +1,256 @@
+"""A driver on a scripted bus, and by hand what it is to make of a frame: ODrive, VESC, MIT mode, DBC."""
+
+from collections.abc import Callable
+from math import copysign, isfinite, tau
+from pathlib import Path
+from random import Random
+from struct import Struct
+from typing import Any
+
+import can
+import cantools
+import odrive_can
+
+from bench.testing import ScriptedWorld
+from drivers import dbc_sensor, mit, odrive, vesc
+from drivers.devices import Amplifier
+from drivers.wiring import DeviceSettings
+
+from .frames import FrameCodec, Values
+
+NODE, MASTER = 23, 5
+_NO_REDUNDANCY = "none: identifier and length"
+_POLE_PAIRS, _ANGLE_CODES = 7, 18_000
+_POSITION_RAD, _VELOCITY_RAD_S, _TORQUE_NM, _NM_A = 12.5, 50.0, 18.0, 0.1
+_COUNTS_PER_TURN = 8192
+_ODRIVE_MESSAGES = (0x01, 0x03, 0x04, 0x05, 0x09, 0x0A, 0x14, 0x15, 0x17, 0x1C, 0x1D)
+
+
+class AmplifierListener:
+    """Hears through the driver of an amplifier; ``code_of`` gives a position back as the number that was sent."""
+
+    def __init__(self, opened: Callable[..., Amplifier], name: str, code_of: Callable[[float], float], **options: Any):
+        self._world = ScriptedWorld()
+        link = self._world.link()
+        settings = DeviceSettings("actuator", name, bus="can0", options=options)
+        self._driver = opened(settings, link)
+        self._poll = link.can_port(settings).poll
+        self._code_of = code_of
+
+    def hear(self, frame: can.Message) -> Values:
+        self._world.bus.arriving.append(frame)
+        self._poll()
+        self._world.bus.sent.clear()
+        self._driver.status()
+        motion = [(self._code_of(each.position_rad), each.velocity_rad_s) for each in self._driver.take_motion()]
+        return [*motion, *((each.current_a,) for each in self._driver.take_current())]
+
+    def close(self) -> None:
+        self._world.close()
+
+
+# ---- ODrive ----------------------------------------------------------------------------------------------------------
+
+
+class ODriveTruth:
+    """By the DBC file that ODrive publishes, which cantools reads."""
+
+    def __init__(self, version: str, *, counts: bool) -> None:
+        folder = Path(odrive_can.__file__).parent / "dbc"
+        self._database = cantools.database.load_file(folder / f"odrive-cansimple-{version}.dbc")
+        self._velocity_rad_s = None if counts else 0.0
+        self._counts = counts
+
+    def __call__(self, frame: can.Message) -> Values:
+        if frame.is_extended_id or frame.is_remote_frame or frame.arbitration_id >> 5 != NODE or frame.dlc < 8:
+            return []
+        match frame.arbitration_id & 0x1F:
+            case 0x09:
+                turns, turns_s = self._numbers("Get_Encoder_Estimates", frame)
+                return self._estimates(turns, turns_s) if isfinite(turns) and isfinite(turns_s) else []
+            case 0x0A if self._counts and self._velocity_rad_s is not None:
+                shadow, _ = self._numbers("Get_Encoder_Count", frame)
+                return [(shadow % 2**32, self._velocity_rad_s)]
+            case 0x14:
+                wanted, measured = self._numbers("Get_Iq", frame)
+                return [(measured,)] if isfinite(wanted) and isfinite(measured) else []
+        return []
+
+    def _estimates(self, turns: float, turns_s: float) -> Values:
+        if self._counts:
+            self._velocity_rad_s = tau * turns_s
+            return []
+        return [(tau * turns, tau * turns_s)]
+
+    def _numbers(self, name: str, frame: can.Message) -> tuple[float, float]:
+        message = self._database.get_message_by_name(f"Axis0_{name}")
+        first, second = message.decode(bytes(frame.data), decode_choices=False).values()
+        return first, second
+
+
+def _odrive_frame(random: Random) -> can.Message:
+    numbers = Struct("<ff").pack(random.uniform(-1e3, 1e3), random.uniform(-100, 100))
+    data = numbers if random.random() < 0.7 else random.randbytes(8)
+    return _frame(NODE << 5 | random.choice(_ODRIVE_MESSAGES), data)
+
+
+def odrive_06() -> FrameCodec:
+    return _odrive("ODrive 0.6", "0.6.10", lambda rad: rad, counts=False, firmware="0.6")
+
+
+def odrive_05() -> FrameCodec:
+    def count_of(position_rad: float) -> int:
+        return round(position_rad / tau * _COUNTS_PER_TURN) % 2**32
+
+    counts = {"position": "counts", "counts_per_turn": _COUNTS_PER_TURN}
+    return _odrive("ODrive 0.5", "0.5.6", count_of, counts=True, firmware="0.5", **counts)
+
+
+def _odrive(
+    name: str, version: str, code_of: Callable[[float], float], *, counts: bool, **options: object
+) -> FrameCodec:
+    identifiers = tuple(NODE << 5 | message for message in _ODRIVE_MESSAGES)
+    listener = AmplifierListener(odrive.open_amplifier, "odrive", code_of, node=NODE, **options)
+    return FrameCodec(name, _NO_REDUNDANCY, identifiers, _odrive_frame, listener, ODriveTruth(version, counts=counts))
+
+
+# ---- VESC ------------------------------------------------------------------------------------------------------------
+
+
+class VescTruth:
+    """comm_can.c: STATUS is i32 eRPM, i16 tenths of an ampere, i16 thousandths of duty; STATUS_4 ends in the angle.
+
+    The firmware cuts off towards zero, so that the middle of a step is half a step further out.
+    """
+
+    def __init__(self) -> None:
+        self._velocity_rad_s: float | None = None
+
+    def __call__(self, frame: can.Message) -> Values:
+        if not frame.is_extended_id or frame.is_remote_frame or frame.dlc < 8:
+            return []
+        data = bytes(frame.data)
+        if frame.arbitration_id == 9 << 8 | NODE:
+            return self._status(*Struct(">ihh").unpack(data))
+        if frame.arbitration_id == 16 << 8 | NODE and self._velocity_rad_s is not None:
+            return [(int.from_bytes(data[6:], "big", signed=True) % _ANGLE_CODES, self._velocity_rad_s)]
+        return []
+
+    def _status(self, erpm: int, tenths: int, duty: int) -> Values:
+        outwards = (erpm > 0) - (erpm < 0)
+        self._velocity_rad_s = (erpm + 0.5 * outwards) / _POLE_PAIRS * tau / 60
+        if not tenths:
+            return [(0.0,)]
+        tenths_forward = tenths if duty > 0 else -tenths
+        return [((tenths_forward + copysign(0.5, tenths_forward)) / 10,)] if duty else []
+
+
+def _vesc_frame(random: Random) -> can.Message:
+    packet = random.choice((9, 9, 16, 16, 27, 18, 8))
+    to = 254 if packet in (8, 18) else NODE
+    return _frame(packet << 8 | to, random.randbytes(8), extended=True)
+
+
+def vesc_status() -> FrameCodec:
+    def code_of(position_rad: float) -> int:
+        return round(position_rad / tau * _ANGLE_CODES) % _ANGLE_CODES
+
+    listener = AmplifierListener(vesc.open_amplifier, "vesc", code_of, node=NODE, pole_pairs=_POLE_PAIRS)
+    identifiers = tuple(packet << 8 | node for packet in (5, 6, 7, 8, 9, 16, 18, 27) for node in (NODE, 254))
+    return FrameCodec("VESC", _NO_REDUNDANCY, identifiers, _vesc_frame, listener, VescTruth())
+
+
+# ---- MIT mode --------------------------------------------------------------------------------------------------------
+
+
+class MitTruth:
+    """motorcontrol, can.c: identifier, position 16, velocity 12 and torque 12 bits, each cut off downwards.
+
+    A velocity that leaps by more than half its range has wrapped: that reply's motion is withheld.
+    """
+
+    def __init__(self) -> None:
+        self._last_velocity: int | None = None
+
+    def __call__(self, frame: can.Message) -> Values:
+        if frame.is_extended_id or frame.is_remote_frame or frame.arbitration_id != MASTER:
+            return []
+        data = bytes(frame.data)
+        if not 6 <= len(data) <= 8 or data[0] != NODE:
+            return []
+        bits = f"{int.from_bytes(data[1:6], 'big'):040b}"
+        position, velocity, torque = int(bits[:16], 2), int(bits[16:28], 2), int(bits[28:], 2)
+        current = ((torque + 0.5) * 2 * _TORQUE_NM / 4095 - _TORQUE_NM) / _NM_A
+        if self._last_velocity is not None and abs(velocity - self._last_velocity) > 2048:
+            return [(current,)]
+        self._last_velocity = velocity
+        return [(position, (velocity + 0.5) * 2 * _VELOCITY_RAD_S / 4095 - _VELOCITY_RAD_S), (current,)]
+
+
+def _mit_frame(random: Random) -> can.Message:
+    return _frame(MASTER, bytes((NODE,)) + random.randbytes(random.choice((5, 6, 7))))
+
+
+def mit_replies() -> FrameCodec:
+    def code_of(position_rad: float) -> int:
+        return round((position_rad + _POSITION_RAD) * 65535 / (2 * _POSITION_RAD) - 0.5) % 65536
+
+    ranges = {"position_range": _POSITION_RAD, "velocity_range": _VELOCITY_RAD_S, "torque_range": _TORQUE_NM}
+    more = {"beyond_range": "wraps", "torque_constant": _NM_A, "node": NODE, "master": MASTER}
+    listener = AmplifierListener(mit.open_amplifier, "mit", code_of, **ranges, **more)
+    return FrameCodec("MIT mode", _NO_REDUNDANCY, (MASTER, NODE), _mit_frame, listener, MitTruth())
+
+
+# ---- A sensor that a DBC file describes ------------------------------------------------------------------------------
+
+
+class DbcListener:
+    """Torque, and whether it is valid."""
+
+    def __init__(self) -> None:
+        self._world = ScriptedWorld()
+        link = self._world.link()
+        options = {"counter": "Counter", "status": "Status"}
+        settings = DeviceSettings("torque_sensor", "dbc", bus="can0", options=options)
+        self._driver = dbc_sensor.open_torque_sensor(settings, link)
+        self._poll = link.can_port(settings).poll
+
+    def hear(self, frame: can.Message) -> Values:
+        self._world.bus.arriving.append(frame)
+        self._poll()
+        return [(each.torque_nm, each.valid) for each in self._driver.take_torque()]
+
+    def close(self) -> None:
+        self._world.close()
+
+
+class DbcTruth:
+    """The shipped file by hand: i32 micronewton metres, u16 counter, u8 status, one byte to spare."""
+
+    IDENTIFIER = 801
+
+    def __init__(self) -> None:
+        self._last_counter: int | None = None
+
+    def __call__(self, frame: can.Message) -> Values:
+        right = frame.arbitration_id == self.IDENTIFIER and frame.dlc == 8
+        if not right or frame.is_extended_id or frame.is_remote_frame:
+            return []
+        torque, counter, status = Struct("<iHBx").unpack(bytes(frame.data))
+        if counter == self._last_counter:
+            return []
+        self._last_counter = counter
+        return [(torque * 1e-6, status == 0)]
+
+
+def _dbc_frame(random: Random) -> can.Message:
+    return _frame(DbcTruth.IDENTIFIER, random.randbytes(4) + bytes((random.randrange(4), 0, random.randrange(2), 0)))
+
+
+def dbc() -> FrameCodec:
+    redundancy = "counter and status, where the file has them"
+    return FrameCodec("DBC frame", redundancy, (DbcTruth.IDENTIFIER,), _dbc_frame, DbcListener(), DbcTruth())
+
+
+def _frame(identifier: int, data: bytes, *, extended: bool = False) -> can.Message:
+    return can.Message(arbitration_id=identifier, data=data, is_extended_id=extended)
