@@ -1,6 +1,7 @@
-"""A motor in MIT mode whose frames are packed and unpacked by mini-cheetah-motor-driver-socketcan.
+"""A motor in MIT mode whose frames are packed and unpacked by a package that drives such motors.
 
-Run as ``peer_mit.py GROUP PORT NODE MASTER``. A flywheel; AK80-9's ranges.
+Run as ``peer_mit.py GROUP PORT NODE MASTER PACKAGE``, with mini-cheetah-motor-driver-socketcan (replies of six bytes)
+or TMotorCANControl (eight: temperature and error too). A flywheel; AK80-9's ranges.
 """
 
 import contextlib
@@ -9,9 +10,11 @@ import sys
 import time
 
 import can
-from motor_driver.canmotorlib import float_to_uint, uint_to_float
+from motor_driver import canmotorlib
+from TMotorCANControl.mit_can import CAN_Manager
 
 GROUP, PORT, NODE, MASTER = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
+PACKAGE, TAIL = {"mini-cheetah": (canmotorlib, b""), "TMotorCANControl": (CAN_Manager, b"\x1f\0")}[sys.argv[5]]
 P, V, T = 12.5, 50.0, 18.0
 
 
@@ -22,11 +25,11 @@ class Peer:
         self.moved_s = time.monotonic()
 
     def reply(self) -> bytes:
-        position = float_to_uint(self.position_rad, -P, P, 16) & 0xFFFF
-        velocity = float_to_uint(self.velocity_rad_s, -V, V, 12)
-        torque = float_to_uint(self.torque_nm if self.enabled else 0.0, -T, T, 12)
+        position = PACKAGE.float_to_uint((self.position_rad + P) % (2 * P) - P, -P, P, 16)
+        velocity = PACKAGE.float_to_uint(self.velocity_rad_s, -V, V, 12)
+        torque = PACKAGE.float_to_uint(self.torque_nm if self.enabled else 0.0, -T, T, 12)
         bits = f"{NODE:08b}{position:016b}{velocity:012b}{torque:012b}"
-        return int(bits, 2).to_bytes(6, "big")
+        return int(bits, 2).to_bytes(6, "big") + TAIL
 
     def receive(self, data: bytes) -> bytes:
         self.move()
@@ -34,7 +37,7 @@ class Peer:
         if data[:7] == b"\xff" * 7:
             self.enabled = {0xFC: True, 0xFD: False}.get(data[7], self.enabled)
         else:
-            self.torque_nm = uint_to_float(int(f"{int.from_bytes(data, 'big'):064b}"[52:], 2), -T, T, 12)
+            self.torque_nm = PACKAGE.uint_to_float(int(f"{int.from_bytes(data, 'big'):064b}"[52:], 2), -T, T, 12)
         return reply
 
     def move(self) -> None:

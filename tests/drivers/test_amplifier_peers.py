@@ -1,7 +1,7 @@
 """VESC and MIT mode in wall time, over real sockets, against programs that share no code with this project.
 
-The MIT peer packs and unpacks its frames with a package that drives such motors; no such package emulates a VESC, so
-that peer's bytes are made by hand from the firmware's source.
+The MIT peers pack and unpack their frames with packages that drive such motors. No package speaks as a VESC does, so
+that peer's bytes are made by hand from the firmware's source; its commands are checked against a package elsewhere.
 """
 
 import os
@@ -28,7 +28,10 @@ pytestmark = pytest.mark.wall_time
 
 RANGES = {"position_range": 12.5, "velocity_range": 50.0, "torque_range": 18.0, "beyond_range": "wraps"}
 VESC = ("vesc", {"node": NODE, "pole_pairs": 7, "watchdog": 0.5}, "peer_vesc.py", ["0.5"])
-MIT = ("mit", {"node": NODE, "master": 3, **RANGES}, "peer_mit.py", ["3"])
+MIT = {"node": NODE, "master": 3, **RANGES}
+CHEETAH = ("mit", MIT, "peer_mit.py", ["3", "mini-cheetah"])
+CUBEMARS = ("mit", MIT, "peer_mit.py", ["3", "TMotorCANControl"])
+PEERS = [VESC, CHEETAH, CUBEMARS]
 
 
 @contextmanager
@@ -62,9 +65,9 @@ def drive(amplifier: Amplifier, link: Link, command: float, duration_s: float) -
     return velocities
 
 
-@pytest.mark.parametrize(("driver", "options", "script", "arguments"), [VESC, MIT], ids=["vesc", "mit"])
+@pytest.mark.parametrize(("driver", "options", "script", "arguments"), PEERS, ids=["vesc", "cheetah", "cubemars"])
 def test_a_stranger_is_identified_enabled_driven_stopped_and_lost(driver, options, script, arguments):
-    port = 32_000 + os.getpid() % 2_000 + (0 if driver == "vesc" else 2_000)
+    port = 32_000 + os.getpid() % 2_000 + 2_000 * PEERS.index((driver, options, script, arguments))
     link = Link(HardwareBackend(), (CanBusSettings("can0", "udp_multicast", group(), options={"port": port}),))
     amplifier = open_amplifier(DeviceSettings("actuator", driver, bus="can0", options=options), link)
     try:

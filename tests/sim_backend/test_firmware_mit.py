@@ -3,11 +3,14 @@
 import struct
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import can
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from TMotorCANControl.mit_can import CAN_Manager
 
 from drivers.wiring import DeviceSettings, Wiring
 from sim_backend.backend import SimulatedBackend
@@ -130,6 +133,28 @@ def test_it_obeys_while_it_is_enabled(host: Host) -> None:
     host.send(DISABLE)
     host.wait(5)
     assert abs(host.current_a) < 1e-6
+    assert not host.firmware.armed
+
+
+def test_a_third_partys_host_enables_drives_and_disables_it(open_host: OpenHost) -> None:
+    """TMotorCANControl, with its own table for an AK80-9."""
+    host = open_host(position_range=12.5, velocity_range=50.0, torque_range=18.0)
+    stranger = SimpleNamespace(bus=host.bus, debug=False)
+    stranger.send_MIT_message = partial(CAN_Manager.send_MIT_message, stranger)
+    CAN_Manager.power_on(stranger, NODE)
+    for _ in range(5):
+        host.wait(10)
+        CAN_Manager.MIT_controller(stranger, NODE, "AK80-9", 0.0, 0.0, 0.0, 0.0, 0.2)
+    host.wait(10)
+    assert host.firmware.armed
+    assert host.current_a == pytest.approx(0.2 * GAIN_A_NM, abs=2 * 36 / 4095 * GAIN_A_NM)
+    told = CAN_Manager.parse_MIT_message(stranger, host.ask(command(0.0)), "AK80-9")
+    assert told.position == pytest.approx(host.plant.encoder_position_rad("actuator"), abs=0.06)
+    assert told.velocity == pytest.approx(host.plant.encoder_velocity_rad_s("actuator"), abs=1.0)
+    assert told.current == pytest.approx(0.2, abs=0.03)
+    assert told.error == 0
+    CAN_Manager.power_off(stranger, NODE)
+    host.wait(5)
     assert not host.firmware.armed
 
 

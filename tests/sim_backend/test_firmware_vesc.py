@@ -3,13 +3,16 @@
 import struct
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from math import sqrt, tau
+from types import SimpleNamespace
 from typing import Any
 
 import can
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from TMotorCANControl import servo_can
 
 from drivers.wiring import DeviceSettings, Wiring
 from sim_backend.backend import SimulatedBackend
@@ -120,6 +123,19 @@ def test_it_drives_at_once_and_lets_go_below_its_minimum_current(host: Host) -> 
     assert not host.firmware.armed
     host.hold(-51, 50)
     assert host.current_a == pytest.approx(-0.051, rel=0.01)
+
+
+def test_a_third_partys_host_drives_it(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    """TMotorCANControl's servo mode sends the same commands; it forgot to set a name that it uses."""
+    monkeypatch.setattr(servo_can, "send_index", 4, raising=False)
+    stranger = SimpleNamespace(bus=host.bus, debug=False)
+    stranger.buffer_append_int32 = servo_can.CAN_Manager_servo.buffer_append_int32
+    stranger.send_servo_message = partial(servo_can.CAN_Manager_servo.send_servo_message, stranger)
+    for current_a in (1.5, -0.75, 0.0):
+        for _ in range(5):
+            servo_can.CAN_Manager_servo.comm_can_set_current(stranger, NODE, current_a)
+            host.wait(10)
+        assert host.current_a == pytest.approx(current_a, rel=1e-3, abs=1e-6)
 
 
 def test_what_it_reports_is_cut_off_not_rounded(host: Host) -> None:

@@ -1,13 +1,17 @@
-"""VESC's frames against vectors from its documentation, and its packets against vectors and a CRC that others wrote."""
+"""VESC's frames against vectors from its documentation and a package that sends such, its packets against vectors and a
+CRC that others wrote."""
 
 import math
 import struct
 from contextlib import suppress
+from types import SimpleNamespace
 
 import crccheck
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from TMotorCANControl import servo_can
+from TMotorCANControl.servo_can import CAN_Manager_servo
 
 from drivers.codecs import vesc
 from drivers.codecs import vesc_packets as packets
@@ -51,6 +55,31 @@ def test_the_documented_example():
 def test_a_duty_cycle_as_documented():
     assert vesc.duty_value(-0.5) == struct.pack(">i", -50_000)
     assert vesc.duty_of(struct.pack(">i", 20_000)) == 0.2
+
+
+@pytest.fixture(scope="module")
+def stranger():
+    """TMotorCANControl's host for CubeMars' servo mode, whose commands are a VESC's; it lacks a name that it uses."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(servo_can, "send_index", 4, raising=False)
+        yield SimpleNamespace(buffer_append_int32=CAN_Manager_servo.buffer_append_int32)
+
+
+@given(st.integers(-60_000, 60_000), st.integers(0, 254))
+def test_a_current_as_a_third_party_packs_it(stranger, milliamperes, node):
+    sent = []
+    stranger.send_servo_message = lambda identifier, data, _length: sent.append((identifier, bytes(data)))
+    # It cuts off where we round: a little further out both come to the same.
+    CAN_Manager_servo.comm_can_set_current(stranger, node, milliamperes / 1000 + math.copysign(1e-7, milliamperes))
+    assert sent == [(vesc.arbitration_id(Packet.SET_CURRENT, node), vesc.current_value(milliamperes / 1000))]
+
+
+@given(st.integers(-95_000, 95_000), st.integers(0, 254))
+def test_a_duty_cycle_as_a_third_party_packs_it(stranger, share, node):
+    sent = []
+    stranger.send_servo_message = lambda identifier, data, _length: sent.append((identifier, bytes(data)))
+    CAN_Manager_servo.comm_can_set_duty(stranger, node, share / 1e5 + math.copysign(1e-9, share))
+    assert sent == [(vesc.arbitration_id(Packet.SET_DUTY, node), vesc.duty_value(share / 1e5))]
 
 
 @pytest.mark.parametrize(("message", "layout", "numbers"), TABLE, ids=lambda value: str(value)[:20])

@@ -47,7 +47,7 @@ def await_state(drive: ODrive, link: Link, state: DriveState, within_s: float) -
     return drive.status().state is state
 
 
-def test_a_stranger_is_known_enabled_stopped_and_lost(open_drive, mock):
+def test_a_stranger_is_known_enabled_and_stopped(open_drive):
     drive, link = open_drive(firmware="0.5")
     assert drive.identify().firmware == "0.5"
     drive.enable(timeout_s=5)

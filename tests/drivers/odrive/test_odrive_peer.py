@@ -27,17 +27,17 @@ def drive():
     settings = DeviceSettings(
         "actuator", "odrive", bus="can0", options={"node": NODE, "watchdog": 0.0, "heartbeat": 0.2}
     )
-    with mock_drive(UDP_PORT, "0.6.10"):
+    with mock_drive(UDP_PORT, "0.6.10") as process:
         amplifier = open_amplifier(settings, link)
         deadline = time.monotonic() + 20
         while amplifier.status().state is DriveState.UNKNOWN and time.monotonic() < deadline:
             link.wait()
-        yield amplifier, link
+        yield amplifier, link, process
     link.close()
 
 
 def test_a_stranger_is_heard(drive):
-    amplifier, link = drive
+    amplifier, link, _ = drive
     link.wait(500_000_000)
     status = amplifier.status()
     assert (status.state, status.errors) == (DriveState.IDLE, ())
@@ -50,7 +50,7 @@ def test_a_stranger_is_heard(drive):
 
 
 def test_a_stranger_is_enabled_and_stopped(drive):
-    amplifier, link = drive
+    amplifier, link, _ = drive
     amplifier.enable(timeout_s=5)
     assert amplifier.status().state is DriveState.ENABLED
     amplifier.stop()
@@ -61,7 +61,7 @@ def test_a_stranger_is_enabled_and_stopped(drive):
 
 
 def test_a_strangers_motion(drive):
-    amplifier, link = drive
+    amplifier, link, _ = drive
     with can.Bus(GROUP, "udp_multicast", port=UDP_PORT) as bus:
         for command, data in ((0x0B, "0300000001000000"), (0x0C, "0000403f00000000")):  # position control, 0.75 turns
             frame = can.Message(arbitration_id=NODE << 5 | command, data=bytes.fromhex(data), is_extended_id=False)
@@ -76,6 +76,19 @@ def test_a_strangers_motion(drive):
 
 
 def test_a_stranger_with_another_firmware_is_refused(drive):
-    amplifier, _ = drive
+    amplifier, _, _ = drive
     with pytest.raises(DeviceError, match=r'says it runs firmware 0\.0\.0; the rig file has firmware = "0\.6"'):
         amplifier.identify()
+
+
+def test_a_stranger_that_is_lost_shows(drive):
+    amplifier, link, process = drive
+    process.kill()
+    process.wait()
+    link.wait(300_000_000)
+    heard_ns = amplifier.status().heartbeat_ns
+    amplifier.take_motion()
+    link.wait(amplifier.heartbeat_timeout_ns)
+    assert link.clock.now_ns() - heard_ns > amplifier.heartbeat_timeout_ns
+    assert amplifier.status().heartbeat_ns == heard_ns
+    assert amplifier.take_motion() == []
