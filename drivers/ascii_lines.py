@@ -13,10 +13,8 @@ from drivers.errors import DeviceTimeoutError
 from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import SerialPort
-from drivers.readings import DeviceIdentity, TorqueReading
-from drivers.stamps import ByteStamps
-from drivers.torque_readings import TorqueReadings
-from drivers.waiting import wait_until
+from drivers.readings import DeviceIdentity
+from drivers.serial_sensor import SerialSensor
 from drivers.wiring import DeviceSettings
 
 CONNECTION = "serial"
@@ -50,19 +48,15 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> "AsciiSensor":
     return AsciiSensor(settings, options, link.serial_port(settings, options.baud), link)
 
 
-class AsciiSensor:
+class AsciiSensor(SerialSensor):
     """``numbers`` counts lines that are no number of the expected form, ``stream`` those that never ended."""
 
     def __init__(self, settings: DeviceSettings, options: AsciiOptions, port: SerialPort, link: Link) -> None:
-        self.role = settings.role
+        super().__init__(settings, options, port, link, options.scale)
         self.stream = LineStream(mid_line=True)
         self.numbers = Numbers(options.number_format)
         self._last_garbled = b""
-        self._options = options
-        self._port = port
-        self._link = link
-        self._stamps = ByteStamps(options.baud)
-        self._readings = TorqueReadings(settings.direction * options.scale, options.range_nm)
+        self._baud = options.baud
         port.subscribe(self._on_bytes)
 
     @property
@@ -70,22 +64,14 @@ class AsciiSensor:
         """Lines that are no number, or no line."""
         return self.numbers.garbled + self.stream.overlong
 
-    @property
-    def range_nm(self) -> float:
-        return self._options.range_nm
-
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
         """Wait for a number: the sensor says nothing else."""
-        before = self._readings.count
-        if not wait_until(lambda: self._readings.count > before, self._link, timeout_s):
+        if not self._comes(timeout_s):
             raise DeviceTimeoutError(
                 f"[{self.role}] sensor on {self._port.name}: no number in {timeout_s:g} s{self._what_came()}; check "
-                f"power, port, baud {self._options.baud}, and unit, separator, field and width in the rig file"
+                f"power, port, baud {self._baud}, and unit, separator, field and width in the rig file"
             )
         return DeviceIdentity(driver="ascii", address=self._port.name)
-
-    def take_torque(self) -> list[TorqueReading]:
-        return self._readings.take()
 
     def _what_came(self) -> str:
         if not self.malformed:

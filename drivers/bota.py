@@ -10,13 +10,11 @@ from pydantic import Field
 
 from drivers.codecs.bota import BAUD, FRAME_LENGTH, BotaFrame, BotaStream, describe_status
 from drivers.errors import DeviceError, DeviceTimeoutError
-from drivers.inbox import Inbox
 from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import SerialPort
-from drivers.readings import DeviceIdentity, TorqueReading
-from drivers.stamps import ByteStamps
-from drivers.waiting import wait_until
+from drivers.readings import DeviceIdentity
+from drivers.serial_sensor import SerialSensor
 from drivers.wiring import DeviceSettings
 
 CONNECTION = "serial"
@@ -39,20 +37,15 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> "BotaSensor":
     return BotaSensor(settings, options, link.serial_port(settings, options.baud), link)
 
 
-class BotaSensor:
+class BotaSensor(SerialSensor):
     """One axis of torque. ``stream`` counts what was no frame."""
 
     def __init__(self, settings: DeviceSettings, options: BotaOptions, port: SerialPort, link: Link) -> None:
-        self.role = settings.role
+        super().__init__(settings, options, port, link, 1.0)
         self.stream = BotaStream()
-        self._options = options
-        self._port = port
-        self._link = link
-        self._direction = settings.direction
-        self._stamps = ByteStamps(options.baud)
+        self._baud = options.baud
         self._status = 0  # of the last frame
         self._field = BotaFrame._fields.index(f"torque_{options.axis}_nm")
-        self._readings: Inbox[TorqueReading] = Inbox()
         self._clock = _UnwrappedClock()
         port.subscribe(self._on_bytes)
 
@@ -61,44 +54,26 @@ class BotaSensor:
         """Stretches of bytes that began like a frame and were none."""
         return self.stream.crc_errors
 
-    @property
-    def range_nm(self) -> float:
-        return self._options.range_nm
-
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
         """Wait for a frame: the sensor sends nothing else of itself while it streams.
 
         Raises DeviceTimeoutError where none comes, DeviceError for a sensor that says that it is not well.
         """
-        before = self._readings.count
-        if not wait_until(lambda: self._readings.count > before, self._link, timeout_s):
+        if not self._comes(timeout_s):
             raise DeviceTimeoutError(
                 f"[{self.role}] Bota sensor on {self._port.name}: no frame in {timeout_s:g} s "
-                f"({self.stream.discarded_bytes} bytes that are none); check power, port and baud {self._options.baud}"
+                f"({self.stream.discarded_bytes} bytes that are none); check power, port and baud {self._baud}"
             )
         if words := describe_status(self._status):
             raise DeviceError(f"[{self.role}] Bota sensor on {self._port.name}: says that {'; '.join(words)}")
         return DeviceIdentity(driver="bota", address=self._port.name)
 
-    def take_torque(self) -> list[TorqueReading]:
-        return self._readings.take()
-
     def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
         frames = self.stream.feed(data)
-        later_bytes = self.stream.pending_bytes + FRAME_LENGTH * len(frames)
-        for frame in frames:
-            later_bytes -= FRAME_LENGTH
+        for frame, complete_ns in self._stamps.each(frames, FRAME_LENGTH, arrival_ns, self.stream.pending_bytes):
             self._status = frame.status
-            self._readings.put(self._reading(frame, self._stamps.complete_ns(arrival_ns, later_bytes)))
-
-    def _reading(self, frame: BotaFrame, arrival_ns: int) -> TorqueReading:
-        return TorqueReading(
-            self._readings.count,
-            arrival_ns,
-            self._direction * frame[self._field],
-            self._clock.unwrap_ns(frame.timestamp_us),
-            frame.status == 0 and frame.finite,
-        )
+            clock_ns = self._clock.unwrap_ns(frame.timestamp_us)
+            self._readings.put(frame[self._field], complete_ns, clock_ns, sound=not frame.status and frame.finite)
 
 
 class _UnwrappedClock:

@@ -26,9 +26,8 @@ from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import SerialPort
 from drivers.questions import ANSWERS_THAT_TELL, Questions
-from drivers.readings import DeviceIdentity, TorqueReading
-from drivers.stamps import ByteStamps
-from drivers.torque_readings import TorqueReadings
+from drivers.readings import DeviceIdentity
+from drivers.serial_sensor import SerialSensor
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
@@ -84,17 +83,13 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> "PolledDyn200 | 
     return sensor(settings, options, link.serial_port(settings, options.baud), link)
 
 
-class PushingDyn200:
+class PushingDyn200(SerialSensor):
     """The sensor streams by itself. ``stream`` counts what was no frame."""
 
     def __init__(self, settings: DeviceSettings, options: Dyn200Options, port: SerialPort, link: Link) -> None:
-        self.role = settings.role
+        super().__init__(settings, options, port, link, options.torque_per_digit_nm)
         self.stream = PushStream()
         self._options = options
-        self._port = port
-        self._link = link
-        self._stamps = ByteStamps(options.baud)
-        self._readings = TorqueReadings(settings.direction * options.torque_per_digit_nm, options.range_nm)
         port.subscribe(self._on_bytes)
 
     @property
@@ -102,14 +97,9 @@ class PushingDyn200:
         """Frames whose CRC was wrong."""
         return self.stream.crc_errors
 
-    @property
-    def range_nm(self) -> float:
-        return self._options.range_nm
-
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
         """Wait for a frame: nothing can be asked of a sensor that pushes."""
-        before = self._readings.count
-        if not wait_until(lambda: self._readings.count > before, self._link, timeout_s):
+        if not self._comes(timeout_s):
             raise DeviceTimeoutError(
                 f"[{self.role}] DYN-200 on {self._port.name}: no frame in {timeout_s:g} s "
                 f"({self.stream.discarded_bytes} bytes that are none); check power, port, baud {self._options.baud}, "
@@ -117,32 +107,23 @@ class PushingDyn200:
             )
         return DeviceIdentity(driver="dyn200", address=self._port.name)
 
-    def take_torque(self) -> list[TorqueReading]:
-        return self._readings.take()
-
     def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
         frames = self.stream.feed(data)
-        later_bytes = self.stream.pending_bytes + FRAME_LENGTH * len(frames)
-        for frame in frames:
-            later_bytes -= FRAME_LENGTH
-            self._readings.put(frame.torque_digits, self._stamps.complete_ns(arrival_ns, later_bytes))
+        for frame, complete_ns in self._stamps.each(frames, FRAME_LENGTH, arrival_ns, self.stream.pending_bytes):
+            self._readings.put(frame.torque_digits, complete_ns)
 
 
-class PolledDyn200:
+class PolledDyn200(SerialSensor):
     """The sensor is asked for its torque, again and again.
 
     ``stream`` counts bytes that are no answer, ``questions`` those that got none, ``refusals`` Modbus exceptions.
     """
 
     def __init__(self, settings: DeviceSettings, options: Dyn200Options, port: SerialPort, link: Link) -> None:
-        self.role = settings.role
+        super().__init__(settings, options, port, link, options.torque_per_digit_nm)
         self.stream = AnswerStream()
         self.refusals = 0
         self._options = options
-        self._port = port
-        self._link = link
-        self._stamps = ByteStamps(options.baud)
-        self._readings = TorqueReadings(settings.direction * options.torque_per_digit_nm, options.range_nm)
         self._torque = ReadRequest(options.station, TORQUE_REGISTER, NUMBER_REGISTERS)
         self._next = self._asked = self._torque
         self._last_refusal: Refusal | None = None
@@ -150,10 +131,6 @@ class PolledDyn200:
         silence = silence_s(options.baud) if options.silence_s is None else options.silence_s
         self.questions = Questions(link, self._ask, options.timeout_s, silence)
         port.subscribe(self._on_bytes)
-
-    @property
-    def range_nm(self) -> float:
-        return self._options.range_nm
 
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
         """Wait for answers, and see that the sensor's decimals are those that the rig file goes by."""
@@ -170,9 +147,6 @@ class PolledDyn200:
                 "DYN-200?"
             )
         return DeviceIdentity("dyn200", f"{self._port.name} station {self._options.station}", self._check_decimals())
-
-    def take_torque(self) -> list[TorqueReading]:
-        return self._readings.take()
 
     @property
     def _place(self) -> str:

@@ -17,9 +17,8 @@ from drivers.link import Link
 from drivers.options import DeviceOptions, parse_options
 from drivers.ports import SerialPort
 from drivers.questions import ANSWERS_THAT_TELL, Questions
-from drivers.readings import DeviceIdentity, TorqueReading
-from drivers.stamps import ByteStamps
-from drivers.torque_readings import TorqueReadings
+from drivers.readings import DeviceIdentity
+from drivers.serial_sensor import SerialSensor
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
@@ -68,21 +67,17 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> "MantracourtSens
     return MantracourtSensor(settings, options, link.serial_port(settings, options.baud), link)
 
 
-class MantracourtSensor:
+class MantracourtSensor(SerialSensor):
     """``numbers`` counts answers that are none, ``refusals`` those that say the question is not understood,
     ``questions`` the ones that got no answer."""
 
     def __init__(self, settings: DeviceSettings, options: MantracourtOptions, port: SerialPort, link: Link) -> None:
-        self.role = settings.role
+        super().__init__(settings, options, port, link, options.scale)
         self.stream = LineStream(mid_line=False)
         self.numbers = Numbers(NumberFormat(width=options.width, signed=True))
         self.refusals = 0
         self._options = options
         self._question = question(options.station, options.command)
-        self._port = port
-        self._link = link
-        self._stamps = ByteStamps(options.baud)
-        self._readings = TorqueReadings(settings.direction * options.scale, options.range_nm)
         self.questions = Questions(link, self._ask, options.timeout_s)
         port.subscribe(self._on_bytes)
 
@@ -90,10 +85,6 @@ class MantracourtSensor:
     def malformed(self) -> int:
         """Answers that are no number, or no line."""
         return self.numbers.garbled + self.stream.overlong
-
-    @property
-    def range_nm(self) -> float:
-        return self._options.range_nm
 
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
         """Wait for answers that are numbers."""
@@ -107,9 +98,6 @@ class MantracourtSensor:
         if self.refusals > refusals:
             raise DeviceError(f"{self._place}: does not know the command {self._options.command}; correct command")
         return DeviceIdentity(driver="mantracourt", address=f"{self._port.name} station {self._options.station:03d}")
-
-    def take_torque(self) -> list[TorqueReading]:
-        return self._readings.take()
 
     @property
     def _place(self) -> str:

@@ -1,5 +1,10 @@
 """When a message on a serial line was complete, told from when the bytes it was read with had arrived."""
 
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
+
+Message = TypeVar("Message")
+
 BITS_PER_BYTE = 10  # start, eight data bits, stop
 
 
@@ -17,3 +22,12 @@ class ByteStamps:
         """For a message with ``later_bytes`` after it in a chunk whose last byte arrived at ``arrival_ns``."""
         self._last_ns = max(self._last_ns, arrival_ns - round(later_bytes * self._byte_ns))
         return self._last_ns
+
+    def each(
+        self, messages: Sequence[Message], length: int, arrival_ns: int, later_bytes: int
+    ) -> Iterator[tuple[Message, int]]:
+        """Messages of ``length`` bytes that stood one behind the other, each with when it was complete."""
+        later_bytes += length * len(messages)
+        for message in messages:
+            later_bytes -= length
+            yield message, self.complete_ns(arrival_ns, later_bytes)

@@ -19,10 +19,10 @@ class TorqueReadings:
         """How many there ever were."""
         return self._inbox.count
 
-    def put(self, number: float, arrival_ns: int, device_ns: int | None = None) -> None:
-        """A number that the sensor sent; beyond its range it measured nothing, and the reading says so."""
+    def put(self, number: float, arrival_ns: int, device_ns: int | None = None, *, sound: bool = True) -> None:
+        """A number that the sensor sent, ``sound`` by its own word; beyond its range it measured nothing."""
         torque_nm = self._nm_per_unit * number
-        valid = isfinite(torque_nm) and abs(torque_nm) <= self.range_nm
+        valid = sound and isfinite(torque_nm) and abs(torque_nm) <= self.range_nm
         self._inbox.put(TorqueReading(self._inbox.count, arrival_ns, torque_nm, device_ns, valid))
 
     def take(self) -> list[TorqueReading]:

@@ -23,7 +23,8 @@ import sys, time, can, cantools
 message = cantools.database.load_file(sys.argv[1]).get_message_by_name("TorqueReading")
 with can.Bus(sys.argv[2], "udp_multicast", port=int(sys.argv[3])) as bus:
     for count in range(100_000):
-        data = message.encode({"Torque": -0.25 + 0.001 * (count % 100), "Counter": count % 65536, "Status": count >= 100})
+        sample = {"Torque": -0.25 + 0.001 * (count % 100), "Counter": count % 65536, "Status": count >= 100}
+        data = message.encode(sample)
         for _ in range(1 + (count % 5 == 0)):
             bus.send(can.Message(arbitration_id=message.frame_id, data=data, is_extended_id=False))
         time.sleep(0.002)
