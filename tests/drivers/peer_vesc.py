@@ -1,4 +1,5 @@
-"""A VESC as another program would emulate it: bytes by hand from comm_can.c, none of this project's code.
+"""A VESC as another program would emulate it: bytes by hand from comm_can.c, none of this project's code,
+its checksum crccheck's.
 
 Run as ``peer_vesc.py GROUP PORT NODE TIMEOUT_S``. A flywheel, driven by the current that was commanded.
 """
@@ -9,18 +10,10 @@ import sys
 import time
 
 import can
+from crccheck.crc import CrcXmodem
 
 GROUP, PORT, NODE, TIMEOUT_S = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4])
 POLE_PAIRS, PERIOD_S = 7, 0.002
-
-
-def crc_xmodem(data: bytes) -> int:
-    crc = 0
-    for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
-    return crc
 
 
 class Peer:
@@ -49,7 +42,7 @@ class Peer:
     def send_long(self, to: int, payload: bytes) -> None:
         for at in range(0, len(payload), 7):
             self.send(5, to, bytes((at,)) + payload[at : at + 7])
-        self.send(7, to, struct.pack(">BBHH", NODE, 1, len(payload), crc_xmodem(payload)))
+        self.send(7, to, struct.pack(">BBHH", NODE, 1, len(payload), CrcXmodem.calc(payload)))
 
     def step(self) -> None:
         if time.monotonic() - self.commanded_s > TIMEOUT_S:

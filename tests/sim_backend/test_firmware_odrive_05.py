@@ -3,13 +3,9 @@
 from collections.abc import Callable
 from dataclasses import replace
 from math import nan, tau
-from pathlib import Path
 from struct import pack
 from typing import Any
 
-import can
-import cantools
-import odrive_can
 import pytest
 
 from drivers.link import Link
@@ -19,64 +15,28 @@ from drivers.wiring import Wiring
 from sim_backend.backend import SimulatedBackend
 from sim_backend.firmware.odrive_05 import ODrive05Axis
 from sim_backend.firmware.site import DriveFault
+from tests.sim_backend.odrive_host import NODE, ODriveHost
 
-MS = 1_000_000
-DBC = cantools.database.load_file(Path(odrive_can.__file__).parent / "dbc" / "odrive-cansimple-0.5.6.dbc")
-NODE, CPR = 1, 8192
+CPR = 8192
 IDLE, CLOSED_LOOP = 1, 8
 INVALID_STATE, WATCHDOG, ESTOP = 1 << 0, 1 << 11, 1 << 14
 Bench = Callable[..., SimulatedBackend]
 
 
-class Host:
-    """Speaks to the actuator's drive in raw frames, and reads its answers with the DBC file."""
+class Host(ODriveHost):
+    """Of firmware 0.5, whose DBC file it reads answers with."""
 
-    def __init__(self, backend: SimulatedBackend, wiring: Wiring) -> None:
-        self.world = backend.world
-        self.bus = backend.open_can(wiring.buses[0]).bus
-        firmware = backend.world.devices["actuator"]
-        assert isinstance(firmware, ODrive05Axis)
-        self.firmware = firmware
+    dbc = "odrive-cansimple-0.5.6"
 
-    def send(self, command: int, data: bytes = b"", *, remote: bool = False) -> None:
-        frame = can.Message(
-            arbitration_id=NODE << 5 | command,
-            is_extended_id=False,
-            is_remote_frame=remote,
-            data=None if remote else data,
-            dlc=8 if remote else None,
-        )
-        self.bus.send(frame)
-
-    def wait(self, duration_ms: float) -> None:
-        self.world.advance(self.world.now_ns + round(duration_ms * MS))
-
-    def heard(self) -> dict[int, list[bytes]]:
-        """Payloads of the axis since the last call, by command."""
-        payloads: dict[int, list[bytes]] = {}
-        for frame in iter(lambda: self.bus.recv(0), None):
-            if frame.arbitration_id >> 5 == NODE:
-                payloads.setdefault(frame.arbitration_id & 31, []).append(bytes(frame.data))
-        return payloads
-
-    def ask(self, name: str, **how: Any) -> dict[str, Any]:
-        message = DBC.get_message_by_name(f"Axis0_{name}")
-        self.heard()
-        self.send(message.frame_id, **(how or {"remote": True}))
-        self.wait(1)
-        return message.decode(self.heard()[message.frame_id][-1], decode_choices=False)
-
-    def state(self) -> tuple[int, int]:
-        heartbeat = self.ask("Heartbeat")
-        return heartbeat["Axis_Error"], heartbeat["Axis_State"]
+    @property
+    def firmware(self) -> ODrive05Axis:
+        assert isinstance(self.device, ODrive05Axis)
+        return self.device
 
     def close_loop(self) -> None:
         self.send(0x0B, pack("<II", 1, 1))
         self.send(0x07, pack("<I", CLOSED_LOOP))
         self.wait(1)
-
-    def torque(self, torque_nm: float) -> None:
-        self.send(0x0E, pack("<f", torque_nm))
 
 
 @pytest.fixture

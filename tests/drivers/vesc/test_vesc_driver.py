@@ -6,6 +6,7 @@ import struct
 
 import can
 import pytest
+from crccheck.crc import CrcXmodem
 
 from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
 from drivers.readings import DriveState
@@ -69,16 +70,7 @@ class ScriptedVesc:
         elif asked == b"\0" and self.answers_version:
             for at in range(0, len(self.version), 7):
                 self.say(5, bytes((at,)) + self.version[at : at + 7], to=HOST)
-            self.say(7, struct.pack(">BBHH", NODE, 1, len(self.version), crc_xmodem(self.version)), to=HOST)
-
-
-def crc_xmodem(data: bytes) -> int:
-    crc = 0
-    for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
-    return crc
+            self.say(7, struct.pack(">BBHH", NODE, 1, len(self.version), CrcXmodem.calc(self.version)), to=HOST)
 
 
 @pytest.fixture
