@@ -81,6 +81,7 @@ class Measured:
     events: tuple[Event, ...] = ()
     frames: tuple[RawFrame, ...] = ()
     load_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
+    torque_averaging_s: float = 0.0  # over which the torque sensor itself averages
 
     def between(self, start_ns: int, end_ns: int) -> "Measured":
         """The part with ``start_ns <= stamp < end_ns`` (by tick or arrival); frames and events too."""
@@ -99,6 +100,7 @@ class Measured:
             segments=tuple(s for s in self.segments if s.start_ns < end_ns and s.end_ns > start_ns),
             events=tuple(e for e in self.events if start_ns <= e.stamp_ns < end_ns),
             frames=tuple(f for f in self.frames if start_ns <= f.stamp_ns < end_ns),
+            torque_averaging_s=self.torque_averaging_s,
         )
 
     def without_frames(self) -> "Measured":
@@ -126,4 +128,5 @@ def join(parts: Iterable[Measured]) -> Measured:
         segments=tuple(segments.values()),
         events=tuple(event for piece in pieces for event in piece.events),
         frames=tuple(frame for piece in pieces for frame in piece.frames),
+        torque_averaging_s=max((piece.torque_averaging_s for piece in pieces), default=0.0),
     )

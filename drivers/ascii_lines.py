@@ -11,20 +11,20 @@ from pydantic import Field
 from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers
 from drivers.errors import DeviceTimeoutError
 from drivers.link import Link
-from drivers.options import DeviceOptions, parse_options
+from drivers.options import TorqueSensorOptions, parse_options
 from drivers.ports import SerialPort
 from drivers.readings import DeviceIdentity
 from drivers.serial_sensor import SerialSensor
 from drivers.wiring import DeviceSettings
 
 CONNECTION = "serial"
-OPTION_UNITS = {"range": "N*m"}
+OPTION_UNITS = {"range": "N*m", "averaging": "s"}
 
 BAUD = 115_200
 _SHOWN = 40  # characters of a line that is no number, in a message
 
 
-class AsciiOptions(DeviceOptions):
+class AsciiOptions(TorqueSensorOptions):
     """What a rig file may say of a sensor that prints lines."""
 
     scale: float = Field(gt=0, description="N*m per unit of the number", examples=[0.001])

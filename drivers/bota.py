@@ -11,19 +11,19 @@ from pydantic import Field
 from drivers.codecs.bota import BAUD, FRAME_LENGTH, BotaFrame, BotaStream, describe_status
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.link import Link
-from drivers.options import DeviceOptions, parse_options
+from drivers.options import TorqueSensorOptions, parse_options
 from drivers.ports import SerialPort
 from drivers.readings import DeviceIdentity
 from drivers.serial_sensor import SerialSensor
 from drivers.wiring import DeviceSettings
 
 CONNECTION = "serial"
-OPTION_UNITS = {"range": "N*m"}
+OPTION_UNITS = {"range": "N*m", "averaging": "s"}
 
 _CLOCK_WRAP_US = 1 << 32
 
 
-class BotaOptions(DeviceOptions):
+class BotaOptions(TorqueSensorOptions):
     """What a rig file may say of a Bota sensor."""
 
     axis: Literal["x", "y", "z"] = Field("z", description="the sensor's axis that is the shaft's")

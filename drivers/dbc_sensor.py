@@ -17,7 +17,7 @@ from pydantic import Field
 from drivers.errors import DeviceTimeoutError, WiringError
 from drivers.inbox import Inbox
 from drivers.link import Link
-from drivers.options import DeviceOptions, parse_options
+from drivers.options import TorqueSensorOptions, parse_options
 from drivers.ports import CanPort
 from drivers.readings import DeviceIdentity, TorqueReading
 from drivers.recognition import Recognised
@@ -25,14 +25,14 @@ from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
 CONNECTION = "can"
-OPTION_UNITS = {"range": "N*m"}
+OPTION_UNITS = {"range": "N*m", "averaging": "s"}
 OPTION_FILES = ("dbc",)  # may stand beside the rig file
 
 SHIPPED = Path(__file__).parent / "dbc"
 _NEWTON_METRE = ("", "nm", "n*m", "n.m", "n·m", "n m")
 
 
-class DbcOptions(DeviceOptions):
+class DbcOptions(TorqueSensorOptions):
     """What a rig file may say of a sensor described by a DBC file."""
 
     dbc: str = Field("torque-sensor", description="a DBC file, or the name of a shipped one")

@@ -23,7 +23,7 @@ from drivers.codecs.dyn200 import (
 from drivers.codecs.modbus import AnswerStream, ReadRequest, Refusal, describe_exception, silence_s
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.link import Link
-from drivers.options import DeviceOptions, parse_options
+from drivers.options import TorqueSensorOptions, parse_options
 from drivers.ports import SerialPort
 from drivers.questions import ANSWERS_THAT_TELL, Questions
 from drivers.readings import DeviceIdentity
@@ -32,13 +32,13 @@ from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
 CONNECTION = "serial"
-OPTION_UNITS = {"torque_per_digit": "N*m", "range": "N*m", "timeout": "s", "silence": "s"}
+OPTION_UNITS = {"torque_per_digit": "N*m", "range": "N*m", "timeout": "s", "silence": "s", "averaging": "s"}
 
 MOST_DECIMALS = 4
 DECIMALS_WITHIN_S = 0.2
 
 
-class Dyn200Options(DeviceOptions):
+class Dyn200Options(TorqueSensorOptions):
     """What a rig file may say of a DYN-200."""
 
     mode: Literal["polled", "push"] = Field(

@@ -14,7 +14,7 @@ from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers
 from drivers.codecs.mantracourt import BAUD, BROADCAST, NOT_UNDERSTOOD, STATION_MAX, question
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.link import Link
-from drivers.options import DeviceOptions, parse_options
+from drivers.options import AVERAGING_MAX_S, TorqueSensorOptions, parse_options
 from drivers.ports import SerialPort
 from drivers.questions import ANSWERS_THAT_TELL, Questions
 from drivers.readings import DeviceIdentity
@@ -23,12 +23,20 @@ from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
 CONNECTION = "serial"
-OPTION_UNITS = {"range": "N*m", "timeout": "s"}
+OPTION_UNITS = {"range": "N*m", "timeout": "s", "averaging": "s"}
 
 
-class MantracourtOptions(DeviceOptions):
+class MantracourtOptions(TorqueSensorOptions):
     """What a rig file may say of a Mantracourt converter."""
 
+    # It tells its last measurement: on average that is what an average over one period would tell.
+    averaging_s: float = Field(
+        alias="averaging",
+        ge=0,
+        le=AVERAGING_MAX_S,
+        description="how old its last measurement may be when it is asked: one period of its RATE",
+        examples=["2 ms"],
+    )
     scale: float = Field(gt=0, description="N*m per unit of its output", examples=[0.001])
     station: int = Field(1, le=STATION_MAX, description="its station number, 1 to 999", examples=[1])
     command: str = Field("SOUT", description="what it is asked for", examples=["SYS"])

@@ -4,18 +4,34 @@ A driver module declares its options as a frozen pydantic model and names in ``O
 a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the unit that ``OPTION_UNITS`` gives.
 """
 
-from typing import TypeVar
+from typing import Final, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import WiringError
 from drivers.wiring import DeviceSettings
+
+# A sensor slower than this tells nothing of an actuator's lag.
+AVERAGING_MAX_S: Final = 0.05
 
 
 class DeviceOptions(BaseModel):
     """Base of every driver's options."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False, populate_by_name=False)
+
+
+class TorqueSensorOptions(DeviceOptions):
+    """Base of every shipped torque sensor's options: what the identification must know of how it measures."""
+
+    averaging_s: float = Field(
+        0.0,
+        alias="averaging",
+        ge=0,
+        le=AVERAGING_MAX_S,
+        description="over how long the sensor averages by itself: its filter's length",
+        examples=["2 ms"],
+    )
 
 
 Options = TypeVar("Options", bound=DeviceOptions)

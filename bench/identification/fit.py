@@ -47,6 +47,8 @@ MODEL_ERROR = {
     "presliding_stiffness": 0.002,
     "presliding_damping": 0.004,
 }
+# Of readings whose own age is not known, per second of it: an average over their ages is right on average only.
+HELD_ERROR_PER_S = {"amplifier_bandwidth": 15.0, "inertia": 2.0, "presliding_damping": 20.0}
 # What free motion tells only as a ratio to the torque gain.
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 # The command must explain this many times what nothing explains, or the port's torque sets no scale.
@@ -126,7 +128,9 @@ def _unseen(solution: Solution) -> FloatArray:
     step_rad = max(rows.signals.position_step_rad for rows in solution.regression.rows)
     coarser = max(1.0, step_rad * solution.shape.s_per_rad / USUAL_COUNT)
     deviations = [MODEL_ERROR.get(name, 0.0) * (coarser if name in GROW_WITH_COUNTS else 1.0) for name in PHYSICAL]
-    return np.array([*deviations, 0.0, 0.0])
+    held_s = max(rows.signals.torque_averaging_s for rows in solution.regression.rows)
+    held = [HELD_ERROR_PER_S.get(name, 0.0) * held_s for name in PHYSICAL]
+    return np.array([*np.hypot(deviations, held), 0.0, 0.0])
 
 
 def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:

@@ -23,13 +23,18 @@ EDGE_POWER = 3
 @dataclass(frozen=True)
 class Kernel:
     """A low-pass with its first two derivatives, over ``|u| <= half_width`` in units of a sample; -6 dB at ``cutoff``
-    cycles a sample."""
+    cycles a sample. ``window`` samples are averaged over besides; ``half_width`` has half of them in it."""
 
     cutoff: float
     half_width: float
+    window: float = 0.0
+
+    def averaging(self, window: float) -> "Kernel":
+        """The same, of a signal that is averaged over ``window`` samples, half of them later."""
+        return self if window <= 0.0 else Kernel(self.cutoff, self.half_width + 0.5 * window, window)
 
     def spline(self) -> BSpline:
-        return _spline(self.cutoff, self.half_width)
+        return _spline(self.cutoff, self.half_width - 0.5 * self.window, self.window)
 
     def energy(self, derivative: int) -> float:
         """∫ K² of the kernel's derivative: what it makes of white noise of density 1, in units of a sample."""
@@ -78,8 +83,19 @@ def _energy(kernel: Kernel, derivative: int) -> float:
 
 
 @cache
-def _spline(cutoff: float, half_width: float) -> BSpline:
-    u = np.linspace(-half_width, half_width, round(2 * half_width * 64) + 1)
+def _spline(cutoff: float, half_width: float, window: float) -> BSpline:
+    u = _knots(half_width)
     inside = np.maximum(1 - (u / half_width) ** 2, 0.0)
-    window = np.i0(KAISER_BETA * np.sqrt(inside)) / np.i0(KAISER_BETA) * inside**EDGE_POWER
-    return make_interp_spline(u, 2 * cutoff * np.sinc(2 * cutoff * u) * window, k=5)
+    weight = np.i0(KAISER_BETA * np.sqrt(inside)) / np.i0(KAISER_BETA) * inside**EDGE_POWER
+    spline = make_interp_spline(u, 2 * cutoff * np.sinc(2 * cutoff * u) * weight, k=5)
+    if not window:
+        return spline
+    integral = spline.antiderivative()
+    wide = _knots(half_width + 0.5 * window)
+    ends = (np.clip(wide + side * window, -half_width, half_width) for side in (0.5, -0.5))
+    later, earlier = (integral(end) for end in ends)
+    return make_interp_spline(wide, (later - earlier) / window, k=5)
+
+
+def _knots(half_width: float) -> FloatArray:
+    return np.linspace(-half_width, half_width, round(2 * half_width * 64) + 1)

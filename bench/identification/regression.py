@@ -3,7 +3,8 @@
     τ(t) = Km·Ka·lag_β(c)(t − d_c) − Im·ω̇ − B·ω − τc·h − σ1·ḣ/s + bias + E,   motion at t + d_m,  h = s·φ
 
 E is what is left of the friction's unknown state at the end of each rest; it fades as the shaft turns, and whatever
-looks like it is taken off every term. The same low-pass stands before every term, so it cancels.
+looks like it is taken off every term. The same low-pass stands before every term, so it cancels; a sensor that averages
+by itself has filtered its torque once more, and so every other term is averaged over as long here.
 """
 
 from collections.abc import Callable, Sequence
@@ -94,20 +95,28 @@ class Rows:
     def count(self) -> int:
         return len(self.usable)
 
+    @cached_property
+    def averaging(self) -> Kernel:
+        """The kernel for all but the torque, whose sensor has averaged already."""
+        return self.kernel.averaging(self.signals.torque_averaging_s / self.signals.tick_s)
+
     def torque(self, shift_s: float = 0.0) -> FloatArray:
         """The filtered torque, ``shift_s`` later, shape (count,); zero where nothing measures it."""
         torque = self.signals.torque_nm
-        return np.zeros(self.count) if torque is None else self.of_tick_signal(torque, shift_s)
+        return np.zeros(self.count) if torque is None else self._at_ticks(torque[None, :], shift_s, self.kernel)[0]
 
     def of_tick_signal(self, values: FloatArray, shift_s: float = 0.0) -> FloatArray:
-        """Any signal given at the ticks, filtered."""
+        """Any signal but the torque, given at the ticks, filtered."""
         return np.asarray(self.of_tick_signals(values[None, :], shift_s)[0])
 
     def of_tick_signals(self, values: FloatArray, shift_s: float = 0.0) -> FloatArray:
         """Several at once: from (signals, ticks) to (signals, count)."""
+        return self._at_ticks(values, shift_s, self.averaging)
+
+    def _at_ticks(self, values: FloatArray, shift_s: float, kernel: Kernel) -> FloatArray:
         shift = shift_s / self.signals.tick_s
-        reach = int(np.ceil(self.kernel.half_width + abs(shift)))
-        taps = self.kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)[None, :]
+        reach = int(np.ceil(kernel.half_width + abs(shift)))
+        taps = kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)[None, :]
         return np.stack([loops.filter_at(row, taps, -reach, self.stride, self.count)[0] for row in values])
 
     def lag(self, shape: Shape, derivative: int = 0) -> FloatArray:
@@ -158,11 +167,11 @@ class Rows:
 
     def noise(self) -> FloatArray:
         """Variances that readings' own errors give to the torque, the acceleration and the velocity, shape (3,)."""
-        tick_s, energy = self.signals.tick_s, self.kernel.energy
+        tick_s, energy = self.signals.tick_s, self.averaging.energy
         position = self.signals.position_noise
         return np.array(
             [
-                self.signals.torque_noise * energy(0) / tick_s,
+                self.signals.torque_noise * self.kernel.energy(0) / tick_s,
                 position * energy(2) / tick_s**5,
                 position * energy(1) / tick_s**3,
             ]
@@ -179,7 +188,7 @@ class Rows:
     ) -> FloatArray:
         """Derivatives of any signal given at the motions' instants, filtered: shape (derivatives, count)."""
         tick_s = self.signals.tick_s
-        taps = _fine_taps(self.kernel, derivatives, shift_s, tick_s, self.fine, of_means)
+        taps = _fine_taps(self.averaging, derivatives, shift_s, tick_s, self.fine, of_means)
         reach = taps.shape[1] // 2
         return np.asarray(loops.filter_at(values, taps, -reach, self.stride * self.fine, self.count))
 

@@ -4,6 +4,7 @@ No initial guess: a scan over the friction's shape, then Gauss-Newton from sever
 in which delays are harmless, then in the full band.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +41,8 @@ NARROWEST_CUTOFF = 0.02
 MOST_COGGINGS = 4
 # Of residuals filtered to the full band, so many neighbours count as one.
 CORRELATED = 3.0
+# A step of a hundredth of a deviation.
+NOTHING_GAINED = 1e-4
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 
 
@@ -64,12 +67,13 @@ class Solution:
 
 def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solution:
     """The best fit of all stretches; ``free_motion`` as in Regression."""
-    low = Regression.of(stretches, LOW_BAND, LOW_STRIDE, free_motion=free_motion)
+    low = Regression.of(stretches, told(stretches, LOW_BAND), LOW_STRIDE, free_motion=free_motion)
     ends = [_descend(low, start, most_steps=LOW_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
-    full = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
+    widest = told(stretches, FULL_BAND)
+    full = Regression.of(stretches, widest, free_motion=free_motion)
     solution = _first_settled(full, sorted(ends, key=lambda at: at.cost))
     band = worthwhile_band(full, solution)
-    if band != FULL_BAND:
+    if band != widest:
         full = Regression.of(stretches, band, free_motion=free_motion)
         solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
     full = full.recounted(solution.shape)
@@ -83,6 +87,19 @@ def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solut
     return solution
 
 
+def told(stretches: Sequence[Signals], band: Kernel) -> Kernel:
+    """The part of a band that sensors slower than the loop can tell."""
+    periods_s = [(stretch.position_period_s, stretch.torque_period_s) for stretch in stretches]
+    tick_s = stretches[0].tick_s
+    return _narrowed(band, FULL_BAND.cutoff * min(1.0, tick_s / max(np.max(periods_s), tick_s)))
+
+
+def _narrowed(band: Kernel, cutoff: float) -> Kernel:
+    """To ``cutoff``, where that is worth the time; the narrower, the longer."""
+    cutoff = max(cutoff, NARROWEST_CUTOFF)
+    return band if cutoff > NARROWED_BELOW * band.cutoff else Kernel(cutoff, band.half_width * band.cutoff / cutoff)
+
+
 def worthwhile_band(regression: Regression, solution: Solution) -> Kernel:
     """The band in which the residual's noise is nearly white, so that least squares wastes no information.
 
@@ -91,8 +108,7 @@ def worthwhile_band(regression: Regression, solution: Solution) -> Kernel:
     slower than the loop can tell.
     """
     tick_s = regression.rows[0].signals.tick_s
-    periods_s = [(rows.signals.position_period_s, rows.signals.torque_period_s) for rows in regression.rows]
-    cutoff = FULL_BAND.cutoff * min(1.0, tick_s / max(np.max(periods_s), tick_s))
+    widest = told([rows.signals for rows in regression.rows], FULL_BAND)
     torque, position = 0.0, 0.0
     for rows in regression.rows:
         count = int(np.count_nonzero(rows.usable))
@@ -101,11 +117,8 @@ def worthwhile_band(regression: Regression, solution: Solution) -> Kernel:
     inertia = abs(float(solution.linear[INERTIA]))
     if not solution.free_motion and torque > 0 and position > 0 and inertia > 0:
         corner_hz = (torque / position) ** 0.25 / (2 * np.pi * np.sqrt(inertia))
-        cutoff = min(cutoff, corner_hz * tick_s)
-    cutoff = max(cutoff, NARROWEST_CUTOFF)
-    if cutoff > NARROWED_BELOW * FULL_BAND.cutoff:
-        return FULL_BAND
-    return Kernel(cutoff, FULL_BAND.half_width * FULL_BAND.cutoff / cutoff)
+        return _narrowed(widest, corner_hz * tick_s)
+    return widest
 
 
 def limits(tick_s: float) -> tuple[FloatArray, FloatArray]:
@@ -179,16 +192,18 @@ class _At:
         slopes = regression.jacobian(self.shape, self.columns, self.linear)[list(regression.free)]
         return self.memory.taken_off(slopes)
 
-    def step(self, regression: Regression) -> FloatArray:
-        """Of Gauss-Newton, shape (4,); zero for what is not free."""
+    def step(self, regression: Regression) -> tuple[FloatArray, float]:
+        """Of Gauss-Newton, shape (4,); zero for what is not free. And how far that is, in squared deviations."""
         contamination = regression.contamination()
         every = np.concatenate([self.seen, self.slopes(regression)])
         right = every @ self.residual
         # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
         right[:5] += contamination * self.linear[:5]
+        whole = normal_solution(every, right, contamination)
         step = np.zeros(4)
-        step[list(regression.free)] = normal_solution(every, right, contamination)[len(self.seen) :]
-        return np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+        step[list(regression.free)] = whole[len(self.seen) :]
+        variance = CORRELATED * max(self.cost, 0.0) / self.residual.size
+        return step, float(right @ whole) / max(variance, 1e-300)
 
 
 def _starts(regression: Regression) -> list[_At]:
@@ -214,6 +229,16 @@ def _iterate(regression: Regression, shape: Shape, *, most_steps: int) -> Soluti
     return at.solution(regression, converged=converged)
 
 
+def _shortened(step: FloatArray) -> Iterator[FloatArray]:
+    """Each unknown held to its longest step; and, where that leads nowhere, all of them in the step's own direction:
+    a lag and a delay that stand for each other must be moved together."""
+    clipped = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+    straight = step / max(1.0, float(np.max(np.abs(step) / LONGEST_STEP)))
+    for direction in (clipped, straight):
+        for share in STEP_SHARES:
+            yield share * direction
+
+
 def _descend(regression: Regression, at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool]:
     """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that.
 
@@ -221,10 +246,11 @@ def _descend(regression: Regression, at: _At, *, most_steps: int, within: FloatA
     """
     low, high = limits(regression.rows[0].signals.tick_s)
     for _ in range(most_steps):
-        step = at.step(regression)
-        if np.all(np.abs(step) < within):
+        step, squared_deviations = at.step(regression)
+        # What the data hardly tell, such as a bandwidth far above theirs, may wander on for ever.
+        if np.all(np.abs(step) < within) or abs(squared_deviations) < NOTHING_GAINED:
             return at, True
-        moved = (np.clip(at.shape.as_array() + share * step, low, high) for share in STEP_SHARES)
+        moved = (np.clip(at.shape.as_array() + each, low, high) for each in _shortened(step))
         better = (trial for each in moved if (trial := _At.of(regression, Shape.of(each))).cost < at.cost)
         found = next(better, None)
         if found is None:

@@ -72,6 +72,7 @@ class Signals:
     position_period_s: float = 0.0  # between two readings
     position_step_rad: float = 0.0  # between two counts; 0 where none can be seen
     torque_period_s: float = 0.0
+    torque_averaging_s: float = 0.0  # over which the sensor itself averages, or how old its held readings may be
     smoothed: "Stream | None" = None
     count_rad: float = 0.0  # the step in which positions are read; 0 where none can be seen
 
@@ -236,6 +237,7 @@ def _stretch(
         position_period_s=streams["position"].period_s,
         position_step_rad=streams["position"].step,
         torque_period_s=0.0 if torque is None else torque.period_s,
+        torque_averaging_s=measured.torque_averaging_s,
         smoothed=streams["path"].between(start_s - LONGEST_GAP_S, end_s + LONGEST_GAP_S),
         count_rad=count_rad,
     )

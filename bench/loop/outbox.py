@@ -24,6 +24,7 @@ class Outbox:
 
     consumers: Sequence[Consumer] = ()
     part_ticks: int = PART_TICKS
+    torque_averaging_s: float = 0.0  # as in Measured
     _rows: list[tuple[float, ...]] = field(default_factory=list, init=False)
     _arrivals: Arrivals = field(default_factory=Arrivals, init=False)
     _events: list[Event] = field(default_factory=list, init=False)
@@ -53,6 +54,7 @@ class Outbox:
             segments=() if segment is None else (segment,),
             events=tuple(self._events),
             frames=tuple(self._frames),
+            torque_averaging_s=self.torque_averaging_s,
         )
         self._rows, self._arrivals, self._events, self._frames = [], Arrivals(), [], []
         for consumer in self.consumers:

@@ -65,7 +65,7 @@ def recording_in(found: Scan, path: Path) -> Recording:
     """The recording as far as the scan found it. Raises UsageError where it is not one of ours."""
     metadata = _metadata(found, path)
     try:
-        measured = _measured(found)
+        measured = _measured(found, float(metadata.get("torque_averaging_s", "0")))
         live = tuple(_estimates(message) for message in _messages(found, ESTIMATES, "Estimates"))
     except (ValueError, KeyError, DecodeError) as error:
         raise UsageError(
@@ -87,13 +87,14 @@ def _fault(found: Scan) -> str:
     return f"damaged in {found.damaged} place{'s' if found.damaged > 1 else ''}"
 
 
-def _measured(found: Scan) -> Measured:
+def _measured(found: Scan, torque_averaging_s: float) -> Measured:
     segments = [_segment(message) for message in _messages(found, SEGMENTS, "Segment")]
     return Measured(
         **{stream.table: _table(found, stream) for stream in STREAMS},
         segments=tuple({segment.index: segment for segment in segments}.values()),
         events=tuple(_event(message) for message in _messages(found, EVENTS, "Event")),
         frames=_frames(found),
+        torque_averaging_s=torque_averaging_s,
     )
 
 

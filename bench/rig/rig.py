@@ -61,3 +61,9 @@ class Rig:
     @property
     def tick_s(self) -> float:
         return self.wiring.tick_ns * 1e-9
+
+    @property
+    def torque_averaging_s(self) -> float:
+        """Over how long the torque sensor averages by itself, where its driver has such an option."""
+        sensor = self.wiring.torque_sensor
+        return 0.0 if sensor is None else float(sensor.options.get("averaging", 0.0))

@@ -253,7 +253,7 @@ def _running(
     progress: Progress,
     stop_request: Callable[[], str | None],
 ) -> Iterator[_Run]:
-    outbox = Outbox()
+    outbox = Outbox(torque_averaging_s=rig.torque_averaging_s)
     devices.link.set_tap(outbox.put_frame)
     loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, stop_request)
     if not backend.lock_step:

@@ -23,6 +23,7 @@ def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[D
         "seed": "" if seed is None else str(seed),
         "command_unit": rig.command.unit,
         "tick_s": repr(rig.tick_s),
+        "torque_averaging_s": repr(rig.torque_averaging_s),
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "devices": "; ".join(
             " ".join(filter(None, (device.driver, device.address, device.hardware, device.firmware)))

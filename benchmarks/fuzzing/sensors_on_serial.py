@@ -107,7 +107,7 @@ class NumberLine(SensorLine):
     _CHARACTERS = re.compile(rb"[-+.0-9eE ]+")
 
     def __init__(self, module: Any, *, end: bytes, unit: str = "", width: int = 0) -> None:
-        super().__init__(module, scale=1.0, width=width, **({"unit": unit} if unit else {}))
+        super().__init__(module, scale=1.0, width=width, **({"unit": unit} if unit else {"averaging": 0.0}))
         self._end, self._unit, self._width = end, unit.encode(), width
         self._signed = module is mantracourt
         self._begun = b""

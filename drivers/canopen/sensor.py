@@ -20,13 +20,13 @@ from drivers.codecs.canopen_torque import PDO_MAX, TorqueField, ValueType
 from drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 from drivers.inbox import Inbox
 from drivers.link import Link
-from drivers.options import DeviceOptions, parse_options
+from drivers.options import TorqueSensorOptions, parse_options
 from drivers.readings import DeviceIdentity, TorqueReading
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
 CONNECTION = "can"
-OPTION_UNITS = {"scale": "N*m", "range": "N*m", "heartbeat": "s", "period": "s"}
+OPTION_UNITS = {"scale": "N*m", "range": "N*m", "heartbeat": "s", "period": "s", "averaging": "s"}
 OPTION_FILES = ("eds",)  # may stand beside the rig file
 
 _STATUS_PDO = 2
@@ -37,7 +37,7 @@ _SILENCE_PERIODS = 3.0
 _CATCH_UP_PERIODS = 100
 
 
-class CanopenSensorOptions(DeviceOptions):
+class CanopenSensorOptions(TorqueSensorOptions):
     """What a rig file may say of a CANopen torque sensor."""
 
     node: int = Field(ge=1, le=protocol.NODE_MAX, description="the sensor's CANopen node id, 1 to 127", examples=[3])

@@ -146,7 +146,7 @@ def test_lines_from_a_stranger(modem: NullModem, link: Link) -> None:
 
 def test_a_converter_of_a_strangers(modem: NullModem, link: Link) -> None:
     with program(CONVERTER, modem.far):
-        options = {"scale": 0.01, "station": 42, "width": 10}
+        options = {"scale": 0.01, "averaging": 2e-3, "station": 42, "width": 10}
         sensor = mantracourt.open_torque_sensor(settings("mantracourt", modem.near, **options), link)
         sensor.identify(timeout_s=5)
         readings = heard(sensor.take_torque, link, 1.0)
@@ -154,7 +154,7 @@ def test_a_converter_of_a_strangers(modem: NullModem, link: Link) -> None:
         assert {round(reading.torque_nm, 9) for reading in readings} == {0.321}
         link.close()
         confused = mantracourt.open_torque_sensor(
-            settings("mantracourt", modem.near, scale=1.0, station=42, command="NONE"), link
+            settings("mantracourt", modem.near, scale=1.0, averaging=0.0, station=42, command="NONE"), link
         )
         with pytest.raises(DeviceError, match="does not know the command NONE"):
             confused.identify(timeout_s=1)

@@ -86,7 +86,7 @@ def open_ascii(link, device):
 @pytest.fixture
 def open_mantracourt(link, device):
     def opened(direction: int = 1, **options: object):
-        options = {"scale": 0.01, **options}
+        options = {"scale": 0.01, "averaging": 2e-3, **options}
         return mantracourt.open_torque_sensor(
             device("torque_sensor", "mantracourt", direction=direction, **options), link
         )
@@ -398,10 +398,16 @@ def test_an_answer_too_late_is_no_reading(world, link, open_mantracourt):
         (dyn200, {"mode": "polled", "torque_per_digit": 1.0, "station": 0}, r"station = 0: .*its Modbus address"),
         (ascii_lines, {}, r"needs scale: N\*m per unit of the number"),
         (ascii_lines, {"scale": 1.0, "field": 0}, r"field = 0: .*counted from 1"),
-        (mantracourt, {}, r"needs scale: N\*m per unit of its output"),
-        (mantracourt, {"scale": 1.0, "station": 0}, r"station = 0: station 000 is all stations at once, and none"),
-        (mantracourt, {"scale": 1.0, "station": 1000}, r"station = 1000: .*1 to 999"),
-        (mantracourt, {"scale": 1.0, "command": "sout"}, r"command = 'sout': a command is one to four capital letters"),
+        (mantracourt, {"averaging": 0.002}, r"needs scale: N\*m per unit of its output"),
+        (mantracourt, {"scale": 1.0}, r"needs averaging: how old its last measurement may be when it is asked"),
+        (mantracourt, {"scale": 1.0, "averaging": 0.2}, r"averaging = 0\.2: .*less than or equal to 0\.05"),
+        (
+            mantracourt,
+            {"scale": 1.0, "averaging": 0, "station": 0},
+            r"station = 0: station 000 is all stations at once, and none",
+        ),
+        (mantracourt, {"scale": 1.0, "averaging": 0, "station": 1000}, r"station = 1000: .*1 to 999"),
+        (mantracourt, {"scale": 1.0, "averaging": 0, "command": "sout"}, r"command = 'sout': a command is one to four"),
     ],
 )
 def test_wrong_options_are_one_sentence_with_the_place(link, device, driver, options, sentence):

@@ -174,7 +174,7 @@ def test_a_line_without_a_number(open_host: Callable[..., Host]) -> None:
 
 @pytest.fixture
 def converter(open_host: Callable[..., Host]) -> Host:
-    host = open_host("mantracourt", scale=0.01, station=42)
+    host = open_host("mantracourt", scale=0.01, averaging=2e-3, station=42)
     host.sensor.signal.force(0.321)
     host.hear(5)
     return host

@@ -31,7 +31,7 @@ VARIANTS = {
     "polled": ({PUSHED: 'mode = "polled"\ntorque_per_digit = "1 mN*m"\n'}, 200),
     "polled without silence": ({PUSHED: 'mode = "polled"\ntorque_per_digit = "1 mN*m"\nsilence = "0 s"\n'}, 333),
     "ascii": ({'"dyn200"': '"ascii"', PUSHED: 'scale = 1\nunit = "Nm"\nwidth = 11\n'}, 500),
-    "mantracourt": ({'"dyn200"': '"mantracourt"', PUSHED: "scale = 0.001\nwidth = 10\n"}, 280),
+    "mantracourt": ({'"dyn200"': '"mantracourt"', PUSHED: 'scale = 0.001\nwidth = 10\naveraging = "2 ms"\n'}, 280),
     "0.5": ({FIRMWARE: 'firmware = "0.5"'}, 1000),
     "0.5 counting": ({FIRMWARE: 'firmware = "0.5"\nposition = "counts"'}, 1000),
     "0.5 asked": ({FIRMWARE: 'firmware = "0.5"\nask = true'}, 1000),

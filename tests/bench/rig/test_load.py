@@ -235,7 +235,7 @@ ONE_MISTAKE = {
     ),
     "a lost answer": (
         'driver = "bota"\nport = "/dev/ttyUSB0"\naxis = "z"',
-        'driver = "mantracourt"\nport = "/dev/ttyUSB0"\nscale = 0.001\ntimeout = "8 ms"',
+        'driver = "mantracourt"\nport = "/dev/ttyUSB0"\nscale = 0.001\naveraging = "2 ms"\ntimeout = "8 ms"',
         "r.toml: [torque_sensor] timeout: 8 ms is not below [limits] stale_after = 8 ms: one lost answer would end the "
         "experiment; shorten timeout or lengthen stale_after",
     ),
