@@ -45,9 +45,15 @@ def parse_options(model: type[Options], settings: DeviceSettings) -> Options:
         raise WiringError(_sentence(error, model, settings)) from error
 
 
+def written_as(model: type[DeviceOptions], name: str) -> str:
+    """What a rig file calls the option: a default that is no good is told of under the field's own name."""
+    field = model.model_fields.get(name)
+    return (field.alias if field is not None else None) or name
+
+
 def _sentence(error: ValidationError, model: type[DeviceOptions], settings: DeviceSettings) -> str:
     mistake = error.errors()[0]
-    name = str(mistake["loc"][0]) if mistake["loc"] else "options"
+    name = written_as(model, str(mistake["loc"][0])) if mistake["loc"] else "options"
     hints = {field.alias or key: field.description or "" for key, field in model.model_fields.items()}
     if mistake["type"] == "missing":
         return f'[{settings.role}] driver = "{settings.driver}" needs {name}: {hints[name]}'

@@ -41,8 +41,9 @@ NARROWEST_CUTOFF = 0.02
 MOST_COGGINGS = 4
 # Of residuals filtered to the full band, so many neighbours count as one.
 CORRELATED = 3.0
-# A step of a hundredth of a deviation.
+# A step of a hundredth, and of a tenth, of a deviation.
 NOTHING_GAINED = 1e-4
+LITTLE_GAINED = 1e-2
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 
 
@@ -229,7 +230,7 @@ def _iterate(regression: Regression, shape: Shape, *, most_steps: int) -> Soluti
     return at.solution(regression, converged=converged)
 
 
-def _shortened(step: FloatArray) -> Iterator[FloatArray]:
+def shortened(step: FloatArray) -> Iterator[FloatArray]:
     """Each unknown held to its longest step; and, where that leads nowhere, all of them in the step's own direction:
     a lag and a delay that stand for each other must be moved together."""
     clipped = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
@@ -250,11 +251,12 @@ def _descend(regression: Regression, at: _At, *, most_steps: int, within: FloatA
         # What the data hardly tell, such as a bandwidth far above theirs, may wander on for ever.
         if np.all(np.abs(step) < within) or abs(squared_deviations) < NOTHING_GAINED:
             return at, True
-        moved = (np.clip(at.shape.as_array() + each, low, high) for each in _shortened(step))
+        moved = (np.clip(at.shape.as_array() + each, low, high) for each in shortened(step))
         better = (trial for each in moved if (trial := _At.of(regression, Shape.of(each))).cost < at.cost)
         found = next(better, None)
         if found is None:
             # Gauss-Newton cannot improve: at the minimum to within rounding, or held by the box.
-            return at, bool(np.all(np.abs(step) < 100 * within))
+            little = abs(squared_deviations) < LITTLE_GAINED or bool(np.all(np.abs(step) < 100 * within))
+            return at, little
         at = found
     return at, False

@@ -19,7 +19,7 @@ from bench.rig.mistakes import Mistakes, keys_of, sentence
 from bench.rig.schema import DeviceSection
 from bench.units import parse_quantity
 from drivers import registry
-from drivers.options import DeviceOptions
+from drivers.options import DeviceOptions, written_as
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def _check(
         model.model_validate(options)
     except ValidationError as error:
         for details in error.errors():
-            key = str(details["loc"][0]) if details["loc"] else ""
+            key = written_as(model, str(details["loc"][0])) if details["loc"] else ""
             if key not in told:
                 mistakes.add(
                     f"[{role}] {key}".strip(), _explained(sentence(details, model, key, written.get(key)), model, key)

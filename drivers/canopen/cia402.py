@@ -11,7 +11,7 @@ from contextlib import suppress
 from math import tau
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from drivers.canopen import ascent, host_watch, process_data
 from drivers.canopen.master import Master, master_of
@@ -85,7 +85,8 @@ class Cia402Options(DeviceOptions):
         None,
         alias="torque_slope",
         gt=0,
-        description="how fast a profile torque may rise (6087h); without it the drive's own setting stands",
+        validate_default=True,
+        description="how fast a profile torque may rise (6087h): a slow ramp looks like a lag",
         examples=["1000 N*m/s"],
     )
     watchdog_s: float = Field(
@@ -116,6 +117,13 @@ class Cia402Options(DeviceOptions):
         protocol.NODE_MAX, ge=1, le=protocol.NODE_MAX, description="our own node id, whose heartbeat the drive watches"
     )
     eds: str = Field("cia402", description="the drive's EDS file, or the name of a shipped one")
+
+    @field_validator("torque_slope_nm_s")
+    @classmethod
+    def _is_there_for_profile_torque(cls, slope: float | None, info: ValidationInfo) -> float | None:
+        if slope is None and info.data.get("mode") == "profile torque":
+            raise ValueError('mode = "profile torque" needs it')
+        return slope
 
     @field_validator("period_s")
     @classmethod

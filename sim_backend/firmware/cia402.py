@@ -25,7 +25,7 @@ from sim_backend.plant import Machine
 DEVICE_TYPE = 0x00020192  # a servo drive of profile 402
 MAX_TORQUE_PER_MILLE = 3000
 SLOPE_PER_MILLE_S = 1000  # of a profile torque, until it is set
-CONTROL_PERIOD_MS = 1.0
+CONTROL_PERIOD_MS = 0.25  # of the profile's generator
 QUICK_STOP_MS = 10.0
 WARMING_PERIOD_NS = 10_000_000
 
@@ -59,6 +59,7 @@ class Cia402Drive:
         self._zero_counts = 0
         self._frozen: tuple[int, int] | None = None
         self._ramp = Timer(site.world, site.clock_ppm)
+        self._goal = 0
         self._quick_stop = Timer(site.world, site.clock_ppm)
         self._add_settings()
         self._add_command()
@@ -259,10 +260,13 @@ class Cia402Drive:
         if self._mode.value == Mode.CYCLIC_SYNCHRONOUS_TORQUE:
             self._give(goal)
         elif self._mode.value == Mode.PROFILE_TORQUE:
-            self._ramp.start(CONTROL_PERIOD_MS, lambda: self._approach(goal))
+            self._goal = goal
+            if not self._ramp.running:  # it keeps its own time, however often it is told a new goal
+                self._ramp.start(CONTROL_PERIOD_MS, self._approach)
 
-    def _approach(self, goal: int) -> None:
+    def _approach(self) -> None:
         """One period of a profile torque."""
+        goal = self._goal
         step = self._slope.value * CONTROL_PERIOD_MS * 1e-3
         self._give(min(max(goal, self._demand - step), self._demand + step))
         if self._demand == goal:

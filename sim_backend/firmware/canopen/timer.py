@@ -11,6 +11,7 @@ class Timer:
     def __init__(self, world: World, clock_ppm: float) -> None:
         self._world = world
         self._ns_per_ms = 1e6 * (1 + clock_ppm * 1e-6)
+        self.running = False
         self._period_ns = 0
         self._action: Callable[[], None] = _nothing
         self._round = 0  # of which start; what an earlier one has planned is void
@@ -20,10 +21,12 @@ class Timer:
         self.stop()
         self._period_ns = round(period_ms * self._ns_per_ms)
         self._action = action
-        if self._period_ns > 0:
+        self.running = self._period_ns > 0
+        if self.running:
             self._plan(self._round)
 
     def stop(self) -> None:
+        self.running = False
         self._round += 1
 
     def _plan(self, started: int) -> None:

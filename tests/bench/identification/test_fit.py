@@ -100,6 +100,22 @@ def test_other_true_values_are_found_as_well(seed):
     assert np.all(np.abs(deviates(result, truth)) < 4.5)
 
 
+def test_a_sensor_that_averages_is_no_lag_of_the_amplifier(experiment, result):
+    """Three readings are as wide as 2.83 ms of a flat average."""
+    torque, window_s = experiment.torque.copy(), np.sqrt(8.0) * TICK_S
+    torque["torque_nm"] = np.convolve(torque["torque_nm"], np.full(3, 1 / 3), "same")
+    averaged = replace(experiment, torque=torque)
+    not_told = fit(averaged, command_unit="N*m", tick_s=TICK_S)
+    told = fit(replace(averaged, torque_averaging_s=window_s), command_unit="N*m", tick_s=TICK_S)
+    for name in ("amplifier_bandwidth", "inertia"):
+        known, found = result.estimate(name), told.estimate(name)
+        assert found.value == pytest.approx(known.value, abs=2 * found.std)
+        assert found.std > 2 * known.std
+    lag = not_told.estimate("amplifier_bandwidth")
+    assert lag.value < 0.92 * result.estimate("amplifier_bandwidth").value
+    assert result.estimate("amplifier_bandwidth").value - lag.value > 5 * lag.std
+
+
 def test_a_sensor_without_a_clock_of_its_own_will_do():
     measured = synthetic.experiment(2, bench=Bench(device_clock=False), free=False, blocked=False)
     result = fit(measured, command_unit="N*m", tick_s=TICK_S)

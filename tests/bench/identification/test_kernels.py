@@ -32,6 +32,24 @@ def test_a_derivative_has_the_low_passs_own_gain(derivative):
         assert differentiated == pytest.approx(plain * (2j * np.pi * frequency) ** derivative, rel=2e-3)
 
 
+@pytest.mark.parametrize("window", [0.3, 2.0, 5.0])
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+def test_a_kernel_that_averages_besides_has_the_averages_gain_too(window, derivative):
+    averaging = FULL_BAND.averaging(window)
+    offsets = np.arange(-12, 12.01, 0.25)
+    for frequency in (0.01, 0.05, 0.1):
+        wave = np.exp(2j * np.pi * frequency * offsets)
+        plain = FULL_BAND.taps(offsets, derivative) @ wave
+        assert averaging.taps(offsets, derivative) @ wave == pytest.approx(
+            plain * np.sinc(frequency * window), rel=5e-3
+        )
+    assert averaging.energy(derivative) < FULL_BAND.energy(derivative)
+
+
+def test_a_kernel_that_averages_over_nothing_is_the_same():
+    assert FULL_BAND.averaging(0.0) is FULL_BAND
+
+
 def test_resampling_keeps_what_is_below_a_quarter_of_the_rate():
     times = np.arange(400) * 1e-3 + 0.0003
     grid = 0.05 + np.arange(1000) * 0.25e-3

@@ -1,6 +1,7 @@
 """What stands between the readings and the normal equations."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,7 +10,16 @@ from hypothesis import strategies as st
 
 from bench.identification.kernels import FULL_BAND
 from bench.identification.regression import INERTIA, VISCOUS, Memory, Regression, Shape
-from bench.identification.separable import NARROWEST_CUTOFF, normal_solution, solve, worthwhile_band
+from bench.identification.separable import (
+    LONGEST_STEP,
+    LOW_BAND,
+    NARROWEST_CUTOFF,
+    normal_solution,
+    shortened,
+    solve,
+    told,
+    worthwhile_band,
+)
 from bench.identification.signals import signals
 from bench.segments import Use
 from tests.bench.identification import synthetic
@@ -79,3 +89,34 @@ def test_a_fine_encoder_leaves_the_full_band(experiment):
     stretches = signals(experiment, TICK_S, Use.IDENTIFY)
     solution = solve(stretches)
     assert worthwhile_band(solution.regression, solution) == FULL_BAND
+
+
+def test_the_widest_band_is_what_the_slowest_sensor_tells(experiment):
+    (stretch,) = signals(experiment, TICK_S, Use.IDENTIFY)[:1]
+    assert told([stretch], FULL_BAND) == FULL_BAND
+    slow = told([stretch, replace(stretch, torque_period_s=5 * TICK_S)], FULL_BAND)
+    assert (slow.cutoff, slow.half_width) == pytest.approx((FULL_BAND.cutoff / 5, FULL_BAND.half_width * 5))
+    assert told([replace(stretch, torque_period_s=5 * TICK_S)], LOW_BAND).cutoff <= LOW_BAND.cutoff
+
+
+@given(st.lists(st.floats(-20, 20), min_size=4, max_size=4).map(np.array))
+def test_a_step_that_is_too_long_is_tried_clipped_and_then_straight(share):
+    step = share * LONGEST_STEP
+    tried = list(shortened(step))
+    half = len(tried) // 2
+    assert all(np.all(np.abs(each) <= LONGEST_STEP * (1 + 1e-12)) for each in tried)
+    assert tried[0] == pytest.approx(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
+    assert tried[half] * max(1.0, np.max(np.abs(share))) == pytest.approx(step)
+    assert [np.abs(b).max() <= np.abs(a).max() for a, b in pairwise(tried[:half])] == [True] * (half - 1)
+
+
+def test_what_a_slow_sensor_hardly_tells_is_settled_all_the_same():
+    """A lag and a delay that stand for each other in so low a band: clipped each for itself, no step went downhill."""
+    unsettled = []
+    for seed in range(3):
+        measured = synthetic.experiment(seed, blocked=False, imposed=False)
+        torque = measured.torque[::6]
+        torque["sequence"] = np.arange(len(torque))
+        stretches = signals(replace(measured, torque=torque), TICK_S, Use.IDENTIFY)
+        unsettled += [seed] * (not solve(stretches).converged)
+    assert unsettled == []

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from bench.models.parameters import Status
+from bench.models.parameters import Estimate, Status
 from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
-from bench.rig.load import load_rig
+from bench.rig.load import load_rig, parse_rig
+from bench.rig.rig import Rig
 from bench.session.engine import run_session
 from bench.session.schema import Session, Step
 from sim_backend.tools import true_parameters
@@ -26,6 +27,20 @@ SESSION = Session(
 )
 
 
+def identified(rig: Rig, out: Path) -> dict[str, Estimate]:
+    """The parameters by name, each within its own deviations of the true one."""
+    fit = run_session(rig, SESSION, out=out, seed=SEED).conclusion.fit
+    assert fit is not None
+    found = {estimate.name: estimate for estimate in fit.estimates}
+    truth = true_parameters(rig.simulated, seed=SEED, place="", command_unit=rig.command.unit)
+    assert set(found) == set(truth)
+    for name, (true, unit) in truth.items():
+        estimate = found[name]
+        assert (estimate.unit, estimate.status) == (unit, Status.VALID)
+        assert 0.0 < abs(estimate.value - true) < GREATEST_DEVIATION_STD * estimate.std, name
+    return found
+
+
 @pytest.mark.parametrize(
     ("rig_name", "current_known_to"),
     [
@@ -36,16 +51,13 @@ SESSION = Session(
 def test_every_parameter_is_found_within_its_own_deviation(
     rig_name: str, current_known_to: tuple[float, float], tmp_path: Path
 ) -> None:
-    rig = load_rig(RIGS / f"{rig_name}.toml")
-    fit = run_session(rig, SESSION, out=tmp_path, seed=SEED).conclusion.fit
-    assert fit is not None
-    found = {estimate.name: estimate for estimate in fit.estimates}
-    truth = true_parameters(rig.simulated, seed=SEED, place="", command_unit=rig.command.unit)
-    assert set(found) == set(truth)
-    for name, (true, unit) in truth.items():
-        estimate = found[name]
-        assert (estimate.unit, estimate.status) == (unit, Status.VALID)
-        assert 0.0 < abs(estimate.value - true) < GREATEST_DEVIATION_STD * estimate.std, name
+    found = identified(load_rig(RIGS / f"{rig_name}.toml"), tmp_path)
     least, most = current_known_to
     for name in ("torque_constant", "amplifier_gain"):
         assert least < found[name].std / found[name].value < most, name
+
+
+def test_a_drive_in_profile_torque_is_found_as_well(tmp_path: Path) -> None:
+    text, mode = (RIGS / "sim-cia402.toml").read_text(), 'mode = "cyclic synchronous torque"'
+    ramping = 'mode = "profile torque"\ntorque_slope = "1000 N*m/s"'
+    assert identified(parse_rig(text.replace(mode, ramping, 1), place="ramping.toml"), tmp_path)

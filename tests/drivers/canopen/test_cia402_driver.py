@@ -263,6 +263,7 @@ def test_an_eds_file_that_is_none(drive, open_drive, tmp_path, content):
         ({"watchdog": 0.01}, r"watchdog = 0\.01: shorter than a computer"),
         ({"period": 1.5e-3}, r"period = 0\.0015: a drive's timers count whole milliseconds"),
         ({"mode": "position"}, r"mode = 'position'"),
+        ({"mode": "profile torque"}, r'torque_slope = None: mode = "profile torque" needs it \(how fast'),
     ],
 )
 def test_wrong_options(drive, open_drive, options, sentence):
