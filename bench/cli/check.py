@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from bench.cli.arguments import Backend, Json, RigFile, Seed
-from bench.cli.exits import exit_code_of
 from bench.cli.found import check_data, check_view
 from bench.cli.interrupt import operator_stop
 from bench.cli.output import Output
 from bench.errors import ExitCode
+from bench.session.failure import exit_code_of
 
 if TYPE_CHECKING:
     from drivers.discovery import FoundPort

@@ -18,17 +18,20 @@ from bench.loop.outbox import Outbox
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import make_procedures
 from bench.procedures.knowledge import Adaptive, Knowledge, Procedure
+from bench.procedures.tare import TareProcedure
 from bench.recording.recorder import Recorder
 from bench.records import Measured, join
 from bench.rig.rig import Rig
 from bench.segments import Segment
 from bench.session.conclusion import Conclusion, conclude
+from bench.session.desk import Desk
 from bench.session.live_feed import InlineFeed, LiveFeed, ProcessFeed
 from bench.session.operator import Nobody, Operator
-from bench.session.progress import PlannedStep, Progress, Silent
+from bench.session.progress import PlannedStep, Progress, SessionState, Silent
 from bench.session.provenance import provenance
 from bench.session.rehearsal import Rehearsed, rehearsed
 from bench.session.schema import Session
+from bench.session.summary import summary_of, summary_of_failure
 from bench.session.supervision import told_to_guard, verify_watchdogs
 from bench.session.warm_up import warm_up
 from drivers.backend import Backend
@@ -72,6 +75,7 @@ class _Run:
     knowledge: Knowledge
     progress: Progress
     recorder: Recorder
+    desk: Desk
     parts: list[Measured] = field(default_factory=list)
     live: list[LiveEstimate] = field(default_factory=list)
 
@@ -87,6 +91,7 @@ class _Run:
         for event in part.events:
             if event.kind in TROUBLES:
                 self.progress.note(event.text)
+        self.desk.listen()
 
     def step(self, step: Procedure | Adaptive) -> None:
         """Carry out one procedure, or all those that an adaptive step decides on, one after the other."""
@@ -99,6 +104,25 @@ class _Run:
             self._carry_out(decision.procedure)
         self.progress.note(decision.said)
         self.knowledge = decision.known
+
+    def checkpoint(self) -> None:
+        """Between procedures: what was ordered meanwhile. Raises OperatorStopError, and as a tare does."""
+        desk = self.desk
+        desk.listen()
+        desk.obey_stop()
+        while desk.paused or desk.wants_tare:
+            if desk.wants_tare:
+                desk.wants_tare = False
+                self._tare()
+            desk.wait()
+
+    def _tare(self) -> None:
+        self._carry_out(TareProcedure())
+        tare, calibration = self.knowledge.tare, self.knowledge.calibration
+        assert tare is not None
+        self.progress.note(f"tare: {tare.torque_bias_nm:+.3g} N*m at rest, noise {tare.torque_noise_nm:.2g} N*m")
+        if calibration is not None:  # measured with the shaft moving: friction has no share in it
+            self.progress.note(f"the bias found by 'calibrate', {calibration.torque_bias_nm:+.3g} N*m, stays in use")
 
     def _carry_out(self, procedure: Procedure) -> None:
         self.learn(carry_out(procedure, self.knowledge, self.loop, self._foresee))
@@ -136,9 +160,27 @@ def run_session(
 ) -> SessionResult:
     """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
 
-    Raises as :func:`record_session` does, and ExperimentError where the data tell nothing.
+    ``progress`` is told the result however the session ends. Raises as :func:`record_session` does, and ExperimentError
+    where the data tell nothing.
     """
+    progress = progress or Silent()
+    before = set(out.glob("*.mcap"))
+    try:
+        result = _run_session(rig, session, out, seed, progress, operator)
+    except BaseException as error:
+        progress.state(SessionState.FAILED)
+        progress.result(summary_of_failure(error, set(out.glob("*.mcap")) - before))
+        raise
+    progress.state(SessionState.DONE)
+    progress.result(summary_of(result.recording, result.conclusion))
+    return result
+
+
+def _run_session(
+    rig: Rig, session: Session, out: Path, seed: int | None, progress: Progress, operator: Operator | None
+) -> SessionResult:
     done = record_session(rig, session, out=out, seed=seed, progress=progress, operator=operator)
+    progress.state(SessionState.CONCLUDING)
     refined = done.knowledge.refinement
     conclusion = conclude(
         done.measured,
@@ -187,6 +229,7 @@ def record_procedures(
     progress = progress or Silent()
     operator = operator or Nobody()
     progress.plan([PlannedStep(procedure.name, procedure.duration_s(rig)) for procedure in procedures])
+    progress.state(SessionState.PREPARING)
     warm_up()
     if backend is None:
         backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
@@ -220,9 +263,11 @@ def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], rehears
     clock, begun_s = run.loop.devices.clock, perf_counter()
     begun_ns = clock.now_ns()
     rehearsal.begin(None)
+    run.progress.state(SessionState.RUNNING)
     for index, procedure in enumerate(procedures):
         run.progress.step(index, procedure.name)
         rehearsal.begin(procedure.name)
+        run.checkpoint()
         run.step(procedure)
     bench_s, took_s = (clock.now_ns() - begun_ns) * 1e-9, perf_counter() - begun_s
     run.progress.note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x); now the final fit")
@@ -261,7 +306,11 @@ def _running(
     if not backend.lock_step:
         loop.on_time = punctual
     feed = (InlineFeed if backend.lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
-    run = _Run(rig, loop, feed, Knowledge(rig), progress, recorder)
+
+    def put_away(kind: str, said: str) -> None:
+        outbox.put_event(devices.clock.now_ns(), kind, said)
+
+    run = _Run(rig, loop, feed, Knowledge(rig), progress, recorder, Desk(operator, progress, put_away))
     outbox.consumers = (run.take,)
     try:
         yield run

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from bench.cli import app
-from bench.cli.exits import exit_code_of
 from bench.errors import BenchError, ExitCode, ExperimentError, OperatorStopError, RigError, SafetyStopError, UsageError
+from bench.session.failure import exit_code_of
 from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
 
 ROOT = Path(__file__).parents[3]

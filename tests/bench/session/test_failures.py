@@ -111,7 +111,7 @@ def test_the_operator_stops_halfway(bench: Bench) -> None:
     assert "space was pressed" in said
     assert bench.armed() == []
     assert_ended_in_order(recording, "space was pressed")
-    assert len(recording.measured.ticks) == 1500
+    assert 1490 < len(recording.measured.ticks) <= 1500
     assert set(last_states(recording).values()) == {AxisState.IDLE}
 
 

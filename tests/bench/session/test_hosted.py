@@ -1,0 +1,144 @@
+"""A session in a child: told from afar as it is from near, and over, with the drives idle, when its watcher is."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from bench.errors import ExitCode
+from bench.recording.reader import read_recording
+from bench.rig.load import load_rig
+from bench.session.hosted import HostedSession
+from bench.session.news import News, PartNews, PlanNews, ResultNews, StateNews, StepNews
+from bench.session.operator import Order
+from bench.session.progress import SessionState
+from bench.session.schema import parse_session
+
+ROOT = Path(__file__).parents[3]
+RIG = load_rig(ROOT / "rigs" / "sim-odrive.toml")
+SHORT = '[[step]]\ndo = "tare"\nduration = "500 ms"\n[[step]]\ndo = "calibrate"\nduration = "2 s"\n'
+# Several minutes of bench time: stopped long before its end.
+LONG = SHORT + '[[step]]\ndo = "imposed"\nduration = "600 s"\n'
+WAIT_S = 60.0
+
+
+def hosted(out: Path, text: str) -> HostedSession:
+    return HostedSession(RIG, parse_session(text, place="test"), out=out, seed=1)
+
+
+def until(session: HostedSession, enough: Callable[[News], bool]) -> list[News]:
+    """All news up to the first that is ``enough``, and what came with it."""
+    heard: list[News] = []
+    end = time.monotonic() + WAIT_S
+    while not any(map(enough, heard)):
+        assert time.monotonic() < end, heard[-3:]
+        heard += session.news()
+        time.sleep(0.01)
+    return heard
+
+
+def over(news: News) -> bool:
+    return isinstance(news, ResultNews)
+
+
+def summary(heard: list[News]) -> ResultNews:
+    assert isinstance(heard[-1], ResultNews)
+    return heard[-1]
+
+
+@pytest.fixture(scope="module")
+def heard(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[News]]:
+    with hosted(tmp_path_factory.mktemp("short"), SHORT) as session:
+        session.order(Order("mark", "the fan was on"))
+        yield until(session, over)
+
+
+def test_the_news_are_those_of_a_session(heard: list[News]) -> None:
+    (plan,) = (news for news in heard if isinstance(news, PlanNews))
+    assert [step.name for step in plan.steps] == ["tare", "calibrate"]
+    assert [news.name for news in heard if isinstance(news, StepNews)] == ["tare", "calibrate"]
+    states = [news.state for news in heard if isinstance(news, StateNews)]
+    assert states[0] is SessionState.PREPARING
+    assert states[-3:] == [SessionState.RUNNING, SessionState.CONCLUDING, SessionState.DONE]
+    assert summary(heard).summary.exit_code == ExitCode.OK
+
+
+def test_the_parts_are_what_was_recorded(heard: list[News]) -> None:
+    parts = [news for news in heard if isinstance(news, PartNews)]
+    path = summary(heard).summary.recording
+    assert path is not None
+    recorded = read_recording(path).measured
+    ticks = sum(len(news.measured.ticks) for news in parts)
+    assert ticks > 2000
+    assert ticks == len(recorded.ticks) or any(news.lost for news in parts)
+    assert parts[-1].measured.frames == ()
+
+
+def test_a_stop_ends_it_at_once(tmp_path: Path) -> None:
+    with hosted(tmp_path, LONG) as session:
+        until(session, lambda news: isinstance(news, PartNews))
+        session.stop("space")
+        end = summary(until(session, over)).summary
+    assert end.exit_code == ExitCode.INTERRUPTED
+    assert end.failure == "stopped by the operator: space"
+    assert end.recording is not None
+    assert read_recording(end.recording).complete
+    assert not session.running
+
+
+def test_closing_ends_it_too(tmp_path: Path) -> None:
+    session = hosted(tmp_path, LONG)
+    until(session, lambda news: isinstance(news, PartNews))
+    session.close()
+    assert not session.running
+    assert read_recording(tmp_path / "sim-odrive.mcap").complete
+
+
+def test_a_child_that_dies_is_told_of(tmp_path: Path) -> None:
+    with hosted(tmp_path, LONG) as session:
+        until(session, lambda news: isinstance(news, PartNews))
+        assert session.pid is not None
+        os.kill(session.pid, signal.SIGKILL)
+        end = summary(until(session, over)).summary
+    assert end.exit_code == ExitCode.EXPERIMENT_FAILED
+    assert "exit code -9" in end.failure
+    assert "norton-bench recover" in end.failure
+
+
+WATCHER = """
+import sys, time
+from pathlib import Path
+from bench.rig.load import load_rig
+from bench.session.hosted import HostedSession
+from bench.session.news import PartNews
+from bench.session.schema import parse_session
+if __name__ == "__main__":
+    session = HostedSession(load_rig(sys.argv[1]), parse_session(sys.argv[3], place="test"), out=Path(sys.argv[2]))
+    while not any(isinstance(news, PartNews) for news in session.news()):
+        time.sleep(0.01)
+    print(session.pid, flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_watcher_that_is_killed_stops_the_session_and_leaves_the_recording_whole(tmp_path: Path) -> None:
+    (tmp_path / "watcher.py").write_text(WATCHER)
+    command = [sys.executable, "watcher.py", str(ROOT / "rigs" / "sim-odrive.toml"), str(tmp_path), LONG]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True) as watcher:
+        assert watcher.stdout is not None
+        child = int(watcher.stdout.readline())
+        watcher.kill()
+    end = time.monotonic() + WAIT_S
+    while Path(f"/proc/{child}").exists() and "zombie" not in Path(f"/proc/{child}/status").read_text():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    recording = read_recording(tmp_path / "sim-odrive.mcap")
+    assert recording.complete
+    (stop,) = (event for event in recording.measured.events if event.kind == "stop")
+    assert "whoever watched is gone" in stop.text
