@@ -57,7 +57,8 @@ class Experiment:
 
     @property
     def summary(self) -> Summary | None:
-        return self.picture.summary
+        """How it ended; of a replay what the recording was found to tell."""
+        return self.picture.summary if self.replay is None else self.replay.summary
 
     def start(self) -> None:
         """Begin, or begin again after the end."""

@@ -30,7 +30,9 @@ def torque(picture: Picture, window_s: float) -> Figure:
 
 def velocity(picture: Picture, window_s: float) -> Figure:
     """The actuator's velocity, and beside it, dashed, the one that the load was told to follow."""
-    return _over_time(picture, window_s, "Velocity", "rad/s", ("velocity_rad_s", "reference_velocity_rad_s"), feet=False)
+    return _over_time(
+        picture, window_s, "Velocity", "rad/s", ("velocity_rad_s", "reference_velocity_rad_s"), feet=False
+    )
 
 
 def command(picture: Picture, window_s: float) -> Figure:
@@ -50,7 +52,8 @@ def torque_position(picture: Picture) -> Figure:
     rows, fresh = _of_segment(picture)
     position = rows["position_rad"]
     middle = (position.max() + position.min()) / 2 if len(position) else 0.0
-    return _phase("Torque – position", Axis("position", "rad", LEAST["rad"]), position - middle, rows["torque_nm"], fresh)  # fmt: skip
+    x = Axis("position", "rad", LEAST["rad"])
+    return _phase("Torque – position", x, position - middle, rows["torque_nm"], fresh)
 
 
 def source(picture: Picture) -> Figure:
@@ -58,14 +61,17 @@ def source(picture: Picture) -> Figure:
     seen, unit = picture.source, picture.rig.command.unit
     rising, falling = seen.branch(rising=True), seen.branch(rising=False)
     traces = (Trace(seen.cloud[:, 0], seen.cloud[:, 1], tone=2, cloud=True), *_identified(picture))
-    markers = (Markers(*rising.T, RISING, 0), Markers(*falling.T, FALLING, 1)) if len(rising) or len(falling) else ()
+    markers = (
+        Markers(rising[:, 0], rising[:, 1], RISING, 0),
+        Markers(falling[:, 0], falling[:, 1], FALLING, 1),
+    )
     levels = len(rising) + len(falling)
     return Figure(
         "Motion source",
         Axis("command", unit, LEAST.get(unit, 1e-3)),
         Axis("velocity", "rad/s", LEAST["rad/s"]),
         tuple(trace for trace in traces if len(trace.x)),
-        markers,
+        tuple(each for each in markers if len(each.x)),
         f"{RISING}{FALLING} {levels} levels" if levels else "",
         empty="fills in while the step 'free' runs",
     )
@@ -83,7 +89,9 @@ def _identified(picture: Picture) -> tuple[Trace, ...]:
     return (Trace(commands, np.sign(driven) * np.maximum(np.abs(driven) - friction, 0) / damping, tone=1),)
 
 
-def _over_time(picture: Picture, window_s: float, title: str, unit: str, names: tuple[str, ...], *, feet: bool = True) -> Figure:
+def _over_time(
+    picture: Picture, window_s: float, title: str, unit: str, names: tuple[str, ...], *, feet: bool = True
+) -> Figure:
     end_s = max(picture.now_s, window_s)
     rows = picture.tape.since(picture.first_ns + round((end_s - window_s) * 1e9))
     time_s = (rows["tick_ns"] - picture.first_ns) * 1e-9
@@ -93,10 +101,11 @@ def _over_time(picture: Picture, window_s: float, title: str, unit: str, names: 
         title,
         Axis(TIME, "s", 1.0, (end_s - window_s, end_s)),
         Axis(title, unit, LEAST.get(unit, 1e-3)),
-        tuple(seen[::-1]),
+        tuple(seen),
         latest=_said(float(rows[names[0]][-1]), unit) if len(rows) else "",
         growing=True,
         feet=feet,
+        legend="╌ asked for" if len(seen) > 1 else "",
     )
 
 

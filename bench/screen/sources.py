@@ -6,7 +6,8 @@ from typing import Protocol
 from bench.rig.rig import Rig
 from bench.session.hosted import HostedSession
 from bench.session.operator import Order
-from bench.session.progress import Progress
+from bench.session.progress import Progress, Summary
+from bench.session.refit import Refit
 from bench.session.replay import Replay
 from bench.session.schema import Session
 
@@ -52,8 +53,19 @@ class Running:
 class Replayed:
     """A recording, which obeys as a session would as far as it can: it stands still, or goes on."""
 
-    def __init__(self, replay: Replay) -> None:
+    def __init__(self, replay: Replay, recording: Path) -> None:
         self.replay = replay
+        self._recording = recording
+        self._refit: Refit | None = None
+
+    @property
+    def summary(self) -> Summary | None:
+        """What follows from the recording, once :meth:`fit` has found it."""
+        return None if self._refit is None else self._refit.summary()
+
+    def fit(self) -> None:
+        """Begin to fit the recording, unless that has begun."""
+        self._refit = self._refit or Refit(self._recording)
 
     def tell(self, watcher: Progress) -> None:
         self.replay.tell(watcher)
@@ -68,4 +80,6 @@ class Replayed:
         self.replay.pause()
 
     def close(self) -> None:
-        """Nothing to end."""
+        if self._refit is not None:
+            self._refit.close()
+            self._refit = None

@@ -28,15 +28,18 @@ def fitted(row: Row, width: int) -> Row:
 
 def apart(left: Row, right: Row, width: int) -> Row:
     """One at either end; where there is no room for both, the left one gives way."""
-    room = width - length(right)
-    return [*fitted(left, max(room - 1, 0)), (" " * min(1, max(room, 0)), TEXT), *fitted(right, min(width, length(right)))]  # fmt: skip
+    room = max(width - length(right), 0)
+    gap = min(1, room)
+    return [*fitted(left, room - gap), (" " * gap, TEXT), *fitted(right, min(width, length(right)))]
 
 
-def heading(title: str, unit: str, latest: str, width: int) -> Row:
-    """One row: title and unit, a rule, and what is to be said at its right end."""
+def heading(title: str, unit: str, latest: str, width: int, legend: str = "") -> Row:
+    """One row: title and unit, what the second tone is, a rule, and what is to be said at its right end."""
     left: Row = [(title, HEADING)] + ([(f" {unit}", UNIT)] if unit else [])
     right: Row = [(f" {latest}", "first")] if latest else []
-    rule = width - length(left) - length(right) - 1
-    if rule < 1:
-        return fitted(left, width)
-    return [*left, (" " + "─" * rule, RULE), *right]
+    explained: Row = [*left, (f"  {legend}", "second")] if legend else left
+    for begin, end in ((explained, right), (left, right), (left, [])):
+        rule = width - length(begin) - length(end) - 1
+        if rule >= 1:
+            return [*begin, (" " + "─" * rule, RULE), *end]
+    return fitted(left, width)

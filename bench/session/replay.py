@@ -32,7 +32,8 @@ class Replay:
         self._stamps = [live.stamp_ns for live in self._live]
         self._steps = _steps(self._measured, self._last_ns)
         self.speed, self.paused = 1.0, False
-        self._rewind(0.0)
+        self._from_s, self._since = 0.0, clock()
+        self._told_ns, self._told_steps, self._told_end = 0, 0, False
 
     @property
     def duration_s(self) -> float:
@@ -69,7 +70,8 @@ class Replay:
 
     def seek(self, to_s: float) -> None:
         """Stand at ``to_s``. Everything up to there is told anew: to a watcher who has forgotten what was told."""
-        self._rewind(min(max(to_s, 0.0), self.duration_s))
+        self._stand_at(min(max(to_s, 0.0), self.duration_s))
+        self._told_ns, self._told_steps, self._told_end = 0, 0, False
 
     def tell(self, watcher: Progress) -> None:
         """All that is new since this was last asked. Returns at once."""
@@ -110,10 +112,6 @@ class Replay:
 
     def _stand_at(self, now_s: float) -> None:
         self._from_s, self._since = now_s, self._clock()
-
-    def _rewind(self, to_s: float) -> None:
-        self._stand_at(to_s)
-        self._told_ns, self._told_steps, self._told_end = 0, 0, False
 
 
 def load_replay(path: Path) -> tuple[Replay, Recording]:

@@ -16,10 +16,9 @@ def health_rows(picture: Picture, width: int, height: int) -> list[Row]:
     """Devices, buses, the loop; the last trouble of each where there is room for it."""
     health = picture.health
     rows = [heading("Bench", "", in_short(health), width)]
-    for pulse in (*health.devices(), *health.buses()):
-        rows.append(_pulse(pulse, width))
-    rows += _loop(picture, width)
-    troubles = [[("▲ ", WARNING), (f"{p.name}: {p.said}", LABEL)] for p in (*health.devices(), *health.buses()) if p.said]
+    pulses = [*health.devices(), *health.buses()]
+    rows += [_pulse(pulse, width) for pulse in pulses] + _loop(picture, width)
+    troubles: list[Row] = [[("▲ ", WARNING), (f"{each.name}: {each.said}", LABEL)] for each in pulses if each.said]
     return [fitted(row, width) for row in (*rows, *troubles)][:height]
 
 
@@ -57,7 +56,7 @@ def _loop(picture: Picture, width: int) -> list[Row]:
     sign, tone = SIGNS["trouble" if found.skipped else "ok"]
     left: Row = [(f"{sign} ", tone), ("loop".ljust(NAME), TEXT), (rate, LABEL)]
     if not found.kept:
-        return [apart(left, [("lock step: time waits for it", LABEL)], width)]
+        return [apart(left, [("lock step, never late", LABEL)], width)]
     skipped = f"{found.skipped} of {found.ran + found.skipped} skipped" if found.skipped else "no tick skipped"
     return [
         apart(left, [(skipped, WARNING if found.skipped else LABEL)], width),

@@ -13,9 +13,11 @@ def log_rows(log: Log, width: int, height: int, *, back: int = 0) -> list[Row]:
     said = f"{back} newer below" if back else ""
     rows = [heading("Events", "", said, width)]
     for line in lines[-max(height - 1, 0) :]:
-        time = "" if line.time_s is None else f"{line.time_s:.1f} s"
+        time = "" if line.time_s is None else f"{line.time_s:.1f} s".replace("-", "−")
         kind = "" if line.kind == "note" else line.kind
         rows.append(
-            fitted([(time.rjust(TIME), LABEL), (f" {kind:<{KIND}}", UNIT), (line.text, TONES.get(line.kind, LABEL))], width)
+            fitted(
+                [(time.rjust(TIME), LABEL), (f" {kind:<{KIND}}", UNIT), (line.text, TONES.get(line.kind, LABEL))], width
+            )
         )
     return rows

@@ -30,7 +30,8 @@ def parameter_rows(known: Known, width: int, height: int) -> list[Row]:
     rows = [heading("Parameters", "95 %", count, width)]
     if not known.estimates:
         return [*rows, [("learnt once the shaft is moved", LABEL)]]
-    return [*rows, *(_row(estimate, known.widths.get(estimate.name, []), width) for estimate in known.estimates)][:height]  # fmt: skip
+    rows += [_row(estimate, known.widths.get(estimate.name, []), width) for estimate in known.estimates]
+    return rows[:height]
 
 
 def _row(estimate: Estimate, widths: list[float], width: int) -> Row:

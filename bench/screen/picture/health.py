@@ -7,6 +7,7 @@ from math import nan
 import numpy as np
 
 from bench.records import Event, Measured, Table
+from bench.report.streams import LEAST_PAUSE_NS
 from bench.rig.rig import Rig
 from drivers.wiring import DeviceSettings
 
@@ -42,14 +43,17 @@ class Stream:
     def __init__(self) -> None:
         self.lost = 0
         self._counts: deque[tuple[int, int]] = deque()
-        self._sequence: int | None = None
+        self._last: tuple[int, int] | None = None  # arrival and sequence number
 
     def take(self, table: Table, now_ns: int) -> None:
         if len(table):
-            first, last = int(table["sequence"][0]), int(table["sequence"][-1])
-            before = first if self._sequence is None else self._sequence + 1
-            self.lost += max(0, last - before + 1 - len(table))
-            self._sequence = last
+            arrivals, numbers = table["arrival_ns"], table["sequence"]
+            if self._last is not None:
+                arrivals, numbers = np.append(self._last[0], arrivals), np.append(self._last[1], numbers)
+            # Between procedures nothing is recorded, and nothing lost.
+            running = np.diff(arrivals) < LEAST_PAUSE_NS
+            self.lost += int(np.maximum(np.diff(numbers)[running] - 1, 0).sum())
+            self._last = int(arrivals[-1]), int(numbers[-1])
         self._counts.append((now_ns, len(table)))
         while self._counts and self._counts[0][0] < now_ns - RATE_OVER_NS:
             self._counts.popleft()

@@ -3,15 +3,19 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from bench.screen.plots import braille
-from bench.screen.plots.axes import Range, label, prefixed, settled, tidy_step, ticks
+from bench.screen.plots.axes import Range, label, prefixed, settled, ticks, tidy_step
 from bench.screen.plots.figure import Axis, Figure, Trace
 from bench.screen.tones import GRID, LABEL, RULE, TRACES, Row, heading
 
 GUTTER = 7  # columns for the numbers at the left, the same for all plots so that they stand in line
 ROWS_A_TICK, COLUMNS_A_TICK = 2, 10
 MOST_TICKS = 6
+
+
+IntArray = npt.NDArray[np.integer]
 
 
 @dataclass
@@ -30,7 +34,7 @@ class Drawer:
         self._settle(figure)
         assert self.x_range is not None
         assert self.y_range is not None
-        head = heading(figure.title, _unit(figure.y, self.y_range), figure.latest, width)
+        head = heading(figure.title, _unit(figure.y, self.y_range), figure.latest, width, figure.legend)
         view = braille.View(*self.x_range, *self.y_range, inner, rows)
         plane = _plane(view, figure, known)
         feet = [_feet(self.x_range, figure.x, inner)] if figure.feet else []
@@ -60,12 +64,12 @@ def _plane(view: braille.View, figure: Figure, traces: list[Trace]) -> list[Row]
     characters = np.where(codes > 0, codes.astype(np.int32) + braille.BLANK, ord(" "))
     tones = np.where(owner >= 0, np.array([*(trace.tone for trace in traces), 0])[owner], -1)
     if view.bottom < 0 < view.top:
-        row = round(float(view.place(np.zeros(1), np.zeros(1))[1][0])) // braille.ROWS
-        bare = codes[row] == 0
-        characters[row, bare], tones[row, bare] = ord("┈"), -2
+        zero = round(float(view.place(np.zeros(1), np.zeros(1))[1][0])) // braille.ROWS
+        bare = codes[zero] == 0
+        characters[zero, bare], tones[zero, bare] = ord("┈"), -2
     for marks in figure.markers:
-        column, row = (np.rint(each).astype(int) for each in view.place(marks.x, marks.y))
-        column, row = column // braille.COLUMNS, row // braille.ROWS
+        x, y = view.place(marks.x, marks.y)
+        column, row = np.rint(x).astype(int) // braille.COLUMNS, np.rint(y).astype(int) // braille.ROWS
         inside = (column >= 0) & (column < view.width) & (row >= 0) & (row < view.height)
         characters[row[inside], column[inside]], tones[row[inside], column[inside]] = ord(marks.sign), marks.tone
     return [_runs(characters[row], tones[row]) for row in range(view.height)]
@@ -78,7 +82,7 @@ def _dots(view: braille.View, trace: Trace, growing: bool) -> braille.Dots:
     return braille.line(view, x, y, dashed=trace.dashed)
 
 
-def _runs(characters: "np.ndarray[tuple[int], np.dtype[np.int32]]", tones: "np.ndarray[tuple[int], np.dtype[np.intp]]") -> Row:  # fmt: skip
+def _runs(characters: IntArray, tones: IntArray) -> Row:
     edges = [0, *(np.flatnonzero(np.diff(tones)) + 1).tolist(), len(tones)]
     text = "".join(map(chr, characters.tolist()))
     names = [GRID if tones[first] < 0 else TRACES[tones[first]] for first in edges[:-1]]

@@ -41,7 +41,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Figure:
-    """One plot. ``latest`` is said at the right of its heading; ``growing`` means that x is time."""
+    """One plot. ``growing`` means that x is time. ``latest`` is said at the right of its heading."""
 
     title: str
     x: Axis
@@ -49,6 +49,7 @@ class Figure:
     traces: tuple[Trace, ...] = ()
     markers: tuple[Markers, ...] = ()
     latest: str = ""
+    legend: str = ""  # what the second tone is
     growing: bool = False
     feet: bool = True  # numbers below; not where the plot beneath shares them
     empty: str = field(default="nothing measured yet")
