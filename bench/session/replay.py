@@ -23,14 +23,14 @@ class Replay:
 
     def __init__(self, recording: Recording, *, clock: Callable[[], float] = perf_counter) -> None:
         """Raises UsageError for a recording without a single tick."""
-        self._measured, self._clock = recording.measured, clock
-        if not len(self._measured.ticks):
+        self.measured, self._clock = recording.measured, clock
+        if not len(self.measured.ticks):
             raise UsageError("the recording holds no tick: nothing was measured, and there is nothing to replay")
-        ticks = self._measured.ticks["tick_ns"]
+        ticks = self.measured.ticks["tick_ns"]
         self._first_ns, self._last_ns = int(ticks[0]), int(ticks[-1])
         self._live = _changes(recording)
         self._stamps = [live.stamp_ns for live in self._live]
-        self._steps = _steps(self._measured, self._last_ns)
+        self._steps = _steps(self.measured, self._last_ns)
         self.speed, self.paused = 1.0, False
         self._from_s, self._since = 0.0, clock()
         self._told_ns, self._told_steps, self._told_end = 0, 0, False
@@ -92,7 +92,7 @@ class Replay:
 
     @property
     def _stopped(self) -> bool:
-        return any(event.kind == STOP for event in self._measured.events)
+        return any(event.kind == STOP for event in self.measured.events)
 
     def _tell_part(self, watcher: Progress, until_ns: int) -> None:
         """The measurements up to there, cut where the estimates changed."""
@@ -106,7 +106,7 @@ class Replay:
     def _piece(self, until_ns: int) -> Measured:
         # What was said before the first tick is told with it.
         since_ns = 0 if self._told_ns == self._first_ns else self._told_ns
-        piece = self._measured.between(since_ns, until_ns)
+        piece = self.measured.between(since_ns, until_ns)
         self._told_ns = until_ns
         return piece
 

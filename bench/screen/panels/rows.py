@@ -8,7 +8,7 @@ from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 
-from bench.screen.tones import TONES, Row
+from bench.screen.tones import TONES, Row, fitted
 
 
 class Rows(Widget):
@@ -20,6 +20,7 @@ class Rows(Widget):
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002  (textual's own name)
         super().__init__(id=id)
         self._drawn: list[Strip] | None = None
+        self._styles: dict[str, Style] = {}
 
     @abstractmethod
     def draw(self, width: int, height: int) -> list[Row]:
@@ -33,6 +34,7 @@ class Rows(Widget):
 
     def notify_style_update(self) -> None:
         self._drawn = None
+        self._styles.clear()
         super().notify_style_update()
 
     def on_resize(self) -> None:
@@ -41,13 +43,16 @@ class Rows(Widget):
     def render_line(self, y: int) -> Strip:
         width = self.size.width
         if self._drawn is None:
-            styles: dict[str, Style] = {}
-            self._drawn = [self._strip(row, width, styles) for row in self.draw(width, self.size.height)]
-        return self._drawn[y] if y < len(self._drawn) else Strip.blank(width, self.rich_style)
+            self._drawn = [self._strip(row, width) for row in self.draw(width, self.size.height)]
+        return self._drawn[y] if y < len(self._drawn) else self._strip([], width)
 
-    def _strip(self, row: Row, width: int, styles: dict[str, Style]) -> Strip:
-        for _, tone in row:
-            if tone not in styles:
-                styles[tone] = self.get_component_rich_style(f"tone--{tone}")
-        strip = Strip([Segment(text, styles[tone]) for text, tone in row])
-        return strip.adjust_cell_length(width, self.rich_style)
+    def _strip(self, row: Row, width: int) -> Strip:
+        """Every character of ours is one column wide, so nothing needs measuring."""
+        segments = [Segment(text, self._style(tone)) for text, tone in fitted(row, width)]
+        return Strip(segments, width)
+
+    def _style(self, tone: str) -> Style:
+        """Looked up once: textual works each of them out anew from all ancestors."""
+        if tone not in self._styles:
+            self._styles[tone] = self.get_component_rich_style(f"tone--{tone}")
+        return self._styles[tone]

@@ -121,5 +121,6 @@ def _feet(span: Range, axis: Axis, inner: int) -> Row:
 
 def _empty(text: str, width: int, height: int) -> list[Row]:
     blank: list[Row] = [[(" " * width, LABEL)] for _ in range(height)]
-    blank[height // 2] = [(text[:width].center(width), LABEL)]
+    if blank:
+        blank[height // 2] = [(text[:width].center(width), LABEL)]
     return blank
