@@ -7,6 +7,7 @@ from multiprocessing import resource_tracker
 from textual.app import App, SystemCommand
 from textual.binding import Binding
 from textual.driver import Driver
+from textual.events import Event, Key
 from textual.screen import Screen
 
 from bench.screen.experiment import Experiment
@@ -98,8 +99,19 @@ class BenchApp(App[None]):
         if key in self._stop_keys and self.experiment is not None:
             self.experiment.stop()
 
+    async def on_event(self, event: Event) -> None:
+        """The stop comes before every binding: one would leave a printable key to the field that has the focus."""
+        if isinstance(event, Key) and event.key in self._stop_keys and not event.is_forwarded and self._may_stop:
+            self.action_stop()
+            return
+        await super().on_event(event)
+
+    @property
+    def _may_stop(self) -> bool:
+        return self.experiment is not None and (self.experiment.stoppable or self.experiment.live)
+
     def action_stop(self) -> None:
-        """The same for keys that came another way."""
+        """What the key does, and the word in the palette."""
         if self.experiment is not None:
             was_live = self.experiment.live
             self.experiment.stop()
@@ -110,7 +122,7 @@ class BenchApp(App[None]):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Where there is nothing to stop, the space bar is a space bar."""
         if action == "stop":
-            return self.experiment is not None and (self.experiment.stoppable or self.experiment.live)
+            return self._may_stop
         return True
 
     def action_keys(self) -> None:

@@ -1,5 +1,7 @@
 """A real experiment, made once: the engine runs a short session on the simulated bench, and its recording is replayed."""
 
+import asyncio
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,7 +19,18 @@ from bench.session.progress import Progress, SessionState, Silent, Summary
 from bench.session.replay import Replay, load_replay
 from bench.session.schema import Session, Step
 
-RIGS = Path(__file__).parents[3] / "rigs"
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Tests that drive an app are coroutines; each has a loop of its own."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+    asyncio.run(pyfuncitem.obj(**arguments))
+    return True
+
+
+ROOT = Path(__file__).parents[3]
+RIGS = ROOT / "rigs"
 RIG = load_rig(RIGS / "sim-odrive.toml")
 SESSION = Session(
     (
@@ -40,7 +53,7 @@ class Performed:
 
 
 @dataclass
-class _Listener(Silent):
+class Listener(Silent):
     summary: Summary | None = None
 
     def result(self, summary: Summary) -> None:
@@ -85,7 +98,7 @@ class Stand:
 
 @pytest.fixture(scope="session")
 def performed(tmp_path_factory: pytest.TempPathFactory) -> Performed:
-    listener = _Listener()
+    listener = Listener()
     result = run_session(RIG, SESSION, out=tmp_path_factory.mktemp("performed"), seed=5, progress=listener)
     assert listener.summary is not None
     return Performed(result.recording, listener.summary)
