@@ -37,7 +37,7 @@ def find_rigs(folder: Path) -> Found:
 def find_sessions(folder: Path) -> Found:
     """Every TOML file in folder/sessions, or else in the folder, that has a section [[step]]."""
     paths = [path for path in _files(folder, "sessions") if "[[step]]" in _text(path)]
-    return _found(paths, lambda path: _session(load_session(path)))
+    return _found(folder, paths, lambda path: _session(load_session(path)))
 
 
 def standard_choice(rig: Rig) -> Choice:
@@ -51,13 +51,13 @@ def _files(folder: Path, name: str) -> list[Path]:
     return sorted((own if own.is_dir() else folder).glob("*.toml"))
 
 
-def _found(paths: Sequence[Path], say: Callable[[Path], str]) -> Found:
-    return Found(paths, [_choice(path, say) for path in paths])
+def _found(folder: Path, paths: Sequence[Path], say: Callable[[Path], str]) -> Found:
+    return Found(paths, [_choice(folder, path, say) for path in paths])
 
 
-def _choice(path: Path, say: Callable[[Path], str]) -> Choice:
+def _choice(folder: Path, path: Path, say: Callable[[Path], str]) -> Choice:
     try:
-        return Choice(path.stem, "\n\n".join(filter(None, (_comment(path), say(path), str(path)))))
+        return Choice(path.stem, "\n\n".join(filter(None, (_comment(path), say(path), str(path.relative_to(folder))))))
     except BenchError as error:
         return Choice(path.stem, "", str(error))
 

@@ -5,7 +5,9 @@ from bench.screen.picture.picture import Picture
 from bench.screen.tones import LABEL, STRONG, TEXT, UNIT, Row, apart
 from bench.session.progress import SessionState
 
-BADGES = {
+Badge = tuple[str, str]  # what it says, and its tone
+REPLAYING, HALTED = ("▶ REPLAY", "badge-good"), ("‖ REPLAY", "badge-calm")
+BADGES: dict[SessionState | None, Badge] = {
     None: ("○ READY", "badge-calm"),
     SessionState.PREPARING: ("◌ PREPARING", "badge-calm"),
     SessionState.RUNNING: ("● RUNNING", "badge-good"),
@@ -20,13 +22,13 @@ WITH_SEGMENT = 100
 PACED = (SessionState.RUNNING, SessionState.PAUSING)
 
 
-def title_row(picture: Picture, what: str, said: str, width: int) -> Row:
-    """Rig and session; at the right ``said``, the pace, and the state."""
-    badge, tone = BADGES[picture.state_now]
+def title_row(picture: Picture, what: str, said: str, width: int, badge: Badge | None = None) -> Row:
+    """Rig and session; at the right ``said``, the pace, and the state unless another ``badge`` is given."""
+    words, tone = badge or BADGES[picture.state_now]
     left: Row = [(f" {picture.rig.name}", STRONG), (f"  {what}", LABEL)]
-    paced = picture.state_now in PACED and picture.pace > 0
+    paced = badge is None and picture.state_now in PACED and picture.pace > 0
     pace = f"{picture.pace:.1f}× " if paced and abs(picture.pace - 1) > 0.05 else ""
-    right: Row = [(f"{said}  " if said else "", TEXT), (f"{pace} ", UNIT), (f" {badge} ", tone)]
+    right: Row = [(f"{said}  " if said else "", TEXT), (f"{pace} ", UNIT), (f" {words} ", tone)]
     return apart(left, right, width)
 
 

@@ -11,7 +11,7 @@ from textual.widgets import Footer
 from bench.screen import figures
 from bench.screen.experiment import Experiment
 from bench.screen.heeding import keeps_up
-from bench.screen.panels.bar import title_row, view_row
+from bench.screen.panels.bar import HALTED, REPLAYING, title_row, view_row
 from bench.screen.panels.health import health_rows, in_short
 from bench.screen.panels.log import log_rows
 from bench.screen.panels.panel import Panel
@@ -111,9 +111,10 @@ class ExperimentScreen(Screen[None]):
         said = in_short(experiment.picture.health)
         if experiment.replay is not None:
             replay = experiment.replay.replay
-            standing = "‖" if replay.paused else "▶"
-            said = f"replay {standing} {clock(replay.now_s)} of {clock(replay.duration_s)}, {replay.speed:g}×"
-        elif experiment.stopped and experiment.live:
+            said = f"{clock(replay.now_s)} of {clock(replay.duration_s)}, {replay.speed:g}×"
+            halted = replay.paused or replay.ended
+            return [title_row(experiment.picture, experiment.what, said, width, HALTED if halted else REPLAYING)]
+        if experiment.stopped and experiment.live:
             said = "stopping"
         return [title_row(experiment.picture, experiment.what, said, width)]
 

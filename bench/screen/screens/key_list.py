@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import ClassVar
 
+from rich.table import Table
+from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen
@@ -26,9 +28,18 @@ class KeyList(ModalScreen[None]):
             with VerticalScroll(can_focus=True):
                 for title, described in self._sections:
                     yield Label(title, classes="section")
-                    for shown, said in described:
-                        yield Static(f"{shown:<14}{said}", markup=False, classes="key")
+                    yield Static(_table(described), classes="keys")
             yield Label("escape closes · names for a keymap: docs/screen.md", classes="hint")
 
     def action_close(self) -> None:
         self.dismiss()
+
+
+def _table(described: Sequence[tuple[str, str]]) -> Table:
+    """Keys and what they do; a long line goes on below itself."""
+    table = Table.grid(padding=(0, 2), expand=True)
+    table.add_column(no_wrap=True, min_width=12)
+    table.add_column(ratio=1)
+    for shown, said in described:
+        table.add_row(Text(shown, "bold"), Text(said))
+    return table

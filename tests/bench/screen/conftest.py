@@ -19,6 +19,7 @@ from bench.session.progress import Progress, SessionState, Silent, Summary
 from bench.session.replay import Replay, load_replay
 from bench.session.schema import Session, Step
 
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     """Tests that drive an app are coroutines; each has a loop of its own."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.identification.results import LiveEstimate
 from bench.models.parameters import Estimate, Status
 from bench.records import TICK, Event, Measured
 from bench.rig.rig import Rig
@@ -17,7 +18,6 @@ from bench.screen.picture.picture import Picture
 from bench.screen.picture.steps import Steps
 from bench.screen.picture.tape import Tape
 from bench.screen.plots.figure import Figure
-from bench.identification.results import LiveEstimate
 from bench.session.progress import PlannedStep, SessionState
 
 NAMES = ["tare", "calibrate", "free", "imposed", "validate"]
