@@ -35,6 +35,11 @@ TICK = np.dtype(
         ("transistor_temperature_c", "f8"),
         ("load_transistor_temperature_c", "f8"),
         ("limited", "u4"),  # bit set of the guard's limits that clipped this tick's commands
+        ("receive_ns", "i8"),  # how long each stage took: reading all ports,
+        ("control_ns", "i8"),  # the sample and what is wished,
+        ("guard_ns", "i8"),  # the drives' health and the last word,
+        ("send_ns", "i8"),  # writing to all ports,
+        ("put_ns", "i8"),  # and, in the tick before, putting it all away
     ]
 )
 MOTION = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("position_rad", "f8"), ("velocity_rad_s", "f8")])

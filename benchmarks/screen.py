@@ -100,7 +100,7 @@ def child(recording: Path, seconds: float, said: Path, *, stop: bool) -> None:
     found: dict[str, float] = {}
     said_at: list[float] = []
     if stop:
-        experiment.source.stop = lambda reason: said_at.append(time.perf_counter())  # type: ignore[union-attr,method-assign]
+        experiment.source.stop = lambda _reason: said_at.append(time.perf_counter())  # type: ignore[union-attr,method-assign]
 
     async def watch() -> None:
         await asyncio.sleep(1.0)

@@ -24,7 +24,7 @@ from drivers.codecs.slcan import SlcanFrame, SlcanStream, encode_flags
 from drivers.errors import WiringError
 from drivers.hardware import HardwareBackend
 from drivers.ports import CanPort
-from drivers.punctual import punctual
+from drivers.punctual import SERVER_PRIORITY, punctual
 from drivers.wiring import CanBusSettings, Wiring
 from sim_backend.assembly import build_world, mount
 from sim_backend.faults.injection import inject
@@ -239,7 +239,7 @@ def serve(
         if witness is not None:
             open_wires.callback(_witness(witness, world, wall.start_ns).close)
         on_ready()
-        with punctual():
+        with punctual(SERVER_PRIORITY):
             while not stop():
                 for wire in wires.waiting(min(wall.due_s(), LONGEST_SLEEP_S)):
                     wire.receive()

@@ -8,7 +8,7 @@ from bench.check.findings import HostCheck
 from bench.rig.rig import Rig
 from drivers.clock import Clock
 from drivers.discovery import serial_obstacles
-from drivers.punctual import real_time_allowed
+from drivers.punctual import LOOP_PRIORITY, permitted_priority
 
 _TICKS = 500
 
@@ -24,15 +24,15 @@ def look_at_host(rig: Rig, clock: Clock) -> HostCheck:
         late_s[index] = (now_ns - deadline_ns) * 1e-9
         deadline_ns = max(deadline_ns, now_ns - rig.tick_ns)  # a stall is one late tick, not many
     median_s, tail_s = np.percentile(late_s, (50, 99))
-    return HostCheck(real_time_allowed(), float(median_s), float(tail_s), float(late_s.max()))
+    return HostCheck(permitted_priority(LOOP_PRIORITY) > 0, float(median_s), float(tail_s), float(late_s.max()))
 
 
 def host_remarks(host: HostCheck, rig: Rig) -> Iterator[str]:
     """What should be mended of it, or allowed for in the rig file."""
     if not host.real_time:
         yield (
-            "this computer: the loop may not run in real time; add `@realtime - rtprio 20` for your group to "
-            "/etc/security/limits.conf and log in again"
+            f"this computer: the loop may not run in real time; add `@realtime - rtprio {LOOP_PRIORITY}` for your "
+            "group to /etc/security/limits.conf and log in again"
         )
     most_s, stall_s, stale_s = host.late_most_s, rig.limits.stall_after_ns * 1e-9, rig.limits.stale_after_ns * 1e-9
     for key, limit_s in (("stall_after", stall_s), ("stale_after", stale_s)):

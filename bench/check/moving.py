@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from bench.rig.rig import Rig
 from bench.segments import Use
 from bench.units import same_dimension
 from drivers.backend import Backend
-from drivers.punctual import punctual
+from drivers.punctual import LOOP_PRIORITY, punctual
 
 NAME = "check"
 # Of what the rig allows: enough to overcome friction, and no more.
@@ -80,7 +81,7 @@ def check_moving(rig: Rig, backend: Backend, stop_request: Callable[[], str | No
         )
         loop = Loop(devices, guard, Outbox(), Alignment(), mild.tick_ns, stop_request)
         if not backend.lock_step:
-            loop.on_time = punctual
+            loop.on_time = partial(punctual, LOOP_PRIORITY)
         pushes = _Pushes(mild, devices, loop)
         devices.await_streams()
         pushes.said += map(str, devices.verify_watchdogs())

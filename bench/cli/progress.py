@@ -13,7 +13,7 @@ from bench.cli.output import Output
 from bench.identification.results import LiveEstimate
 from bench.models.parameters import Status
 from bench.records import Measured
-from bench.session.progress import PlannedStep, Progress, Silent
+from bench.session.progress import PlannedStep, Progress, SessionState, Silent
 
 
 class Lines(Silent):
@@ -60,6 +60,13 @@ class Terminal(Silent):
         valid = sum(estimate.status is Status.VALID for estimate in live.estimates)
         known = f"{valid} of {len(live.estimates)} parameters known" if live.estimates else ""
         self._bars.update(self._task, advance=len(measured.ticks) * self._tick_s, known=known)
+
+    def state(self, state: SessionState) -> None:
+        """While somebody is asked, the bar must not draw over what is typed."""
+        if state in (SessionState.PAUSED, SessionState.ASKING):
+            self._bars.stop()
+        else:
+            self._bars.start()
 
     def note(self, text: str) -> None:
         self._bars.console.print(text, markup=False, highlight=False)

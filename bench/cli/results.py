@@ -16,6 +16,7 @@ from bench.procedures.refinement import Refinement, in_percent, widest_of, words
 from bench.records import Measured
 from bench.report.loops import bench_time_s
 from bench.session.conclusion import Conclusion
+from bench.session.progress import Judged
 
 
 def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
@@ -96,6 +97,11 @@ def until_sentences(until: Mapping[str, Any]) -> str:
     if widest is not None:
         head += f"; the widest interval is that of {words(widest['parameter'])}, {in_percent(widest['half_width'])}"
     return " ".join([f"{head}.", *until["reasons"]])
+
+
+def expected(expectations: Iterable[Judged]) -> list[RenderableType]:
+    """Whether what was expected came true, a line each."""
+    return [f"{'✓' if judged.met else '✗'} {judged.said}" for judged in expectations]
 
 
 def summary(found: Conclusion, recording: Path) -> RenderableType:

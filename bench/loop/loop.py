@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from math import nan
+from typing import NamedTuple
 
 from bench.control.admittance import AdmittanceController
 from bench.errors import BenchError, OperatorStopError
@@ -11,18 +12,32 @@ from bench.guard.commands import Commands, DriveHealth
 from bench.guard.guard import Guard
 from bench.loop.alignment import Alignment
 from bench.loop.devices import Arrivals, Devices
+from bench.loop.learned import Learned
 from bench.loop.load_strategy import LoadStrategy, strategy_for
-from bench.loop.outbox import Outbox
+from bench.loop.outbox import Outlet
+from bench.loop.segment_info import segment_info
 from bench.loop.troubles import TroubleLog
+from bench.loop.watchdogs import WatchdogFinding
 from bench.records import Measured, SegmentInfo, join
 from bench.sample import Sample, Target
 from bench.segments import LoadMode, Segment
 from drivers.errors import DeviceError
+from drivers.readings import DeviceIdentity
 
 
 def never_stop() -> str | None:
     """No operator is there to stop anything."""
     return None
+
+
+class Stages(NamedTuple):
+    """When a tick began, and when each of its stages was done."""
+
+    begun_ns: int
+    received_ns: int
+    controlled_ns: int
+    guarded_ns: int
+    sent_ns: int
 
 
 @dataclass
@@ -36,7 +51,7 @@ class Loop:
 
     devices: Devices
     guard: Guard
-    outbox: Outbox
+    outbox: Outlet
     alignment: Alignment
     tick_ns: int
     stop_request: Callable[[], str | None] = never_stop
@@ -49,6 +64,7 @@ class Loop:
     _begun: bool = field(default=False, init=False)  # whether the segment has had a tick
     _position_rad: float = field(default=nan, init=False)
     _load_torque_nm: float = field(default=0.0, init=False)  # the last one sent
+    _put_ns: int = field(default=0, init=False)  # what it took to put the last tick away
 
     def __post_init__(self) -> None:
         self._clock = self.devices.clock
@@ -63,6 +79,39 @@ class Loop:
         self.guard.permit()
         with self.on_time():
             yield from self._enabled()
+
+    def identify(self) -> list[DeviceIdentity]:
+        """Who everybody says to be. Raises DeviceError."""
+        return self.devices.identify()
+
+    def verify_watchdogs(self) -> tuple[WatchdogFinding, ...]:
+        """See every drive's watchdog act; what is found is put away too. Nothing moves.
+
+        Raises SafetyStopError where one does not, DeviceError where a drive cannot be enabled.
+        """
+        try:
+            with self.on_time():  # it is about time
+                found = self.devices.verify_watchdogs()
+            for finding in found:
+                self.outbox.put_event(self._clock.now_ns(), "watchdog", str(finding))
+        except (BenchError, DeviceError) as error:
+            self.outbox.put_event(self._clock.now_ns(), "stop", str(error))
+            raise
+        finally:
+            self.outbox.hand_on()
+        return found
+
+    def learn(self, learned: Learned) -> None:
+        """Know what the session knows. Call it with the drives idle: a new controller takes a second or two.
+
+        Raises ExperimentError where no controller can be made for this load.
+        """
+        self.guard.know(learned.guard)
+        calibration, bias_nm = learned.calibration, learned.torque_bias_nm
+        if bias_nm is not None:
+            self.alignment.torque_bias_nm = bias_nm
+        if calibration is not None and (self.controller is None or self.controller.calibration != calibration):
+            self.controller = AdmittanceController(calibration, self.tick_ns * 1e-9, self.guard.limits.load_torque_nm)
 
     def reset_guard(self, word: str) -> None:
         """Let the drives be enabled again after a trip, on an operator's ``word``, which is put away with the reason.
@@ -130,7 +179,8 @@ class Loop:
     def _tick(
         self, command: float, strategy: LoadStrategy, index: int, begun_ns: int, arrivals: Arrivals
     ) -> tuple[Sample, bool]:
-        deadline_ns, now_ns = self._next_ns, self._clock.now_ns()
+        clock, deadline_ns = self._clock, self._next_ns
+        now_ns = clock.now_ns()
         sample = self._sample(now_ns, arrivals)
         # The controller steps from deadline to deadline.
         seen = sample if now_ns == deadline_ns else sample.counted_from(deadline_ns)
@@ -138,15 +188,21 @@ class Loop:
             strategy.begin(seen)
             self._begun = True
         wish = Commands(command, strategy.wish(seen, index))
+        controlled_ns = clock.now_ns()
         self._obey_operator()
         drives = self.devices.health()
-        commands = self.devices.send(self.guard.limit(wish, sample, drives))
+        allowed = self.guard.limit(wish, sample, drives)
+        guarded_ns = clock.now_ns()
+        commands = self.devices.send(allowed)
+        stages = Stages(max(begun_ns, deadline_ns), now_ns, controlled_ns, guarded_ns, clock.now_ns())
         strategy.note_sent(commands.load_torque_nm)
         self._load_torque_nm = commands.load_torque_nm
         self._position_rad = sample.load_position_rad
         self._next_ns = deadline_ns + self.tick_ns
-        row = self._row(deadline_ns, max(begun_ns, deadline_ns), sample, wish, commands, strategy.target(index), drives)
-        return sample, self.outbox.put(row, arrivals)
+        row = self._row(deadline_ns, stages, sample, wish, commands, strategy.target(index), drives)
+        full = self.outbox.put(row, arrivals)
+        self._put_ns = clock.now_ns() - stages.sent_ns
+        return sample, full
 
     def _sample(self, now_ns: int, arrivals: Arrivals) -> Sample:
         return self.alignment.update(
@@ -180,21 +236,12 @@ class Loop:
         return missed
 
     def _info(self, segment: Segment, start_ns: int) -> SegmentInfo:
-        return SegmentInfo(
-            self._segments,
-            segment.procedure,
-            segment.name,
-            segment.use,
-            segment.mode.value,
-            start_ns,
-            self._next_ns,
-            segment.preview,
-        )
+        return segment_info(segment, self._segments, start_ns, self._next_ns)
 
     def _row(
         self,
         deadline_ns: int,
-        begun_ns: int,
+        stages: Stages,
         sample: Sample,
         wish: Commands,
         commands: Commands,
@@ -203,8 +250,8 @@ class Loop:
     ) -> tuple[float, ...]:
         return (
             deadline_ns,
-            begun_ns - deadline_ns,
-            self._clock.now_ns() - begun_ns,
+            stages.begun_ns - deadline_ns,
+            stages.sent_ns - stages.begun_ns,
             self._segments,
             commands.command,
             wish.load_torque_nm,
@@ -222,4 +269,9 @@ class Loop:
             drives[0].status.transistor_temperature_c,
             drives[1].status.transistor_temperature_c if len(drives) > 1 else nan,
             commands.limited,
+            max(stages.received_ns - stages.begun_ns, 0),
+            stages.controlled_ns - stages.received_ns,
+            stages.guarded_ns - stages.controlled_ns,
+            stages.sent_ns - stages.guarded_ns,
+            self._put_ns,
         )

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -13,6 +14,20 @@ Consumer = Callable[[Measured], None]
 
 # Parts of 100 ms: what a crash may lose, and what the live identifier digests at a time.
 PART_TICKS = 100
+
+
+class Outlet(Protocol):
+    """What the loop asks of its outbox."""
+
+    def put(self, row: tuple[float, ...], arrivals: Arrivals) -> bool:
+        """One tick's row (in the order of TICK) and what arrived; True where it is time to hand on."""
+        ...
+
+    def put_frame(self, frame: RawFrame) -> None: ...
+    def put_event(self, stamp_ns: int, kind: str, text: str) -> None: ...
+    def hand_on(self, segment: SegmentInfo | None = None) -> Measured:
+        """Let go of what has been collected; ``segment`` is what it belongs to so far."""
+        ...
 
 
 @dataclass

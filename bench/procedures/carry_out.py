@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from bench.loop.loop import Loop
+from bench.loop.bench_loop import Runner
 from bench.procedures.knowledge import Knowledge, Procedure
 from bench.records import Measured, join
 from bench.segments import Segment
@@ -18,7 +18,7 @@ def as_it_is(segment: Segment, _velocity_rad_s: float, _command: float) -> Segme
     return segment
 
 
-def carry_out(procedure: Procedure, known: Knowledge, loop: Loop, foresee: Foresight = as_it_is) -> Knowledge:
+def carry_out(procedure: Procedure, known: Knowledge, loop: Runner, foresee: Foresight = as_it_is) -> Knowledge:
     """Run one procedure with the drives enabled, then, with the drives idle, draw what follows from it.
 
     Raises SafetyStopError, OperatorStopError, DeviceError, ExperimentError; the drives are idle then, too.

@@ -1,6 +1,6 @@
 """Procedures by the name a session file gives them, and the order in which they build on each other."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from bench.procedures.free import FreeProcedure
 from bench.procedures.imposed import ImposedProcedure
 from bench.procedures.knowledge import Adaptive, Procedure
 from bench.procedures.refine import RefineProcedure
+from bench.procedures.rest import RestProcedure
 from bench.procedures.tare import TareProcedure
 from bench.procedures.validate import ValidateProcedure
 from bench.rig.rig import Rig
@@ -33,6 +34,7 @@ CATALOGUE: Mapping[str, Entry] = {
     "imposed": Entry(ImposedProcedure, after=("calibrate",)),
     # Chosen from a first fit, which needs something to fit.
     "refine": Entry(RefineProcedure, after=("calibrate", "imposed")),
+    "rest": Entry(RestProcedure),
     # Commands that nobody has tried free may drive the shaft beyond its limit.
     "validate": Entry(ValidateProcedure, after=("calibrate", "free"), after_alone=("free",)),
 }
@@ -45,14 +47,22 @@ def make_procedures(steps: Sequence[tuple[str, Any]], rig: Rig, *, place: str) -
     """
     made: list[Procedure | Adaptive] = []
     for number, (name, options) in enumerate(steps, 1):
-        entry = CATALOGUE[name]
-        procedure: Procedure | Adaptive = entry.make(options)
-        procedure.require(rig)
-        needed = entry.after_alone if rig.wiring.load is None else entry.after
-        missing = [before for before in needed if before not in {earlier.name for earlier in made}]
-        if missing:
-            raise UsageError(
-                f"{place}: step {number} '{name}' builds on '{missing[0]}': put a step do = \"{missing[0]}\" before it"
-            )
-        made.append(procedure)
+        before = {earlier.name for earlier in made}
+        made.append(make_procedure(name, options, rig, before, place=f"{place}: step {number}"))
     return tuple(made)
+
+
+def make_procedure(name: str, options: Any, rig: Rig, before: Collection[str], *, place: str) -> Procedure | Adaptive:
+    """One of them; ``before`` are the names of those that will have run by then. Raises as :func:`make_procedures`."""
+    procedure: Procedure | Adaptive = CATALOGUE[name].make(options)
+    procedure.require(rig)
+    missing = [needed for needed in needed_by(name, rig) if needed not in before]
+    if missing:
+        raise UsageError(f"{place} '{name}' builds on '{missing[0]}': put a step do = \"{missing[0]}\" before it")
+    return procedure
+
+
+def needed_by(name: str, rig: Rig) -> tuple[str, ...]:
+    """What must have run before procedure ``name`` on this rig."""
+    entry = CATALOGUE[name]
+    return entry.after_alone if rig.wiring.load is None else entry.after

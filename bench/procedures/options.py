@@ -61,6 +61,20 @@ class RefineOptions:
     at_most_s: float = 300.0
 
 
+@dataclass(frozen=True)
+class RestOptions:
+    """Nothing commanded, everything watched."""
+
+    duration_s: float = 10.0
+
+
 Options = (
-    TareOptions | CalibrateOptions | FreeOptions | BlockedOptions | ImposedOptions | RefineOptions | ValidateOptions
+    TareOptions
+    | CalibrateOptions
+    | FreeOptions
+    | BlockedOptions
+    | ImposedOptions
+    | RefineOptions
+    | RestOptions
+    | ValidateOptions
 )

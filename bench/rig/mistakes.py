@@ -1,5 +1,7 @@
 """What is wrong in a file that a user wrote: every mistake in one sentence, with its place and the mend."""
 
+import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -13,6 +15,7 @@ from bench.errors import UsageError
 
 Section = TypeVar("Section", bound=BaseModel)
 
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 KINDS = {
     "string_type": "a text in quotes",
     "string_pattern_mismatch": 'a plain name of letters, digits, ".", "_" and "-"',
@@ -112,12 +115,16 @@ def toml(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return f'"{value}"'
+        return json.dumps(value, ensure_ascii=False)  # whose escapes are TOML's too
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {toml(inner)}" for key, inner in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(key)} = {toml(inner)}" for key, inner in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(toml(inner) for inner in value) + "]"
     return str(value)
+
+
+def _key(key: str) -> str:
+    return key if BARE_KEY.fullmatch(key) else toml(key)
 
 
 def _example(info: FieldInfo) -> str:

@@ -10,6 +10,7 @@ from textual.driver import Driver
 from textual.events import Event, Key
 from textual.screen import Screen
 
+from bench.errors import BenchError
 from bench.screen.experiment import Experiment
 from bench.screen.found import find_rigs, find_sessions, standard_choice
 from bench.screen.heeding import heeding
@@ -90,8 +91,11 @@ class BenchApp(App[None]):
             choices = [standard_choice(rig), *sessions.choices]
             number = await self.push_screen_wait(ChoiceScreen(f"Which session on {rig.name}?", choices, ""))
             if number is not None:
-                return self._opening.experiment(rig, sessions.paths[number - 1] if number else None)
-            if self._opening.rig_path is not None:
+                try:
+                    return self._opening.experiment(rig, sessions.paths[number - 1] if number else None)
+                except BenchError as error:
+                    self.notify(str(error), title="Not on this rig", severity="error", timeout=15, markup=False)
+            elif self._opening.rig_path is not None:
                 return None
 
     def _heed(self, key: str) -> None:

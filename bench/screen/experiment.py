@@ -1,13 +1,12 @@
 """One experiment as the screens see it: what is known of it, and whom to ask for what."""
 
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 from bench.rig.rig import Rig
 from bench.screen.picture.picture import OVER, Picture
 from bench.screen.sources import Replayed, Source
 from bench.session.operator import Kind, Order
-from bench.session.progress import Prompt, SessionState, Summary
+from bench.session.progress import PlannedStep, Prompt, SessionState, Summary
 
 # A session does not tell that it obeys; the recording that is replayed does at once.
 BY_KEY = "the operator, by key"
@@ -16,12 +15,13 @@ BY_KEY = "the operator, by key"
 class Experiment:
     """Ready until :meth:`start`; over once its session has told how it ended.
 
-    ``begin`` makes the source of its news, each time it is started.
+    ``begin`` makes the source of its news, each time it is started; ``plan`` is shown until then.
     """
 
-    def __init__(self, rig: Rig, what: str, begin: Callable[[], Source], out: Path | None = None) -> None:
-        self.rig, self.what, self.out = rig, what, out
+    def __init__(self, rig: Rig, what: str, begin: Callable[[], Source], *, plan: Sequence[PlannedStep] = ()) -> None:
+        self.rig, self.what = rig, what
         self.picture = Picture(rig)
+        self.picture.plan(plan)
         self.stopped = False
         self._begin = begin
         self.source: Source | None = None

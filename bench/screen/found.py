@@ -29,9 +29,8 @@ class Found:
 
 def find_rigs(folder: Path) -> Found:
     """Every TOML file in folder/rigs, or else in the folder, that has a section [rig]."""
-    return _found(
-        [path for path in _files(folder, "rigs") if "[rig]" in _text(path)], lambda path: _rig(load_rig(path))
-    )
+    paths = [path for path in _files(folder, "rigs") if "[rig]" in _text(path)]
+    return _found(folder, paths, lambda path: _rig(load_rig(path)))
 
 
 def find_sessions(folder: Path) -> Found:
@@ -42,7 +41,7 @@ def find_sessions(folder: Path) -> Found:
 
 def standard_choice(rig: Rig) -> Choice:
     """The built-in session."""
-    steps = ", ".join(step.do for step in standard_session(rig).steps)
+    steps = ", ".join(step.do for step in standard_session(rig).every_step())
     return Choice("standard session", f"Everything that {rig.name} can perform:\n{steps}.")
 
 
@@ -88,4 +87,4 @@ def _rig(rig: Rig) -> str:
 
 
 def _session(session: Session) -> str:
-    return "\n".join(f"{number}  {step.do}" for number, step in enumerate(session.steps, 1))
+    return "\n".join(f"{number}  {step.do}" for number, step in enumerate(session.every_step(), 1))

@@ -8,6 +8,7 @@ from bench.rig.load import load_rig, parse_rig
 from bench.rig.rig import Rig
 from bench.screen.experiment import Experiment
 from bench.screen.sources import Replayed, Running, Source
+from bench.session.program import make_experiment
 from bench.session.replay import load_replay
 from bench.session.schema import Session, load_session, standard_session
 
@@ -53,7 +54,7 @@ class Opening:
         def begin() -> Source:
             return Running(rig, session, self.make_out(rig.name), seed)
 
-        return Experiment(rig, session.place, begin)
+        return Experiment(rig, session.place, begin, plan=make_experiment(session, rig).plan)
 
 
 def replayed(recording: Path) -> Experiment:

@@ -1,7 +1,8 @@
 """What follows from a recording: the fit, its validation, the maps, the network file and the report."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,8 +14,8 @@ from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
 from bench.identification.residuals.diagnosis import ResidualTests, diagnose
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
-from bench.identification.signals import signals
-from bench.identification.soundness.recording import sound
+from bench.identification.signals import Signals, signals
+from bench.identification.soundness.recording import Findings, Sound, sound
 from bench.identification.validation import validate_signals
 from bench.models.parameters import Status
 from bench.recording.contents import RecordedEstimates, Recording
@@ -22,11 +23,14 @@ from bench.recording.reader import read_recording
 from bench.records import Measured
 from bench.report.render import ReportData, write_report
 from bench.segments import Use
+from bench.session.past import with_past
 
-Map = TypeVar("Map")
+Part = TypeVar("Part")
+Result = TypeVar("Result")
 
 # What a recording must say of its making to be fitted.
 NEEDED = ("rig", "command_unit", "tick_s")
+NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
 
 
 @dataclass(frozen=True)
@@ -61,9 +65,9 @@ def conclude(
     tick_s = float(metadata["tick_s"])
     believed = sound(measured)
     stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
-    unseen = signals(believed.measured, tick_s, Use.VALIDATE) if Use.VALIDATE in uses else ()
-    result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=believed.findings)
-    checked = validate_signals(result, unseen, measured.segments) if unseen else None
+    unseen, findings = _unseen(believed, tick_s) if Use.VALIDATE in uses else ((), believed.findings)
+    result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings)
+    checked = _where_measured(partial(validate_signals, result, unseen), measured.segments) if unseen else None
     modelless = without_model(result, stretches, unseen, measured.segments)
     residuals = diagnose(result, stretches)
     static = _where_measured(source_map, believed.measured)
@@ -89,10 +93,18 @@ def conclude(
     return Conclusion(result, checked, static, blocked, modelless, residuals, rungs, network, report)
 
 
-def _where_measured(map_of: Callable[[Measured], Map], measured: Measured) -> Map | None:
+def _unseen(believed: Sound, tick_s: float) -> tuple[tuple[Signals, ...], Findings]:
+    """The stretches to validate on, and what is said of them where nothing is left: the fit is worth its while."""
+    try:
+        return signals(believed.measured, tick_s, Use.VALIDATE), believed.findings
+    except ExperimentError:
+        return (), replace(believed.findings, remarks=(*believed.findings.remarks, NOTHING_TO_VALIDATE_ON))
+
+
+def _where_measured(result_of: Callable[[Part], Result], measured: Part) -> Result | None:
     """None where the session had no such part, or nothing of it can be believed."""
     try:
-        return map_of(measured)
+        return result_of(measured)
     except ExperimentError:
         return None
 
@@ -117,7 +129,7 @@ def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, 
     recording = read_recording(path, raw_frames=False)
     check_metadata(path, recording.metadata)
     conclusion = conclude(
-        recording.measured,
+        with_past(path, recording),
         rig_text=recording.rig_text,
         metadata=recording.metadata,
         live=recording.live,

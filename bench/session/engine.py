@@ -1,47 +1,44 @@
 """A session from beginning to end: check, open, run step by step, put away, conclude."""
 
 import gc
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from bench.control.admittance import AdmittanceController
-from bench.control.preview import with_preview
+from bench.errors import UsageError
 from bench.identification.results import LiveEstimate
-from bench.loop.alignment import Alignment
-from bench.loop.devices import Devices, open_devices
-from bench.loop.gate import guard_for
-from bench.loop.loop import Loop
-from bench.loop.outbox import Outbox
-from bench.procedures.carry_out import carry_out
-from bench.procedures.catalogue import make_procedures
+from bench.loop.bench_loop import BenchLoop
+from bench.loop.in_process import loop_in_process
+from bench.loop.process import LoopProcess
 from bench.procedures.knowledge import Adaptive, Knowledge, Procedure
-from bench.procedures.tare import TareProcedure
 from bench.recording.recorder import Recorder
-from bench.records import Measured, join
+from bench.records import Measured
 from bench.rig.rig import Rig
-from bench.segments import Segment
+from bench.session.answers import NO_ANSWERS, Answers
 from bench.session.conclusion import Conclusion, conclude
 from bench.session.desk import Desk
-from bench.session.live_feed import InlineFeed, LiveFeed, ProcessFeed
+from bench.session.expectations import judge
+from bench.session.found import Found, found_in
+from bench.session.live_feed import InlineFeed, ProcessFeed
 from bench.session.operator import Nobody, Operator
-from bench.session.progress import PlannedStep, Progress, SessionState, Silent
+from bench.session.past import RESUMES, Past, read_past
+from bench.session.perform import perform
+from bench.session.program import make_experiment, of_procedures
+from bench.session.progress import Judged, Progress, SessionState, Silent
 from bench.session.provenance import provenance
 from bench.session.rehearsal import Rehearsed, rehearsed
+from bench.session.run import Run
 from bench.session.schema import Session
+from bench.session.script import Experiment, Script, SoFar
 from bench.session.summary import summary_of, summary_of_failure
-from bench.session.supervision import told_to_guard, verify_watchdogs
 from bench.session.warm_up import warm_up
 from drivers.backend import Backend
-from drivers.punctual import punctual
 from drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
 LOCK_STEP_PATIENCE_S = 30.0
-# Kinds of events that whoever watches should see at once; an experiment goes on all the same.
-TROUBLES = ("bus", "device")
 
 
 @dataclass(frozen=True)
@@ -57,96 +54,33 @@ class Recorded:
 
 @dataclass(frozen=True)
 class SessionResult:
-    """What a session leaves behind."""
+    """What a session leaves behind. ``measured`` begins with what the session that it resumed has finished."""
 
     recording: Path
     conclusion: Conclusion
     knowledge: Knowledge
     measured: Measured
+    expectations: tuple[Judged, ...] = ()
+
+    def parameter(self, name: str) -> Found:
+        """What the final fit says of it, also where that is nothing. Raises UsageError for an unknown name."""
+        fit = self.conclusion.fit
+        return found_in(fit.estimates if fit is not None else (), name, self.knowledge.rig.command.unit)
 
 
-@dataclass
-class _Run:
-    """One session under way."""
+@dataclass(frozen=True)
+class Terms:
+    """How a session is to run: where its files go, who watches, who orders and answers, and what it goes on from.
 
-    rig: Rig
-    loop: Loop
-    feed: LiveFeed
-    knowledge: Knowledge
-    progress: Progress
-    recorder: Recorder
-    desk: Desk
-    parts: list[Measured] = field(default_factory=list)
-    live: list[LiveEstimate] = field(default_factory=list)
+    ``resume`` is a recording, or the folder of one, whose finished steps are not done again.
+    """
 
-    def take(self, part: Measured) -> None:
-        """One part from the loop: recorder first, then the live identifier, then whoever watches."""
-        self.recorder.put(part)
-        self.feed(part)
-        self.parts.append(part.without_frames())
-        if not self.live or self.feed.latest.stamp_ns > self.live[-1].stamp_ns:
-            self.live.append(self.feed.latest)
-            self.recorder.put_estimate(self.feed.latest)
-        self.progress.part(part, self.feed.latest)
-        for event in part.events:
-            if event.kind in TROUBLES:
-                self.progress.note(event.text)
-        self.desk.listen()
-
-    def step(self, step: Procedure | Adaptive) -> None:
-        """Carry out one procedure, or all those that an adaptive step decides on, one after the other."""
-        if not isinstance(step, Adaptive):
-            self._carry_out(step)
-            return
-        while (decision := step.following(self.knowledge)).procedure is not None:
-            self.progress.note(decision.said)
-            self.knowledge = decision.known
-            self._carry_out(decision.procedure)
-        self.progress.note(decision.said)
-        self.knowledge = decision.known
-
-    def checkpoint(self) -> None:
-        """Between procedures: what was ordered meanwhile. Raises OperatorStopError, and as a tare does."""
-        desk = self.desk
-        desk.listen()
-        desk.obey_stop()
-        while desk.paused or desk.wants_tare:
-            if desk.wants_tare:
-                desk.wants_tare = False
-                self._tare()
-            desk.wait()
-
-    def _tare(self) -> None:
-        self._carry_out(TareProcedure())
-        tare, calibration = self.knowledge.tare, self.knowledge.calibration
-        assert tare is not None
-        self.progress.note(f"tare: {tare.torque_bias_nm:+.3g} N*m at rest, noise {tare.torque_noise_nm:.2g} N*m")
-        if calibration is not None:  # measured with the shaft moving: friction has no share in it
-            self.progress.note(f"the bias found by 'calibrate', {calibration.torque_bias_nm:+.3g} N*m, stays in use")
-
-    def _carry_out(self, procedure: Procedure) -> None:
-        self.learn(carry_out(procedure, self.knowledge, self.loop, self._foresee))
-
-    def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
-        """The free motion to expect under zero torque, once the live estimate is valid."""
-        known, network = self.knowledge, self.feed.latest.network
-        if network is None or known.calibration is None or known.actuator is None:
-            return segment
-        delay_s, tick_s = known.actuator.command_delay_s, known.tick_s
-        return with_preview(
-            segment, network, known.calibration, delay_s, tick_s, velocity_rad_s=velocity_rad_s, command=command
-        )
-
-    def learn(self, known: Knowledge) -> None:
-        """Let loop, guard and controller know it too."""
-        self.knowledge, loop = known, self.loop
-        loop.guard.know(told_to_guard(known))
-        if known.tare is not None:
-            loop.alignment.torque_bias_nm = known.tare.torque_bias_nm
-        if known.calibration is not None:
-            loop.alignment.torque_bias_nm = known.calibration.torque_bias_nm
-            if loop.controller is None or loop.controller.calibration != known.calibration:
-                loop.controller = AdmittanceController(known.calibration, known.tick_s, self.rig.limits.load_torque_nm)
+    out: Path
+    seed: int | None = None
+    progress: Progress | None = None
+    operator: Operator | None = None
+    answers: Answers = NO_ANSWERS
+    resume: Path | None = None
 
 
 def run_session(
@@ -157,30 +91,54 @@ def run_session(
     seed: int | None = None,
     progress: Progress | None = None,
     operator: Operator | None = None,
+    answers: Answers | None = None,
+    resume: Path | None = None,
 ) -> SessionResult:
     """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
 
-    ``progress`` is told the result however the session ends. Raises as :func:`record_session` does, and ExperimentError
-    where the data tell nothing.
+    ``progress`` is told the result however the session ends; ``answers`` are given beforehand to its prompts, and
+    ``resume`` is a recording, or the folder of one, behind whose last finished step it goes on. Raises as
+    :func:`record_session` does, and ExperimentError where the data tell nothing.
     """
-    progress = progress or Silent()
-    before = set(out.glob("*.mcap"))
+    terms = Terms(out, seed, progress, operator, answers or NO_ANSWERS, resume)
+    return _told(terms, rig, session, lambda: make_experiment(session, rig))
+
+
+def run_script(
+    rig: Rig,
+    script: Callable[[SoFar], Script],
+    *,
+    out: Path,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    operator: Operator | None = None,
+    answers: Answers | None = None,
+    resume: Path | None = None,
+) -> SessionResult:
+    """The same for a script of your own (:mod:`bench.session.script`), whose name goes into the recording."""
+    terms = Terms(out, seed, progress, operator, answers or NO_ANSWERS, resume)
+    session = Session((), f"script {getattr(script, '__name__', 'without a name')}")
+    return _told(terms, rig, session, lambda: Experiment(script))
+
+
+def _told(terms: Terms, rig: Rig, session: Session, experiment: Callable[[], Experiment]) -> SessionResult:
+    """Whoever watches is told the result, whatever it is."""
+    progress = terms.progress or Silent()
+    earlier = set(terms.out.glob("*.mcap"))
     try:
-        result = _run_session(rig, session, out, seed, progress, operator)
+        result = _concluded(terms, rig, session, experiment())
     except BaseException as error:
         progress.state(SessionState.FAILED)
-        progress.result(summary_of_failure(error, set(out.glob("*.mcap")) - before))
+        progress.result(summary_of_failure(error, set(terms.out.glob("*.mcap")) - earlier))
         raise
     progress.state(SessionState.DONE)
-    progress.result(summary_of(result.recording, result.conclusion))
+    progress.result(summary_of(result.recording, result.conclusion, result.expectations))
     return result
 
 
-def _run_session(
-    rig: Rig, session: Session, out: Path, seed: int | None, progress: Progress, operator: Operator | None
-) -> SessionResult:
-    done = record_session(rig, session, out=out, seed=seed, progress=progress, operator=operator)
-    progress.state(SessionState.CONCLUDING)
+def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment) -> SessionResult:
+    done = _recorded(terms, rig, session, experiment)
+    (terms.progress or Silent()).state(SessionState.CONCLUDING)
     refined = done.knowledge.refinement
     conclusion = conclude(
         done.measured,
@@ -188,10 +146,11 @@ def _run_session(
         metadata=done.metadata,
         live=done.live,
         recording=done.recording,
-        out=out,
+        out=terms.out,
         notes=() if refined is None else refined.sentences,
     )
-    return SessionResult(done.recording, conclusion, done.knowledge, done.measured)
+    expected = judge(session.expectations, conclusion, rig.command.unit)
+    return SessionResult(done.recording, conclusion, done.knowledge, done.measured, expected)
 
 
 def record_session(
@@ -204,8 +163,7 @@ def record_session(
     operator: Operator | None = None,
 ) -> Recorded:
     """The experiment alone, recorded into the folder ``out``. Raises as :func:`record_procedures` does."""
-    procedures = make_procedures([(step.do, step.options) for step in session.steps], rig, place=session.place)
-    return record_procedures(rig, session, procedures, out=out, seed=seed, progress=progress, operator=operator)
+    return _recorded(Terms(out, seed, progress, operator), rig, session, make_experiment(session, rig))
 
 
 def record_procedures(
@@ -226,58 +184,80 @@ def record_procedures(
     Raises RigError and UsageError before anything moves; DeviceError, SafetyStopError, OperatorStopError and
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
-    progress = progress or Silent()
-    operator = operator or Nobody()
-    progress.plan([PlannedStep(procedure.name, procedure.duration_s(rig)) for procedure in procedures])
+    terms = Terms(out, seed, progress, operator)
+    return _recorded(terms, rig, session, of_procedures(procedures, rig), backend, known)
+
+
+def _recorded(
+    terms: Terms,
+    rig: Rig,
+    session: Session,
+    experiment: Experiment,
+    backend: Backend | None = None,
+    known: Knowledge | None = None,
+) -> Recorded:
+    progress, operator = terms.progress or Silent(), terms.operator or Nobody()
+    if experiment.prompts is not None:
+        terms.answers.check(experiment.prompts, session.place, somebody=operator.answers)
+    past = Past() if terms.resume is None else read_past(terms.resume, rig)
+    progress.plan(experiment.plan)
     progress.state(SessionState.PREPARING)
     warm_up()
+    own_backend = backend is None
     if backend is None:
-        backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
+        backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=terms.seed, place=rig.place)
     with ExitStack() as stack:
         stack.callback(backend.close)
         rehearsal = rehearsed(session, backend)
         stack.enter_context(_settled_memory())
-        devices = open_devices(rig, backend)
-        stack.callback(devices.link.close)
-        metadata = provenance(rig, session, seed, devices.identify())
+        if own_backend and not backend.lock_step:
+            loop: BenchLoop = stack.enter_context(LoopProcess(rig, operator.stop, seed=terms.seed))
+        else:
+            loop = stack.enter_context(loop_in_process(rig, backend, operator.stop.heard))
+        for note in loop.notes:
+            progress.note(note)
+        metadata = {**provenance(rig, session, terms.seed, loop.identify()), "loop": loop.place, RESUMES: past.place}
         recorder = stack.enter_context(
             Recorder(
-                out / f"{rig.name}.mcap",
+                terms.out / f"{rig.name}.mcap",
                 rig_text=rig.text,
                 metadata=metadata,
                 patience_s=LOCK_STEP_PATIENCE_S if backend.lock_step else 0.0,
             )
         )
-        run = stack.enter_context(_running(rig, devices, backend, recorder, progress, operator))
+        so_far = SoFar(known or Knowledge(rig))
+        feed = stack.enter_context(_feed(rig, progress, lock_step=backend.lock_step))
+        desk = Desk(operator, progress, loop.tell)
+        plan = list(experiment.plan)
+        run = Run(rig, loop, feed, so_far, progress, recorder, desk, rehearsal, terms.answers, plan, past)
+        loop.subscribe(run.take)
         if known is not None:
             run.learn(known)
-        stack.callback(_put_away, run.loop, rehearsal)
+        stack.callback(_put_away, loop, rehearsal)
         if rig.supervision.verify_watchdogs:
-            with run.loop.on_time():  # it is about time
-                verify_watchdogs(devices, run.loop.outbox, progress.note)
-        _step_by_step(run, procedures, rehearsal)
-    return Recorded(recorder.path, metadata, run.knowledge, join(run.parts), run.live)
+            for finding in loop.verify_watchdogs():
+                progress.note(str(finding))
+        _perform(run, experiment)
+    return Recorded(recorder.path, metadata, so_far.known, run.measured(), run.live)
 
 
-def _step_by_step(run: _Run, procedures: Sequence[Procedure | Adaptive], rehearsal: Rehearsed) -> None:
-    clock, begun_s = run.loop.devices.clock, perf_counter()
-    begun_ns = clock.now_ns()
-    rehearsal.begin(None)
+def _perform(run: Run, experiment: Experiment) -> None:
+    begun_ns, begun_s = run.loop.now_ns, perf_counter()
+    run.rehearsal.begin(None)
     run.progress.state(SessionState.RUNNING)
-    for index, procedure in enumerate(procedures):
-        run.progress.step(index, procedure.name)
-        rehearsal.begin(procedure.name)
-        run.checkpoint()
-        run.step(procedure)
-    bench_s, took_s = (clock.now_ns() - begun_ns) * 1e-9, perf_counter() - begun_s
+    if run.past.left:
+        run.progress.note(f"goes on from {run.past.place}, of which {len(run.past.records)} procedures were finished")
+    perform(experiment.script(run.so_far), run)
+    if run.past.left:
+        raise UsageError(f"{run.past.place}: has more finished steps than this session; resume with the one recorded")
+    bench_s, took_s = (run.loop.now_ns - begun_ns) * 1e-9, perf_counter() - begun_s
     run.progress.note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x); now the final fit")
 
 
-def _put_away(loop: Loop, rehearsal: Rehearsed) -> None:
+def _put_away(loop: BenchLoop, rehearsal: Rehearsed) -> None:
     """A recording says what was made to fail in it."""
     for stamp_ns, text in rehearsal.happened():
-        loop.outbox.put_event(stamp_ns, "fault", text)
-    loop.outbox.hand_on()
+        loop.tell("fault", text, stamp_ns)
 
 
 @contextmanager
@@ -292,28 +272,10 @@ def _settled_memory() -> Iterator[None]:
 
 
 @contextmanager
-def _running(
-    rig: Rig,
-    devices: Devices,
-    backend: Backend,
-    recorder: Recorder,
-    progress: Progress,
-    operator: Operator,
-) -> Iterator[_Run]:
-    outbox = Outbox()
-    devices.link.set_tap(outbox.put_frame)
-    loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, operator.stop.heard)
-    if not backend.lock_step:
-        loop.on_time = punctual
-    feed = (InlineFeed if backend.lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
-
-    def put_away(kind: str, said: str) -> None:
-        outbox.put_event(devices.clock.now_ns(), kind, said)
-
-    run = _Run(rig, loop, feed, Knowledge(rig), progress, recorder, Desk(operator, progress, put_away))
-    outbox.consumers = (run.take,)
+def _feed(rig: Rig, progress: Progress, *, lock_step: bool) -> Iterator[InlineFeed | ProcessFeed]:
+    feed = (InlineFeed if lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
     try:
-        yield run
+        yield feed
     finally:
         feed.close()
         if feed.dropped:

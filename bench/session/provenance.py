@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 
+from bench.rig.mistakes import toml
 from bench.rig.rig import Rig
 from bench.session.schema import Session
 from drivers.readings import DeviceIdentity
@@ -20,6 +21,7 @@ def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[D
         "backend": rig.backend,
         "session": session.place,
         "arguments": session.arguments,
+        "parameters": ", ".join(f"{name} = {toml(value)}" for name, value in session.parameters.items()),
         "seed": "" if seed is None else str(seed),
         "command_unit": rig.command.unit,
         "tick_s": repr(rig.tick_s),

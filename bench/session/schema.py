@@ -1,16 +1,14 @@
 """Session files: which procedures run, in which order, with which options; ``docs/session-file.md`` explains them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from bench.errors import UsageError
 from bench.procedures.catalogue import make_procedures
 from bench.procedures.options import (
-    BlockedOptions,
     CalibrateOptions,
     FreeOptions,
     ImposedOptions,
@@ -23,110 +21,24 @@ from bench.procedures.refine import RefineProcedure
 from bench.rig.files import parse_toml, read_text
 from bench.rig.mistakes import Mistakes, nearest, toml
 from bench.rig.rig import Rig
-from bench.units import parse_quantity, parse_range, quantity_in
+from bench.session.items import Expectation, Session, Step, WrittenFault, flat
+from bench.session.step_models import STEPS, ExpectModel
+from bench.session.unroll import Unroller
+from bench.session.values import Values, settled
 
+__all__ = [
+    "STEPS",
+    "Session",
+    "Step",
+    "WrittenFault",
+    "load_session",
+    "parse_session",
+    "refining_session",
+    "standard_session",
+]
 
-@dataclass(frozen=True)
-class Step:
-    """One procedure to run: its name and its options."""
-
-    do: str
-    options: Options
-
-
-@dataclass(frozen=True)
-class WrittenFault:
-    """A fault to rehearse: what the simulator reads of it, and the step during which it is to happen, if one."""
-
-    table: Mapping[str, Any]
-    during: str | None = None
-
-
-@dataclass(frozen=True)
-class Session:
-    """What to do, in order. ``place`` names where it came from; ``rig`` is the rig file, if the session names one.
-
-    ``arguments`` are those of ``identify`` that made a built-in session what it is. ``faults`` are for a simulation.
-    """
-
-    steps: tuple[Step, ...]
-    place: str
-    rig: Path | None = None
-    seed: int | None = None
-    text: str = ""
-    arguments: str = ""
-    faults: tuple[WrittenFault, ...] = ()
-
-
-def _velocities(written: object) -> tuple[float, ...]:
-    """A range "-40:8:40 rad/s" or a list of quantities, in rad/s."""
-    if written == []:
-        raise ValueError('names no velocity; write "-40:8:40 rad/s", or leave the key out')
-    if isinstance(written, list):
-        return tuple(parse_quantity(each, "rad/s") for each in written)
-    return parse_range(written, "rad/s")
-
-
-Seconds = Annotated[float, quantity_in("s")]
-Fraction = Annotated[float, quantity_in("")]
-
-
-class StepModel(BaseModel):
-    """Base of every step's options; fields are named as in :mod:`bench.procedures.options`."""
-
-    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
-
-
-class _Tare(StepModel):
-    duration_s: Seconds = Field(TareOptions.duration_s, alias="duration", ge=0.5, examples=["2 s"])
-
-
-class _Calibrate(StepModel):
-    duration_s: Seconds = Field(CalibrateOptions.duration_s, alias="duration", ge=2, examples=["8 s"])
-
-
-class _Free(StepModel):
-    amplitude: Fraction = Field(FreeOptions.amplitude, gt=0, le=1, examples=["60 %"])
-    levels: int = Field(FreeOptions.levels, ge=3, examples=[11])
-    dwell_s: Seconds = Field(FreeOptions.dwell_s, alias="dwell", ge=0.1, examples=["400 ms"])
-    duration_s: Seconds = Field(FreeOptions.duration_s, alias="duration", ge=1, examples=["12 s"])
-
-
-class _Blocked(StepModel):
-    levels: int = Field(BlockedOptions.levels, ge=2, examples=[5])
-    hold_s: Seconds = Field(BlockedOptions.hold_s, alias="hold", ge=0.1, examples=["500 ms"])
-
-
-class _Imposed(StepModel):
-    amplitude: Fraction = Field(ImposedOptions.amplitude, gt=0, le=1, examples=["50 %"])
-    velocities_rad_s: Annotated[tuple[float, ...], BeforeValidator(_velocities)] = Field(
-        ImposedOptions.velocities_rad_s, alias="velocities", examples=["-40:8:40 rad/s"]
-    )
-    commands: int = Field(ImposedOptions.commands, ge=1, examples=[3])
-    duration_s: Seconds = Field(ImposedOptions.duration_s, alias="duration", ge=1, examples=["20 s"])
-
-
-class _Refine(StepModel):
-    until: Fraction = Field(RefineOptions.until, gt=0, lt=1, examples=["1 %"])
-    at_most_s: Seconds = Field(RefineOptions.at_most_s, alias="at_most", gt=0, examples=["5 min"])
-
-
-class _Validate(StepModel):
-    duration_s: Seconds = Field(ValidateOptions.duration_s, alias="duration", ge=1, examples=["8 s"])
-    seed: int = Field(ValidateOptions.seed, ge=0, examples=[7])
-
-
-STEPS: Mapping[str, tuple[type[StepModel], type[Options]]] = {
-    "tare": (_Tare, TareOptions),
-    "calibrate": (_Calibrate, CalibrateOptions),
-    "free": (_Free, FreeOptions),
-    "blocked": (_Blocked, BlockedOptions),
-    "imposed": (_Imposed, ImposedOptions),
-    "refine": (_Refine, RefineOptions),
-    "validate": (_Validate, ValidateOptions),
-}
-# Every procedure that is not decided as it goes.
-STANDARD = tuple(name for name in STEPS if name != "refine")
+# Every procedure that measures something to fit or to go by, and is not decided as it goes.
+STANDARD = tuple(name for name in STEPS if name not in ("refine", "rest"))
 # Around a refinement, which does the rest: just enough for a first fit, and for commands to validate with.
 SHORT_FREE = FreeOptions(levels=5, dwell_s=0.3, duration_s=4.0)
 SHORT_IMPOSED = ImposedOptions(commands=1, duration_s=4.0)
@@ -142,15 +54,20 @@ class _File(BaseModel):
     seed: int | None = Field(None, ge=0, examples=[1])
     step: list[Any]
     fault: list[Any] = Field(default_factory=list)
+    parameters: dict[str, Any] = Field(default_factory=dict, examples=[{"speed": "40 rad/s"}])
+    expect: list[Any] = Field(default_factory=list)
 
 
-def load_session(path: str | Path) -> Session:
-    """The session that the file describes. Raises UsageError: one line a mistake, each with its place and the mend."""
+def load_session(path: str | Path, given: Mapping[str, Any] | None = None) -> Session:
+    """The session that the file describes; ``given`` are values for its parameters, instead of the file's.
+
+    Raises UsageError: one line a mistake, each with its place and the mend.
+    """
     path = Path(path)
-    return parse_session(read_text(path, "session file"), place=str(path))
+    return parse_session(read_text(path, "session file"), place=str(path), given=given)
 
 
-def parse_session(text: str, *, place: str) -> Session:
+def parse_session(text: str, *, place: str, given: Mapping[str, Any] | None = None) -> Session:
     """As :func:`load_session`, from the file's content."""
     mistakes = Mistakes(place)
     written = parse_toml(text, place)
@@ -159,34 +76,52 @@ def parse_session(text: str, *, place: str) -> Session:
         mistakes.add("[[step]]", 'there is no step; add a section [[step]], in double brackets, with do = "tare"')
         steps = []
     head = mistakes.read(_File, {**written, "step": steps}, "")
-    read = [_step(table, number, mistakes) for number, table in enumerate(steps, 1)]
-    names = [step.do for step in read if step is not None]
-    faults = (
-        () if head is None else [_fault(table, f"fault {n}", names, mistakes) for n, table in enumerate(head.fault, 1)]
-    )
+    values = Values(settled(head.parameters if head else {}, given or {}, place))
+    read = Unroller(mistakes).read(steps, values)
+    names = sorted({step.do for step in flat((*read.steps, *read.always))})
+    faults, expectations = _head_tables(head, names, values, mistakes)
+    _check_used(values, mistakes)
     mistakes.raise_as(UsageError)
     assert head is not None
-    rig = None if head.rig is None else Path(place).parent / head.rig
-    steps_read = tuple(step for step in read if step is not None)
-    return Session(steps_read, place, rig, head.seed, text, faults=tuple(faults))
+    return Session(
+        tuple(read.steps),
+        place,
+        None if head.rig is None else Path(place).parent / head.rig,
+        head.seed,
+        text,
+        faults=faults,
+        always=tuple(read.always),
+        expectations=expectations,
+        parameters=values.given,
+    )
 
 
-def _step(table: object, number: int, mistakes: Mistakes) -> Step | None:
-    where = f"step {number}"
-    if not isinstance(table, dict):
-        mistakes.add(f"[{where}]", f"is a section, not {toml(table)}; write [[step]] on a line of its own")
+def _head_tables(
+    head: _File | None, names: Sequence[str], values: Values, mistakes: Mistakes
+) -> tuple[tuple[WrittenFault, ...], tuple[Expectation, ...]]:
+    if head is None:
+        return (), ()
+    faults = [_fault(table, f"fault {n}", names, mistakes) for n, table in enumerate(head.fault, 1)]
+    expected = [_expectation(table, f"expect {n}", values, mistakes) for n, table in enumerate(head.expect, 1)]
+    return tuple(faults), tuple(each for each in expected if each is not None)
+
+
+def _expectation(table: object, where: str, values: Values, mistakes: Mistakes) -> Expectation | None:
+    try:
+        section = mistakes.read(ExpectModel, values.put_in(table), where)
+        return None if section is None else section.expectation(where)
+    except ValueError as error:
+        mistakes.add(f"[{where}]", str(error))
         return None
-    do = table.get("do")
-    if do is None:
-        mistakes.add(f"[{where}] do", f"is missing; add do = ... (one of {', '.join(STEPS)})")
-        return None
-    if not isinstance(do, str) or do not in STEPS:
-        mistakes.add(f"[{where}] do", f"{toml(do)} is not a procedure; {nearest(str(do), STEPS)}")
-        return None
-    model, options = STEPS[do]
-    rest = {key: value for key, value in table.items() if key != "do"}
-    section = mistakes.read(model, rest, f"{where}, {do}")
-    return None if section is None else Step(do, options(**section.model_dump(exclude_unset=True)))
+
+
+def _check_used(values: Values, mistakes: Mistakes) -> None:
+    """Only where all else is right: a mistake elsewhere may have kept a parameter from being met."""
+    if mistakes.sentences:
+        return
+    for name in values.given:
+        if name not in values.used:
+            mistakes.add(f"[parameters] {name}", f'is used nowhere; write "${name}" where it belongs, or leave it out')
 
 
 def _fault(table: object, where: str, steps: Sequence[str], mistakes: Mistakes) -> WrittenFault:

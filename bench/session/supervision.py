@@ -1,34 +1,22 @@
-"""What the guard is told as the session learns, and the drives' watchdogs seen to act before it begins."""
-
-from collections.abc import Callable
+"""What loop and guard are told as the session learns."""
 
 from bench.control.calibration import LoadCalibration
-from bench.errors import BenchError
 from bench.guard.known import NOTHING_KNOWN, Known, Machine
 from bench.guard.learning import amperes_per_command, torque_habits
 from bench.identification.results import FitResult
-from bench.loop.devices import Devices
-from bench.loop.outbox import Outbox
+from bench.loop.learned import Learned
 from bench.procedures.knowledge import Knowledge
 from bench.records import Measured
 from bench.segments import Use
-from drivers.errors import DeviceError
 
 
-def verify_watchdogs(devices: Devices, outbox: Outbox, note: Callable[[str], None]) -> None:
-    """See every drive's watchdog act; what is found is put away and noted. Nothing moves.
-
-    Raises SafetyStopError where one does not, DeviceError where a drive cannot be enabled.
-    """
-    try:
-        for finding in devices.verify_watchdogs():
-            outbox.put_event(devices.clock.now_ns(), "watchdog", str(finding))
-            note(str(finding))
-    except (BenchError, DeviceError) as error:
-        outbox.put_event(devices.clock.now_ns(), "stop", str(error))
-        raise
-    finally:
-        outbox.hand_on()
+def learned(known: Knowledge) -> Learned:
+    """What the session knows by now, in the loop's terms."""
+    tare, calibration = known.tare, known.calibration
+    bias_nm = None if tare is None else tare.torque_bias_nm
+    if calibration is not None:
+        bias_nm = calibration.torque_bias_nm
+    return Learned(told_to_guard(known), bias_nm, calibration)
 
 
 def told_to_guard(known: Knowledge) -> Known:

@@ -2,30 +2,12 @@
 
 import gc
 import os
-import sys
-import threading
+import resource
 
 import pytest
 
-from drivers.punctual import LOOP_PRIORITY, SWITCH_INTERVAL_S, punctual
-
-
-def permitted() -> bool:
-    """Whether this process may run in real time."""
-    try:
-        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-        os.sched_setscheduler(0, policy, parameters)
-    except OSError:
-        return False
-    return True
-
-
-def test_threads_yield_quickly_inside_and_as_before_outside() -> None:
-    before = sys.getswitchinterval()
-    with punctual():
-        assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
-    assert sys.getswitchinterval() == before
+from drivers import punctual as module
+from drivers.punctual import LOOP_PRIORITY, SERVER_PRIORITY, permitted_priority, punctual
 
 
 def test_the_collector_leaves_alone_what_is_there_already() -> None:
@@ -35,26 +17,18 @@ def test_the_collector_leaves_alone_what_is_there_already() -> None:
         return any(each is there_already for each in gc.get_objects())
 
     assert looked_through()
-    with punctual():
+    with punctual(LOOP_PRIORITY):
         assert not looked_through()
     assert (gc.get_freeze_count() == 0) == (before == 0)
 
 
-@pytest.mark.skipif(not permitted(), reason="this process may not run in real time")
-def test_the_loop_comes_before_every_other_thread_of_the_process() -> None:
-    end, identifiers = threading.Event(), []
-    other = threading.Thread(target=lambda: (identifiers.append(threading.get_native_id()), end.wait()))
-    other.start()
+@pytest.mark.skipif(not permitted_priority(1), reason="this process may not run in real time")
+def test_inside_is_real_time_and_outside_is_not() -> None:
     policy = os.sched_getscheduler(0)
-    try:
-        with punctual():
-            assert os.sched_getscheduler(0) == os.SCHED_FIFO
-            assert os.sched_getparam(0).sched_priority == LOOP_PRIORITY
-            assert 0 < os.sched_getparam(identifiers[0]).sched_priority < LOOP_PRIORITY
-        assert os.sched_getscheduler(0) == os.sched_getscheduler(identifiers[0]) == policy
-    finally:
-        end.set()
-        other.join()
+    with punctual(SERVER_PRIORITY):
+        assert os.sched_getscheduler(0) == os.SCHED_FIFO
+        assert os.sched_getparam(0).sched_priority == SERVER_PRIORITY
+    assert os.sched_getscheduler(0) == policy
 
 
 def test_where_it_is_not_permitted_nothing_breaks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,5 +36,14 @@ def test_where_it_is_not_permitted_nothing_breaks(monkeypatch: pytest.MonkeyPatc
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with punctual():
-        assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
+    assert permitted_priority(LOOP_PRIORITY) == 0
+    policy = os.sched_getscheduler(0)
+    with punctual(LOOP_PRIORITY):
+        assert os.sched_getscheduler(0) == policy
+
+
+def test_a_system_that_permits_less_gives_what_it_permits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_permitted", lambda priority: priority <= 20)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (20, 20))
+    assert permitted_priority(LOOP_PRIORITY) == 20
+    assert permitted_priority(10) == 10

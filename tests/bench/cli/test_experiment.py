@@ -24,7 +24,7 @@ from bench.models.parameters import Estimate, Status
 from bench.procedures.refinement import Refinement
 from bench.records import Measured
 from bench.session.conclusion import Conclusion
-from bench.session.progress import PlannedStep
+from bench.session.progress import Judged, PlannedStep
 from bench.session.schema import STEPS
 
 ROOT = Path(__file__).parents[3]
@@ -43,6 +43,7 @@ class Result:
     conclusion: Conclusion
     knowledge: Knowledge
     measured: Measured
+    expectations: tuple[Judged, ...] = ()
 
 
 class Engine:
@@ -58,7 +59,7 @@ class Engine:
         self.asked = {"rig": rig, "session": session, **asked}
         recording = asked["out"] / "r.mcap"
         recording.write_text("")
-        asked["progress"].plan((("tare", 2.0),))
+        asked["progress"].plan([PlannedStep("tare", 2.0)])
         asked["progress"].step(0, "tare")
         asked["progress"].part(Measured(), LiveEstimate(0))
         asked["progress"].note("a remark")
@@ -87,7 +88,8 @@ def test_identify_runs_the_standard_session_and_prints_json(
     streams = capsys.readouterr()
     assert code == ExitCode.OK
     assert json.loads(streams.out)["parameters"]["inertia"]["std"] == 1e-7
-    assert [step.do for step in engine.asked["session"].steps] == [name for name in STEPS if name != "refine"]
+    standard = [name for name in STEPS if name not in ("refine", "rest")]
+    assert [step.do for step in engine.asked["session"].steps] == standard
     assert "until" not in json.loads(streams.out)
     assert (engine.asked["seed"], engine.asked["rig"].backend) == (7, "simulated")
     assert engine.asked["out"] == tmp_path / "new"

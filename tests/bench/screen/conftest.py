@@ -1,4 +1,4 @@
-"""A real experiment, made once: the engine runs a short session on the simulated bench, and its recording is replayed."""
+"""A real experiment, made once: the engine runs a short session on a simulated bench; its recording is replayed."""
 
 import asyncio
 import inspect

@@ -1,7 +1,7 @@
 """Screens compared by what a reader sees: the words, and where curves and tables stand.
 
-A stored SVG and a new one are read as grids of characters. Words and lines must be the same; digits may be others, for a
-number depends on the processor that found it; a curve may differ in a few of its cells for the same reason. Colours are
+A stored SVG and a new one are read as grids of characters. Words must be the same; digits may be others, for a number
+depends on the processor that found it; a curve may differ in a few of its cells for the same reason. Colours are
 compared as the set that is used. (pytest-textual-snapshot wants an older pytest than ours.)
 """
 

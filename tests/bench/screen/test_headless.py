@@ -8,8 +8,9 @@ import pytest
 HEADLESS = """
 import sys
 from importlib import import_module
-for name in ("bench.cli.app", "bench.cli.experiment", "bench.cli.recordings", "bench.cli.screen", "bench.session.engine",
-             "bench.session.hosted", "bench.session.replay", "bench.session.refit", "bench.report.render",
+for name in ("bench.cli.app", "bench.cli.experiment", "bench.cli.recordings", "bench.cli.screen",
+             "bench.session.engine", "bench.session.hosted", "bench.session.replay", "bench.session.refit",
+             "bench.report.render",
              "bench.screen.figures", "bench.screen.picture.picture", "bench.screen.plots.drawing",
              "bench.screen.panels.parameters", "bench.screen.settings", "bench.screen.opening"):
     import_module(name)

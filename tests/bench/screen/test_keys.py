@@ -250,7 +250,7 @@ async def test_a_replay_is_moved(replayed: Experiment) -> None:
 
 
 async def test_a_replay_pauses_resumes_and_stops(replayed: Experiment) -> None:
-    async with running(replayed) as (app, pilot):
+    async with running(replayed) as (_app, pilot):
         assert replayed.replay is not None
         replay = replayed.replay.replay
         await pilot.press("p")

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from bench.records import Measured
 from bench.rig.load import load_rig
 from bench.rig.rig import Rig
 from bench.segments import Use
-from bench.session.conclusion import conclude_recording
+from bench.session.conclusion import conclude, conclude_recording
 from bench.session.engine import SessionResult, run_session
 from bench.session.progress import Silent
 from bench.session.schema import Session, Step
@@ -164,6 +164,25 @@ def test_a_recording_alone_gives_the_very_same_result(performed: Performed, tmp_
     now = json.loads(conclusion.network.read_text())
     assert now.pop("provenance").items() >= then.pop("provenance").items()
     assert now == then
+
+
+def test_a_validation_that_was_not_read_costs_no_fit(performed: Performed, tmp_path: Path) -> None:
+    measured = performed.result.measured
+    begun_ns = next(segment.start_ns for segment in measured.segments if segment.use is Use.VALIDATE)
+    deaf = replace(measured, torque=measured.torque[measured.torque["arrival_ns"] < begun_ns])
+    recording = read_recording(performed.result.recording, raw_frames=False)
+    conclusion = conclude(
+        deaf,
+        rig_text=recording.rig_text,
+        metadata=recording.metadata,
+        live=(),
+        recording=tmp_path / "deaf",
+        out=tmp_path,
+    )
+    assert conclusion.validation is None
+    assert conclusion.fit is not None
+    assert conclusion.fit.converged
+    assert any(sentence.startswith("validation: too little was read") for sentence in conclusion.fit.verdict)
 
 
 def valid_from_ns(live: list[LiveEstimate]) -> int:

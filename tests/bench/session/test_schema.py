@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from bench.errors import ExitCode, UsageError
-from bench.procedures.catalogue import CATALOGUE, make_procedures
+from bench.procedures.catalogue import CATALOGUE
 from bench.procedures.options import FreeOptions, ImposedOptions, TareOptions
 from bench.rig.load import load_rig
+from bench.session.program import make_experiment
 from bench.session.schema import STEPS, load_session, parse_session, standard_session
 
 ROOT = Path(__file__).parents[3]
@@ -53,15 +54,14 @@ def test_the_sessions_that_are_shipped_can_run(path: Path) -> None:
     session = load_session(path)
     assert session.rig is not None
     rig = load_rig(session.rig)
-    steps = [(step.do, step.options) for step in session.steps]
-    assert len(make_procedures(steps, rig, place=str(path))) == len(steps)
+    assert len(make_experiment(session, rig).plan) >= len(session.steps)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "rigs").glob("*.toml")), ids=lambda path: path.stem)
 def test_the_standard_session_suits_every_rig(path: Path) -> None:
     rig = load_rig(path)
-    steps = [(step.do, step.options) for step in standard_session(rig).steps]
-    assert len(make_procedures(steps, rig, place="standard")) == len(steps)
+    session = standard_session(rig)
+    assert [step.name for step in make_experiment(session, rig).plan] == [step.do for step in session.every_step()]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,58 @@
+"""The loop in the session's own process: in lock step, where time waits for everybody, and on a backend passed in."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+from bench.loop.alignment import Alignment
+from bench.loop.devices import open_devices
+from bench.loop.gate import guard_for
+from bench.loop.loop import Loop, never_stop
+from bench.loop.outbox import Outbox
+from bench.records import Measured
+from bench.rig.rig import Rig
+from drivers.backend import Backend
+from drivers.punctual import LOOP_PRIORITY, punctual
+
+
+@dataclass
+class InProcessLoop(Loop):
+    """A :class:`bench.loop.bench_loop.BenchLoop` without processes or memory to share."""
+
+    outbox: Outbox
+
+    def subscribe(self, consumer: Callable[[Measured], None]) -> None:
+        self.outbox.consumers = (consumer,)
+        self.devices.link.set_tap(self.outbox.put_frame)
+
+    def tell(self, kind: str, text: str, stamp_ns: int | None = None) -> None:
+        self.outbox.put_event(self.now_ns if stamp_ns is None else stamp_ns, kind, text)
+        self.outbox.hand_on()
+
+    @property
+    def now_ns(self) -> int:
+        return self.devices.clock.now_ns()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def place(self) -> str:
+        return "in the session's process"
+
+
+@contextmanager
+def loop_in_process(
+    rig: Rig, backend: Backend, stop_request: Callable[[], str | None] = never_stop
+) -> Iterator[InProcessLoop]:
+    """The rig's devices, open, with a loop. Raises WiringError, RigError, ConnectionFailedError."""
+    devices = open_devices(rig, backend)
+    try:
+        loop = InProcessLoop(devices, guard_for(rig, devices), Outbox(), Alignment(), rig.tick_ns, stop_request)
+        if not backend.lock_step:
+            loop.on_time = partial(punctual, LOOP_PRIORITY)
+        yield loop
+    finally:
+        devices.link.close()

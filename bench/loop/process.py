@@ -1,0 +1,297 @@
+"""The loop in a process of its own, as its session sees it: the same loop, orders in, shared memory out."""
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
+from dataclasses import fields, replace
+from multiprocessing.connection import wait
+from typing import Any
+
+from bench.errors import BenchError, SafetyStopError
+from bench.loop.devices import open_devices
+from bench.loop.learned import Learned
+from bench.loop.orders import (
+    Close,
+    Enable,
+    Failed,
+    Identify,
+    Idle,
+    Idled,
+    Learn,
+    Order,
+    ResetGuard,
+    Run,
+    VerifyWatchdogs,
+)
+from bench.loop.segment_info import segment_info
+from bench.loop.service import Shared, serve_loop
+from bench.loop.session_watch import Pulse
+from bench.loop.shared_outbox import SharedInbox, SharedMemory
+from bench.loop.stop_word import StopWord
+from bench.loop.watchdogs import WatchdogFinding
+from bench.records import Event, Measured, SegmentInfo, Table, join
+from bench.rig.rig import Rig
+from bench.segments import Segment
+from drivers.errors import DeviceError
+from drivers.readings import DeviceIdentity
+from drivers.registry import load_backend
+from drivers.settling import Settled
+
+# How often the session beats, and looks at what the loop has put away.
+PART_S = 0.04
+# A loop that does not tick for so long has been stopped, or hangs.
+TICKS_WITHIN_S = 2.0
+# Importing everything, opening a slow device, compiling a controller for the first time.
+ANSWER_WITHIN_S = 120.0
+END_WITHIN_S = 5.0
+# Libraries that calculate in several threads start those when they are imported.
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+class LoopProcess:
+    """A :class:`bench.loop.bench_loop.BenchLoop` on the rig's own devices, in wall time, until :meth:`close`.
+
+    The loop opens them itself. ``stop`` is heard every tick. Raises what opening them raises: WiringError, RigError,
+    ConnectionFailedError. Every method raises SafetyStopError once the loop has died.
+    """
+
+    def __init__(self, rig: Rig, stop: StopWord | None = None, *, seed: int | None = None) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._rig, self._seed = rig, seed
+        self._consumer: Callable[[Measured], None] = _nobody
+        self._enabled = False
+        self._begun = (-1, 0)  # the segment that runs, and its first tick [ns]
+        memory, pulse = SharedMemory(rig), Pulse()
+        self._inbox, self._beat_ns = SharedInbox(memory), pulse.view()
+        self._orders, far_end = context.Pipe()
+        self._process = context.Process(
+            target=serve_loop,
+            args=(rig, seed, Shared(memory, stop or StopWord(), pulse), far_end),
+            name="loop",
+            daemon=True,
+        )
+        with _environment(ONE_THREAD):
+            self._process.start()
+        far_end.close()  # or the loop's end would never be seen
+        try:
+            self._settled: Settled = self._wait_for_answer()
+        except BaseException:
+            self._end()
+            raise
+
+    @property
+    def pid(self) -> int:
+        """The loop's process."""
+        return self._process.pid or 0
+
+    @property
+    def lost(self) -> int:
+        """How many records the session was too late for."""
+        return self._inbox.lost
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return self._settled.notes
+
+    @property
+    def place(self) -> str:
+        return self._settled.words
+
+    @property
+    def now_ns(self) -> int:
+        return time.monotonic_ns()
+
+    def subscribe(self, consumer: Callable[[Measured], None]) -> None:
+        self._inbox.skip()
+        self._consumer = consumer
+
+    def tell(self, kind: str, text: str, stamp_ns: int | None = None) -> None:
+        self._consumer(Measured(events=(Event(self.now_ns if stamp_ns is None else stamp_ns, kind, text),)))
+
+    def identify(self) -> list[DeviceIdentity]:
+        found: list[DeviceIdentity] = self._ask(Identify())
+        return found
+
+    def verify_watchdogs(self) -> tuple[WatchdogFinding, ...]:
+        found: tuple[WatchdogFinding, ...] = self._ask(VerifyWatchdogs())
+        return found
+
+    def learn(self, learned: Learned) -> None:
+        self._ask(Learn(learned))
+
+    def reset_guard(self, word: str) -> None:
+        self._ask(ResetGuard(word))
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        self._ask(Enable())
+        self._enabled = True
+        try:
+            yield
+        except BaseException as error:
+            self._idle(error)
+            raise
+        self._idle(None)
+
+    def run(self, segment: Segment) -> Measured:
+        parts: list[Measured] = []
+        self._send(Run(segment))
+        answer = self._answer(lambda: parts.append(self._hand_on(segment)), TICKS_WITHIN_S)
+        if isinstance(answer, Idled):
+            self._enabled = False
+            self._hand_on(segment)
+            raise answer.error or SafetyStopError("the loop has idled the drives by itself", "loop")
+        parts.append(self._hand_on(segment, answer.value))
+        return join(parts)
+
+    def close(self) -> None:
+        """End the loop's process; the drives are idle then. May be called twice."""
+        with suppress(OSError):
+            self._orders.send(Close())
+        self._end()
+
+    def __enter__(self) -> "LoopProcess":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _end(self) -> None:
+        self._orders.close()
+        self._process.join(END_WITHIN_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def _ask(self, order: Order) -> Any:
+        """What the order is answered with; what it fails with is raised. What is measured meanwhile is handed on."""
+        self._send(order)
+        try:
+            return self._wait_for_answer()
+        finally:
+            self._hand_on()
+
+    def _wait_for_answer(self) -> Any:
+        answer = self._answer(_nothing)
+        if isinstance(answer, Failed):
+            raise answer.error
+        return answer.value
+
+    def _idle(self, error: BaseException | None) -> None:
+        """See the drives idled, unless they are. Of errors the loop puts away those that are the user's business."""
+        if not self._enabled:
+            return
+        self._enabled = False
+        self._send(Idle(error if isinstance(error, BenchError | DeviceError) else None))
+        while not isinstance(answer := self._answer(_nothing), Idled):
+            pass  # of a segment that was over just then
+        self._hand_on()
+        if error is None and answer.error is not None:
+            raise answer.error
+
+    def _send(self, order: Order) -> None:
+        self._beat()
+        try:
+            self._orders.send(order)
+        except OSError:
+            raise self._lost("has died") from None
+
+    def _answer(self, look: Callable[[], object], ticks_within_s: float = ANSWER_WITHIN_S) -> Any:
+        """The next message, looking and beating meanwhile. Raises SafetyStopError where the loop is dead or silent."""
+        ticks, seen_s = self._inbox.ticks, time.monotonic()
+        while not (ready := wait([self._orders, self._process.sentinel], PART_S)) or self._orders not in ready:
+            if ready:
+                raise self._lost(f"has died ({_ending(self._process.exitcode)})")
+            self._beat()
+            look()
+            now_s, before = time.monotonic(), ticks
+            ticks = self._inbox.ticks
+            if ticks != before:
+                seen_s = now_s
+            elif now_s - seen_s > ticks_within_s:
+                self._process.kill()
+                raise self._lost(f"has not ticked for {ticks_within_s:g} s")
+        try:
+            return self._orders.recv()
+        except (EOFError, OSError):
+            self._process.join(END_WITHIN_S)
+            raise self._lost(f"has died ({_ending(self._process.exitcode)})") from None
+
+    def _beat(self) -> None:
+        self._beat_ns[0] = time.monotonic_ns()
+
+    def _lost(self, how: str) -> SafetyStopError:
+        """The error to raise; what the loop has put away until then is in the recording, and that it is gone."""
+        self._process.join(END_WITHIN_S)
+        was_enabled, self._enabled = self._enabled, False
+        said = f"the loop's process {how}"
+        if was_enabled:
+            said += f"; {_idled_in_its_place(self._rig, self._seed)}"
+        self._hand_on()
+        self.tell("stop", said)
+        return SafetyStopError(said, "loop")
+
+    def _hand_on(self, segment: Segment | None = None, info: SegmentInfo | None = None) -> Measured:
+        """Give the consumer what has come; ``info`` is the loop's last word of the segment."""
+        measured = self._inbox.take()
+        if segment is not None and info is None and len(measured.ticks):
+            info = self._so_far(segment, measured.ticks)
+        part = replace(measured, segments=() if info is None else (info,))
+        if not _empty(part):
+            self._consumer(part)
+        return part.without_frames()
+
+    def _so_far(self, segment: Segment, ticks: Table) -> SegmentInfo:
+        """What can be said of a segment before it is over."""
+        index = int(ticks["segment"][-1])
+        if index != self._begun[0]:
+            self._begun = index, int(ticks["tick_ns"][0])
+        end_ns = int(ticks["tick_ns"][-1]) + self._rig.tick_ns
+        return segment_info(segment, index, self._begun[1], end_ns)
+
+
+def _idled_in_its_place(rig: Rig, seed: int | None) -> str:
+    """Drives that nobody commands any more stop by themselves, if they have a watchdog; told to, they stop sooner."""
+    try:
+        backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
+        with closing(backend):
+            complaints = open_devices(rig, backend).stop()
+    except Exception as error:  # whatever it is, the drives' watchdogs are left, and the loop's death is the news
+        return (
+            f"the drives could not be idled in its place ({error}): if they have no watchdog, switch off their supply"
+        )
+    return "; ".join(complaints) or "the drives were idled in its place"
+
+
+def _ending(exit_code: int | None) -> str:
+    """How a process ended, in words."""
+    if exit_code is not None and exit_code < 0:
+        return f"ended by {signal.Signals(-exit_code).name}"
+    return f"exit code {exit_code}"
+
+
+def _empty(part: Measured) -> bool:
+    return all(not len(getattr(part, each.name)) for each in fields(part))
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Inside, for processes that are started there; what is set already stays."""
+    added = [name for name in variables if name not in os.environ]
+    os.environ.update({name: variables[name] for name in added})
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+def _nobody(_part: Measured) -> None:
+    """Before anybody has subscribed."""
+
+
+def _nothing() -> None:
+    """Nothing to look at meanwhile."""

@@ -1,0 +1,58 @@
+"""What a loop in a process of its own sees of its session: drives are not left enabled for a session that is gone."""
+
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.sharedctypes import RawArray
+from typing import Any
+
+from bench.errors import SafetyStopError
+from bench.loop.orders import Idle, LeaveError
+from drivers.clock import Clock
+
+# A session beats 25 times a second; one that does not for so long hangs, or was stopped.
+SILENT_NS = 1_000_000_000
+# How often the pipe is looked at: it tells sooner of a session that has died.
+LOOK_NS = 10_000_000
+
+
+class Pulse:
+    """When the session was last seen alive, in memory that it shares with the loop; goes to it as an argument."""
+
+    def __init__(self) -> None:
+        self.memory: Any = RawArray("B", 8)
+
+    def view(self) -> "memoryview[int]":
+        """One number [ns]: the clock's when it beat."""
+        return memoryview(self.memory).cast("B").cast("Q")
+
+
+@dataclass
+class SessionWatch:
+    """Asked every tick while the drives are enabled."""
+
+    pulse: Pulse
+    orders: "Connection[Any, Any]"
+    clock: Clock
+    _look_ns: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        self._beat_ns = self.pulse.view()
+
+    def look(self) -> None:
+        """Raises SafetyStopError where the session is gone, LeaveError where it wants the drives idle."""
+        now_ns = self.clock.now_ns()
+        silent_ns = now_ns - self._beat_ns[0]
+        if silent_ns > SILENT_NS:
+            raise SafetyStopError(f"the session has not been heard for {silent_ns / 1e6:.0f} ms: it hangs", "session")
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + LOOK_NS
+            if self.orders.poll():
+                self._read()
+
+    def _read(self) -> None:
+        """During a segment a session says nothing but that it wants no more of it."""
+        try:
+            order = self.orders.recv()
+        except (EOFError, OSError):
+            raise SafetyStopError("the session's process has died", "session") from None
+        raise LeaveError(order if isinstance(order, Idle) else Idle())

@@ -1,0 +1,175 @@
+"""A session that was interrupted goes on behind its last finished step, and its results are of both recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.errors import OperatorStopError, UsageError
+from bench.loop.stop_word import StopWord
+from bench.recording.reader import read_recording
+from bench.records import Measured
+from bench.rig.load import load_rig
+from bench.session.conclusion import conclude_recording
+from bench.session.engine import SessionResult, run_session
+from bench.session.operator import Order
+from bench.session.past import before, read_past
+from bench.session.progress import Silent
+from bench.session.schema import parse_session
+
+RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
+TEXT = """\
+[[step]]
+do = "ask"
+name = "fixture"
+text = "Which fixture?"
+[[step]]
+do = "tare"
+duration = "500 ms"
+[[step]]
+do = "calibrate"
+duration = "4 s"
+[[step]]
+do = "imposed"
+when = { answer = "fixture", is = "A" }
+velocities = ["-15 rad/s", "15 rad/s"]
+commands = 1
+amplitude = "30 %"
+duration = "1 s"
+[[step]]
+do = "imposed"
+commands = 1
+amplitude = "30 %"
+duration = "1 s"
+"""
+SESSION = parse_session(TEXT, place="test.toml")
+
+
+@dataclass
+class Stopper(Silent):
+    """Answers with A, and stops when step ``at`` has measured for a while."""
+
+    at: int
+    answers: bool = True
+    stop: StopWord = field(default_factory=StopWord)
+    steps: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    _parts: int = 0
+    _orders: list[Order] = field(default_factory=list)
+
+    def orders(self) -> Sequence[Order]:
+        orders, self._orders = self._orders, []
+        return orders
+
+    def ask(self, prompt: object) -> None:
+        self._orders.append(Order("answer", "A"))
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+    def step(self, index: int, name: str) -> None:
+        self.steps.append(name)
+        self._parts = 0
+
+    def part(self, measured: Measured, live: object) -> None:
+        self._parts += 1
+        if len(self.steps) == self.at and self._parts > 8:
+            self.stop.say("enough")
+
+
+@dataclass(frozen=True)
+class Both:
+    whole: SessionResult
+    first: Path
+    resumed: SessionResult
+    watched: Stopper
+
+
+def ran(out: Path, watcher: Stopper, resume: Path | None = None) -> SessionResult:
+    out.mkdir()
+    return run_session(RIG, SESSION, out=out, seed=1, progress=watcher, operator=watcher, resume=resume)
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> Both:
+    folder = tmp_path_factory.mktemp("resume")
+    whole = ran(folder / "whole", Stopper(at=99))
+    with pytest.raises(OperatorStopError):
+        ran(folder / "first", Stopper(at=5))
+    watched = Stopper(at=99)
+    return Both(whole, folder / "first", ran(folder / "second", watched, folder / "first"), watched)
+
+
+def test_only_what_was_not_finished_is_done_again(both: Both) -> None:
+    done = read_recording(both.resumed.recording).measured
+    assert {segment.procedure for segment in done.segments} == {"imposed"}
+    assert [event.text for event in done.events if event.kind == "step"] == ["imposed"]
+    assert any("of which 3 procedures were finished" in note for note in both.watched.notes)
+    assert both.watched.steps == ["ask", "tare", "calibrate", "imposed", "imposed"]
+
+
+def test_what_was_known_is_known_again(both: Both) -> None:
+    assert both.resumed.knowledge.tare == both.whole.knowledge.tare
+    again, once = both.resumed.knowledge.calibration, both.whole.knowledge.calibration
+    assert again is not None
+    assert once is not None
+    assert again.inertia_kgm2 == pytest.approx(once.inertia_kgm2, rel=1e-3)
+
+
+def test_the_results_are_of_both_recordings(both: Both) -> None:
+    names = [segment.procedure for segment in both.resumed.measured.segments]
+    whole = [segment.procedure for segment in both.whole.measured.segments]
+    assert names == whole
+    for name in ("torque_gain", "inertia", "viscous_damping", "coulomb_torque"):
+        one, other = both.whole.parameter(name), both.resumed.parameter(name)
+        assert abs(one.value - other.value) < 4 * np.hypot(one.std, other.std), name
+        assert other.interval < 2 * one.interval
+    fits = [result.conclusion.fit for result in (both.whole, both.resumed)]
+    assert fits[0] is not None
+    assert fits[1] is not None
+    assert fits[1].samples == pytest.approx(fits[0].samples, rel=0.02)
+
+
+def test_a_recording_that_resumes_another_is_fitted_with_it(both: Both, tmp_path: Path) -> None:
+    fit = conclude_recording(both.resumed.recording, tmp_path)[1].fit
+    assert fit is not None
+    assert fit.estimate("inertia").value == both.resumed.parameter("inertia").value
+
+
+def test_records_are_put_before_the_later_one(both: Both) -> None:
+    later = read_recording(both.resumed.recording).measured
+    earlier = before(read_past(both.first, RIG).records, later)
+    assert [len(record.events) for record in earlier] == [0, 0, 0]
+    for name, stamp in (("ticks", "tick_ns"), ("motion", "arrival_ns"), ("torque", "arrival_ns")):
+        stamps = np.concatenate([getattr(record, name)[stamp] for record in (*earlier, later)])
+        assert np.all(np.diff(stamps) > 0), name
+    numbers = np.concatenate([record.torque["sequence"] for record in (*earlier, later)])
+    assert np.all(np.diff(numbers) > 0)
+    indices = [segment.index for record in earlier for segment in record.segments]
+    assert max(indices) < -1
+    assert len(indices) == len(set(indices))
+
+
+def test_another_session_is_refused(both: Both, tmp_path: Path) -> None:
+    other = parse_session('[[step]]\ndo = "rest"\n', place="other.toml")
+    with pytest.raises(UsageError, match="there 'tare' came next, where this session has 'rest'; resume with the"):
+        run_session(RIG, other, out=tmp_path, resume=both.first)
+
+
+@pytest.mark.parametrize("shorter", [1, 2])
+def test_a_shorter_session_is_refused(both: Both, tmp_path: Path, shorter: int) -> None:
+    steps = tuple(step for step in SESSION.steps if getattr(step, "do", "") != "ask")[:shorter]
+    with pytest.raises(UsageError, match="has more finished steps than this session"):
+        run_session(RIG, replace(SESSION, steps=steps), out=tmp_path, resume=both.first)
+
+
+def test_another_rig_is_refused(both: Both, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="was recorded with rig = sim-odrive, this rig has other; resume on the same"):
+        run_session(replace(RIG, name="other"), SESSION, out=tmp_path, resume=both.first, operator=Stopper(at=99))
+
+
+def test_nothing_to_resume_is_told(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"holds no recording \(.mcap\); name the one to resume"):
+        run_session(RIG, SESSION, out=tmp_path, resume=tmp_path, operator=Stopper(at=99))
