@@ -92,7 +92,8 @@ class BenchApp(App[None]):
             number = await self.push_screen_wait(ChoiceScreen(f"Which session on {rig.name}?", choices, ""))
             if number is not None:
                 try:
-                    return self._opening.experiment(rig, sessions.paths[number - 1] if number else None)
+                    path = sessions.paths[number - 1] if number else None
+                    return await asyncio.to_thread(self._opening.experiment, rig, path)
                 except BenchError as error:
                     self.notify(str(error), title="Not on this rig", severity="error", timeout=15, markup=False)
             elif self._opening.rig_path is not None:

@@ -8,7 +8,6 @@ from bench.rig.load import load_rig, parse_rig
 from bench.rig.rig import Rig
 from bench.screen.experiment import Experiment
 from bench.screen.sources import Replayed, Running, Source
-from bench.session.program import make_experiment
 from bench.session.replay import load_replay
 from bench.session.schema import Session, load_session, standard_session
 
@@ -49,6 +48,9 @@ class Opening:
         return self._experiment(rig, standard_session(rig) if session_path is None else load_session(session_path))
 
     def _experiment(self, rig: Rig, session: Session) -> Experiment:
+        """Raises BenchError for a session that this rig cannot perform. Takes a second the first time."""
+        from bench.session.program import make_experiment  # noqa: PLC0415  (brings the report along)
+
         seed = session.seed if self.seed is None else self.seed
 
         def begin() -> Source:

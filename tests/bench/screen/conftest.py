@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
+from bench.recording.contents import Recording
 from bench.rig.load import load_rig
 from bench.rig.rig import Rig
 from bench.screen.experiment import Experiment
@@ -105,6 +106,11 @@ def performed(tmp_path_factory: pytest.TempPathFactory) -> Performed:
     return Performed(result.recording, listener.summary)
 
 
+@pytest.fixture(scope="session")
+def recorded(performed: Performed) -> Recording:
+    return load_replay(performed.recording)[1]
+
+
 @pytest.fixture
 def rig() -> Rig:
     return RIG
@@ -116,18 +122,17 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def replayed(performed: Performed, clock: Clock) -> Experiment:
+def replayed(performed: Performed, recorded: Recording, clock: Clock) -> Experiment:
     """The recording being replayed, in time that the test moves."""
-    read = load_replay(performed.recording)[1]
-    replay = Replay(read, clock=clock)
+    replay = Replay(recorded, clock=clock)
     experiment = Experiment(RIG, "sim-odrive.mcap", lambda: Replayed(replay, performed.recording))
     experiment.start()
     return experiment
 
 
 @pytest.fixture
-def session(performed: Performed, clock: Clock) -> Stand:
-    return Stand(Replay(load_replay(performed.recording)[1], clock=clock))
+def session(recorded: Recording, clock: Clock) -> Stand:
+    return Stand(Replay(recorded, clock=clock))
 
 
 @pytest.fixture

@@ -362,7 +362,7 @@ async def test_rig_and_session_are_chosen(tmp_path: Path) -> None:
         await pilot.press("enter")
         await pilot.pause()
         await pilot.press("enter")
-        await pilot.pause()
+        await until(pilot, lambda: isinstance(app.screen, ExperimentScreen))
         assert at_experiment(app).experiment.what == "the standard session"
         assert app.experiment is not None
         assert app.experiment.source is None
