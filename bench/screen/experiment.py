@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from bench.rig.rig import Rig
+from bench.screen.panels.bar import BADGES, HALTED, REPLAYING, Badge
 from bench.screen.picture.picture import OVER, Picture
 from bench.screen.sources import Replayed, Source
 from bench.session.operator import Kind, Order
@@ -91,3 +92,11 @@ class Experiment:
         """End the session, however long that takes."""
         if self.source is not None:
             self.source.close()
+
+
+def badge_of(experiment: Experiment) -> Badge:
+    """Where it is, in a sign and a word."""
+    if experiment.replay is None:
+        return BADGES[experiment.picture.state_now]
+    replay = experiment.replay.replay
+    return HALTED if replay.paused or replay.ended else REPLAYING

@@ -22,11 +22,11 @@ WITH_SEGMENT = 100
 PACED = (SessionState.RUNNING, SessionState.PAUSING)
 
 
-def title_row(picture: Picture, what: str, said: str, width: int, badge: Badge | None = None) -> Row:
-    """Rig and session; at the right ``said``, the pace, and the state unless another ``badge`` is given."""
-    words, tone = badge or BADGES[picture.state_now]
+def title_row(picture: Picture, what: str, said: str, width: int, badge: Badge) -> Row:
+    """Rig and session; at the right ``said``, the pace, and the ``badge``."""
+    words, tone = badge
     left: Row = [(f" {picture.rig.name}", STRONG), (f"  {what}", LABEL)]
-    paced = badge is None and picture.state_now in PACED and picture.pace > 0
+    paced = badge not in (REPLAYING, HALTED) and picture.state_now in PACED and picture.pace > 0
     pace = f"{picture.pace:.1f}× " if paced and abs(picture.pace - 1) > 0.05 else ""
     right: Row = [(f"{said}  " if said else "", TEXT), (f"{pace} ", UNIT), (f" {words} ", tone)]
     return apart(left, right, width)

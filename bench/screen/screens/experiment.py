@@ -9,9 +9,9 @@ from textual.screen import Screen
 from textual.widgets import Footer
 
 from bench.screen import figures
-from bench.screen.experiment import Experiment
+from bench.screen.experiment import Experiment, badge_of
 from bench.screen.heeding import keeps_up
-from bench.screen.panels.bar import HALTED, REPLAYING, title_row, view_row
+from bench.screen.panels.bar import title_row, view_row
 from bench.screen.panels.health import health_rows, in_short
 from bench.screen.panels.log import log_rows
 from bench.screen.panels.panel import Panel
@@ -35,7 +35,7 @@ class ExperimentScreen(Screen[None]):
     """Draws what is known of ``experiment``, so many frames a second, and hands on what is asked of it."""
 
     BINDINGS = keys.EXPERIMENT
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-medium"), (160, "-wide")]  # noqa: RUF012  (textual declares it so)
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-medium"), (150, "-wide"), (190, "-widest")]  # noqa: RUF012  (textual declares it so)
     VERTICAL_BREAKPOINTS = [(0, "-short"), (32, "-tall"), (44, "-high")]  # noqa: RUF012
 
     def __init__(self, experiment: Experiment, *, fps: float, abort: Callable[[], None]) -> None:
@@ -112,11 +112,9 @@ class ExperimentScreen(Screen[None]):
         if experiment.replay is not None:
             replay = experiment.replay.replay
             said = f"{clock(replay.now_s)} of {clock(replay.duration_s)}, {replay.speed:g}×"
-            halted = replay.paused or replay.ended
-            return [title_row(experiment.picture, experiment.what, said, width, HALTED if halted else REPLAYING)]
-        if experiment.stopped and experiment.live:
+        elif experiment.stopped and experiment.live:
             said = "stopping"
-        return [title_row(experiment.picture, experiment.what, said, width)]
+        return [title_row(experiment.picture, experiment.what, said, width, badge_of(experiment))]
 
     def _views(self, width: int, height: int) -> list[Row]:
         return [view_row(self.experiment.picture, VIEWS, self._view, width)]

@@ -10,7 +10,7 @@ from textual.geometry import Size
 from textual.screen import Screen
 from textual.widgets import Footer
 
-from bench.screen.experiment import Experiment
+from bench.screen.experiment import Experiment, badge_of
 from bench.screen.panels.bar import title_row
 from bench.screen.panels.panel import Panel
 from bench.screen.panels.result import result_rows
@@ -49,7 +49,7 @@ class ResultsScreen(Screen[None]):
         self.set_interval(LOOK_EVERY_S, self._look)
 
     def _title(self, width: int, height: int) -> list[Row]:
-        return [title_row(self.experiment.picture, self.experiment.what, "results", width)]
+        return [title_row(self.experiment.picture, self.experiment.what, "results", width, badge_of(self.experiment))]
 
     def _rows(self, width: int, height: int) -> list[Row]:
         summary = self.experiment.summary

@@ -4,7 +4,7 @@ import pytest
 
 from bench.errors import ExitCode
 from bench.models.parameters import Estimate, Status
-from bench.screen.experiment import Experiment
+from bench.screen.experiment import Experiment, badge_of
 from bench.screen.panels.bar import title_row, view_row
 from bench.screen.panels.health import health_rows
 from bench.screen.panels.log import log_rows
@@ -38,7 +38,7 @@ def test_nothing_is_wider_than_its_place(at_end: Experiment, width: int) -> None
         step_rows(picture.steps, width, 8),
         health_rows(picture, width, 12),
         log_rows(picture.log, width, 8),
-        [title_row(picture, at_end.what, "replay", width)],
+        [title_row(picture, at_end.what, "replay", width, badge_of(at_end))],
         [view_row(picture, ["Overview", "Loops"], 0, width)],
     ]
     for rows in tables:
@@ -89,12 +89,14 @@ def test_the_log_scrolls(at_end: Experiment) -> None:
     assert "2 newer below" in texts(earlier)[0]
 
 
-def test_the_bar_says_state_and_pace(at_end: Experiment) -> None:
-    picture = at_end.picture
-    assert "✓ DONE" in texts([title_row(picture, "x", "", 80)])[0]
+def test_the_bar_says_where_it_is(at_end: Experiment, live: Experiment) -> None:
+    assert "‖ REPLAY" in texts([title_row(at_end.picture, "x", "", 80, badge_of(at_end))])[0]
+    assert "○ READY" in texts([title_row(live.picture, "x", "", 80, badge_of(live))])[0]
+    signs = set()
     for state in SessionState:
-        picture.state(state)
-        assert texts([title_row(picture, "x", "", 80)])[0].strip()
+        live.picture.state(state)
+        signs.add(badge_of(live)[0])
+    assert len(signs) == len(list(SessionState))
 
 
 def test_a_result_is_a_page(at_end: Experiment) -> None:

@@ -36,11 +36,11 @@ class Terminal:
     def open(self, command: str, columns: int, rows: int) -> None:
         self._run("new-session", "-d", "-x", str(columns), "-y", str(rows), command)
 
-    def press(self, *keys: str) -> int:
-        """Returns the machine's monotonic time [ns] before anything was sent."""
-        now_ns = time.monotonic_ns()
+    def press(self, *keys: str) -> tuple[int, int]:
+        """The machine's monotonic time [ns] before anything was sent, and once the terminal has it."""
+        before_ns = time.monotonic_ns()
         self._run("send-keys", *keys)
-        return now_ns
+        return before_ns, time.monotonic_ns()
 
     def shown(self) -> str:
         return self._run("capture-pane", "-p")
@@ -104,12 +104,13 @@ def test_the_drives_are_idle_at_once(rig: Path, witness: Path, terminal: Termina
         terminal.press("m")
         until(lambda: "Mark this moment" in terminal.shown(), STOPS_WITHIN_S, terminal.shown)
     if way == "the terminal is gone":
-        asked_ns = time.monotonic_ns()
+        before_ns = time.monotonic_ns()
         terminal.close()
+        asked_ns = time.monotonic_ns()
     else:
-        asked_ns = terminal.press("Space")
+        before_ns, asked_ns = terminal.press("Space")
     until(lambda: not armed_now(witness), STOPS_WITHIN_S, lambda: f"still armed: {last_state(witness)}")
-    idle_ns = next(state.stamp_ns for state in read_witness(witness) if state.stamp_ns > asked_ns and not state.armed)
+    idle_ns = next(state.stamp_ns for state in read_witness(witness) if state.stamp_ns > before_ns and not state.armed)
     assert idle_ns - asked_ns <= TICK_NS + WATCHDOG_NS
     if way != "the terminal is gone":
         until(lambda: "STOPPED" in terminal.shown(), STOPS_WITHIN_S, terminal.shown)
