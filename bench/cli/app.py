@@ -22,6 +22,7 @@ THREAD_COUNTS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "
 COMMANDS = {
     "identify": ("bench.cli.experiment:identify", "Identify the actuator of a rig with the standard session."),
     "run": ("bench.cli.experiment:run", "Run a session file."),
+    "ui": ("bench.cli.screen:ui", "Watch and run experiments in the terminal."),
     "fit": ("bench.cli.recordings:fit", "Fit recordings again, or logs from elsewhere by a map of their columns."),
     "report": ("bench.cli.recordings:report", "Write the report of a recording."),
     "info": ("bench.cli.info:info", "Say what a recording holds, and how well its loop kept time."),

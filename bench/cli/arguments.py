@@ -17,9 +17,12 @@ Backend = Annotated[str | None, Parameter(help='"hardware" or "simulated", inste
 Out = Annotated[Path | None, Parameter(help="Folder for the results.")]
 
 
-def run_folder(out: Path | None, rig_name: str) -> Path:
-    """The folder of this run, made: ``out``, or ./runs/<stamp>-<rig>. Raises UsageError where it cannot be made."""
-    folder = out if out is not None else Path("runs") / f"{datetime.now():%Y%m%d-%H%M%S}-{rig_name}"
+RUNS = Path("runs")
+
+
+def run_folder(out: Path | None, rig_name: str, runs: Path = RUNS) -> Path:
+    """The folder of this run, made: ``out``, or <runs>/<stamp>-<rig>. Raises UsageError where it cannot be made."""
+    folder = out if out is not None else runs / f"{datetime.now():%Y%m%d-%H%M%S}-{rig_name}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

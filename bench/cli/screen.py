@@ -1,0 +1,43 @@
+"""``ui``: the terminal UI. What it needs of the terminal is imported here, when it runs, and nowhere else."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from bench.cli.arguments import RUNS, Backend, Seed, run_folder
+from bench.errors import UsageError
+
+Rig = Annotated[Path | None, Parameter(name="RIG", help="A rig file; asked for where none is given.")]
+SessionFile = Annotated[Path | None, Parameter(name="SESSION", help="A session file; asked for where none is given.")]
+Runs = Annotated[Path | None, Parameter(name="--out", help="Folder in which every run gets its own; ./runs if none.")]
+Replay = Annotated[Path | None, Parameter(name="--replay", help="A recording to play back, instead of a rig.")]
+
+
+def ui(
+    rig_file: Rig = None,
+    session_file: SessionFile = None,
+    /,
+    *,
+    replay: Replay = None,
+    backend: Backend = None,
+    seed: Seed = None,
+    out: Runs = None,
+) -> None:
+    """Watch and run experiments in the terminal: live traces, parameters as they converge, stop on the space bar."""
+    if replay is not None and (rig_file is not None or session_file is not None):
+        raise UsageError("ui --replay plays a recording and needs no rig; leave RIG and SESSION out")
+    if not (sys.stdin.isatty() and sys.__stderr__ is not None and sys.__stderr__.isatty()):
+        raise UsageError("ui needs a terminal; norton-bench run SESSION does the same without one")
+    from bench.screen.app import BenchApp  # noqa: PLC0415
+    from bench.screen.opening import Opening  # noqa: PLC0415
+    from bench.screen.screens.keys import KNOWN as KNOWN_KEYS  # noqa: PLC0415
+    from bench.screen.settings import load_settings, settings_path  # noqa: PLC0415
+    from bench.screen.themes import KNOWN  # noqa: PLC0415
+
+    settings = load_settings(settings_path(), KNOWN_KEYS, KNOWN)
+    opening = Opening(lambda name: run_folder(None, name, out or RUNS), rig_file, session_file, replay, backend, seed)
+    if replay is not None:
+        print(f"reading {replay}", file=sys.stderr)
+    BenchApp(opening, opening.given(), settings).run()

@@ -1,0 +1,83 @@
+"""The result of an experiment on one page: parameters, figures of merit, verdict, files."""
+
+from pathlib import Path
+from textwrap import wrap
+
+from bench.errors import ExitCode
+from bench.models.parameters import Estimate, Status
+from bench.report.words import interval, number, percent, pretty_unit, symbol
+from bench.screen.panels.parameters import SIGNS
+from bench.screen.tones import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
+from bench.session.progress import Summary
+
+WITH_NAME = 96
+SYMBOL, NAME, VALUE, UNIT_WIDTH, INTERVAL = 6, 22, 11, 10, 26
+FACT = 12
+
+
+def result_rows(summary: Summary, width: int) -> list[Row]:
+    """As many rows as it takes."""
+    sections = [_end(summary, width), _parameters(summary.estimates, width), _merit(summary, width)]
+    sections += [_verdict(summary, width), _files(summary, width)]
+    return [row for section in sections if section for row in (*section, [("", TEXT)])]
+
+
+def _end(summary: Summary, width: int) -> list[Row]:
+    """In a line how it went; where it failed, why."""
+    if summary.failure:
+        return [
+            [(line, BAD if not number_ else TEXT)] for number_, line in enumerate(wrap(f"■ {summary.failure}", width))
+        ]
+    known = sum(estimate.status is Status.VALID for estimate in summary.estimates)
+    if summary.exit_code is not ExitCode.OK:
+        return [[("▲ No result: the verdict says why.", WARNING)]]
+    if not summary.estimates:
+        return [[("✓ ", GOOD), ("Done; nothing of it was meant for a fit.", STRONG)]]
+    return [[("✓ ", GOOD), (f"{known} of {len(summary.estimates)} parameters are known.", STRONG)]]
+
+
+def _parameters(estimates: tuple[Estimate, ...], width: int) -> list[Row]:
+    if not estimates:
+        return []
+    return [heading("Parameters", "with 95 % intervals", "", width), *(_parameter(each, width) for each in estimates)]
+
+
+def _parameter(estimate: Estimate, width: int) -> Row:
+    sign, tone = SIGNS[estimate.status]
+    row: Row = [(symbol(estimate).ljust(SYMBOL), STRONG)]
+    if width >= WITH_NAME:
+        row.append((estimate.name.replace("_", " ").ljust(NAME), LABEL))
+    row.append((f"{number(estimate.value, 5):>{VALUE}}", TEXT))
+    row.append((f" {pretty_unit(estimate.unit):<{UNIT_WIDTH}}", UNIT))
+    row.append((f"{interval(estimate.value, estimate.std):>{INTERVAL}}", LABEL))
+    return fitted([*row, (f"  {sign} {estimate.status.value}", tone)], width)
+
+
+def _merit(summary: Summary, width: int) -> list[Row]:
+    """How well what no fit has seen was predicted, and whether what was expected came true."""
+    rows: list[Row] = []
+    for what, share in (("torque", summary.torque_relative), ("velocity", summary.velocity_relative)):
+        if share is not None:
+            said = ("  rms off, where no fit has looked", LABEL)
+            rows.append([(what.ljust(FACT), LABEL), (f"{percent(share)} of it", STRONG), said])
+    for judged in summary.expectations:
+        sign = ("✓ ", GOOD) if judged.met else ("✗ ", BAD)
+        rows.append(fitted([sign, (judged.said, TEXT)], width))
+    return [heading("Figures of merit", "", "", width), *(fitted(row, width) for row in rows)] if rows else []
+
+
+def _verdict(summary: Summary, width: int) -> list[Row]:
+    lines = [
+        line for said in summary.verdict for line in wrap(said, width - 2, initial_indent="· ", subsequent_indent="  ")
+    ]
+    return [heading("Verdict", "", "", width), *([(line, TEXT)] for line in lines)] if lines else []
+
+
+def _files(summary: Summary, width: int) -> list[Row]:
+    files: list[tuple[str, Path | None]] = [
+        ("recording", summary.recording),
+        ("network", summary.network),
+        ("report", summary.report),
+    ]
+    rows: list[Row] = [[(name.ljust(FACT), LABEL), (str(path), TEXT)] for name, path in files if path is not None]
+    return [heading("Files", "", "", width), *(fitted(row, width) for row in rows)] if rows else []

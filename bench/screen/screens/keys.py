@@ -1,0 +1,78 @@
+"""Every key in one place: its id, by which a keymap renames it, what it does, and what it says of itself."""
+
+from textual.binding import Binding
+
+SPACE = "space"
+STOP_ID = "stop"
+
+
+SEEK, SPEED = Binding.Group("Seek", compact=True), Binding.Group("Speed", compact=True)
+
+
+def key(
+    keys: str,
+    action: str,
+    said: str,
+    tooltip: str,
+    *,
+    shown: bool = True,
+    name: str = "",
+    group: Binding.Group | None = None,
+) -> Binding:
+    """A binding whose id is its action, unless ``name`` gives another."""
+    return Binding(keys, action, said, show=shown, tooltip=tooltip, id=name or action, group=group)
+
+
+STOP_SAID = "Stop at once, from anywhere: the drives go idle within a tick, the recording is finished"
+# On the app, so that every screen and every window has it.
+STOP = Binding(SPACE, "app.stop", "Stop", priority=True, id=STOP_ID, tooltip=STOP_SAID)
+
+# As textual declares it.
+AnyBinding = Binding | tuple[str, str] | tuple[str, str, str]
+
+APP: list[AnyBinding] = [
+    STOP,
+    key("question_mark,f1", "keys", "Keys", "Show all keys"),
+    key("q", "leave", "Quit", "Leave; asks first while an experiment runs"),
+    Binding(
+        "ctrl+q,ctrl+c", "leave", "Quit", show=False, system=True, id="leave_by_interrupt", tooltip="Leave, likewise"
+    ),
+]
+EXPERIMENT: list[AnyBinding] = [
+    STOP,  # once more, so that it is the first in the footer
+    key("s", "start", "Start", "Start the session; nothing moves before"),
+    key("p", "pause", "Pause", "Pause at the next checkpoint, between two procedures, with the drives idle"),
+    key("p", "resume", "Resume", "Go on after a pause"),
+    key("enter", "answer", "Answer", "Answer what the session asks"),
+    key("t", "tare", "Tare", "Measure bench and sensor at rest at the next checkpoint"),
+    key("m", "mark", "Mark", "Put a remark into the recording, at this moment"),
+    key("n", "skip", "Skip", "Leave out the step that comes next"),
+    key("a", "abort", "Abort", "Stop, and go back; asks first", shown=False),
+    key("r", "results", "Results", "Parameters, verdict and figures of merit; of a replay they are fitted now"),
+    key("1", "view(0)", "Overview", "Everything at a glance", shown=False, name="view_overview"),
+    key("2", "view(1)", "Loops", "Torque against velocity and position, large", shown=False, name="view_loops"),
+    key("3", "view(2)", "Source", "The motion source and the parameters, large", shown=False, name="view_source"),
+    key("4", "view(3)", "Bench", "Devices, buses, the loop, and the event log", shown=False, name="view_bench"),
+    key("plus,equals_sign", "window(1)", "Longer", "Show a longer stretch of time", shown=False, name="window_longer"),
+    key("minus", "window(-1)", "Shorter", "Show a shorter stretch of time", shown=False, name="window_shorter"),
+    key("pageup", "scroll_log(10)", "Older", "Earlier events", shown=False, name="log_older"),
+    key("pagedown", "scroll_log(-10)", "Newer", "Later events", shown=False, name="log_newer"),
+    key("left", "seek(-5)", "Back 5 s", "Replay: five seconds back", name="seek_back", group=SEEK),
+    key("right", "seek(5)", "On 5 s", "Replay: five seconds on", name="seek_on", group=SEEK),
+    key("shift+left", "seek(-30)", "Back 30 s", "Replay: half a minute back", shown=False, name="seek_far_back"),
+    key("shift+right", "seek(30)", "On 30 s", "Replay: half a minute on", shown=False, name="seek_far_on"),
+    key("home", "seek(-1000000)", "To the beginning", "Replay: from the beginning", shown=False, name="seek_begin"),
+    key("end", "seek(1000000)", "To the end", "Replay: the end", shown=False, name="seek_end"),
+    key("up", "speed(1)", "Faster", "Replay: faster", name="speed_up", group=SPEED),
+    key("down", "speed(-1)", "Slower", "Replay: slower", name="speed_down", group=SPEED),
+]
+RESULTS: list[AnyBinding] = [
+    key("o", "open_report", "Report", "Open the report in the browser"),
+    key("escape,r", "back", "Back", "Back to the experiment", name="back_to_experiment"),
+]
+PICK: list[AnyBinding] = [key("escape", "back", "Back", "Back", shown=False, name="back_from_choice")]
+KNOWN = frozenset(
+    each.id
+    for each in (*APP, *EXPERIMENT, *RESULTS, *PICK)
+    if isinstance(each, Binding) and each.id is not None and not each.system
+)

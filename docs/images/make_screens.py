@@ -1,0 +1,68 @@
+"""The pictures of the screen in these docs, made anew: a recording is replayed, and headless Chromium draws its SVGs.
+
+python docs/images/make_screens.py RECORDING      # of norton-bench identify rigs/sim-odrive.toml --seed 1
+"""
+
+import asyncio
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from bench.screen.app import BenchApp
+from bench.screen.experiment import Experiment
+from bench.screen.opening import Opening, replayed
+from bench.screen.screens.experiment import ExperimentScreen
+
+HERE = Path(__file__).parent
+# Name: columns, rows, moment [s], keys.
+PICTURES = {
+    "screen-overview": (160, 46, 73.0, "1"),
+    "screen-loops": (120, 36, 74.1, "2"),
+    "screen-source": (120, 36, 34.0, "3"),
+    "screen-small": (80, 24, 66.0, "1"),
+    "screen-results": (110, 34, 111.0, "r"),
+}
+
+
+async def svg_of(experiment: Experiment, columns: int, rows: int, moment_s: float, key: str) -> str:
+    """What the terminal shows at that moment."""
+    assert experiment.replay is not None
+    app = BenchApp(Opening(lambda _: HERE), experiment)
+    async with app.run_test(size=(columns, rows)) as pilot:
+        experiment.replay.replay.pause()
+        experiment.seek(moment_s)
+        await pilot.press(key)
+        while key == "r" and experiment.summary is None:
+            await pilot.pause(0.5)
+        for screen in app.screen_stack:
+            if isinstance(screen, ExperimentScreen):
+                screen.experiment.tell()
+                screen.draw_frame(all_of_it=True)
+        await pilot.pause(0.5)
+        return app.export_screenshot()
+
+
+def png(svg: str, path: Path) -> None:
+    """As large as it says."""
+    found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
+    assert found is not None
+    size = f"{round(float(found[1]))},{round(float(found[2]))}"
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "screen.svg"
+        source.write_text(svg, encoding="utf-8")
+        command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        command += [f"--window-size={size}", f"--screenshot={path}", source.as_uri()]
+        subprocess.run(command, check=True, capture_output=True)
+
+
+def main(recording: Path) -> None:
+    experiment = replayed(recording)
+    for name, (columns, rows, moment_s, key) in PICTURES.items():
+        png(asyncio.run(svg_of(experiment, columns, rows, moment_s, key)), HERE / f"{name}.png")
+    experiment.close()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,152 @@
+"""A real experiment, made once: the engine runs a short session on a simulated bench; its recording is replayed."""
+
+import asyncio
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import pytest
+
+from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
+from bench.recording.contents import Recording
+from bench.rig.load import load_rig
+from bench.rig.rig import Rig
+from bench.screen.experiment import Experiment
+from bench.screen.sources import Replayed
+from bench.session.engine import run_session
+from bench.session.operator import Order
+from bench.session.progress import Progress, SessionState, Silent, Summary
+from bench.session.replay import Replay, load_replay
+from bench.session.schema import Session, Step
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Tests that drive an app are coroutines; each has a loop of its own."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+    asyncio.run(pyfuncitem.obj(**arguments))
+    return True
+
+
+ROOT = Path(__file__).parents[3]
+RIGS = ROOT / "rigs"
+RIG = load_rig(RIGS / "sim-odrive.toml")
+SESSION = Session(
+    (
+        Step("tare", TareOptions(0.5)),
+        Step("calibrate", CalibrateOptions(4.0)),
+        Step("free", FreeOptions(levels=5, dwell_s=0.2, duration_s=3.0)),
+        Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=4.0)),
+        Step("validate", ValidateOptions(duration_s=2.0)),
+    ),
+    place="sessions/short.toml",
+)
+
+
+@dataclass(frozen=True)
+class Performed:
+    """The recording, and what the session said at its end."""
+
+    recording: Path
+    summary: Summary
+
+
+@dataclass
+class Listener(Silent):
+    summary: Summary | None = None
+
+    def result(self, summary: Summary) -> None:
+        self.summary = summary
+
+
+@dataclass
+class Clock:
+    """Seconds that pass when told."""
+
+    now_s: float = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@dataclass
+class Stand:
+    """A session as the screen sees one: it tells what a recording tells, and keeps what is asked of it."""
+
+    replay: Replay
+    orders: list[Order] = field(default_factory=list)
+    stops: list[str] = field(default_factory=list)
+    closed: bool = False
+    told: list[Callable[[Progress], None]] = field(default_factory=list)  # what comes next, beside the measurements
+
+    def tell(self, watcher: Progress) -> None:
+        self.replay.tell(watcher)
+        for say in self.told:
+            say(watcher)
+        self.told.clear()
+
+    def order(self, order: Order) -> None:
+        self.orders.append(order)
+
+    def stop(self, reason: str) -> None:
+        self.stops.append(reason)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture(scope="session")
+def performed(tmp_path_factory: pytest.TempPathFactory) -> Performed:
+    listener = Listener()
+    result = run_session(RIG, SESSION, out=tmp_path_factory.mktemp("performed"), seed=5, progress=listener)
+    assert listener.summary is not None
+    return Performed(result.recording, listener.summary)
+
+
+@pytest.fixture(scope="session")
+def recorded(performed: Performed) -> Recording:
+    return load_replay(performed.recording)[1]
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return RIG
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def replayed(performed: Performed, recorded: Recording, clock: Clock) -> Experiment:
+    """The recording being replayed, in time that the test moves."""
+    replay = Replay(recorded, clock=clock)
+    experiment = Experiment(RIG, "sim-odrive.mcap", lambda: Replayed(replay, performed.recording))
+    experiment.start()
+    return experiment
+
+
+@pytest.fixture
+def session(recorded: Recording, clock: Clock) -> Stand:
+    return Stand(Replay(recorded, clock=clock))
+
+
+@pytest.fixture
+def live(session: Stand) -> Experiment:
+    """An experiment that waits to be started; its session is ``session``."""
+    return Experiment(RIG, SESSION.place, lambda: session)
+
+
+def in_fixed_places(summary: Summary) -> Summary:
+    """The same with files whose names do not change from run to run."""
+    runs = Path("runs/20260102-030405-sim-odrive")
+    names = {name: getattr(summary, name) for name in ("recording", "network", "report")}
+    return replace(summary, **{name: runs / path.name for name, path in names.items() if path is not None})
+
+
+def say_state(state: SessionState) -> Callable[[Progress], None]:
+    return lambda watcher: watcher.state(state)

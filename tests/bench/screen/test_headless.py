@@ -1,0 +1,38 @@
+"""Whoever has no terminal never pays for one."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEADLESS = """
+import sys
+from importlib import import_module
+for name in ("bench.cli.app", "bench.cli.experiment", "bench.cli.recordings", "bench.cli.screen",
+             "bench.session.engine", "bench.session.hosted", "bench.session.replay", "bench.session.refit",
+             "bench.report.render",
+             "bench.screen.figures", "bench.screen.picture.picture", "bench.screen.plots.drawing",
+             "bench.screen.panels.parameters", "bench.screen.settings", "bench.screen.opening"):
+    import_module(name)
+    assert not [module for module in sys.modules if module.split(".")[0] == "textual"], name
+"""
+LIGHT = """
+import sys
+import bench.screen.app
+assert not [module for module in sys.modules if module.split(".")[0] in ("matplotlib", "filterpy")]
+"""
+
+
+@pytest.mark.parametrize("program", [HEADLESS, LIGHT], ids=["no textual without a screen", "no report with one"])
+def test_imports(program: str) -> None:
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("arguments", [[], ["--replay", "x.mcap"], ["rig.toml"]])
+def test_without_a_terminal_it_says_so(arguments: list[str]) -> None:
+    command = [sys.executable, "-m", "bench", "ui", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    assert done.returncode == 2
+    assert "ui needs a terminal" in done.stderr
+    assert "Traceback" not in done.stderr

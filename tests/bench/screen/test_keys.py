@@ -1,0 +1,385 @@
+"""Every key on every screen, pressed."""
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from textual.binding import Binding
+from textual.pilot import Pilot
+from textual.widgets import Input
+
+from bench.errors import ExitCode
+from bench.screen.app import BenchApp
+from bench.screen.experiment import Experiment
+from bench.screen.opening import Opening
+from bench.screen.screens import keys
+from bench.screen.screens.choices import ChoiceScreen
+from bench.screen.screens.experiment import WINDOWS_S, ExperimentScreen
+from bench.screen.screens.key_list import KeyList
+from bench.screen.screens.questions import Ask, Confirm, Mark
+from bench.screen.screens.results import ResultsScreen
+from bench.screen.settings import Settings
+from bench.session.operator import Order
+from bench.session.progress import Prompt, SessionState, Summary
+
+ROOT = Path(__file__).parents[3]
+RESULT = Summary(ExitCode.OK, report=Path("runs/report.html"))
+
+
+@asynccontextmanager
+async def running(
+    first: Experiment | None, settings: Settings | None = None, opening: Opening | None = None
+) -> AsyncIterator[tuple[BenchApp, Pilot[None]]]:
+    app = BenchApp(opening or Opening(lambda _: Path()), first, settings)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        yield app, pilot
+
+
+def at_experiment(app: BenchApp) -> ExperimentScreen:
+    assert isinstance(app.screen, ExperimentScreen)
+    return app.screen
+
+
+async def frame(app: BenchApp, pilot: Pilot[None]) -> None:
+    """One frame at once, and everything that follows from it."""
+    next(screen for screen in app.screen_stack if isinstance(screen, ExperimentScreen))._frame()
+    await pilot.pause()
+
+
+async def started(live: Experiment, app: BenchApp, pilot: Pilot[None]) -> None:
+    await pilot.press("s")
+    await frame(app, pilot)
+    assert live.live
+
+
+async def until(pilot: Pilot[None], came: Callable[[], bool]) -> None:
+    """Wait for what happens in its own time."""
+    for _ in range(200):
+        if came():
+            return
+        await pilot.pause(0.05)
+    raise AssertionError("it did not come")
+
+
+def shown(app: BenchApp) -> set[str]:
+    """The ids of what the keys do on this screen now."""
+    return {active.binding.id or "" for active in app.screen.active_bindings.values()}
+
+
+async def test_start_waits_for_its_key(live: Experiment, session) -> None:
+    async with running(live) as (app, pilot):
+        await frame(app, pilot)
+        assert live.source is None
+        assert "start" in shown(app)
+        assert not {"pause", "tare", "mark", "skip", "stop", "seek_on"} & shown(app)
+        await started(live, app, pilot)
+        assert {"pause", "tare", "mark", "skip", "stop"} <= shown(app)
+        assert "start" not in shown(app)
+
+
+@pytest.mark.parametrize(("key", "order"), [("p", "pause"), ("t", "tare"), ("n", "skip")])
+async def test_orders(live: Experiment, session, key: str, order: str) -> None:
+    async with running(live) as (app, pilot):
+        await started(live, app, pilot)
+        await pilot.press(key)
+        assert session.orders == [Order(order)]  # type: ignore[arg-type]
+
+
+async def test_pause_and_resume_share_a_key(live: Experiment, session) -> None:
+    async with running(live) as (app, pilot):
+        await started(live, app, pilot)
+        await pilot.press("p")
+        session.told.append(lambda watcher: watcher.state(SessionState.PAUSED))
+        await frame(app, pilot)
+        assert "resume" in shown(app)
+        assert "pause" not in shown(app)
+        await pilot.press("p")
+        assert [order.kind for order in session.orders] == ["pause", "resume"]
+
+
+async def test_a_mark_is_typed(live: Experiment, session) -> None:
+    async with running(live) as (app, pilot):
+        await started(live, app, pilot)
+        await pilot.press("m", *"loud", "enter")
+        await pilot.pause()
+        assert session.orders == [Order("mark", "loud")]
+        await pilot.press("m", "escape")
+        await pilot.pause()
+        assert len(session.orders) == 1
+
+
+async def test_a_prompt_opens_by_itself_and_is_answered(live: Experiment, session) -> None:
+    async with running(live) as (app, pilot):
+        await started(live, app, pilot)
+        for prompt, press, answer in (
+            (Prompt("load", "Which load is mounted?", ("none", "disc")), ["tab", "enter"], "disc"),
+            (Prompt("who", "Who is there?"), ["h", "i", "enter"], "hi"),
+        ):
+            session.told += [lambda w: w.state(SessionState.ASKING), lambda w, asked=prompt: w.ask(asked)]
+            await frame(app, pilot)
+            assert isinstance(app.screen, Ask)
+            await pilot.press("escape")
+            assert "answer" in shown(app)
+            await pilot.press("enter")
+            assert isinstance(app.screen, Ask)
+            await pilot.press(*press)
+            await pilot.pause()
+            assert session.orders[-1] == Order("answer", answer)
+            session.told.append(lambda w: w.state(SessionState.RUNNING))
+            await frame(app, pilot)
+            assert "answer" not in shown(app)
+
+
+async def test_abort_asks_first(live: Experiment, session) -> None:
+    opening = Opening(lambda _: Path(), folder=ROOT)
+    async with running(live, opening=opening) as (app, pilot):
+        await started(live, app, pilot)
+        await pilot.press("a")
+        assert isinstance(app.screen, Confirm)
+        await pilot.press("n")
+        assert not session.stops
+        await pilot.press("a", "y")
+        await pilot.pause()
+        assert session.stops == ["the operator aborted it"]
+        await until(pilot, lambda: isinstance(app.screen, ChoiceScreen))
+        assert session.closed
+
+
+async def test_leaving_a_running_experiment_asks_and_stops_it(live: Experiment, session) -> None:
+    async with running(live) as (app, pilot):
+        await started(live, app, pilot)
+        for key in ("q", "ctrl+q", "ctrl+c"):
+            await pilot.press(key)
+            assert isinstance(app.screen, Confirm)
+            await pilot.press("escape")
+        assert not session.stops
+        await pilot.press("q", "y")
+        await until(pilot, lambda: session.closed)
+        assert session.stops == ["the operator left"]
+
+
+async def test_results_follow_the_end(live: Experiment, session, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+    monkeypatch.setenv("DISPLAY", ":0")
+    async with running(live) as (app, pilot):
+        monkeypatch.setattr(app, "open_url", opened.append)
+        await started(live, app, pilot)
+        assert "results" not in shown(app)
+        session.replay.seek(session.replay.duration_s)
+        session.told += [lambda w: w.state(SessionState.DONE), lambda w: w.result(RESULT)]
+        await frame(app, pilot)
+        assert "start" in shown(app)  # once more
+        await pilot.press("r")
+        assert isinstance(app.screen, ResultsScreen)
+        await pilot.pause(0.3)
+        await pilot.press("o")
+        assert opened == [Path("runs/report.html").resolve().as_uri()]
+        for key in ("escape", "r", "r"):
+            await pilot.press(key)
+        at_experiment(app)
+        # Over ssh no browser is opened: a text browser would take the terminal.
+        for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+            monkeypatch.delenv(name, raising=False)
+        await pilot.press("r", "o")
+        assert len(opened) == 1
+
+
+@pytest.mark.parametrize("key", ["1", "2", "3", "4"])
+async def test_views(replayed: Experiment, key: str) -> None:
+    visible = {
+        "1": {"torque", "velocity", "command", "parameters", "steps"},
+        "2": {"torque-velocity", "torque-position"},
+        "3": {"source", "parameters"},
+        "4": {"health", "log"},
+    }
+    async with running(replayed) as (app, pilot):
+        await pilot.press("4" if key == "1" else "1", key)
+        await pilot.pause()
+        ids = {widget.id for widget in app.screen.query("Plot, Panel") if widget.region.area and widget.is_on_screen}
+        assert ids - {"title", "views"} == visible[key]
+
+
+async def test_the_window_of_time(replayed: Experiment) -> None:
+    async with running(replayed) as (app, pilot):
+        screen = at_experiment(app)
+        usual = screen._window
+        for key, step in (("plus", 1), ("minus", 0), ("minus", -1), ("equals_sign", 0)):
+            await pilot.press(key)
+            assert screen._window == usual + step
+        await pilot.press(*["plus"] * 9)
+        assert screen._window == len(WINDOWS_S) - 1
+
+
+async def test_the_log_scrolls(replayed: Experiment) -> None:
+    async with running(replayed) as (app, pilot):
+        replayed.seek(12.0)
+        await frame(app, pilot)
+        await pilot.press("pageup")
+        assert at_experiment(app)._back > 0
+        await pilot.press("pagedown")
+        assert at_experiment(app)._back == 0
+
+
+async def test_a_replay_is_moved(replayed: Experiment) -> None:
+    async with running(replayed) as (app, pilot):
+        assert replayed.replay is not None
+        replay = replayed.replay.replay
+        for key, where in (
+            ("right", 5.0),
+            ("right", 10.0),
+            ("left", 5.0),
+            ("shift+left", 0.0),
+            ("end", replay.duration_s),
+        ):
+            await pilot.press(key)
+            assert replay.now_s == pytest.approx(where)
+        await frame(app, pilot)
+        assert replayed.picture.known.valid == 7
+        await pilot.press("home")
+        await frame(app, pilot)
+        assert replayed.picture.known.valid == 0
+        await pilot.press("shift+right")
+        assert replay.now_s == min(30.0, replay.duration_s)
+        await pilot.press("up")
+        assert replay.speed == 2.0
+        await pilot.press("down", "down")
+        assert replay.speed == 0.5
+        assert not {"start", "tare", "mark", "skip"} & shown(app)
+
+
+async def test_a_replay_pauses_resumes_and_stops(replayed: Experiment) -> None:
+    async with running(replayed) as (_app, pilot):
+        assert replayed.replay is not None
+        replay = replayed.replay.replay
+        await pilot.press("p")
+        assert replay.paused
+        await pilot.press("p")
+        assert not replay.paused
+        await pilot.press("space")
+        assert replay.paused
+
+
+WAYS_TO_BE_BUSY: dict[str, Callable[[Pilot[None]], object]] = {
+    "experiment": lambda pilot: pilot.pause(),
+    "loops": lambda pilot: pilot.press("2"),
+    "source": lambda pilot: pilot.press("3"),
+    "bench": lambda pilot: pilot.press("4"),
+    "mark": lambda pilot: pilot.press("m", "x"),
+    "abort": lambda pilot: pilot.press("a"),
+    "leave": lambda pilot: pilot.press("q"),
+    "keys": lambda pilot: pilot.press("question_mark"),
+    "palette": lambda pilot: pilot.press("ctrl+p", "t"),
+}
+
+
+@pytest.mark.parametrize("way", WAYS_TO_BE_BUSY)
+async def test_space_stops_wherever_one_is(live: Experiment, session, way: str) -> None:
+    async with running(live) as (app, pilot):
+        await started(live, app, pilot)
+        await WAYS_TO_BE_BUSY[way](pilot)  # type: ignore[misc]
+        await pilot.pause()
+        assert (way in ("experiment", "loops", "source", "bench")) == isinstance(app.screen, ExperimentScreen)
+        await pilot.press("space")
+        assert session.stops == ["the operator, by key"]
+        assert all(" " not in field.value for field in app.screen.query(Input))
+
+
+async def test_space_stops_while_asked_and_at_the_results(live: Experiment, session) -> None:
+    async with running(live) as (app, pilot):
+        await started(live, app, pilot)
+        session.told += [lambda w: w.state(SessionState.ASKING), lambda w: w.ask(Prompt("who", "Who is there?"))]
+        await frame(app, pilot)
+        await pilot.press("x", "space")
+        assert len(session.stops) == 1
+        await app.push_screen(ResultsScreen(live))
+        await pilot.press("space")
+        assert len(session.stops) == 2
+
+
+async def test_space_is_a_space_where_nothing_can_be_stopped(live: Experiment) -> None:
+    async with running(live) as (app, pilot):
+        await app.push_screen(Mark())
+        await pilot.press("a", "space", "b")
+        assert app.screen.query_one(Input).value == "a b"
+
+
+async def test_the_driver_hears_the_stop_before_the_event_loop(live: Experiment, session) -> None:
+    """What the key thread calls says the stop itself: nothing of the event loop is waited for."""
+    async with running(live, Settings(keys={"stop": "space,f12"})) as (app, pilot):
+        await started(live, app, pilot)
+        app._heed("x")
+        assert not session.stops
+        app._heed("space")
+        app._heed("f12")
+        assert len(session.stops) == 2
+
+
+async def test_help_lists_every_key_with_what_it_does(live: Experiment) -> None:
+    async with running(live, Settings(keys={"pause": "f5"})) as (app, pilot):
+        await pilot.press("question_mark")
+        assert isinstance(app.screen, KeyList)
+        listed = [described for _, section in app.screen._sections for described in section]
+        bindings = [each for each in (*keys.APP, *keys.EXPERIMENT, *keys.RESULTS) if isinstance(each, Binding)]
+        assert {said for _, said in listed} == {binding.tooltip for binding in bindings if not binding.system}
+        assert next(key for key, said in listed if said.startswith("Pause")) == "f5"
+        await pilot.press("f1")
+        at_experiment(app)
+
+
+async def test_the_palette_has_the_keys_actions(live: Experiment, session) -> None:
+    async with running(live) as (app, pilot):
+        names = {command.title for command in app.get_system_commands(app.screen)}
+        assert {"Start", "Overview", "Loops", "Keys", "Theme"} <= names
+        await pilot.press("ctrl+p", *"start")
+        await pilot.pause(0.5)
+        await pilot.press("enter")
+        await until(pilot, lambda: live.source is session)
+
+
+async def test_keys_are_renamed_by_the_settings(live: Experiment, session) -> None:
+    async with running(live, Settings(theme="nord", keys={"start": "f2", "tare": "f3"})) as (app, pilot):
+        assert app.theme == "nord"
+        await pilot.press("s")
+        assert live.source is None
+        await pilot.press("f2")
+        await frame(app, pilot)
+        await pilot.press("f3")
+        assert session.orders == [Order("tare")]
+
+
+async def test_rig_and_session_are_chosen(tmp_path: Path) -> None:
+    opening = Opening(lambda _: tmp_path, folder=ROOT)
+    async with running(None, opening=opening) as (app, pilot):
+        assert isinstance(app.screen, ChoiceScreen)
+        await pilot.press("down", "down")
+        await pilot.press("enter")
+        await pilot.pause()
+        assert isinstance(app.screen, ChoiceScreen)
+        await pilot.press("escape")
+        await pilot.pause()
+        await pilot.press("enter")
+        await pilot.pause()
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(app.screen, ExperimentScreen))
+        assert at_experiment(app).experiment.what == "the standard session"
+        assert app.experiment is not None
+        assert app.experiment.source is None
+
+
+async def test_no_rig_is_said_with_the_way_to_one(tmp_path: Path) -> None:
+    opening = Opening(lambda _: tmp_path, folder=tmp_path)
+    async with running(None, opening=opening) as (app, pilot):
+        assert "norton-bench rig new" in str(app.screen.query_one("#said").render())  # type: ignore[attr-defined]
+        await pilot.press("escape")
+        await pilot.pause()
+    assert not app.is_running
+
+
+def test_every_key_has_an_id_and_says_what_it_does() -> None:
+    groups = [keys.APP, keys.EXPERIMENT[1:], keys.RESULTS, keys.PICK, Mark.BINDINGS, Ask.BINDINGS, Confirm.BINDINGS]
+    bindings = [each for group in (*groups, KeyList.BINDINGS) for each in group if isinstance(each, Binding)]
+    assert all(binding.id and binding.tooltip for binding in bindings)
+    assert len({binding.id for binding in bindings}) == len(bindings)
+    assert [binding.key for binding in bindings if binding.priority] == ["space"]

@@ -1,0 +1,122 @@
+"""Tables and lines, at every width: what they say, without a colour."""
+
+import pytest
+
+from bench.errors import ExitCode
+from bench.models.parameters import Estimate, Status
+from bench.screen.experiment import Experiment, badge_of
+from bench.screen.panels.bar import title_row, view_row
+from bench.screen.panels.health import health_rows
+from bench.screen.panels.log import log_rows
+from bench.screen.panels.parameters import SIGNS, parameter_rows, sparkline
+from bench.screen.panels.result import result_rows
+from bench.screen.panels.steps import clock, step_rows
+from bench.screen.picture.known import Known
+from bench.screen.tones import Row, apart, fitted, heading, length
+from bench.session.progress import Judged, SessionState, Summary
+
+WIDTHS = (20, 34, 36, 46, 60, 70, 88, 100, 196)
+
+
+def texts(rows: list[Row]) -> list[str]:
+    return ["".join(text for text, _ in row) for row in rows]
+
+
+@pytest.fixture
+def at_end(replayed: Experiment) -> Experiment:
+    assert replayed.replay is not None
+    replayed.seek(replayed.replay.replay.duration_s)
+    replayed.tell()
+    return replayed
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_nothing_is_wider_than_its_place(at_end: Experiment, width: int) -> None:
+    picture = at_end.picture
+    tables = [
+        parameter_rows(picture.known, width, 12),
+        step_rows(picture.steps, width, 8),
+        health_rows(picture, width, 12),
+        log_rows(picture.log, width, 8),
+        [title_row(picture, at_end.what, "replay", width, badge_of(at_end))],
+        [view_row(picture, ["Overview", "Loops"], 0, width)],
+    ]
+    for rows in tables:
+        assert rows
+        assert all(length(fitted(row, width)) == width for row in rows)
+    assert all(length(row) <= width for rows in tables for row in rows[:1])
+
+
+def test_parameters_are_told_without_colour(at_end: Experiment) -> None:
+    wide = texts(parameter_rows(at_end.picture.known, 100, 12))
+    assert wide[0].endswith("7 of 7 known")
+    assert wide[1].startswith("Km·Ka torque gain")
+    assert "…" in wide[1]
+    assert "●" in wide[1]
+    assert "valid" in wide[1]
+    narrow = texts(parameter_rows(at_end.picture.known, 36, 12))
+    assert narrow[1].split()[0] == "Km·Ka"
+    assert "±" in narrow[1]
+    assert "● valid" in narrow[1]
+
+
+def test_every_status_has_a_sign_of_its_own() -> None:
+    signs = [SIGNS[status][0] for status in Status]
+    assert len(set(signs)) == len(list(Status))
+    estimates = tuple(Estimate("inertia", 1e-5, 1e-7, "kg*m^2", status) for status in Status)
+    for status, row in zip(Status, texts(parameter_rows(Known(estimates), 60, 20))[1:], strict=True):
+        assert f"{SIGNS[status][0]} {status.value}" in row
+
+
+def test_a_sparkline_falls_as_intervals_narrow() -> None:
+    line = sparkline([1.0, 0.1, 0.01, 0.001, 0.0001], 5)
+    assert line == "".join(sorted(line, reverse=True))
+    assert line[0] == "█"
+    assert line[-1] == "▁"
+    assert len(sparkline([0.1] * 50, 12)) == 12
+    assert sparkline([float("nan"), 0.1], 3).startswith("  ")
+
+
+def test_steps_that_do_not_fit_are_those_far_from_now(at_end: Experiment) -> None:
+    rows = texts(step_rows(at_end.picture.steps, 40, 4))
+    assert [row.split()[1] for row in rows[1:]] == ["free", "imposed", "validate"]
+    assert clock(67.2) == "1:07"
+
+
+def test_the_log_scrolls(at_end: Experiment) -> None:
+    last, earlier = log_rows(at_end.picture.log, 80, 3), log_rows(at_end.picture.log, 80, 3, back=2)
+    assert texts(last)[1:] != texts(earlier)[1:]
+    assert "2 newer below" in texts(earlier)[0]
+
+
+def test_the_bar_says_where_it_is(at_end: Experiment, live: Experiment) -> None:
+    assert "‖ REPLAY" in texts([title_row(at_end.picture, "x", "", 80, badge_of(at_end))])[0]
+    assert "○ READY" in texts([title_row(live.picture, "x", "", 80, badge_of(live))])[0]
+    signs = set()
+    for state in SessionState:
+        live.picture.state(state)
+        signs.add(badge_of(live)[0])
+    assert len(signs) == len(list(SessionState))
+
+
+def test_a_result_is_a_page(at_end: Experiment) -> None:
+    estimates = at_end.picture.known.estimates
+    judged = (Judged("a", True, "τc is within 1 %"), Judged("b", False, "β is not within 1 %"))
+    verdict = ("The bandwidth is known badly: nothing above 20 Hz was excited, so raise the multisine's end.",)
+    summary = Summary(ExitCode.OK, "", None, None, None, estimates, verdict, 0.024, 0.017, judged)
+    for width in (60, 76, 116):
+        page = texts(result_rows(summary, width))
+        assert all(len(row) <= width for row in page)
+        assert "✓ 7 of 7 parameters are known." in page
+        assert any("2.4 % of it" in row for row in page)
+        assert any(row.startswith("✗ β is not") for row in page)
+        assert " ".join(row.strip() for row in page).count("so raise the multisine") == 1
+    failed = texts(result_rows(Summary(ExitCode.SAFETY_STOP, "the port torque was 1.2 N*m"), 76))
+    assert failed[0] == "■ the port torque was 1.2 N*m"
+
+
+def test_pieces_fit_together() -> None:
+    assert texts([apart([("left", "text")], [("right", "text")], 12)]) == ["left   right"]
+    assert texts([apart([("long left", "text")], [("right", "text")], 9)]) == ["lon right"]
+    assert texts([heading("Torque", "mN·m", "12 mN·m", 30)]) == ["Torque mN·m ────────── 12 mN·m"]
+    assert texts([heading("Velocity", "rad/s", "1 rad/s", 20, "╌ asked for")]) == ["Velocity rad/s ─────"]

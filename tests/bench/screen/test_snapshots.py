@@ -1,0 +1,160 @@
+"""Every screen at two sizes, from a real simulated experiment. NORTON_BENCH_SNAPSHOTS=write writes them anew."""
+
+import os
+from collections.abc import Callable, Coroutine
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from textual.pilot import Pilot
+
+from bench.records import Measured
+from bench.screen.app import BenchApp
+from bench.screen.experiment import Experiment
+from bench.screen.opening import Opening
+from bench.screen.screens.experiment import ExperimentScreen
+from bench.screen.screens.questions import Ask, Mark
+from bench.screen.screens.results import ResultsScreen
+from bench.session.progress import Prompt
+from tests.bench.screen.conftest import ROOT, Performed, in_fixed_places
+from tests.bench.screen.svg_grid import differences, seen
+
+STORED = Path(__file__).parent / "snapshots"
+WRITE = os.environ.get("NORTON_BENCH_SNAPSHOTS") == "write"
+SIZES = [(80, 24), (200, 60)]
+Show = Callable[[BenchApp, Pilot[None], Experiment], Coroutine[None, None, None]]
+
+
+def moment(measured: Measured, procedure: str, name: str) -> float:
+    """When the last segment of that name is almost over."""
+    segment = [s for s in measured.segments if s.procedure == procedure and s.name.startswith(name)][-1]
+    return (segment.end_ns - int(measured.ticks["tick_ns"][0])) * 1e-9 - 0.05
+
+
+def at(procedure: str, name: str, *keys: str) -> Show:
+    async def show(app: BenchApp, pilot: Pilot[None], experiment: Experiment) -> None:
+        assert experiment.replay is not None
+        experiment.seek(moment(experiment.replay.replay.measured, procedure, name))
+        await pilot.press(*keys)
+        await drawn(app, pilot)
+
+    return show
+
+
+async def drawn(app: BenchApp, pilot: Pilot[None]) -> None:
+    """With everything in it that is known by now."""
+    screen = next(screen for screen in app.screen_stack if isinstance(screen, ExperimentScreen))
+    screen._frame()
+    await pilot.pause()
+    screen.draw_frame(all_of_it=True)
+    await pilot.pause()
+
+
+async def ready(app: BenchApp, pilot: Pilot[None], experiment: Experiment) -> None:
+    fresh = Experiment(experiment.rig, "sessions/short.toml", lambda: pytest.fail("nobody started it"))
+    app.experiment = fresh
+    await app.push_screen(ExperimentScreen(fresh, fps=25, abort=lambda: None))
+    await pilot.pause()
+
+
+async def asked(app: BenchApp, pilot: Pilot[None], experiment: Experiment) -> None:
+    await at("free", "staircase falling")(app, pilot, experiment)
+    await app.push_screen(Ask(Prompt("load", "Mount the disc, then say which one.", ("small", "large"))))
+    await pilot.pause()
+
+
+async def marking(app: BenchApp, pilot: Pilot[None], experiment: Experiment) -> None:
+    await at("free", "staircase falling")(app, pilot, experiment)
+    await app.push_screen(Mark())
+    await pilot.pause()
+
+
+async def choosing(app: BenchApp, pilot: Pilot[None], experiment: Experiment) -> None:
+    app.run_worker(app._choose())
+    await pilot.pause()
+    await pilot.press("down")
+    await pilot.pause()
+
+
+SCREENS: dict[str, Show] = {
+    "ready": ready,
+    "overview": at("imposed", "loop 15 mrad", "1"),
+    "loops": at("imposed", "loop 50 mrad", "2"),
+    "source": at("free", "staircase falling", "3"),
+    "bench": at("validate", "rest", "4"),
+    "keys": at("imposed", "loop 15 mrad", "question_mark"),
+    "palette": at("imposed", "loop 15 mrad", "ctrl+p"),
+    "ask": asked,
+    "mark": marking,
+    "choice": choosing,
+}
+
+
+def compare(name: str, size: tuple[int, int], svg: str) -> None:
+    path = STORED / f"{name}-{size[0]}x{size[1]}.svg"
+    if WRITE:
+        path.write_text(svg, encoding="utf-8")
+    assert path.exists(), f"{path} is not there; NORTON_BENCH_SNAPSHOTS=write writes it"
+    assert differences(seen(path.read_text(encoding="utf-8")), seen(svg)) == []
+
+
+@pytest.mark.parametrize("size", SIZES, ids=["80x24", "200x60"])
+@pytest.mark.parametrize("name", SCREENS)
+async def test_it_looks_as_it_did(replayed: Experiment, name: str, size: tuple[int, int]) -> None:
+    assert replayed.replay is not None
+    replayed.replay.replay.pause()
+    app = BenchApp(Opening(lambda _: Path(), folder=ROOT), replayed)
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        await SCREENS[name](app, pilot, replayed)
+        compare(name, size, app.export_screenshot())
+
+
+@pytest.mark.parametrize("size", SIZES, ids=["80x24", "200x60"])
+async def test_results_look_as_they_did(performed: Performed, replayed: Experiment, size: tuple[int, int]) -> None:
+    summary = in_fixed_places(performed.summary)
+    done = Experiment(replayed.rig, "sessions/short.toml", lambda: pytest.fail("nobody started it"))
+    replayed.replay.replay.seek(1e9)  # type: ignore[union-attr]
+    replayed.replay.tell(done.picture)  # type: ignore[union-attr]
+    done.picture.result(summary)
+    app = BenchApp(Opening(lambda _: Path()), done)
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        await app.push_screen(ResultsScreen(done))
+        await pilot.pause(0.4)
+        compare("results", size, app.export_screenshot())
+
+
+async def test_without_colour_it_says_the_same(replayed: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    """NO_COLOR: greys alone, and every word and curve of the coloured screen."""
+    assert replayed.replay is not None
+    replayed.replay.replay.pause()
+    svgs = []
+    for colour in (True, False):
+        monkeypatch.setenv("NO_COLOR", "1") if not colour else monkeypatch.delenv("NO_COLOR", raising=False)
+        app = BenchApp(Opening(lambda _: Path()), replayed)
+        async with app.run_test(size=(120, 36)) as pilot:
+            await pilot.pause()
+            await SCREENS["overview"](app, pilot, replayed)
+            svgs.append(app.export_screenshot())
+    coloured, grey = map(seen, svgs)
+    assert coloured.rows == grey.rows
+    assert all(is_grey(rule) for rule in grey.colours)
+    assert not all(is_grey(rule) for rule in coloured.colours)
+
+
+def is_grey(rule: str) -> bool:
+    red, green, blue = (int(rule.partition("#")[2][place : place + 2], 16) for place in (0, 2, 4))
+    return max(red, green, blue) - min(red, green, blue) <= 2
+
+
+def test_the_comparison_sees_what_a_reader_sees() -> None:
+    svg = (STORED / "overview-80x24.svg").read_text(encoding="utf-8")
+    before = seen(svg)
+    assert any("Parameters" in row for row in before.rows)
+    assert differences(before, seen(svg.replace("Torque", "Twist"))) != []
+    assert differences(before, replace(before, rows=before.rows[:-1])) != []
+    emptied = tuple("".join(" " if 0x2800 <= ord(c) < 0x2900 else c for c in row) for row in before.rows)
+    assert differences(before, replace(before, rows=emptied)) != []
+    other_digits = tuple(row.replace("1", "7").replace("2", "3") for row in before.rows)
+    assert differences(before, replace(before, rows=other_digits)) == []
