@@ -7,13 +7,21 @@ equations of a file from elsewhere can do no more than compute.
 import ast
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import Any
 
 import numpy as np
 
 Values = Mapping[str, Any]
 Worked = Callable[[Values], Any]
+
+
+def _divided(a: Any, b: Any) -> Any:
+    try:
+        return a / b
+    except ZeroDivisionError:  # a plain number; arrays give what is not finite by themselves
+        return nan
+
 
 FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "sin": (1, np.sin),
@@ -29,7 +37,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "exp": (1, np.exp),
     "log": (1, np.log),
     "sqrt": (1, np.sqrt),
-    "abs": (1, np.abs),
+    "abs": (1, abs),
     "sign": (1, np.sign),
     "min": (2, np.minimum),
     "max": (2, np.maximum),
@@ -40,7 +48,7 @@ _BINARY: dict[type[ast.operator], tuple[str, Callable[[Any, Any], Any]]] = {
     ast.Add: ("+", lambda a, b: a + b),
     ast.Sub: ("-", lambda a, b: a - b),
     ast.Mult: ("*", lambda a, b: a * b),
-    ast.Div: ("/", lambda a, b: a / b),
+    ast.Div: ("/", _divided),
     ast.Pow: ("pow", np.float_power),
 }
 _COMPARISONS: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {

@@ -5,7 +5,7 @@ carries that contact for either motion. With D the friction of a contact along a
 
     f = Im (a_N − a) + B (v_N − v) + D[v_N] − D[v]
 
-a nonlinear connection, zero at x = x_N, that needs no command and is no function of x_N − x alone. Thévenin: f_T = Km i,
+a nonlinear connection, zero at x = x_N, that needs no command and is no function of x_N − x alone. Thévenin: f_T = Km i
 joined linearly to Z(x) = Im a + B v + D[v], or to its inverse (Fig. 1), which the rotor's inertia provides. These are
 the same motor, but a blocked port does not show f_T: what the contact holds, ± τc, depends on how it came to rest.
 """

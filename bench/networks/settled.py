@@ -135,8 +135,9 @@ def linearised(network: NonlinearNetwork, commands: Mapping[str, float], *, sett
     The source stands still meanwhile. Commands are numbers, by name.
     """
     base = {name: float(value) for name, value in settled(network, commands, settle_s).items()}
-    port = {name: float(value) for name, value in at_source(network, base, commands).items()}
-    source = network.source_values(base, commands)
+    with np.errstate(all="ignore"):
+        port = {name: float(value) for name, value in at_source(network, base, commands).items()}
+        source = network.source_values(base, commands)
     own, inputs = tuple(network.connection.rates), tuple(port)
     out = network.port_out[0]
 
@@ -148,7 +149,10 @@ def linearised(network: NonlinearNetwork, commands: Mapping[str, float], *, sett
         return np.array([*(rates[name] for name in own), connected], dtype=float)
 
     centre = {**{name: base[name] for name in own}, **port}
-    slopes = {name: _slope(work, centre, name) for name in centre}
+    with np.errstate(all="ignore"):
+        slopes = {name: _slope(work, centre, name) for name in centre}
+    if not all(np.isfinite(slope).all() for slope in slopes.values()):
+        raise UsageError("the equations are not finite around the settled source; check the domain of the commands")
     n = len(own)
     state = np.array([slopes[name][:n] for name in own]).reshape(n, n).T
     exit_row = np.array([slopes[name][n] for name in own])
