@@ -26,7 +26,7 @@ def respond(operator: Operator, commands: FloatArray, port: FloatArray, tick_s: 
     Raises UsageError, in a sentence, where the output contains derivatives that neither has.
     """
     m, ticks = commands.shape[1], len(commands)
-    _check_derivatives(operator, m, len(port))
+    check_derivatives(operator, m, len(port))
     rows = operator.direct.shape[0]
     output = commands @ operator.direct[0, :m]
     if operator.inputs > m:
@@ -85,7 +85,8 @@ def as_commands(command: npt.ArrayLike, inputs: int) -> FloatArray:
     return commands
 
 
-def _check_derivatives(operator: Operator, m: int, known: int) -> None:
+def check_derivatives(operator: Operator, m: int, known: int) -> None:
+    """Raises UsageError where the output contains derivatives beyond the ``known`` signals, or any of a command."""
     if operator.direct[1:, :m].any():
         raise UsageError(
             "this type of network answers to the command's derivative, which a command held from tick to tick has not; "
