@@ -1,4 +1,4 @@
-"""``network show``, ``convert`` and ``plot``: what can be done with a network in a file."""
+"""``network show``, ``convert``, ``plot`` and ``export``: what can be done with a network in a file."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +22,9 @@ Out = Annotated[Path | None, Parameter(name="--out", help="The file to write, in
 Settle = Annotated[str, Parameter(help="How long a network with states is given to come to rest.")]
 Span = Annotated[float | None, Parameter(help="Greatest command shown, in the command's unit.")]
 
+Target = Annotated[Literal["mujoco", "c", "fmu"], Parameter(name="--to", help="What it is written for.")]
+
+ENDINGS = {"mujoco": ".mjcf.xml", "c": ".h", "fmu": ".fmu"}
 MARKS = {True: "holds", False: "does not hold", None: "cannot be told"}
 
 
@@ -83,6 +86,44 @@ def plot(
     save_plot(load(file), path, span=span, settle_s=_seconds(settle))
     Output(json).result({"plot": path}, str(path))
     return ExitCode.OK
+
+
+def export(file: NetworkFile, /, *, to: Target, out: Out = None, json: Json = False) -> int:
+    """Write the network as a MuJoCo model, a self-contained C header, or an FMU for co-simulation (FMI 3.0)."""
+    from bench.networks.files import load  # noqa: PLC0415
+
+    output = Output(json)
+    path = out or file.with_name(f"{_stem(file)}{ENDINGS[to]}")
+    try:
+        left_out = _exported(load(file), to, path)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    for sentence in left_out:
+        output.say(sentence)
+    output.result({"file": path, "to": to, "left_out": left_out}, str(path))
+    return ExitCode.OK
+
+
+def _exported(network: "Network", to: str, path: Path) -> list[str]:
+    """Write it; returns in sentences what the file lacks."""
+    name = path.name.removesuffix(ENDINGS[to]).split(".")[0]
+    if to == "mujoco":
+        from bench.networks.export.mjcf import export_mjcf  # noqa: PLC0415
+
+        model = export_mjcf(network, name)
+        path.write_text(model.text, encoding="utf-8")
+        return list(model.left_out)
+    if to == "c":
+        from bench.networks.export.c_code import header  # noqa: PLC0415
+
+        path.write_text(header(network, name), encoding="utf-8")
+        return []
+    from bench.networks.export.fmu import export_fmu  # noqa: PLC0415
+
+    compiled = export_fmu(network, path)
+    return (
+        [] if compiled else ["No C compiler was found, so the FMU has its source alone; the importer must compile it."]
+    )
 
 
 def _seconds(text: str) -> float:

@@ -23,6 +23,14 @@ def _divided(a: Any, b: Any) -> Any:
         return nan
 
 
+def _lesser(a: Any, b: Any) -> Any:
+    return np.minimum(a, b) if isinstance(a, np.ndarray) or isinstance(b, np.ndarray) else min(a, b)
+
+
+def _greater(a: Any, b: Any) -> Any:
+    return np.maximum(a, b) if isinstance(a, np.ndarray) or isinstance(b, np.ndarray) else max(a, b)
+
+
 FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "sin": (1, np.sin),
     "cos": (1, np.cos),
@@ -39,8 +47,8 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "sqrt": (1, np.sqrt),
     "abs": (1, abs),
     "sign": (1, np.sign),
-    "min": (2, np.minimum),
-    "max": (2, np.maximum),
+    "min": (2, _lesser),
+    "max": (2, _greater),
 }
 _IN_C = {"abs": "fabs", "min": "fmin", "max": "fmax", "sign": "network_sign"}
 CONSTANTS = {"pi": np.pi}

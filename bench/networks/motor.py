@@ -15,12 +15,14 @@ from bench.networks.equations import Equations
 from bench.networks.kinds import Form, Kind
 from bench.networks.nonlinear import NonlinearNetwork
 
-SLIP = "v{0} - s*abs(v{0})*phi{0}"
+# The contact relaxes at s·|ω|. Beyond this velocity [rad/s] it does so no faster: it has long yielded there, and the
+# steps of an integration can follow it at any speed. Its steady deflection is the same.
+FASTEST_RAD_S = 100.0
+HELD = f"max(min(v{{0}}, {FASTEST_RAD_S}), -{FASTEST_RAD_S})"
+SLIP = f"{HELD} - s*abs({HELD})*phi{{0}}"
 FRICTION = f"(sigma_0*phi{{0}} + sigma_1*({SLIP}))"
 # What the free rotor is told of through its motion alone: Km i, from the source's.
 DRIVE = f"Im*a_N + B*v_N + {FRICTION.format('_N')}"
-# The contact relaxes at σ0/τc·|ω|: a step resolves it up to this velocity [rad/s].
-FASTEST_RAD_S = 100.0
 LONGEST_STEP_S = 1e-4
 
 

@@ -81,3 +81,15 @@ def test_what_cannot_be_done_is_one_sentence(files: Path, capsys: pytest.Capture
     assert "no time to come to rest" in refused(capsys, "show", files / "arm.network.json", "--settle", "0 s")
     assert "shows nothing" in refused(capsys, "plot", files / "arm.network.json", "--span", "0")
     assert "name it" in refused(capsys, "plot", files / "arm.network.json", "--out", files / "x.doc")
+
+
+def test_export_writes_each_kind_and_says_what_it_lacks(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written = {to: told(capsys, "export", files / "motor.network.json", "--to", to) for to in ("mujoco", "c", "fmu")}
+    names = {to: Path(data["file"]).name for to, data in written.items()}
+    assert names == {"mujoco": "motor.mjcf.xml", "c": "motor.h", "fmu": "motor.fmu"}
+    assert "Presliding is left out" in written["mujoco"]["left_out"][0]
+    assert "motor_step(" in (files / "motor.h").read_text()
+    assert (files / "motor.fmu").read_bytes()[:2] == b"PK"
+    assert "no words" in refused(capsys, "export", files / "muscle.network.json", "--to", "mujoco")
+    lost = files / "none" / "x.h"
+    assert "cannot be written" in refused(capsys, "export", files / "motor.network.json", "--to", "c", "--out", lost)

@@ -89,6 +89,15 @@ def test_the_motor_in_every_shape_moves_a_load_alike(shape):
     assert found.position_rad == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
 
 
+def test_the_motors_equations_bear_any_speed():
+    """Three times as fast as the contact is followed: over 300 rad/s, and a reversal from there."""
+    command = 0.45 * np.sign(np.sin(2 * np.pi * 6 * np.arange(100) * TICK_S + 0.1))
+    expected = MOTOR.free_motion(command, TICK_S, longest_step_s=5e-6)
+    found = coupled(converted(MOTOR, Kind.THEVENIN, Form.ADMITTANCE), command, Load(), TICK_S)
+    assert np.abs(expected[1]).max() > 300.0
+    assert found.position_rad == pytest.approx(expected[0], abs=1e-4 * np.abs(expected[0]).max())
+
+
 def test_the_motors_equations_exert_what_its_network_does():
     time_s = np.arange(60) * TICK_S
     command = 0.05 * np.sin(80.0 * time_s)
