@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any
 
 from bench.networks.expressions import CONSTANTS, FUNCTIONS, Expression, read_expression
@@ -37,6 +38,9 @@ class Equations:
         stray = sorted(set(self.initial) - set(self.rates))
         if stray:
             raise ValueError(f'initial value of "{stray[0]}": there is no state of that name')
+        for name, value in (*self.initial.items(), *self.parameters.items()):
+            if not isfinite(value):
+                raise ValueError(f'"{name}" is {value}; give it a finite value')
         object.__setattr__(self, "read_outputs", self._read("output", self.outputs, names))
         object.__setattr__(self, "read_rates", self._read("rate of", self.rates, names))
 

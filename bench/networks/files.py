@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -58,12 +59,12 @@ def load(path: Path | str) -> Network:
     return _Reader(Path(path), content).network()
 
 
+@dataclass(frozen=True)
 class _Reader:
     """One file being read: every mistake is told with the file and the key."""
 
-    def __init__(self, path: Path, content: Mapping[str, Any]) -> None:
-        self._path = path
-        self._content = content
+    path: Path
+    content: Mapping[str, Any]
 
     def network(self) -> Network:
         kind = self._one_of("type", {kind.value: kind for kind in Kind})
@@ -107,23 +108,23 @@ class _Reader:
         try:
             return make()
         except KeyError as error:
-            raise UsageError(f"{self._path}: {key}: {error} is missing; see docs/networks.md") from error
+            raise UsageError(f"{self.path}: {key}: {error} is missing; see docs/networks.md") from error
         except (TypeError, AttributeError) as error:
-            raise UsageError(f"{self._path}: {key}: a value is of the wrong kind; see docs/networks.md") from error
+            raise UsageError(f"{self.path}: {key}: a value is of the wrong kind; see docs/networks.md") from error
         except (ValueError, OverflowError) as error:
-            raise UsageError(f"{self._path}: {key}: {error}") from error
+            raise UsageError(f"{self.path}: {key}: {error}") from error
 
     def _one_of(self, key: str, known: Mapping[str, Any]) -> Any:
-        value = self._content.get(key)
+        value = self.content.get(key)
         if not isinstance(value, str) or value not in known:
             choices = " or ".join(f'"{choice}"' for choice in known)
-            raise UsageError(f'{self._path}: "{key}" is {value!r}; it must be {choices}')
+            raise UsageError(f'{self.path}: "{key}" is {value!r}; it must be {choices}')
         return known[value]
 
     def _object(self, key: str, *, optional: bool = False) -> dict[str, Any]:
-        value = self._content.get(key, {} if optional else None)
+        value = self.content.get(key, {} if optional else None)
         if not isinstance(value, dict):
-            raise UsageError(f'{self._path}: "{key}" must be an object; see docs/networks.md')
+            raise UsageError(f'{self.path}: "{key}" must be an object; see docs/networks.md')
         return value
 
     def _units(self) -> dict[str, str]:
@@ -133,11 +134,11 @@ class _Reader:
         return {str(name): str(text) for name, text in self._object("provenance", optional=True).items()}
 
     def _number(self, key: str) -> float:
-        return self._told(key, lambda: float(self._content[key]))
+        return self._told(key, lambda: float(self.content[key]))
 
     def _range(self, name: str) -> tuple[float, float]:
         def make() -> tuple[float, float]:
-            low, high = self._content["domain"][name]
+            low, high = self.content["domain"][name]
             return float(low), float(high)
 
         return self._told(f"domain of {name}", make)

@@ -21,6 +21,7 @@ from bench.networks.kinds import Form, Kind
 
 MOTIONS = ("x", "v", "a")
 EXERTIONS = ("f",)
+DEVIATIONS = ("dx", "dv", "da")
 
 
 @dataclass(frozen=True)
@@ -49,33 +50,37 @@ class NonlinearNetwork:
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_step(self.step_s)
-        known = {*self.command_units}
-        for name in self.source.inputs:
-            if name not in known:
-                raise ValueError(f'the source takes in "{name}", which is no command; add it to the commands')
-        given = {*known, *self._given()}
-        for name in self.connection.inputs:
-            if name not in given:
-                raise ValueError(f'the connection takes in "{name}"; here it can take in {", ".join(sorted(given))}')
-        missing = sorted({self.first_output} - set(self.connection.outputs))
-        if missing:
-            raise ValueError(f'the connection must put out "{missing[0]}"')
-        for far, near in zip(self.source_out, ("x", "v", "a"), strict=False):
-            deviation = f"d{near}" if self.kind is Kind.NORTON else "df"
-            if deviation in self.connection.inputs and far not in self.source.outputs:
-                raise ValueError(f'the connection takes in "{deviation}", so the source must put out "{far}"')
-        shared = sorted(set(self.source.rates) & set(self.connection.rates))
-        if shared:
-            raise ValueError(f'"{shared[0]}" is a state of both parts; give one of them another name')
-        reserved = sorted(({*self.source.rates, *self.connection.rates} | known) & set(self._reserved()))
-        if reserved:
-            raise ValueError(
-                f'"{reserved[0]}" stands for a signal at the port or the source; rename the state or command'
-            )
+        if not 0.0 < self.step_s < 1e3:
+            raise ValueError(f"step_s = {self.step_s} is not a step; give the longest step of integration in seconds")
         for name, (low, high) in self.domain.items():
             if not low < high:
                 raise ValueError(f"domain of {name}: {low} is not below {high}")
+        self._check_names()
+        self._check_inputs()
+        if self.first_output not in self.connection.outputs:
+            raise ValueError(f'the connection must put out "{self.first_output}"')
+
+    def _check_names(self) -> None:
+        shared = sorted(set(self.source.rates) & set(self.connection.rates))
+        if shared:
+            raise ValueError(f'"{shared[0]}" is a state of both parts; give one of them another name')
+        for name in (*self.command_units, *self.source.rates, *self.connection.rates):
+            if not (name.isidentifier() and name.isascii()):
+                raise ValueError(f'"{name}" is not a name; use letters, digits and _')
+            if name in {*MOTIONS, *EXERTIONS, *self.source_out, *DEVIATIONS, "df"}:
+                raise ValueError(f'"{name}" stands for a signal at the port or the source; rename the state or command')
+
+    def _check_inputs(self) -> None:
+        for name in self.source.inputs:
+            if name not in self.command_units:
+                raise ValueError(f'the source takes in "{name}", which is no command; add it to the commands')
+        given = {*self.command_units, *self._given()}
+        for name in self.connection.inputs:
+            if name not in given:
+                raise ValueError(f'the connection takes in "{name}"; here it can take in {", ".join(sorted(given))}')
+        for far, deviation in self._deviations():
+            if deviation in self.connection.inputs and far not in self.source.outputs:
+                raise ValueError(f'the connection takes in "{deviation}", so the source must put out "{far}"')
 
     @property
     def deviates(self) -> bool:
@@ -108,16 +113,17 @@ class NonlinearNetwork:
         """The output that the connection must have."""
         return self.port_out[0] + self.suffix
 
+    def _deviations(self) -> Iterator[tuple[str, str]]:
+        """What the source calls a signal, and what its deviation at the port is called."""
+        yield from zip(self.source_out, DEVIATIONS if self.kind is Kind.NORTON else ("df",), strict=True)
+
     def _given(self) -> Iterator[str]:
         if self.deviates:
-            yield from ("dx", "dv", "da") if self.kind is Kind.NORTON else ("df",)
+            yield from (deviation for _, deviation in self._deviations())
             return
         yield from self.port_in
         if not self.joined_linearly:
             yield from self.source.outputs
-
-    def _reserved(self) -> Iterator[str]:
-        yield from (*MOTIONS, *EXERTIONS, *self.source_out, "dx", "dv", "da", "df")
 
     @property
     def start(self) -> dict[str, float]:
@@ -133,8 +139,8 @@ class NonlinearNetwork:
     ) -> dict[str, Any]:
         values = {**states, **commands, **port, **source}
         if self.deviates:
-            pairs = zip(self.source_out, self.port_in, strict=True)
-            values |= {f"d{name}": source[far] - port[name] for far, name in pairs if far in source}
+            pairs = zip(self._deviations(), self.port_in, strict=True)
+            values |= {name: source[far] - port[near] for (far, name), near in pairs if far in source}
         return values
 
     def connect(
@@ -170,8 +176,3 @@ class NonlinearNetwork:
     def with_provenance(self, provenance: Mapping[str, str]) -> "NonlinearNetwork":
         """The same network, with more said of where it comes from."""
         return replace(self, provenance={**self.provenance, **provenance})
-
-
-def _check_step(step_s: float) -> None:
-    if not 0.0 < step_s < 1e3:
-        raise ValueError(f"step_s = {step_s} is not a step; give the longest step of integration in seconds")

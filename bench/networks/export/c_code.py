@@ -357,7 +357,9 @@ def _numbers(values: Iterable[float]) -> str:
 
 
 def _listed(units: Mapping[str, str]) -> str:
-    return ", ".join(f"{name} [{unit or '-'}]" for name, unit in units.items()) or "none"
+    text = ", ".join(f"{name} [{unit or '-'}]" for name, unit in units.items()) or "none"
+    # A unit is what somebody wrote: it must not end the comment that it stands in.
+    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "").replace("?", "").split())
 
 
 def _shape(network: Network) -> str:

@@ -3,6 +3,7 @@
 import ctypes
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,6 +124,12 @@ def test_the_exported_motor_moves_freely_as_the_compiled_steps_do(tmp_path):
 
 def test_names_that_c_cannot_have():
     assert [prefix_of(name) for name in ("my-motor.2", "3rd", "π")] == ["my_motor_2", "n_3rd", "network"]
+
+
+def test_a_unit_cannot_break_out_of_its_comment(tmp_path):
+    network = replace(PNEUMATIC, command_units={"c": "*/ int x; /* \\\n#error ??/"})
+    found = run_in_c(network, np.full((TICKS, 1), 0.5), PORT.derivatives().T, tmp_path)
+    assert found == pytest.approx(exertion(network, np.full(TICKS, 0.5), PORT, TICK_S))
 
 
 def test_what_cannot_be_stepped_is_one_sentence():

@@ -71,6 +71,7 @@ def test_what_is_no_expression_is_one_sentence(text, says):
         ({"inputs": ("sin",), "outputs": {"f": "1"}}, '"sin" stands for two things'),
         ({"inputs": ("2x",), "outputs": {"f": "1"}}, '"2x" is not a name'),
         ({"inputs": ("x",), "outputs": {"f": "z"}}, 'output f: "z" in "z" is not known'),
+        ({"inputs": (), "outputs": {}, "parameters": {"K": math.nan}}, '"K" is nan; give it a finite value'),
         ({"inputs": ("x",), "outputs": {}, "initial": {"z": 1.0}}, 'initial value of "z": there is no state'),
     ],
 )

@@ -81,7 +81,7 @@ def test_the_pendulum_with_a_load_is_scipys():
 )
 def test_the_motor_in_every_shape_moves_a_load_alike(shape):
     """Against the existing free motion, with the load's inertia and damping put into the rotor's."""
-    command = 0.06 * np.sign(np.sin(2 * np.pi * 40 * np.arange(30) * TICK_S + 0.1))
+    command = 0.06 * np.sign(np.sin(2 * np.pi * 40 * np.arange(20) * TICK_S + 0.1))
     load = Load(inertia_kgm2=4e-5, damping_nms_rad=5e-4)
     heavier = replace(MOTOR, inertia_kgm2=9e-5, viscous_damping_nms_rad=1.5e-3)
     expected = heavier.free_motion(command, TICK_S, longest_step_s=5e-6)[0]
@@ -91,7 +91,7 @@ def test_the_motor_in_every_shape_moves_a_load_alike(shape):
 
 def test_the_motors_equations_bear_any_speed():
     """Three times as fast as the contact is followed: over 300 rad/s, and a reversal from there."""
-    command = 0.45 * np.sign(np.sin(2 * np.pi * 6 * np.arange(100) * TICK_S + 0.1))
+    command = 0.8 * np.sign(np.sin(2 * np.pi * 15 * np.arange(40) * TICK_S + 0.1))
     expected = MOTOR.free_motion(command, TICK_S, longest_step_s=5e-6)
     found = coupled(converted(MOTOR, Kind.THEVENIN, Form.ADMITTANCE), command, Load(), TICK_S)
     assert np.abs(expected[1]).max() > 300.0
@@ -202,6 +202,7 @@ NOTHING = Equations((), {"x_N": "0", "f_T": "0"})
         ({"source": Equations(("u",), {"x_N": "u"})}, 'the source takes in "u", which is no command'),
         ({"step_s": 0.0}, "step_s = 0.0 is not a step"),
         ({"domain": {"x": (1.0, 0.0)}}, "domain of x: 1.0 is not below 0.0"),
+        ({"command_units": {"my c": "V"}}, '"my c" is not a name'),
         ({"command_units": {"x": "V"}}, '"x" stands for a signal at the port or the source'),
         (
             {"joined_linearly": True, "connection": Equations(("dv",), {"f": "dv"})},
