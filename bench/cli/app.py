@@ -39,6 +39,15 @@ GROUPS = {
             "check": ("bench.cli.check:check", "Say what is wrong with a rig. Moves nothing without --move."),
         },
     ),
+    "network": (
+        "Networks in files: look at them, convert them, use them elsewhere.",
+        {
+            "show": ("bench.cli.network:show", "Say what a network is, and whether it can be told from its port."),
+            "convert": ("bench.cli.network:convert", "Write the exact equivalent of another type or form."),
+            "export": ("bench.cli.network:export", "Write a network for MuJoCo, as C, or as an FMU."),
+            "plot": ("bench.cli.network:plot", "Draw the source and the impedance of a network."),
+        },
+    ),
     "sim": (
         "The simulator.",
         {

@@ -1,0 +1,95 @@
+"""``network``: what the commands print and write, and how they refuse."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.cli import app
+from bench.networks.files import load, save
+from bench.networks.kinds import Form, Kind
+from bench.networks.linear import LinearNetwork
+from bench.networks.operator import Operator
+from tests.bench.networks.some import MOTOR, PNEUMATIC
+
+ARM = LinearNetwork(
+    Kind.NORTON,
+    Form.IMPEDANCE,
+    Operator.rational([50.0], [1.0, 50.0]),
+    Operator.polynomial(3.0, 0.1, 0.01),
+    ("rad",),
+    {"made": "by hand"},
+)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    for name, network in {"arm": ARM, "motor": MOTOR, "muscle": PNEUMATIC}.items():
+        save(network, tmp_path / f"{name}.network.json")
+    return tmp_path
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+    assert app.main(["network", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    assert app.main(["network", *map(str, arguments)]) == 2
+    (sentence,) = capsys.readouterr().err.splitlines()
+    return sentence
+
+
+def test_show_says_what_it_is_and_what_it_can_become(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = told(capsys, "show", files / "muscle.network.json")
+    assert (data["type"], data["form"], data["equations"]) == ("norton", "impedance", "nonlinear")
+    assert data["commands"] == {"c": "N*m/rad"}
+    assert [each["holds"] for each in data["conditions"]] == [True] * 4
+    assert [each["exists"] for each in data["equivalents"]] == [False, False, True, False]
+    assert all("superposition" in each["why"] for each in data["equivalents"] if not each["exists"])
+    motor = told(capsys, "show", files / "motor.network.json")
+    assert all(each["exists"] for each in motor["equivalents"])
+    assert app.main(["network", "show", str(files / "motor.network.json")]) == 0
+    assert "exertion source: does not hold: a blocked port exerts" in capsys.readouterr().out
+
+
+def test_convert_writes_what_gives_the_original_back(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    there = told(capsys, "convert", files / "arm.network.json", "--type", "thevenin", "--form", "admittance")["network"]
+    assert there == str(files / "arm.thevenin-admittance.json")
+    back = told(
+        capsys, "convert", there, "--type", "norton", "--form", "impedance", "--out", files / "back.network.json"
+    )
+    found = load(back["network"])
+    assert isinstance(found, LinearNetwork)
+    assert found.connection.answers_as(ARM.connection)
+    assert found.source.answers_as(ARM.source)
+    assert dict(found.provenance) == {"made": "by hand", "converted_from": "arm.thevenin-admittance.json"}
+
+
+def test_plot_draws(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    drawn = told(capsys, "plot", files / "motor.network.json", "--span", "0.2")["plot"]
+    assert drawn == str(files / "motor.svg")
+    assert Path(drawn).read_text().count("<path") > 10
+
+
+def test_what_cannot_be_done_is_one_sentence(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = refused(capsys, "convert", files / "muscle.network.json", "--form", "admittance")
+    assert said.startswith(f"{files / 'muscle.network.json'}: a nonlinear network obeys no superposition")
+    assert "cannot be read" in refused(capsys, "show", files / "none.json")
+    assert "--settle" in refused(capsys, "show", files / "arm.network.json", "--settle", "3 rad")
+    assert "no time to come to rest" in refused(capsys, "show", files / "arm.network.json", "--settle", "0 s")
+    assert "shows nothing" in refused(capsys, "plot", files / "arm.network.json", "--span", "0")
+    assert "name it" in refused(capsys, "plot", files / "arm.network.json", "--out", files / "x.doc")
+
+
+def test_export_writes_each_kind_and_says_what_it_lacks(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written = {to: told(capsys, "export", files / "motor.network.json", "--to", to) for to in ("mujoco", "c", "fmu")}
+    names = {to: Path(data["file"]).name for to, data in written.items()}
+    assert names == {"mujoco": "motor.mjcf.xml", "c": "motor.h", "fmu": "motor.fmu"}
+    assert "Presliding is left out" in written["mujoco"]["left_out"][0]
+    assert "motor_step(" in (files / "motor.h").read_text()
+    assert (files / "motor.fmu").read_bytes()[:2] == b"PK"
+    assert "no words" in refused(capsys, "export", files / "muscle.network.json", "--to", "mujoco")
+    lost = files / "none" / "x.h"
+    assert "cannot be written" in refused(capsys, "export", files / "motor.network.json", "--to", "c", "--out", lost)

@@ -1,0 +1,91 @@
+"""Networks that the tests share: the motor, linear ones at random, and the paper's nonlinear examples."""
+
+from hypothesis import strategies as st
+
+from bench.models.network import NortonNetwork
+from bench.networks.equations import Equations
+from bench.networks.kinds import Form, Kind
+from bench.networks.linear import LinearNetwork
+from bench.networks.nonlinear import NonlinearNetwork
+from bench.networks.operator import Operator
+
+MOTOR = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")
+SPRING = 1.5
+
+# Section IV.C.2: a pneumatic muscle against a spring; its source is the root of 0 = (π − θ)² c − K θ.
+PNEUMATIC = NonlinearNetwork(
+    Kind.NORTON,
+    Form.IMPEDANCE,
+    Equations(("c",), {"x_N": "(2*pi*c + K - sqrt(K*K + 4*pi*c*K))/(2*c)"}, parameters={"K": SPRING}),
+    Equations(("x_N", "x"), {"f": "K*(x_N*(pi - x)**2/(pi - x_N)**2 - x)"}, parameters={"K": SPRING}),
+    {"c": "N*m/rad"},
+    domain={"x": (0.0, 3.0), "x_N": (0.1, 2.9), "c": (0.1, 2.0)},
+)
+
+
+def series_elastic(connection: str, **more: object) -> NonlinearNetwork:
+    """A positioned spring: a lagging motion source, and ``connection`` of dx and dv as the spring."""
+    return NonlinearNetwork(
+        Kind.NORTON,
+        Form.IMPEDANCE,
+        Equations(
+            ("c",),
+            {"x_N": "place", "v_N": "beta*(c - place)"},
+            {"place": "beta*(c - place)"},
+            parameters={"beta": 20.0},
+        ),
+        Equations(("dx", "dv"), {"f": connection}, parameters={"K": 4.0, "B": 0.1, "play": 0.05}),
+        {"c": "rad"},
+        joined_linearly=True,
+        domain={"x": (-1.0, 1.0), "c": (-0.5, 0.5)},
+        **more,
+    )
+
+
+# Fig. 1: a pendulum with friction, an exertion source in admittance form.
+PENDULUM = NonlinearNetwork(
+    Kind.THEVENIN,
+    Form.ADMITTANCE,
+    Equations(("c",), {"f_T": "c"}),
+    Equations(
+        ("df",),
+        {"x": "theta", "v": "omega", "a": "(df - B*omega - G*sin(theta))/I"},
+        {"theta": "omega", "omega": "(df - B*omega - G*sin(theta))/I"},
+        parameters={"I": 0.05, "B": 0.1, "G": 0.8},
+    ),
+    {"c": "N*m"},
+    joined_linearly=True,
+)
+
+ROOTS = st.floats(0.5, 60.0)
+ROOT_LISTS = st.lists(ROOTS, max_size=3)
+SCALES = st.floats(0.1, 10.0)
+
+
+@st.composite
+def minimum_phase(draw: st.DrawFn) -> tuple[list[float], list[float]]:
+    """Numerator and denominator with all their roots on the left, of any relative degree, proper or not."""
+    import numpy as np
+
+    above, below = draw(ROOT_LISTS), draw(ROOT_LISTS)
+    return (
+        (draw(SCALES) * np.atleast_1d(np.poly([-root for root in above]))).tolist(),
+        np.atleast_1d(np.poly([-root for root in below])).tolist(),
+    )
+
+
+@st.composite
+def linear_networks(draw: st.DrawFn) -> LinearNetwork:
+    """Any type and form, with one or two commands."""
+    import numpy as np
+
+    kind, form = draw(st.sampled_from(Kind)), draw(st.sampled_from(Form))
+    poles = draw(ROOT_LISTS)
+    inputs = draw(st.integers(1, 2))
+    rows = draw(st.lists(st.lists(st.floats(-2.0, 2.0), min_size=len(poles), max_size=len(poles)), min_size=inputs,
+                         max_size=inputs))  # fmt: skip
+    entry = np.array(rows).reshape(inputs, len(poles)).T
+    direct = draw(st.lists(st.floats(0.1, 2.0), min_size=inputs, max_size=inputs))
+    source = Operator.of(np.diag([-pole for pole in poles]), entry, np.ones(len(poles)), [direct])
+    connection = Operator.rational(*draw(minimum_phase()))
+    return LinearNetwork(kind, form, source, connection, ("V",) * inputs)

@@ -1,0 +1,101 @@
+"""Exported MJCF, run by MuJoCo itself, against the network on the same commands."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from bench.errors import UsageError
+from bench.networks.export.mjcf import export_mjcf
+from bench.networks.family import coupled
+from bench.networks.kinds import Form, Kind
+from bench.networks.linear import LinearNetwork
+from bench.networks.motion import Load
+from bench.networks.operator import Operator
+from tests.bench.networks.some import MOTOR, PNEUMATIC
+
+TICK_S = 1e-3
+TIME_S = np.arange(800) * TICK_S
+
+
+def run(text, command, extra_inertia=0.0):
+    """Angle and velocity at the ticks, with a load's inertia put where the file says."""
+    model = mujoco.MjModel.from_xml_string(text)
+    model.body_inertia[model.body("output").id] += extra_inertia
+    data = mujoco.MjData(model)
+    mujoco.mj_setConst(model, data)
+    steps = round(TICK_S / model.opt.timestep)
+    motion = np.empty((2, command.size))
+    for k, held in enumerate(command):
+        motion[:, k] = data.qpos[0], data.qvel[0]
+        data.ctrl[0] = held
+        mujoco.mj_step(model, data, steps)
+    return motion
+
+
+def off(found, expected):
+    return np.sqrt(np.mean((found - expected) ** 2)) / np.std(expected)
+
+
+@pytest.mark.parametrize("extra_kgm2", [0.0, 1e-4])
+def test_the_motor_moves_as_its_network_does(extra_kgm2):
+    """Within 5 % of its velocity with the presliding that MJCF leaves out, within 1 % where there is hardly any."""
+    command = 0.06 * np.sin(2 * np.pi * 3 * TIME_S)
+    loaded = replace(MOTOR, inertia_kgm2=MOTOR.inertia_kgm2 + extra_kgm2)
+    model = export_mjcf(MOTOR, "motor")
+    _, velocity = run(model.text, command, extra_kgm2)
+    assert off(velocity, loaded.free_motion(command, TICK_S)[1]) < 0.05
+    abrupt = replace(loaded, presliding_stiffness_nm_rad=2000.0, presliding_damping_nms_rad=1e-4)
+    assert off(velocity, abrupt.free_motion(command, TICK_S)[1]) < 0.01
+    assert "Presliding is left out" in model.left_out[0]
+    assert model.left_out[0] in model.text
+
+
+def test_the_motor_settles_on_its_source():
+    for command in (0.06, -0.04):
+        _, velocity = run(export_mjcf(MOTOR, "motor").text, np.full(600, command))
+        assert velocity[-1] == pytest.approx(float(MOTOR.source_velocity(command)), rel=1e-3)
+    _, velocity = run(export_mjcf(MOTOR, "motor").text, np.full(600, 0.9 * MOTOR.thresholds[1]))
+    assert abs(velocity[-1]) < 0.1
+
+
+@pytest.mark.parametrize("shape", [(Kind.THEVENIN, Form.IMPEDANCE), (Kind.THEVENIN, Form.ADMITTANCE)])
+def test_a_linear_network_moves_a_load_as_it_does_itself(shape):
+    """Within 0.5 %; MuJoCo's own integration of 0.5 ms is what is left."""
+    network = LinearNetwork(
+        Kind.THEVENIN,
+        Form.IMPEDANCE,
+        Operator.rational([2.0 * 80.0], [1.0, 80.0]),
+        Operator.polynomial(3.0, 0.1, 0.01),
+        ("V",),
+    ).converted(*shape)
+    command = np.sign(np.sin(2 * np.pi * 2 * TIME_S + 0.1))
+    expected = coupled(network, command, Load(inertia_kgm2=0.02), TICK_S).position_rad
+    model = export_mjcf(network, "arm")
+    position, _ = run(model.text, command, 0.02)
+    assert off(position, expected) < 0.005
+    assert model.left_out == ()
+
+
+def linear(source, connection):
+    return LinearNetwork(Kind.THEVENIN, Form.IMPEDANCE, source, connection, ("V",) * source.inputs)
+
+
+GAIN, INERTIA = Operator.gains(1.0), Operator.polynomial(0.0, 0.1, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("network", "says"),
+    [
+        (PNEUMATIC, "no words for a nonlinear network"),
+        (linear(GAIN, Operator.polynomial(1.0, 0.1)), "no inertia of its own"),
+        (linear(GAIN, Operator.rational([1.0, 2.0, 3.0], [1.0, 4.0])), "states of its own"),
+        (linear(GAIN, Operator.polynomial(-1.0, 0.1, 0.01)), "no negative stiffness"),
+        (linear(Operator.gains(1.0, 2.0), INERTIA), "takes 2 commands"),
+        (linear(Operator.rational([1.0], [1.0, 2.0, 9.0]), INERTIA), "a gain and at most one lag"),
+    ],
+)
+def test_what_mujoco_cannot_be_told_is_one_sentence(network, says):
+    with pytest.raises(UsageError, match=says):
+        export_mjcf(network, "n")
