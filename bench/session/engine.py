@@ -101,6 +101,7 @@ class _Run:
         self.knowledge = decision.known
 
     def _carry_out(self, procedure: Procedure) -> None:
+        self.recorder.check()
         known = carry_out(procedure, self.knowledge, self.loop, self._foresee)
         self.learn(with_last_on_disk(known, self.recorder.path.parent))
 
