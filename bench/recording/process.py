@@ -50,7 +50,8 @@ class WriterProcess:
         """Why it had better not go on for long, if it has said so meanwhile; never waits."""
         if self._last is not None or not select.select([self._output], [], [], 0.0)[0]:
             return None
-        self._heard = _parse(self._output.readline())
+        if line := self._output.readline():  # nothing: it is at its end, and has said why
+            self._heard = _parse(line)
         return self._heard.get("stop")
 
     def send(self, message: wire.Message) -> None:

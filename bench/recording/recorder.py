@@ -76,6 +76,13 @@ class Recorder:
         """The recording process."""
         return self._process.pid
 
+    def check(self) -> None:
+        """Raises ExperimentError where recording is over or has broken down; to be asked before anything moves."""
+        if self._end is not None:
+            raise ExperimentError(f"the recording {self.path} is closed already")
+        if not self._process.running:
+            raise self._broken(self._process.finish(0.0))
+
     def put(self, part: Measured) -> None:
         """Record a part (of about 100 ms: a part is what a crash can cost).
 
@@ -83,14 +90,14 @@ class Recorder:
         recording has broken down, and once where it had better end, so that the experiment can be stopped in good
         order; what is put then is still recorded.
         """
-        self._check()
+        self.check()
         if not self._offer(part, self._patience_s):
             self.dropped_parts += 1
         self._heed()
 
     def put_estimate(self, live: EstimatesLike) -> None:
         """Record the state of the live identification; waits as :meth:`put` does, and raises as it does."""
-        self._check()
+        self.check()
         self._offer(wire.estimates_of(live), self._patience_s)
 
     def close(self) -> RecordingSummary:
@@ -158,12 +165,6 @@ class Recorder:
         except Full:
             return False
         return True
-
-    def _check(self) -> None:
-        if self._end is not None:
-            raise ExperimentError(f"the recording {self.path} is closed already")
-        if not self._process.running:
-            raise self._broken(self._process.finish(0.0))
 
     def _heed(self) -> None:
         """Tell once what the recording process has said."""

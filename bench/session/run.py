@@ -141,6 +141,7 @@ class Run:
         self.loop.tell(FINISHED, procedure.name)
 
     def _carry_out_now(self, procedure: Procedure) -> None:
+        self.recorder.check()
         known = carry_out(procedure, self.so_far.known, self.loop, self._foresee)
         self.learn(with_last_on_disk(self._on_one_clock(known), self.recorder.path.parent))
 

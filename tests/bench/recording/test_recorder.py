@@ -159,6 +159,17 @@ def test_the_death_of_the_writer_is_told_at_the_next_part(tmp_path, part, kill) 
         recorder.put(part(200))
 
 
+def test_the_death_of_the_writer_is_told_before_anything_moves(tmp_path) -> None:
+    recorder = Recorder(tmp_path / "r.mcap", rig_text="", metadata={})
+    recorder.check()
+    os.kill(recorder.writer_pid, signal.SIGKILL)
+    os.waitid(os.P_PID, recorder.writer_pid, os.WEXITED | os.WNOWAIT)
+    with pytest.raises(ExperimentError, match="broke down: the recording process has died"):
+        recorder.check()
+    with pytest.raises(ExperimentError):
+        recorder.close()
+
+
 def test_a_writer_that_hangs_costs_parts_but_never_the_caller(tmp_path, part, monkeypatch) -> None:
     monkeypatch.setattr(recorder_module, "QUEUE_PARTS", 4)
     monkeypatch.setattr(recorder_module, "STOP_TIMEOUT_S", 0.3)
