@@ -17,7 +17,6 @@ import argparse
 import json
 import os
 import random
-import select
 import signal
 import socket
 import struct
@@ -29,6 +28,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from queue import Empty, Queue
 from threading import Thread
 from typing import Any
 
@@ -62,7 +62,7 @@ PATIENT = {
     'stall_after = "100 ms"': 'stall_after = "200 ms"',
     'watchdog = "300 ms"': 'watchdog = "400 ms"',
 }
-TOLD_WITHIN_S = 60.0
+TOLD_WITHIN_S = 120.0
 COMMANDS_A_TICK, TICK_MS = 2, 1.0
 COMMAND_BITS = 0x1F  # of an ODrive's identifier; the node stands above them
 
@@ -179,61 +179,64 @@ def served(folder: Path, port: int) -> Iterator[None]:
 
 
 class Program:
-    """The program in processes of its own; started anew where it was killed."""
+    """The program in processes of its own. Raises ExperimentError where it does not say what is waited for."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._process: subprocess.Popen[str] | None = None
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, "--program", str(folder)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )
+        self._lines: Queue[str] = Queue()
+        Thread(target=self._listen, daemon=True).start()
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
 
     def begin(self, name: str) -> None:
         """Start a session, and wait until it measures."""
-        if self._process is None or self._process.poll() is not None:
-            self._process = subprocess.Popen(
-                [sys.executable, __file__, "--program", str(self._folder)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-                env={**os.environ, "PYTHONPATH": str(ROOT)},
-            )
         assert self._process.stdin is not None
         print(name, file=self._process.stdin, flush=True)
-        said = self.said()
-        if said != "measuring":
+        if (said := self.said()) != "measuring":
             raise ExperimentError(f"session {name} did not begin: {said}")
 
     def said(self) -> str:
         """What it says next."""
-        assert self._process is not None
-        assert self._process.stdout is not None
-        if not select.select([self._process.stdout], [], [], TOLD_WITHIN_S)[0]:
-            raise ExperimentError("the program says nothing any more")
-        return self._process.stdout.readline().strip()
+        try:
+            return self._lines.get(timeout=TOLD_WITHIN_S)
+        except Empty:
+            raise ExperimentError(f"the program has said nothing for {TOLD_WITHIN_S:.0f} s") from None
 
-    def recorder(self) -> list[int]:
-        """The recording process."""
-        return [pid for pid in self._all() if b"bench.recording.writer" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    def kill_recorder(self) -> None:
+        for pid in self._recorders():
+            os.kill(pid, signal.SIGKILL)
 
-    def everything(self) -> list[int]:
-        """All processes of the program, the recording process first: so nobody is left who could write the rest."""
-        recorder = self.recorder()
-        return [*recorder, *(pid for pid in self._all() if pid not in recorder)]
-
-    def wait(self) -> None:
-        assert self._process is not None
+    def kill(self) -> None:
+        """All of it, the recording process first: so nobody is left who could write the rest."""
+        recorders = self._recorders()
+        for pid in (*recorders, *(pid for pid in self._all() if pid not in recorders)):
+            with suppress(ProcessLookupError):  # one that ended with its parent
+                os.kill(pid, signal.SIGKILL)
         self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
-            with suppress(BrokenPipeError):
-                pipe.close()
 
     def end(self) -> None:
-        if self._process is not None and self._process.poll() is None:
-            assert self._process.stdin is not None
-            self._process.stdin.close()
-            self.wait()
+        """Let it end by itself."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        self._process.wait()
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._lines.put(line.strip())
+
+    def _recorders(self) -> list[int]:
+        return [pid for pid in self._all() if b"bench.recording.writer" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
     def _all(self) -> list[int]:
-        assert self._process is not None
         found, parents = [self._process.pid], parents_of_all()
         for pid in found:
             found += [child for child, parent in parents.items() if parent == pid]
@@ -249,27 +252,17 @@ def parents_of_all() -> dict[int, int]:
     return found
 
 
-def kill(program: Program, of: str) -> int:
-    """Returns when [ns]."""
-    victims = program.recorder() if of == "recorder" else program.everything()
-    killed_ns = time.monotonic_ns()
-    for pid in victims:
-        with suppress(ProcessLookupError):  # a process that ended with its parent
-            os.kill(pid, signal.SIGKILL)
-    return killed_ns
-
-
 def one(folder: Path, program: Program, listener: Listener, name: str, of: str, after_s: float) -> Kill:
     listener.commands()
     program.begin(name)
     time.sleep(after_s)
-    killed_ns = kill(program, of)
+    killed_ns = time.monotonic_ns()
     if of == "recorder":
-        said = program.said()
-        if "broke down" not in said:
+        program.kill_recorder()
+        if "broke down" not in (said := program.said()):
             raise ExperimentError(f"session {name} {said}")
     else:
-        program.wait()
+        program.kill()
     time.sleep(0.1)
     return judged(folder, name, of, killed_ns, listener.commands())
 
@@ -367,26 +360,30 @@ def told(found: dict[str, Any]) -> str:
 
 
 def run(kills: int, seed: int) -> tuple[list[Kill], int]:
+    """The kills, and how many sessions ended before theirs."""
     chance, done, early = random.Random(seed), list[Kill](), 0
     with tempfile.TemporaryDirectory(dir="/tmp") as name:
         folder, port = Path(name), unused_port()
-        listener, program = Listener(port), Program(folder)
+        listener = Listener(port)
         with served(folder, port):
+            program = Program(folder)
             while len(done) < kills:
-                # Both kinds in runs of ten: the program is started anew for every kill of its own.
+                # In runs of ten: for every kill of its own, the program has to be started anew.
                 of = ("recorder", "program")[len(done) // 10 % 2]
+                program = program if program.running else Program(folder)
                 try:
-                    done.append(
-                        one(folder, program, listener, f"s{len(done)}-{early}", of, chance.uniform(0, LATEST_S))
-                    )
+                    session = f"s{len(done)}-{early}"
+                    done.append(one(folder, program, listener, session, of, chance.uniform(0, LATEST_S)))
                 except ExperimentError as error:
+                    program.kill()  # what it would say next is of this session
                     early += 1
                     print(f"not counted: {error}", file=sys.stderr)
                     if early > kills:
                         raise
-                    continue
-                print(json.dumps(asdict(done[-1])), file=sys.stderr)
-            program.end()
+                else:
+                    print(json.dumps(asdict(done[-1])), file=sys.stderr)
+            if program.running:
+                program.end()
     return done, early
 
 
@@ -401,7 +398,7 @@ def main() -> int:
         program(asked.program)
         return 0
     found = summary(*run(asked.kills, asked.seed))
-    print(json.dumps({**found}, indent=2) if asked.json else told(found))
+    print(json.dumps(found, indent=2) if asked.json else told(found))
     return 0 if found["held"] else 1
 
 

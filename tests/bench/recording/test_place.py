@@ -4,7 +4,9 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import mkdtemp
 
 import pytest
 
@@ -25,26 +27,32 @@ SESSION = Session((Step("tare", TareOptions(0.5)), Step("calibrate", CalibrateOp
 SMALL = "12m"  # the reserve, and two or three seconds of recording
 
 
-def mounted(folder: Path, *options: str) -> None:
-    folder.mkdir(exist_ok=True)
-    done = subprocess.run(["mount", "-t", "tmpfs", *options, "tmpfs", folder], check=False, capture_output=True)
-    if done.returncode:
-        pytest.skip("mounting is not permitted here")
+@contextmanager
+def mounted(options: str) -> Iterator[Path]:
+    """A file system of its own; not among pytest's folders, which another run of it may be tidying up."""
+    folder = Path(mkdtemp(prefix="norton-bench-"))
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], check=False, capture_output=True)
+    try:
+        if done.returncode:
+            pytest.skip("mounting is not permitted here")
+        yield folder
+    finally:
+        if not done.returncode:
+            subprocess.run(["umount", "--lazy", folder], check=True)
+        folder.rmdir()
 
 
 @pytest.fixture
-def small(tmp_path: Path) -> Iterator[Path]:
+def small() -> Iterator[Path]:
     """A disk that is soon full."""
-    mounted(tmp_path / "small", "-o", f"size={SMALL}")
-    yield tmp_path / "small"
-    subprocess.run(["umount", tmp_path / "small"], check=True)
+    with mounted(f"size={SMALL}") as folder:
+        yield folder
 
 
 @pytest.fixture
-def read_only(tmp_path: Path) -> Iterator[Path]:
-    mounted(tmp_path / "fixed", "-o", "ro")
-    yield tmp_path / "fixed"
-    subprocess.run(["umount", tmp_path / "fixed"], check=True)
+def read_only() -> Iterator[Path]:
+    with mounted("ro") as folder:
+        yield folder
 
 
 def put_until_told(recorder: Recorder, part: Callable[[int], Measured]) -> tuple[str, list[Measured]]:
