@@ -47,7 +47,7 @@ def main(wanted: str = "0.005") -> None:
     # Nobody is there: whatever is asked is answered with "yes".
     result = run_script(rig, Friction(float(wanted)), out=out, seed=3, answers=Answers(yes=True))
     rounds = sum(event.kind == "step" and event.text == "imposed" for event in result.measured.events)
-    print(f"{result.parameter('coulomb_torque')} after {rounds} rounds, where 0.02 N*m is true")
+    print(f"{result.parameter('coulomb_torque')} after {rounds} round(s), where 0.02 N*m is true")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 WORKFLOW = (ROOT / "examples" / "ci" / "norton-bench.yml").read_text()
+# Three sessions, each in a fresh process.
+pytestmark = pytest.mark.timeout(900)
 STEPS = dict(re.findall(r"^ +- name: (.+)\n +run: (.+)$", WORKFLOW, re.MULTILINE))
 
 
@@ -36,7 +38,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 env=environment,
                 capture_output=True,
                 text=True,
-                timeout=250,
+                timeout=600,
                 check=False,
             )
             assert done.returncode == 0, (name, done.stdout, done.stderr)
