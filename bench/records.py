@@ -69,7 +69,7 @@ class Event:
     """Something that happened once, in words."""
 
     stamp_ns: int
-    kind: str  # "stop", "drive", "watchdog", "bus", "device", "operator", "fault"
+    kind: str  # "stop", "drive", "watchdog", "bus", "device", "operator", "fault", "step" (finished), "answer"
     text: str
 
 

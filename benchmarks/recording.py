@@ -19,8 +19,8 @@ import numpy as np
 from bench.recording import wire
 from bench.recording.reader import read_recording
 from bench.recording.recorder import Recorder
+from bench.recording.recording_file import RecordingFile
 from bench.recording.recover import recover
-from bench.recording.writer import RecordingFile
 from bench.records import CURRENT, MOTION, TICK, TORQUE, Measured, Table
 from drivers.readings import RawFrame
 

@@ -1,5 +1,6 @@
 """The real world as a backend: python-can buses, pyserial ports and the machine's monotonic clock."""
 
+import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -10,6 +11,7 @@ from typing import Any
 import can
 import serial
 
+from drivers.adapters.eager_line import EagerLine
 from drivers.adapters.serial_mend import serial_mend
 from drivers.adapters.table import open_bus
 from drivers.clock import Clock, MonotonicClock
@@ -73,7 +75,8 @@ class HardwareBackend:
             raise ConnectionFailedError(
                 f"port {port}: cannot open it at {baud} baud ({error}); {serial_mend(error)}"
             ) from error
-        serial_port = SerialPort(port, line, self._clock)
+        eager = os.name == "posix" and "://" not in port
+        serial_port = SerialPort(port, EagerLine(line) if eager else line, self._clock)
         self._ports.append(serial_port)
         return serial_port
 

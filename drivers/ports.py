@@ -12,7 +12,7 @@ from drivers.adapters.adapter import Health, StateOnly
 from drivers.clock import Clock
 from drivers.codecs.can_errors import CanErrorFrame
 from drivers.errors import ConnectionFailedError
-from drivers.readings import RawFrame
+from drivers.readings import ERROR_FRAME, RawFrame
 
 Tap = Callable[[RawFrame], None]
 FrameHandler = Callable[[can.Message, int], None]
@@ -119,6 +119,9 @@ class CanPort:
 
     def _note_error(self, message: can.Message) -> None:
         self.error_frames += 1
+        if self.tap is not None:
+            marked = message.arbitration_id | ERROR_FRAME
+            self.tap(RawFrame(self._arrival_ns(message), self.name, False, bytes(message.data), marked))
         words: tuple[str, ...] = ("error frame",)
         if self._linux_error_frames:
             frame = CanErrorFrame.decode(message.arbitration_id, message.data)

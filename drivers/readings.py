@@ -72,6 +72,11 @@ class DeviceIdentity:
     firmware: str = ""
 
 
+# Marks a CAN error frame in its identifier (Linux, include/uapi/linux/can.h: CAN_ERR_FLAG). Serial bytes have -1 there,
+# in which every bit is set: look for those first.
+ERROR_FRAME = 0x20000000
+
+
 class RawFrame(NamedTuple):
     """One CAN frame or one chunk of serial bytes as it crossed the wire, for the recording."""
 

@@ -65,6 +65,14 @@ def test_own_session_finds_the_heavier_actuator(tmp_path: Path) -> None:
     assert 0 < std < 0.03 * 8e-5
 
 
+def test_own_script_goes_on_until_friction_is_known(tmp_path: Path) -> None:
+    said = example("own_script.py", 0.03, folder=tmp_path)
+    value, plus_minus, rounds = re.findall(r"coulomb_torque = (\S+) ± (\S+) N\*m \(valid\) after (\d) rounds", said)[0]
+    assert float(value) == pytest.approx(0.02, rel=0.03)
+    assert float(plus_minus) <= 0.03 * float(value)
+    assert 1 <= int(rounds) <= 5
+
+
 # What each rig can perform, of the sessions that are shipped, or what it lacks.
 WITH_LOAD = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "sim-mit")
 SESSIONS = ("characterise", "quick", "refine")

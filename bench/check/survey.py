@@ -7,7 +7,7 @@ from itertools import islice
 
 import can
 
-from drivers.readings import RawFrame
+from drivers.readings import ERROR_FRAME, RawFrame
 from drivers.recognition import Answers
 
 # Of one identifier: enough to see a rhythm, and no more than some seconds of the fastest stream.
@@ -112,10 +112,11 @@ class Survey:
     bytes_heard: dict[str, int] = field(default_factory=lambda: defaultdict(int))
 
     def note(self, frame: RawFrame) -> None:
-        if frame.arbitration_id != _SERIAL:
+        if frame.arbitration_id == _SERIAL:
+            if not frame.sent:
+                self.bytes_heard[frame.channel] += len(frame.data)
+        elif not frame.arbitration_id & ERROR_FRAME:  # those are counted by the port
             self.buses[frame.channel].note(frame)
-        elif not frame.sent:
-            self.bytes_heard[frame.channel] += len(frame.data)
 
 
 def bits_of(frame: RawFrame) -> int:

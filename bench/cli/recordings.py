@@ -21,7 +21,10 @@ Test = Annotated[str | None, Parameter(help="What is only predicted, likewise.")
 ModelName = Annotated[
     str | None, Parameter(name="--model", help='Friction model by name, or "best" on held-out parts.')
 ]
-Format = Annotated[Literal["parquet", "csv", "mat"], Parameter(name="--format", help="Kind of tables.")]
+Format = Annotated[
+    Literal["parquet", "csv", "mat", "candump"],
+    Parameter(name="--format", help="Kind of tables, or the CAN frames alone."),
+]
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,7 @@ def recover(recording: RecordingFile, /, *, json: Json = False) -> None:
         "bytes_lost": done.bytes_lost,
         "chunks_lost": done.chunks_lost,
         "was_complete": done.was_complete,
+        "candump": done.log,
     }
     lost = "nothing was lost" if done.was_complete else f"{done.bytes_lost} bytes and {done.chunks_lost} chunks lost"
     Output(json).result(data, f"{done.path}: {done.messages} messages, {lost}")

@@ -80,7 +80,7 @@ def _strike(rig: Rig, number: int, allowed: int, random: Random) -> tuple[Sequen
             time.sleep(random.uniform(0, STRIKES_WITHIN_S))
             _await_motion(rig, host, witness, folder)  # it turns back and forth, and may just stand
             begun_ns = time.monotonic_ns()
-            os.kill(host.pid, number)
+            os.killpg(host.pid, number)  # the loop, the session and the identifier alike
             time.sleep(allowed * 1e-9 + WATCH_ON_S)
         return read_witness(witness), begun_ns
 

@@ -44,9 +44,12 @@ from drivers.settling import Settled
 PART_S = 0.04
 # A loop that does not tick for so long has been stopped, or hangs.
 TICKS_WITHIN_S = 2.0
+# Enabling drives that want to be brought up state by state.
+ENABLED_WITHIN_S = 30.0
 # Importing everything, opening a slow device, compiling a controller for the first time.
 ANSWER_WITHIN_S = 120.0
 END_WITHIN_S = 5.0
+HEARD_WITHIN_NS = 250_000_000
 # Libraries that calculate in several threads start those when they are imported.
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -63,13 +66,14 @@ class LoopProcess:
         self._rig, self._seed = rig, seed
         self._consumer: Callable[[Measured], None] = _nobody
         self._enabled = False
+        self._gone: SafetyStopError | None = None
         self._begun = (-1, 0)  # the segment that runs, and its first tick [ns]
-        memory, pulse = SharedMemory(rig), Pulse()
-        self._inbox, self._beat_ns = SharedInbox(memory), pulse.view()
+        self._shared = Shared(SharedMemory(rig), stop or StopWord(), Pulse())
+        self._inbox, self._beat_ns = SharedInbox(self._shared.memory), self._shared.pulse.view()
         self._orders, far_end = context.Pipe()
         self._process = context.Process(
             target=serve_loop,
-            args=(rig, seed, Shared(memory, stop or StopWord(), pulse), far_end),
+            args=(rig, seed, self._shared, far_end),
             name="loop",
             daemon=True,
         )
@@ -127,8 +131,12 @@ class LoopProcess:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        self._ask(Enable())
-        self._enabled = True
+        self._enabled = True  # from the order on, whatever becomes of it
+        try:
+            self._ask(Enable(), ENABLED_WITHIN_S)
+        except BaseException:
+            self._enabled = False
+            raise
         try:
             yield
         except BaseException as error:
@@ -166,16 +174,16 @@ class LoopProcess:
             self._process.kill()
             self._process.join()
 
-    def _ask(self, order: Order) -> Any:
+    def _ask(self, order: Order, within_s: float = ANSWER_WITHIN_S) -> Any:
         """What the order is answered with; what it fails with is raised. What is measured meanwhile is handed on."""
         self._send(order)
         try:
-            return self._wait_for_answer()
+            return self._wait_for_answer(within_s)
         finally:
             self._hand_on()
 
-    def _wait_for_answer(self) -> Any:
-        answer = self._answer(_nothing)
+    def _wait_for_answer(self, within_s: float = ANSWER_WITHIN_S) -> Any:
+        answer = self._answer(_nothing, within_s)
         if isinstance(answer, Failed):
             raise answer.error
         return answer.value
@@ -199,7 +207,7 @@ class LoopProcess:
         except OSError:
             raise self._lost("has died") from None
 
-    def _answer(self, look: Callable[[], object], ticks_within_s: float = ANSWER_WITHIN_S) -> Any:
+    def _answer(self, look: Callable[[], object], within_s: float = ANSWER_WITHIN_S) -> Any:
         """The next message, looking and beating meanwhile. Raises SafetyStopError where the loop is dead or silent."""
         ticks, seen_s = self._inbox.ticks, time.monotonic()
         while not (ready := wait([self._orders, self._process.sentinel], PART_S)) or self._orders not in ready:
@@ -211,9 +219,9 @@ class LoopProcess:
             ticks = self._inbox.ticks
             if ticks != before:
                 seen_s = now_s
-            elif now_s - seen_s > ticks_within_s:
+            elif now_s - seen_s > within_s:
                 self._process.kill()
-                raise self._lost(f"has not ticked for {ticks_within_s:g} s")
+                raise self._lost(f"has not been heard for {within_s:g} s")
         try:
             return self._orders.recv()
         except (EOFError, OSError):
@@ -225,6 +233,8 @@ class LoopProcess:
 
     def _lost(self, how: str) -> SafetyStopError:
         """The error to raise; what the loop has put away until then is in the recording, and that it is gone."""
+        if self._gone is not None:
+            return self._gone
         self._process.join(END_WITHIN_S)
         was_enabled, self._enabled = self._enabled, False
         said = f"the loop's process {how}"
@@ -232,7 +242,8 @@ class LoopProcess:
             said += f"; {_idled_in_its_place(self._rig, self._seed)}"
         self._hand_on()
         self.tell("stop", said)
-        return SafetyStopError(said, "loop")
+        self._gone = SafetyStopError(said, "loop")
+        return self._gone
 
     def _hand_on(self, segment: Segment | None = None, info: SegmentInfo | None = None) -> Measured:
         """Give the consumer what has come; ``info`` is the loop's last word of the segment."""
@@ -258,7 +269,10 @@ def _idled_in_its_place(rig: Rig, seed: int | None) -> str:
     try:
         backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
         with closing(backend):
-            complaints = open_devices(rig, backend).stop()
+            devices = open_devices(rig, backend)
+            devices.stop()
+            devices.link.wait(HEARD_WITHIN_NS)  # until they have said how they are, nobody can complain of them
+            complaints = devices.stop()
     except Exception as error:  # whatever it is, the drives' watchdogs are left, and the loop's death is the news
         return (
             f"the drives could not be idled in its place ({error}): if they have no watchdog, switch off their supply"

@@ -79,11 +79,14 @@ class CheckedParameter:
         return _assert(Judged(self.found.name, self.status == status, f"{self.found}: its status is not {status}"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Outcome:
     """What came of a session. ``result`` has all of it."""
 
     result: SessionResult
+
+    def __repr__(self) -> str:
+        return f"<what {self.recording} tells>"
 
     def parameter(self, name: str) -> CheckedParameter:
         """Raises UsageError for a name that no parameter has."""

@@ -32,7 +32,8 @@ class RecordedEstimates:
 class Recording:
     """One experiment. ``complete`` says that it was ended in good order and nothing was dropped on the way.
 
-    ``metadata`` holds what the recorder was given, and the versions of everything it ran with.
+    ``metadata`` holds what the recorder was given, and the versions of everything it ran with. ``part_ends_ns`` says
+    where the session had handed over its parts: each ends before the tick of that time.
     """
 
     measured: Measured
@@ -40,3 +41,4 @@ class Recording:
     metadata: Mapping[str, str]
     complete: bool
     live: tuple[RecordedEstimates, ...] = ()
+    part_ends_ns: tuple[int, ...] = ()

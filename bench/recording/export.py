@@ -1,4 +1,4 @@
-"""A recording as tables for other tools: Parquet, CSV, MATLAB."""
+"""A recording as tables for other tools: Parquet, CSV, MATLAB; its CAN frames as a candump log."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -8,9 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError, UsageError
+from bench.recording.candump import log_lines, log_name
 from bench.recording.contents import Recording
 from bench.recording.reader import read_recording
 from bench.recording.streams import STREAMS
+from bench.recording.wire import Frames
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -18,15 +20,16 @@ Columns = Mapping[str, npt.NDArray[Any]]
 def export(path: Path, format: str, out_dir: Path) -> list[Path]:  # noqa: A002
     """Write the recording's tables to ``out_dir``; the paths written, one a table, or one in all for "mat".
 
-    Units stand in the column names. ``format`` is "parquet", "csv" or "mat". Raises UsageError for another format or
+    Units stand in the column names. ``format`` is "parquet", "csv" or "mat"; or "candump", for the CAN frames alone.
+    Raises UsageError for another format or
     an unreadable recording, ExperimentError where the files cannot be written.
     """
     if format not in WRITERS:
         raise UsageError(f"cannot export to {format!r}; choose one of {', '.join(WRITERS)}")
-    tables = tables_of(read_recording(path))
+    recording = read_recording(path)
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
-        return WRITERS[format](tables, out_dir, path.stem)
+        return WRITERS[format](recording, out_dir, path.stem)
     except OSError as error:
         raise ExperimentError(f"cannot write to {out_dir}: {error.strerror or error}; choose another folder") from error
 
@@ -68,35 +71,34 @@ def _estimates(recording: Recording) -> Columns:
     }
 
 
-def _write_parquet(tables: Mapping[str, Columns], out_dir: Path, stem: str) -> list[Path]:
+def _write_parquet(recording: Recording, out_dir: Path, stem: str) -> list[Path]:
     import pyarrow as pa  # noqa: PLC0415  (slow to import)
     import pyarrow.parquet as pq  # noqa: PLC0415
 
     paths = []
-    for name, columns in tables.items():
+    for name, columns in tables_of(recording).items():
         paths.append(out_dir / f"{stem}.{name}.parquet")
         pq.write_table(pa.table({column: pa.array(values) for column, values in columns.items()}), paths[-1])
     return paths
 
 
-def _write_csv(tables: Mapping[str, Columns], out_dir: Path, stem: str) -> list[Path]:
+def _write_csv(recording: Recording, out_dir: Path, stem: str) -> list[Path]:
     import pyarrow as pa  # noqa: PLC0415
     from pyarrow import csv  # noqa: PLC0415
 
     paths = []
-    for name, columns in tables.items():
+    for name, columns in tables_of(recording).items():
         paths.append(out_dir / f"{stem}.{name}.csv")
         csv.write_csv(pa.table({column: pa.array(values) for column, values in columns.items()}), str(paths[-1]))
     return paths
 
 
-def _write_mat(tables: Mapping[str, Columns], out_dir: Path, stem: str) -> list[Path]:
+def _write_mat(recording: Recording, out_dir: Path, stem: str) -> list[Path]:
     from scipy.io import savemat  # noqa: PLC0415
 
     path = out_dir / f"{stem}.mat"
-    savemat(
-        path, {name: _for_matlab(columns) for name, columns in tables.items()}, oned_as="column", do_compression=True
-    )
+    tables = {name: _for_matlab(columns) for name, columns in tables_of(recording).items()}
+    savemat(path, tables, oned_as="column", do_compression=True)
     return [path]
 
 
@@ -105,8 +107,16 @@ def _for_matlab(columns: Columns) -> dict[str, npt.NDArray[Any]]:
     return {name: values.astype(object) if values.dtype.kind == "U" else values for name, values in columns.items()}
 
 
-WRITERS: dict[str, Callable[[Mapping[str, Columns], Path, str], list[Path]]] = {
+def _write_candump(recording: Recording, out_dir: Path, stem: str) -> list[Path]:
+    path = log_name(out_dir / f"{stem}.mcap")
+    with path.open("xb") as file:  # the session's own may stand there
+        file.write(log_lines(Frames.of(recording.measured.frames)))
+    return [path]
+
+
+WRITERS: dict[str, Callable[[Recording, Path, str], list[Path]]] = {
     "parquet": _write_parquet,
     "csv": _write_csv,
     "mat": _write_mat,
+    "candump": _write_candump,
 }

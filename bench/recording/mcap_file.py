@@ -7,11 +7,12 @@ Specification: https://mcap.dev/spec
 import os
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from io import FileIO
+from io import BytesIO, FileIO
 from struct import Struct
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +41,7 @@ from bench.recording.layout import HEADER, Rows
 from bench.recording.streams import PROFILE
 
 CHUNK_BYTES = 16 * 1024
+_COPIED_BYTES = 1 << 20
 _MESSAGE_INDEX = Struct("<BQHI")  # opcode, record length, channel, bytes of entries
 _INDEX_ENTRY = np.dtype([("log", "<u8"), ("offset", "<u8")])
 
@@ -74,17 +76,32 @@ class Block:
         return [Block(self.channel, self.size, self.data[start : start + step]) for start in parts]
 
 
-class McapFile:
-    """Writes to ``file``, which is unbuffered: what was handed over has reached the operating system."""
+def no_room() -> bool:
+    """Nothing was kept back."""
+    return False
 
-    def __init__(self, file: FileIO) -> None:
+
+class McapFile:
+    """Writes to ``file``, which is unbuffered: what was handed over has reached the operating system.
+
+    ``make_room`` is asked once the file takes no more, and says whether it is worth another try. ``spool`` keeps the
+    index of the chunks until the end: beside a long recording in memory, it would grow with it.
+    Raises OSError where the file takes no more; what it holds then ends with a whole record.
+    """
+
+    def __init__(
+        self, file: FileIO, *, make_room: Callable[[], bool] = no_room, spool: IO[bytes] | None = None
+    ) -> None:
         self._file = file
+        self._make_room = make_room
+        self._spool: IO[bytes] = BytesIO() if spool is None else spool
+        self._span_ns: tuple[int, int] | None = None
+        self._chunk_count = 0
         self._offset = 0
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._blocks: list[Block] = []
         self._pending_bytes = 0
-        self._chunks: list[ChunkIndex] = []
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: Counter[int] = Counter()
@@ -152,7 +169,7 @@ class McapFile:
         """Write what is pending, the summary and the end mark, and bring all of it onto the disk."""
         self.flush()
         self._put(DataEnd(0))
-        self._write(self._summary())
+        self._write_summary()
         self._write(MCAP0_MAGIC)
         self.sync()
 
@@ -164,19 +181,21 @@ class McapFile:
         offset, length = self._put(Chunk("zstd", compressed, end_ns, start_ns, zlib.crc32(data), len(data)))
         index_start = self._offset
         index_offsets = self._write_message_indexes(blocks)
-        self._chunks.append(
-            ChunkIndex(
-                length,
-                offset,
-                "zstd",
-                len(compressed),
-                end_ns,
-                self._offset - index_start,
-                index_offsets,
-                start_ns,
-                len(data),
-            )
+        index = ChunkIndex(
+            length,
+            offset,
+            "zstd",
+            len(compressed),
+            end_ns,
+            self._offset - index_start,
+            index_offsets,
+            start_ns,
+            len(data),
         )
+        self._write_to(self._spool, encoded([index]))
+        self._chunk_count += 1
+        first_ns, last_ns = self._span_ns or (start_ns, end_ns)
+        self._span_ns = min(first_ns, start_ns), max(last_ns, end_ns)
 
     def _write_message_indexes(self, blocks: list[Block]) -> dict[int, int]:
         """Where in the file each channel's index stands."""
@@ -196,35 +215,39 @@ class McapFile:
         self._write(_MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)) + entries)
         return offset
 
-    def _summary(self) -> bytes:
-        groups: dict[Opcode, list[McapRecord]] = {
-            Opcode.SCHEMA: list(self._schemas.values()),
-            Opcode.CHANNEL: list(self._channels.values()),
-            Opcode.STATISTICS: [self._statistics()],
-            Opcode.CHUNK_INDEX: list(self._chunks),
-            Opcode.ATTACHMENT_INDEX: list(self._attachments),
-            Opcode.METADATA_INDEX: list(self._metadata),
-        }
-        body = b""
-        offsets: list[McapRecord] = []
-        for opcode, records in groups.items():
-            group = encoded(records)
-            if group:
-                offsets.append(SummaryOffset(opcode, self._offset + len(body), len(group)))
-            body += group
-        offset_start = self._offset + len(body)
-        body += encoded(offsets)
-        return body + _footer(body, self._offset, offset_start)
+    def _write_summary(self) -> None:
+        """Everything that a reader wants to know before it looks at the messages; the footer has its checksum."""
+        start, offsets, checksum = self._offset, [], 0
+        for opcode, pieces in self._summary_groups():
+            group_start = self._offset
+            for piece in pieces:
+                self._write(piece)
+                checksum = zlib.crc32(piece, checksum)
+            if self._offset > group_start:
+                offsets.append(SummaryOffset(opcode, group_start, self._offset - group_start))
+        offset_start, listed = self._offset, encoded(offsets)
+        self._write(listed)
+        self._write(_footer(zlib.crc32(listed, checksum), start, offset_start))
+
+    def _summary_groups(self) -> Iterator[tuple[Opcode, Iterable[bytes]]]:
+        yield Opcode.SCHEMA, [encoded(self._schemas.values())]
+        yield Opcode.CHANNEL, [encoded(self._channels.values())]
+        yield Opcode.STATISTICS, [encoded([self._statistics()])]
+        self._spool.seek(0)
+        yield Opcode.CHUNK_INDEX, iter(lambda: self._spool.read(_COPIED_BYTES), b"")
+        yield Opcode.ATTACHMENT_INDEX, [encoded(self._attachments)]
+        yield Opcode.METADATA_INDEX, [encoded(self._metadata)]
 
     def _statistics(self) -> Statistics:
+        start_ns, end_ns = self._span_ns or (0, 0)
         return Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunk_count,
             message_count=self.messages,
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
+            message_end_time=end_ns,
+            message_start_time=start_ns,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
@@ -236,10 +259,27 @@ class McapFile:
         return offset, self._offset - offset
 
     def _write(self, data: bytes) -> None:
+        try:
+            self._write_to(self._file, data)
+        except OSError:
+            self._take_back()
+            raise
+        self._offset += len(data)
+
+    def _write_to(self, file: IO[bytes] | FileIO, data: bytes) -> None:
         view = memoryview(data)
         while view:
-            view = view[self._file.write(view) :]
-        self._offset += len(data)
+            try:
+                view = view[file.write(view) :]
+            except OSError:
+                if not self._make_room():
+                    raise
+
+    def _take_back(self) -> None:
+        """Half a record is worth nothing, and would be in the way of the end."""
+        self._file.seek(self._offset)
+        with suppress(OSError):
+            self._file.truncate()
 
 
 def encoded(records: Iterable[McapRecord]) -> bytes:
@@ -250,7 +290,7 @@ def encoded(records: Iterable[McapRecord]) -> bytes:
     return bytes(builder.end())
 
 
-def _footer(summary: bytes, summary_start: int, offset_start: int) -> bytes:
-    """The footer, whose checksum covers the summary and the footer's own first fields."""
+def _footer(checksum: int, summary_start: int, offset_start: int) -> bytes:
+    """The footer, whose checksum goes on from the summary's over the footer's own first fields."""
     unsigned = encoded([Footer(summary_start, offset_start, 0)])[:-4]
-    return unsigned + zlib.crc32(summary + unsigned).to_bytes(4, "little")
+    return unsigned + zlib.crc32(unsigned, checksum).to_bytes(4, "little")

@@ -20,11 +20,13 @@ class WriterProcess:
             [sys.executable, "-P", "-m", "bench.recording.writer"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            bufsize=0,  # what was said must not hide in a buffer from whoever asks whether something was
             start_new_session=True,
         )
         self._input = cast(BinaryIO, self._process.stdin)
         self._output = cast(BinaryIO, self._process.stdout)
         self._last: Answer | None = None
+        self._heard: Answer = {"error": "the recording process has died"}
 
     @property
     def pid(self) -> int:
@@ -44,6 +46,13 @@ class WriterProcess:
             return {"error": f"the recording process did not start within {timeout_s:g} s"}
         return _parse(self._output.readline())
 
+    def trouble(self) -> str | None:
+        """Why it had better not go on for long, if it has said so meanwhile; never waits."""
+        if self._last is not None or not select.select([self._output], [], [], 0.0)[0]:
+            return None
+        self._heard = _parse(self._output.readline())
+        return self._heard.get("stop")
+
     def send(self, message: wire.Message) -> None:
         """Raises OSError where it is gone."""
         wire.send(self._input, message)
@@ -59,7 +68,8 @@ class WriterProcess:
             late = self._end(timeout_s)
             lines = self._output.read().splitlines(keepends=True)
             self._output.close()
-            self._last = {"error": late} if late else _parse(lines[-1] if lines else b"")
+            heard = _parse(lines[-1]) if lines else self._heard
+            self._last = {"error": late} if late else heard
         return self._last
 
     def kill(self) -> None:

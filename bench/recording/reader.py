@@ -1,6 +1,6 @@
 """Reads a recording back into the form in which it was measured."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +37,16 @@ def read_recording(path: Path, *, raw_frames: bool = True) -> Recording:
 
     Raises UsageError, with the mend, where the file is missing, is not one of our recordings, or was cut off.
     """
-    return recording_in(_sound(path, lambda channel: raw_frames or not channel.topic.startswith(RAW_PREFIX)), path)
+    return recording_in(_sound(path, _keeping(raw_frames)), path)
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:
     """What the recording says of its making, without its measurements. Raises UsageError as :func:`read_recording`."""
     return _metadata(_sound(path, lambda _: False), path)
+
+
+def _keeping(raw_frames: bool) -> KeepChannel:
+    return lambda channel: raw_frames or not channel.topic.startswith(RAW_PREFIX)
 
 
 def _sound(path: Path, keep: KeepChannel) -> Scan:
@@ -61,11 +65,20 @@ def _metadata(found: Scan, path: Path) -> Mapping[str, str]:
     return metadata
 
 
+def read_so_far(path: Path, *, raw_frames: bool = True) -> Recording:
+    """As :func:`read_recording`, of a recording that is still being written, or was cut off: what it holds by now.
+
+    Raises UsageError where the file is missing or is not one of ours.
+    """
+    return recording_in(scan(path, keep=_keeping(raw_frames)), path)
+
+
 def recording_in(found: Scan, path: Path) -> Recording:
     """The recording as far as the scan found it. Raises UsageError where it is not one of ours."""
     metadata = _metadata(found, path)
     try:
-        measured = _measured(found)
+        segments = tuple(_segment(message) for message in _messages(found, SEGMENTS, "Segment"))
+        measured = _measured(found, segments)
         live = tuple(_estimates(message) for message in _messages(found, ESTIMATES, "Estimates"))
     except (ValueError, KeyError, DecodeError) as error:
         raise UsageError(
@@ -78,6 +91,7 @@ def recording_in(found: Scan, path: Path) -> Recording:
         metadata=metadata,
         complete=outcome.get("ended") == "in good order" and outcome.get("dropped_parts") == "0",
         live=live,
+        part_ends_ns=tuple(dict.fromkeys(segment.end_ns for segment in segments)),  # written again with every part
     )
 
 
@@ -87,13 +101,12 @@ def _fault(found: Scan) -> str:
     return f"damaged in {found.damaged} place{'s' if found.damaged > 1 else ''}"
 
 
-def _measured(found: Scan) -> Measured:
-    segments = [_segment(message) for message in _messages(found, SEGMENTS, "Segment")]
+def _measured(found: Scan, segments: Iterable[SegmentInfo]) -> Measured:
     return Measured(
         **{stream.table: _table(found, stream) for stream in STREAMS},
         segments=tuple({segment.index: segment for segment in segments}.values()),
         events=tuple(_event(message) for message in _messages(found, EVENTS, "Event")),
-        frames=_frames(found),
+        frames=frames_in(found),
     )
 
 
@@ -104,7 +117,8 @@ def _table(found: Scan, stream: Stream) -> Table:
     return table if (np.diff(stamps) >= 0).all() else table[np.argsort(stamps, kind="stable")]
 
 
-def _frames(found: Scan) -> tuple[RawFrame, ...]:
+def frames_in(found: Scan) -> tuple[RawFrame, ...]:
+    """The raw frames, in their order of arrival."""
     topics = [channel.topic for channel in found.channels.values() if channel.topic.startswith(RAW_PREFIX)]
     return frames.decode([(_wire_name(channel), rows) for topic in topics for channel, rows in _raw_rows(found, topic)])
 

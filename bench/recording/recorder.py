@@ -1,6 +1,6 @@
 """Hands measurements to a process of its own, so that neither a slow disk nor a crash here costs the other anything."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Full, Queue
@@ -10,11 +10,14 @@ from typing import Self
 
 from bench.errors import ExperimentError, UsageError
 from bench.recording import wire
+from bench.recording.candump import log_name
 from bench.recording.contents import EstimatesLike, RecordedEstimates
 from bench.recording.process import Answer, WriterProcess
+from bench.recording.reserve import RESERVE_BYTES
+from bench.recording.room import Need, check_room, too_slow
 from bench.records import Measured
 
-QUEUE_PARTS = 256  # of about 100 ms each: a disk may stand still for 25 s before anything is lost
+QUEUE_PARTS = 640  # of 40 to 100 ms each: a disk may stand still for 25 s before anything is lost
 START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 60.0
 
@@ -33,21 +36,38 @@ class Recorder:
     """Records to a new file at ``path`` (MCAP; docs/recording-format.md) until :meth:`close`.
 
     Parameters: the rig file's text; ``metadata`` that explains the data (seed, command unit, tick, ...);
-    ``patience_s``, how long :meth:`put` may wait for room before it drops a part. A real-time caller keeps it short;
-    where time stands still meanwhile, it may be long.
+    ``patience_s``, how long :meth:`put` may wait for room before it drops a part: a real-time caller keeps it short;
+    where time stands still meanwhile, it may be long. ``need`` is what there must be room for; ``candump`` asks for a
+    log of the CAN frames beside it; ``reserve_bytes`` are kept back on the disk to end in good order by; in
+    ``wall_time`` the recording process goes before all that is not real-time, where the machine permits it.
 
-    Raises UsageError where the file is there already or cannot be made, ExperimentError where recording cannot start.
+    Raises UsageError where a file is there already or cannot be made, ExperimentError where recording cannot start, or
+    would not come to its end.
     """
 
-    def __init__(self, path: Path, *, rig_text: str, metadata: Mapping[str, str], patience_s: float = 0.02) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        rig_text: str,
+        metadata: Mapping[str, str],
+        patience_s: float = 0.02,
+        need: Need | None = None,
+        candump: bool = False,
+        reserve_bytes: int = RESERVE_BYTES,
+        wall_time: bool = False,
+    ) -> None:
         self.path = path
         self.dropped_parts = 0
         self._patience_s = patience_s
         self._end: Answer | None = None
+        self._told = False
         self._queue: Queue[Measured | RecordedEstimates | wire.Stop] = Queue(QUEUE_PARTS)
-        _create(path)
+        self._made = _create([path, log_name(path)] if candump else [path], need or Need())
         self._process = WriterProcess()
-        self._start(wire.Start(str(path.resolve()), rig_text, dict(metadata)))
+        log = str(log_name(path).absolute()) if candump else ""
+        start = wire.Start(str(path.absolute()), rig_text, dict(metadata), log, reserve_bytes, wall_time)
+        self._start(start, need or Need())
         self._feeder = Thread(target=self._feed, name="recorder", daemon=True)
         self._feeder.start()
 
@@ -60,11 +80,13 @@ class Recorder:
         """Record a part (of about 100 ms: a part is what a crash can cost).
 
         Never waits longer than ``patience_s``; what finds no room is dropped and counted. Raises ExperimentError where
-        recording has broken down, so that the experiment can be stopped in good order.
+        recording has broken down, and once where it had better end, so that the experiment can be stopped in good
+        order; what is put then is still recorded.
         """
         self._check()
         if not self._offer(part, self._patience_s):
             self.dropped_parts += 1
+        self._heed()
 
     def put_estimate(self, live: EstimatesLike) -> None:
         """Record the state of the live identification; waits as :meth:`put` does, and raises as it does."""
@@ -95,14 +117,17 @@ class Recorder:
                 raise
             error.add_note(str(broken))
 
-    def _start(self, start: wire.Start) -> None:
-        """Wait until the file has begun, so that a full disk is found out before anything moves."""
+    def _start(self, start: wire.Start, need: Need) -> None:
+        """Wait until the file has begun, so that a full or slow disk is found out before anything moves."""
         answer = self._process.start(start, START_TIMEOUT_S)
-        if "error" in answer:
+        error = answer.get("error") or too_slow(answer["bytes_s"], need)
+        if error:
+            self._process.kill()
             self._process.close_input()
-            self._process.finish(0.0)
-            self.path.unlink(missing_ok=True)
-            raise ExperimentError(f"cannot record to {self.path}: {answer['error']}")
+            self._process.finish(STOP_TIMEOUT_S)
+            for path in self._made:
+                path.unlink(missing_ok=True)
+            raise ExperimentError(f"cannot record to {self.path}: {error}")
 
     def _feed(self) -> None:
         """In a thread: pass on what waits, until Stop. After a failure, whatever still comes is let go."""
@@ -140,6 +165,12 @@ class Recorder:
         if not self._process.running:
             raise self._broken(self._process.finish(0.0))
 
+    def _heed(self) -> None:
+        """Tell once what the recording process has said."""
+        if not self._told and (trouble := self._process.trouble()):
+            self._told = True
+            raise ExperimentError(f"recording to {self.path} has to end: {trouble}")
+
     def _broken(self, answer: Answer) -> ExperimentError:
         return ExperimentError(
             f"recording to {self.path} broke down: {answer.get('error', 'it ended too early')}; "
@@ -147,12 +178,20 @@ class Recorder:
         )
 
 
-def _create(path: Path) -> None:
-    """Make the empty file, and its folder. Raises UsageError."""
-    if path.exists():
-        raise UsageError(f"{path} is there already; record to another name, or move it away")
+def _create(paths: Sequence[Path], need: Need) -> Sequence[Path]:
+    """Make the empty files, and their folder, where there is room. Raises UsageError, ExperimentError."""
+    for path in paths:
+        if path.exists():
+            raise UsageError(f"{path} is there already; record to another name, or move it away")
+    folder, made = paths[0].parent, list[Path]()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("xb").close()
+        folder.mkdir(parents=True, exist_ok=True)
+        check_room(folder, need)
+        for path in paths:
+            path.open("xb").close()
+            made.append(path)
     except OSError as error:
-        raise UsageError(f"cannot record to {path}: {error.strerror}; choose another place") from error
+        for path in made:
+            path.unlink()
+        raise UsageError(f"cannot record to {paths[0]}: {error.strerror}; choose another place") from error
+    return made

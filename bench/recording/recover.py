@@ -5,20 +5,27 @@ from io import FileIO
 from pathlib import Path
 
 from bench.errors import ExperimentError, UsageError
+from bench.recording.candump import log_lines, log_name
 from bench.recording.mcap_file import McapFile
+from bench.recording.reader import frames_in
 from bench.recording.scan import Scan, scan
 from bench.recording.streams import METADATA, OUTCOME
+from bench.recording.wire import Frames
 
 
 @dataclass(frozen=True)
 class RecoveryReport:
-    """``bytes_lost`` counts what stands after the break, ``chunks_lost`` the damaged stretches before it."""
+    """``bytes_lost`` counts what stands after the break, ``chunks_lost`` the damaged stretches before it.
+
+    ``log`` is the candump log written anew, where there was one beside the recording.
+    """
 
     path: Path
     messages: int
     bytes_lost: int
     chunks_lost: int
     was_complete: bool
+    log: Path | None = None
 
 
 def recovered_name(path: Path) -> Path:
@@ -27,7 +34,7 @@ def recovered_name(path: Path) -> Path:
 
 
 def recover(path: Path) -> RecoveryReport:
-    """Write ``<name>.recovered.mcap`` beside ``path``, which is never touched.
+    """Write ``<name>.recovered.mcap`` beside ``path``, which is never touched; and the candump log, where there is one.
 
     Raises UsageError where ``path`` is no recording of ours or the new file is there already, ExperimentError where
     it cannot be written to the end.
@@ -45,8 +52,22 @@ def recover(path: Path) -> RecoveryReport:
     except OSError as error:
         target.unlink(missing_ok=True)
         raise ExperimentError(f"cannot write {target}: {error.strerror}; make room and recover again") from error
+    log = _log_anew(found, target) if log_name(path).exists() else None
     lost = 0 if found.finished else found.size - found.sound_bytes
-    return RecoveryReport(target, messages, lost, found.damaged, found.finished and not found.damaged)
+    return RecoveryReport(target, messages, lost, found.damaged, found.finished and not found.damaged, log)
+
+
+def _log_anew(found: Scan, recovered: Path) -> Path:
+    """From the recording's own frames, which have checksums: the last line of a log that was cut off may be half one.
+
+    Raises ExperimentError where it cannot be written.
+    """
+    path = log_name(recovered)
+    try:
+        path.write_bytes(log_lines(Frames.of(frames_in(found))))
+    except OSError as error:
+        raise ExperimentError(f"cannot write {path}: {error.strerror}; the recording itself is {recovered}") from error
+    return path
 
 
 def _rewrite(found: Scan, file: FileIO) -> int:

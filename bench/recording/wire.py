@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from bench.recording.contents import EstimatesLike, RecordedEstimates
+from bench.recording.reserve import RESERVE_BYTES
 from bench.recording.streams import STREAMS
 from bench.records import Event, Measured, SegmentInfo
 from drivers.readings import RawFrame
@@ -15,11 +16,18 @@ _LENGTH_BYTES = 8
 
 @dataclass(frozen=True)
 class Start:
-    """The file, which is there and empty, and what is known before the first sample."""
+    """The file, which is there and empty, and what is known before the first sample.
+
+    ``candump`` is the log beside it, likewise there and empty, or "". ``reserve_bytes`` are kept back on the disk.
+    ``wall_time`` says that parts come whether they are taken or not.
+    """
 
     path: str
     rig_text: str
     metadata: Mapping[str, str]
+    candump: str = ""
+    reserve_bytes: int = RESERVE_BYTES
+    wall_time: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,8 +86,9 @@ def estimates_of(live: EstimatesLike) -> RecordedEstimates:
 def send(pipe: BinaryIO, message: Message) -> None:
     """Raises OSError where nobody reads any more."""
     data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
-    pipe.write(len(data).to_bytes(_LENGTH_BYTES, "little"))
-    pipe.write(data)
+    view = memoryview(len(data).to_bytes(_LENGTH_BYTES, "little") + data)
+    while view:
+        view = view[pipe.write(view) :]
     pipe.flush()
 
 

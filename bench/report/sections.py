@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.guard.commands import Limited
+from bench.loop.timing import LoopTiming, loop_timing, timing_rows, timing_sentence
 from bench.records import Table
 from bench.report.data import ReportData
 from bench.report.figures_fit import live_figure, residual_figure, validation_figure
@@ -155,14 +156,15 @@ def timing_section(data: ReportData) -> Section | None:
     if data.measured is None or not len(data.measured.ticks):
         return None
     ticks = data.measured.ticks
+    timing = loop_timing(ticks)
     qualities = stream_qualities(data.measured)
     caption = "How late ticks began, how long each took, and how old the signals were that it acted on."
     return Section(
         "timing",
         "Time kept, readings lost",
-        (_punctuality(ticks), _clipping(ticks)),
+        ((timing_sentence(timing), _clipping(ticks)) if timing is not None else (_clipping(ticks),)),
         ((svg(timing_figure(ticks), "timing", caption), caption),),
-        (_stream_table(qualities),) if qualities else (),
+        (*_timing_table(timing), *((_stream_table(qualities),) if qualities else ())),
     )
 
 
@@ -177,14 +179,9 @@ def events_section(data: ReportData) -> Section | None:
     return Section("events", "What happened", tables=(Facts(("bench time [s]", "kind", "what"), rows),))
 
 
-def _punctuality(ticks: Table) -> str:
-    late_us = ticks["lateness_ns"] * 1e-3
-    duration_s = (ticks["tick_ns"][-1] - ticks["tick_ns"][0]) * 1e-9
-    count = f"{len(ticks):,} ticks in {duration_s:.1f} s of bench time".replace(",", " ")
-    if late_us.max() <= 0:
-        return f"{count}; none was late."
-    median, tail, most = (number(float(late), 3) for late in np.percentile(late_us, (50, 99.9, 100)))
-    return f"{count}; a tick began {median} µs late at the median, {tail} µs at 99.9 %, {most} µs at most."
+def _timing_table(timing: LoopTiming | None) -> tuple[Facts, ...]:
+    """Nothing, where time waited for the loop."""
+    return () if timing is None or timing.in_lock_step else (Facts(*timing_rows(timing)),)
 
 
 def _clipping(ticks: Table) -> str:

@@ -14,12 +14,13 @@ from bench.rig.schema import (
     GuardSection,
     LimitsSection,
     LoadSection,
+    RecordingSection,
     RigSection,
 )
 from drivers import registry
 from drivers.errors import WiringError
 
-SECTIONS = ("rig", "bus", "actuator", "load", "torque_sensor", "limits", "guard", "simulated")
+SECTIONS = ("rig", "bus", "actuator", "load", "torque_sensor", "limits", "guard", "recording", "simulated")
 MENDS = {
     "rig": 'add [rig] with name = "my-bench", rate = "1 kHz" and backend = "hardware"',
     "actuator": 'add [actuator] with driver = "odrive", bus = "can0", node = 1 and command = { unit = "N*m", '
@@ -41,6 +42,7 @@ class Draft:
     torque_sensor: DeviceSection | None
     limits: LimitsSection | None
     guard: GuardSection | None
+    recording: RecordingSection | None
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of each device, by its role
 
     def devices(self) -> dict[str, DeviceSection]:
@@ -75,6 +77,7 @@ def read_draft(written: Mapping[str, Any], folder: Path, mistakes: Mistakes) -> 
         torque_sensor=_section(DeviceSection, written, "torque_sensor", mistakes),
         limits=_section(LimitsSection, written, "limits", mistakes, context),
         guard=_section(GuardSection, {"guard": {}, **written}, "guard", mistakes),
+        recording=_section(RecordingSection, {"recording": {}, **written}, "recording", mistakes),
     )
     options = {role: _options(device, role, folder, mistakes) for role, device in draft.devices().items()}
     return Draft(**{**vars(draft), "options": options})

@@ -34,12 +34,14 @@ def parse_rig(text: str, *, place: str, backend: str | None = None) -> Rig:
 
 
 def _assemble(draft: Draft, backend: str | None, text: str) -> Rig:
-    rig, actuator, limits, guard = draft.rig, draft.actuator, draft.limits, draft.guard
+    rig, actuator, limits = draft.rig, draft.actuator, draft.limits
+    guard, recording = draft.guard, draft.recording
     # Whatever of these is missing or wrong has been told, and raised, by now.
     assert rig is not None
     assert actuator is not None
     assert limits is not None
     assert guard is not None
+    assert recording is not None
     assert backend is not None
     return Rig(
         name=rig.name,
@@ -48,6 +50,7 @@ def _assemble(draft: Draft, backend: str | None, text: str) -> Rig:
         command=Command(actuator.command.unit, actuator.command.limit),
         limits=_limits(limits, draft.load.torque_limit_nm if draft.load else None),
         supervision=Supervision(tuple(guard.leave_out), guard.verify_watchdogs),
+        candump=recording.candump and bool(draft.buses),
         simulated=draft.written.get("simulated", {}),
         place=draft.place,
         text=text,

@@ -42,7 +42,10 @@ class Supervision:
 
 @dataclass(frozen=True)
 class Rig:
-    """One bench. ``place`` is the file it came from, ``text`` that file's content, for provenance."""
+    """One bench. ``place`` is the file it came from, ``text`` that file's content, for provenance.
+
+    ``candump`` says whether CAN frames go into a log of their own beside the recording.
+    """
 
     name: str
     backend: str
@@ -50,6 +53,7 @@ class Rig:
     command: Command
     limits: Limits
     supervision: Supervision = Supervision()
+    candump: bool = True
     simulated: Mapping[str, Any] = field(default_factory=dict)
     place: str = ""
     text: str = ""

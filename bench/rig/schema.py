@@ -139,3 +139,9 @@ class GuardSection(SectionModel):
 
     leave_out: list[Annotated[str, AfterValidator(_plausibility)]] = Field(default_factory=list, examples=[["current"]])
     verify_watchdogs: bool = Field(True, examples=[True])
+
+
+class RecordingSection(SectionModel):
+    """``[recording]``: what is written beside the recording."""
+
+    candump: bool = Field(True, examples=[False])

@@ -8,13 +8,15 @@ from pathlib import Path
 from time import perf_counter
 
 from bench.errors import UsageError
-from bench.identification.results import LiveEstimate
 from bench.loop.bench_loop import BenchLoop
 from bench.loop.in_process import loop_in_process
 from bench.loop.process import LoopProcess
 from bench.procedures.knowledge import Adaptive, Knowledge, Procedure
+from bench.recording.contents import RecordedEstimates
+from bench.recording.reader import read_recording
 from bench.recording.recorder import Recorder
-from bench.records import Measured
+from bench.recording.room import Need
+from bench.records import Measured, join
 from bench.rig.rig import Rig
 from bench.session.answers import NO_ANSWERS, Answers
 from bench.session.conclusion import Conclusion, conclude
@@ -23,7 +25,7 @@ from bench.session.expectations import judge
 from bench.session.found import Found, found_in
 from bench.session.live_feed import InlineFeed, ProcessFeed
 from bench.session.operator import Nobody, Operator
-from bench.session.past import RESUMES, Past, read_past
+from bench.session.past import RESUMES, Past, before, read_past
 from bench.session.perform import perform
 from bench.session.program import make_experiment, of_procedures
 from bench.session.progress import Judged, Progress, SessionState, Silent
@@ -43,13 +45,13 @@ LOCK_STEP_PATIENCE_S = 30.0
 
 @dataclass(frozen=True)
 class Recorded:
-    """What an experiment leaves behind before anything is concluded from it."""
+    """What an experiment leaves behind before anything is concluded from it, as its recording has it."""
 
     recording: Path
     metadata: Mapping[str, str]
     knowledge: Knowledge
     measured: Measured
-    live: Sequence[LiveEstimate]
+    live: Sequence[RecordedEstimates]
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def run_script(
 ) -> SessionResult:
     """The same for a script of your own (:mod:`bench.session.script`), whose name goes into the recording."""
     terms = Terms(out, seed, progress, operator, answers or NO_ANSWERS, resume)
-    session = Session((), f"script {getattr(script, '__name__', 'without a name')}")
+    session = Session((), f"script {getattr(script, '__name__', type(script).__name__)}")
     return _told(terms, rig, session, lambda: Experiment(script))
 
 
@@ -223,6 +225,9 @@ def _recorded(
                 rig_text=rig.text,
                 metadata=metadata,
                 patience_s=LOCK_STEP_PATIENCE_S if backend.lock_step else 0.0,
+                need=Need.of(rig.tick_s, sum(step.duration_s for step in experiment.plan)),
+                candump=rig.candump,
+                wall_time=not backend.lock_step,
             )
         )
         so_far = SoFar(known or Knowledge(rig))
@@ -238,7 +243,11 @@ def _recorded(
             for finding in loop.verify_watchdogs():
                 progress.note(str(finding))
         _perform(run, experiment)
-    return Recorded(recorder.path, metadata, so_far.known, run.measured(), run.live)
+    if recorder.dropped_parts:
+        progress.note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them")
+    found = read_recording(recorder.path, raw_frames=False)
+    measured = join([*before(past.records, found.measured), found.measured])
+    return Recorded(recorder.path, found.metadata, so_far.known, measured, found.live)
 
 
 def _perform(run: Run, experiment: Experiment) -> None:

@@ -35,7 +35,7 @@ class Found:
 
     def __str__(self) -> str:
         if not isfinite(self.value):
-            return f"{self.name} is not known"
+            return f"{self.name} is not known ({self.status.value})"
         return f"{self.name} = {self.value:.5g} ± {HALF_INTERVAL * self.std:.2g} {self.unit} ({self.status.value})"
 
     def is_within(self, tolerance: str, reference: str) -> Judged:
@@ -47,7 +47,7 @@ class Found:
         allowed = allowed_deviation(tolerance, expected, self.unit)
         away = abs(self.value - expected)
         met = self.status is Status.VALID and away <= allowed
-        off = f", but {100 * away / abs(expected):.2g} % off" if expected and away > allowed else ""
+        off = f", but {100 * away / abs(expected):.3g} % off" if expected and away > allowed else ""
         return Judged(self.name, met, f"{self}: {'is' if met else 'is not'} within {tolerance} of {reference}{off}")
 
     def is_known_within(self, interval: str) -> Judged:

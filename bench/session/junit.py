@@ -1,8 +1,8 @@
 """A session as a JUnit report: what a continuous integration server shows of it.
 
-The format is the one that Jenkins' JUnit plugin, GitLab and GitHub's actions read: ``testsuites``, ``testsuite``,
-``testcase`` with ``failure`` or ``skipped``, and ``properties`` (https://github.com/testmoapp/junitxml collects what
-tools write and read). Steps are cases, and so are the final fit and every expectation; parameters are properties.
+There is no standard; what most tools write and read is told in https://github.com/testmoapp/junitxml: ``testsuites``,
+``testsuite``, ``testcase`` with ``failure`` or ``skipped``, ``properties``. Steps are cases, and so are the final fit
+and every expectation; parameters are properties.
 """
 
 import re
@@ -85,7 +85,7 @@ class JUnitReport(Silent):
             "time": f"{perf_counter() - self._started_s:.3f}",
         }
         suites = ET.Element("testsuites", {"name": _clean(self.name), **counts})
-        started = self._started.isoformat(timespec="seconds")
+        started = self._started.strftime("%Y-%m-%dT%H:%M:%S")  # Jenkins knows no offset
         suite = ET.SubElement(suites, "testsuite", {"name": _clean(self.name), "timestamp": started, **counts})
         properties = ET.SubElement(suite, "properties")
         for name, value in {**self.properties, **_figures(summary)}.items():

@@ -3,6 +3,7 @@
 import multiprocessing
 import queue
 import signal
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.queues import Queue
@@ -10,6 +11,8 @@ from typing import Protocol
 
 from bench.identification.live.identifier import LiveIdentifier
 from bench.identification.results import LiveEstimate
+from bench.recording.contents import Recording
+from bench.recording.parts import parts_of
 from bench.records import Measured
 
 # Ten seconds of parts: a worker that is further behind loses parts, and says so, rather than holding up the loop.
@@ -75,6 +78,13 @@ class ProcessFeed:
         self._worker.join()
         for channel in (self._parts, self._estimates):
             channel.close()
+
+
+def replayed(recording: Recording) -> Iterator[LiveEstimate]:
+    """What the live identifier says of a recording, part by part: as it did in the session, of the same parts."""
+    metadata = recording.metadata
+    identifier = LiveIdentifier(metadata["command_unit"], float(metadata["tick_s"]))
+    return map(identifier.update, parts_of(recording))
 
 
 def _identify(

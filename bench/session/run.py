@@ -4,18 +4,18 @@ from dataclasses import dataclass, field, replace
 
 from bench.control.preview import with_preview
 from bench.errors import OperatorStopError
-from bench.identification.results import LiveEstimate
 from bench.loop.bench_loop import BenchLoop
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import CATALOGUE, needed_by
 from bench.procedures.knowledge import Adaptive, Knowledge, Procedure
 from bench.procedures.tare import TareProcedure
 from bench.recording.recorder import Recorder
-from bench.records import Measured, join
+from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import Segment
 from bench.session.answers import Answers, unanswered
 from bench.session.desk import Desk
+from bench.session.kept import with_last_on_disk
 from bench.session.live_feed import LiveFeed
 from bench.session.past import ANSWERED, FINISHED, Past, before
 from bench.session.progress import PlannedStep, Progress
@@ -43,18 +43,16 @@ class Run:
     answers: Answers
     plan: list[PlannedStep]
     past: Past
-    parts: list[Measured] = field(default_factory=list)
-    live: list[LiveEstimate] = field(default_factory=list)
     _done: set[str] = field(default_factory=set)
     _next: int = 0
+    _live_ns: int = 0  # of the last live estimate that was recorded
 
     def take(self, part: Measured) -> None:
         """One part from the loop: recorder first, then the live identifier, then whoever watches."""
         self.recorder.put(part)
         self.feed(part)
-        self.parts.append(part.without_frames())
-        if not self.live or self.feed.latest.stamp_ns > self.live[-1].stamp_ns:
-            self.live.append(self.feed.latest)
+        if self.feed.latest.stamp_ns > self._live_ns:
+            self._live_ns = self.feed.latest.stamp_ns
             self.recorder.put_estimate(self.feed.latest)
         self.progress.part(part, self.feed.latest)
         for event in part.events:
@@ -66,11 +64,6 @@ class Run:
         """Let the loop know it too."""
         self.so_far.known = known
         self.loop.learn(learned(known))
-
-    def measured(self) -> Measured:
-        """By this session, behind what the past one has finished."""
-        own = join(self.parts)
-        return join([*before(self.past.records, own), own])
 
     def turn(self, yielded: Action | Turn | Remark) -> None:
         """Raises as the procedure does, and OperatorStopError."""
@@ -148,7 +141,8 @@ class Run:
         self.loop.tell(FINISHED, procedure.name)
 
     def _carry_out_now(self, procedure: Procedure) -> None:
-        self.learn(self._on_one_clock(carry_out(procedure, self.so_far.known, self.loop, self._foresee)))
+        known = carry_out(procedure, self.so_far.known, self.loop, self._foresee)
+        self.learn(with_last_on_disk(self._on_one_clock(known), self.recorder.path.parent))
 
     def _on_one_clock(self, known: Knowledge) -> Knowledge:
         """With the past session's records moved to before this one's, once there is one of this one's."""

@@ -73,6 +73,12 @@ class QuietUdpBus(UdpMulticastBus):
     def off_bus(self) -> str | None:
         return None
 
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """As python-can's own, which takes a third longer to find that there is nothing to wait for or to filter."""
+        if timeout != 0 or self._filters:
+            return super().recv(timeout)
+        return self._recv_internal(0)[0]
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if timeout != 0:
             select.select([self._receiver], [], [], timeout)

@@ -7,7 +7,7 @@ from drivers.codecs.can_errors import CanErrorFrame, ControllerError, ErrorClass
 from drivers.errors import ConnectionFailedError, WiringError
 from drivers.inbox import CAPACITY, Inbox
 from drivers.ports import CanPort
-from drivers.readings import RawFrame
+from drivers.readings import ERROR_FRAME, RawFrame
 from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
@@ -74,6 +74,16 @@ def test_error_frames_are_counted_and_not_handed_on(world, can_port):
 def error_frame(classes: ErrorClass, **details: int) -> can.Message:
     arbitration_id, data = CanErrorFrame(classes, **details).encode()
     return can.Message(arbitration_id=arbitration_id, data=data, is_error_frame=True, is_extended_id=False)
+
+
+def test_the_tap_tells_error_frames_by_a_flag(world, link, can_port):
+    seen = []
+    link.set_tap(seen.append)
+    world.bus.arriving.append(error_frame(ErrorClass.NO_ACKNOWLEDGEMENT))
+    link.poll()
+    (frame,) = seen
+    assert frame.arbitration_id == ERROR_FRAME | ErrorClass.NO_ACKNOWLEDGEMENT
+    assert (frame.channel, frame.sent, len(frame.data)) == (can_port.name, False, 8)
 
 
 def test_error_frames_are_counted_by_what_they_say(world, link, can_port):

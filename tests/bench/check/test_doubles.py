@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bench.check.doubles import answered_twice, contradictory, sent_by_two, two_rhythms
-from bench.check.survey import BusSurvey
-from drivers.readings import RawFrame
+from bench.check.survey import BusSurvey, Survey
+from drivers.readings import ERROR_FRAME, RawFrame
 from drivers.recognition import answers_remotely
 
 PERIOD_NS = 100_000_000
@@ -93,3 +93,12 @@ def test_a_question_with_two_answers(answers_ns: list[list[int]], twice: bool) -
     assert [(frame.arbitration_id, frame.sent) for frame in found] == ([(0x20, False)] if twice else [])
     assert answered_twice(survey, []) == []
     assert sent_by_two(survey) == set()
+
+
+def test_error_frames_are_nobodys_messages() -> None:
+    survey = Survey()
+    survey.note(RawFrame(1, "can0", False, bytes(8), ERROR_FRAME | 0x20))
+    survey.note(RawFrame(2, "/dev/ttyUSB0", False, b"abc"))
+    survey.note(RawFrame(3, "can0", False, bytes(8), 0x29))
+    assert (survey.buses["can0"].standard_ids(), survey.buses["can0"].frames) == ({0x29}, 1)
+    assert survey.bytes_heard == {"/dev/ttyUSB0": 3}

@@ -60,7 +60,7 @@ def test_matlab_gets_one_struct_a_table(recorded, part, tmp_path) -> None:
 
 
 def test_an_unknown_format_names_the_known_ones(recorded, tmp_path) -> None:
-    with pytest.raises(UsageError, match="choose one of parquet, csv, mat"):
+    with pytest.raises(UsageError, match="choose one of parquet, csv, mat, candump"):
         export(recorded, "hdf5", tmp_path)
 
 

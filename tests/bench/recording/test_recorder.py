@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import fields
+from io import FileIO
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,9 @@ from bench.recording.contents import RecordedEstimates
 from bench.recording.reader import read_recording
 from bench.recording.recorder import Recorder
 from bench.recording.recover import recover
+from bench.recording.syncing import Syncing
 from bench.records import Measured, join
+from drivers.punctual import LOOP_PRIORITY, real_time_allowed
 
 RIG = '[rig]\nname = "x"  # µ\n'
 
@@ -115,7 +118,7 @@ def test_a_folder_that_cannot_be_is_refused(tmp_path) -> None:
 def test_a_full_disk_is_found_out_before_anything_moves(tmp_path, monkeypatch) -> None:
     path = tmp_path / "r.mcap"
     path.symlink_to("/dev/full")
-    monkeypatch.setattr(recorder_module, "_create", lambda path: None)
+    monkeypatch.setattr(recorder_module, "_create", lambda paths, need: paths)
     with pytest.raises(ExperimentError, match=r"cannot record to .*: No space left"):
         Recorder(path, rig_text="", metadata={})
     assert not path.is_symlink()
@@ -131,7 +134,7 @@ def test_a_disk_that_fills_up_is_told_and_costs_nothing_written(tmp_path, part) 
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, before[1]))
     try:
-        recorder = Recorder(tmp_path / "r.mcap", rig_text="", metadata={})
+        recorder = Recorder(tmp_path / "r.mcap", rig_text="", metadata={}, reserve_bytes=0)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     with pytest.raises(ExperimentError, match="broke down: File too large; rescue"):
@@ -169,6 +172,27 @@ def test_a_writer_that_hangs_costs_parts_but_never_the_caller(tmp_path, part, mo
     assert time.perf_counter() - begin_s < 5.0
     with pytest.raises(ExperimentError, match=r"did not finish within|has died"):
         recorder.close()
+
+
+@pytest.mark.skipif(not real_time_allowed(), reason="real time is not permitted here")
+@pytest.mark.parametrize("wall_time", [True, False])
+def test_in_wall_time_the_writer_goes_before_what_is_not_real_time(tmp_path, part, wall_time) -> None:
+    with Recorder(tmp_path / "r.mcap", rig_text="", metadata={}, wall_time=wall_time) as recorder:
+        recorder.put(part(0))
+        policy, priority = (ask(recorder.writer_pid) for ask in (os.sched_getscheduler, os.sched_getparam))
+    assert (policy == os.SCHED_FIFO) is wall_time
+    assert priority.sched_priority < LOOP_PRIORITY
+
+
+def test_a_disk_that_reports_errors_later_is_told(tmp_path) -> None:
+    """Only when it is brought onto the disk does it show."""
+    read_end, write_end = os.pipe()  # which cannot be brought anywhere
+    with FileIO(read_end), FileIO(write_end, "w") as pipe, Syncing([pipe], interval_s=0.01) as syncing:
+        deadline_s = time.monotonic() + 10
+        while syncing.trouble is None:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+    assert syncing.trouble == "the disk reports: Invalid argument; run again, with --out on another disk"
 
 
 def test_a_recording_that_dropped_parts_says_so(tmp_path, part) -> None:

@@ -9,7 +9,7 @@ import pytest
 from bench.rig.driver_options import declared_by
 from bench.rig.load import parse_rig
 from bench.rig.mistakes import keys_of
-from bench.rig.schema import PLAUSIBILITY, BusSection, GuardSection, LimitsSection, RigSection
+from bench.rig.schema import PLAUSIBILITY, BusSection, GuardSection, LimitsSection, RecordingSection, RigSection
 from bench.session.schema import STEPS, parse_session
 from drivers import registry
 from drivers.adapters.table import ADAPTERS, mistakes
@@ -57,7 +57,7 @@ def test_the_session_shown_is_right() -> None:
     assert len(parse_session(shown_in("session-file.md"), place="docs").steps) == 5
 
 
-@pytest.mark.parametrize("model", [RigSection, BusSection, LimitsSection, GuardSection])
+@pytest.mark.parametrize("model", [RigSection, BusSection, LimitsSection, GuardSection, RecordingSection])
 def test_every_key_of_a_rig_file_is_explained(model: type) -> None:
     text = (DOCS / "rig-file.md").read_text()
     assert [key for key in keys_of(model) if f"`{key}`" not in text] == []

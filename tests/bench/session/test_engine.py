@@ -18,12 +18,15 @@ from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptio
 from bench.procedures.waves import velocity_steps
 from bench.recording.contents import Recording
 from bench.recording.reader import read_recording
+from bench.recording.recover import recover
+from bench.recording.streams import OUTCOME
 from bench.records import Measured
 from bench.rig.load import load_rig
 from bench.rig.rig import Rig
 from bench.segments import Use
 from bench.session.conclusion import conclude, conclude_recording
 from bench.session.engine import SessionResult, run_session
+from bench.session.live_feed import replayed
 from bench.session.progress import Silent
 from bench.session.schema import Session, Step
 from sim_backend.tools import true_parameters
@@ -40,6 +43,7 @@ STEPS = (
     Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=4.0)),
     Step("validate", ValidateOptions(duration_s=2.0)),
 )
+METADATA_OF_THE_END = OUTCOME.encode()
 TABLES = ("ticks", "motion", "load_motion", "torque", "current", "load_current")
 # Beyond its own deviations no estimate may be further off than this share.
 GREATEST_ERROR = {"amplifier_bandwidth": 0.15, "presliding_stiffness": 0.15, "presliding_damping": 0.15}
@@ -114,6 +118,7 @@ def test_unseen_motion_is_predicted(performed: Performed) -> None:
 def test_it_leaves_recording_network_and_report(performed: Performed) -> None:
     conclusion = performed.result.conclusion
     assert sorted(path.name for path in performed.out.iterdir()) == [
+        "sim-odrive.candump.log",
         "sim-odrive.mcap",
         "sim-odrive.network.json",
         "sim-odrive.report.html",
@@ -183,6 +188,32 @@ def test_a_validation_that_was_not_read_costs_no_fit(performed: Performed, tmp_p
     assert conclusion.fit is not None
     assert conclusion.fit.converged
     assert any(sentence.startswith("validation: too little was read") for sentence in conclusion.fit.verdict)
+
+
+def test_a_recording_that_lost_its_end_and_was_recovered_gives_the_very_same_result(
+    performed: Performed, tmp_path: Path
+) -> None:
+    """As a kill leaves it that comes after the last part was written."""
+    killed = tmp_path / "killed.mcap"
+    content = performed.result.recording.read_bytes()
+    killed.write_bytes(content[: content.index(METADATA_OF_THE_END) - 20])
+    _, conclusion = conclude_recording(recover(killed).path, tmp_path)
+    assert conclusion.fit is not None
+    assert conclusion.fit.estimates == estimates(performed)
+
+
+def test_replaying_a_recording_gives_the_same_live_estimates(performed: Performed) -> None:
+    """Up to rounding, which depends on where in memory numbers lie."""
+    recorded = performed.recording.live
+    again = {one.stamp_ns: one for one in replayed(performed.recording)}
+    assert list(again) == [one.stamp_ns for one in recorded]
+    assert len(recorded[-1].estimates) == 7
+    for one in recorded:
+        assert again[one.stamp_ns].samples == one.samples
+        for mine, theirs in zip(again[one.stamp_ns].estimates, one.estimates, strict=True):
+            assert (mine.name, mine.status) == (theirs.name, theirs.status)
+            assert mine.value == pytest.approx(theirs.value, abs=1e-6 * theirs.std)
+            assert mine.std == pytest.approx(theirs.std, rel=1e-6)
 
 
 def valid_from_ns(live: list[LiveEstimate]) -> int:

@@ -49,7 +49,9 @@ def test_what_is_not_valid_is_near_nothing() -> None:
     learning = Found("coulomb_torque", "N*m", 0.02, 0.0, Status.LEARNING)
     assert not learning.is_within("50 %", "0.02 N*m").met
     assert not learning.is_known_within("50 %").met
-    assert NOTHING.is_within("50 %", "0.02 N*m").said.startswith("coulomb_torque is not known: is not within")
+    assert NOTHING.is_within("50 %", "0.02 N*m").said.startswith(
+        "coulomb_torque is not known (unexcited): is not within"
+    )
 
 
 @pytest.mark.parametrize(("tolerance", "reference"), [("2 rad", "0.02 N*m"), ("2 %", "0.02 rad"), ("2", "0.02")])

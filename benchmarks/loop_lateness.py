@@ -1,0 +1,464 @@
+"""How late the loop is, beside cyclictest on the same CPU at the same time.
+
+The host of a virtual machine freezes it now and then, so that a tail by itself measures the host. Here both suffer the
+same freezes: cyclictest (Debian's rt-tests) at FIFO 90 and the loop at FIFO 80 share one CPU, window after window, and
+their ratios are told as the median of the windows. The loop is a session's: two ODrive drives on udp_multicast and a
+Bota sensor on a pseudo-terminal, served by ``sim serve`` on another CPU, a controller that imposes motion, the recorder
+writing, and a process that redraws a terminal 25 times a second. Where cyclictest is not installed, a loop around
+clock_nanosleep stands in for it, and is called so.
+
+Beside it, where it is installed (PyPI: NeuroLocoMiddleware), a public peer in the loop's place: SoftRealtimeLoop with
+nothing to do, at the same priority. Needs root, or the right to real-time priorities, and two CPUs. Run with
+``python benchmarks/loop_lateness.py [--json] [--seconds 20] [--quick]``.
+"""
+
+import argparse
+import ctypes
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from bench.faults.rehearse import prepare
+from bench.loop.process import LoopProcess
+from bench.loop.timing import LoopTiming, loop_timing
+from bench.procedures.free import command_multisine
+from bench.procedures.imposed import imposed_multisine
+from bench.procedures.knowledge import Knowledge
+from bench.procedures.makers import imposed
+from bench.recording.recorder import Recorder
+from bench.records import Measured, Table
+from bench.rig.load import load_rig
+from bench.rig.rig import Rig
+from bench.segments import Segment, Use
+from bench.session.supervision import learned
+from bench.session.warm_up import warm_up
+from drivers.punctual import LOOP_PRIORITY, permitted_priority
+
+ROOT = Path(__file__).parents[1]
+RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"
+WINDOWS, SECONDS, RATES_HZ = 5, 20.0, (1000, 2000)
+QUICK_WINDOWS, QUICK_SECONDS, QUICK_RATES_HZ = 1, 4.0, (1000,)
+PEER_PRIORITY = 90
+# A host that freezes is to be measured, not to end the measurement.
+PATIENT = {
+    'stale_after = "60 ms"': 'stale_after = "1 s"',
+    'stall_after = "100 ms"': 'stall_after = "1 s"',
+    'watchdog = "300 ms"': 'watchdog = "2 s"',
+}
+MOTION_SHARE, COMMAND_SHARE = 0.1, 0.3
+SETTLED_S = 0.5  # cyclictest, and the loop, are under way
+# At 1 kHz: the ratios of lateness at most, the share of ticks at least, and a tick's work at most.
+P99_RATIO, P999_RATIO, SHARE_RUN, WORK_P99_US = 0.8, 1.1, 0.99, 150.0
+PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
+GREATEST_US = 200_000
+CPU_S = 1 / os.sysconf("SC_CLK_TCK")
+
+Late = Mapping[str, float]  # [µs] by percentile
+
+
+@dataclass
+class Window:
+    """One window: how late the loop was and its neighbour, and what the loop did."""
+
+    loop: Late
+    peer: Late
+    timing: LoopTiming | None = None
+    work_p99_us: float = 0.0
+
+    def ratio(self, name: str) -> float:
+        return self.loop[name] / max(self.peer[name], 1e-3)
+
+
+@dataclass
+class Found:
+    """All windows of one loop at one rate."""
+
+    who: str
+    rate_hz: int
+    peer: str
+    windows: list[Window] = field(default_factory=list)
+    cpu_shares: Mapping[str, float] = field(default_factory=dict)
+
+    def figures(self) -> dict[str, object]:
+        def middle(of: Callable[[Window], float]) -> float:
+            return float(np.median([of(window) for window in self.windows]))
+
+        found: dict[str, object] = {"loop": self.who, "rate_hz": self.rate_hz, "peer": self.peer}
+        found["windows"] = len(self.windows)
+        for name in PERCENTILES:
+            found[name] = {
+                "loop_us": middle(lambda w, name=name: w.loop[name]),  # type: ignore[misc]
+                "peer_us": middle(lambda w, name=name: w.peer[name]),  # type: ignore[misc]
+                "ratio": middle(lambda w, name=name: w.ratio(name)),  # type: ignore[misc]
+            }
+        timings = [window.timing for window in self.windows if window.timing is not None]
+        if timings:
+            found["share_run"] = sum(t.ticks for t in timings) / sum(t.ticks + t.skipped for t in timings)
+            found["work_p99_us"] = middle(lambda w: w.work_p99_us)
+            found["stages_p50_us"] = {
+                stage: float(np.median([dict(t.stages)[stage].median_ns for t in timings])) * 1e-3
+                for stage, _ in timings[0].stages
+            }
+        if self.cpu_shares:
+            found["cpu_shares"] = dict(self.cpu_shares)
+        return found
+
+
+def main() -> int:
+    """Returns 1 where a target is not reached."""
+    arguments = _arguments()
+    if arguments.redraw:
+        return redraw()
+    if arguments.neuroloco:
+        return neuroloco(*arguments.neuroloco)
+    if not permitted_priority(PEER_PRIORITY):
+        print("this process may not take real-time priorities: run it as root", file=sys.stderr)
+        return 2
+    cpus = sorted(os.sched_getaffinity(0))
+    if len(cpus) < 2:
+        print("one CPU for the loop and another for its devices are needed", file=sys.stderr)
+        return 2
+    quick = arguments.quick
+    seconds = arguments.seconds or (QUICK_SECONDS if quick else SECONDS)
+    results = []
+    for rate_hz in QUICK_RATES_HZ if quick else RATES_HZ:
+        for found in measure(rate_hz, seconds, QUICK_WINDOWS if quick else WINDOWS, (cpus[-1], cpus[0])):
+            results.append(found.figures())
+            if not arguments.json:
+                print(told(results[-1]), flush=True)
+    missed = [miss for result in results for miss in misses(result)]
+    if arguments.json:
+        print(json.dumps({"results": results, "missed": missed}, indent=2))
+    else:
+        print("\n".join(missed) or "all targets reached")
+    return 1 if missed else 0
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--json", action="store_true", help="figures as JSON")
+    parser.add_argument("--seconds", type=float, help=f"of each window (default {SECONDS:g})")
+    parser.add_argument("--quick", action="store_true", help="one short window at 1 kHz")
+    parser.add_argument("--redraw", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--neuroloco", nargs=2, type=float, metavar=("HZ", "SECONDS"), help=argparse.SUPPRESS)
+    return parser.parse_args()
+
+
+def measure(rate_hz: int, seconds: float, windows: int, cpus: tuple[int, int]) -> Iterator[Found]:
+    """The bench's own loop, then the public peer in its place; on ``cpus[0]``, with the devices on ``cpus[1]``."""
+    warm_up()
+    peer = Cyclictest() if shutil.which("cyclictest") else Nanosleep()
+    with TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        rig = rig_of_its_own(folder, rate_hz)
+        known = prepare(load_rig(folder / "rig.toml", backend="simulated")).known
+        stack.enter_context(served(rig, cpus[1]))
+        stack.enter_context(redrawing())
+        yield own_loop(rig, known, folder, peer, rate_hz, seconds, windows, cpus[0])
+        if found := public_loop(peer, rate_hz, seconds, windows, cpus[0]):
+            yield found
+
+
+def own_loop(
+    rig: Rig, known: Knowledge, folder: Path, peer: "Peer", rate_hz: int, seconds: float, windows: int, cpu: int
+) -> Found:
+    """Windows of imposed motion, recorded as a session's is."""
+    found = Found("norton-bench", rate_hz, peer.name)
+    with (
+        LoopProcess(rig) as loop,
+        Recorder(folder / f"{rate_hz}.mcap", rig_text=rig.text, metadata={}, patience_s=0.0) as recorder,
+    ):
+        os.sched_setaffinity(loop.pid, {cpu})
+        loop.subscribe(recorder.put)
+        loop.learn(learned(known))
+        spent, began_s = cpu_times(loop, recorder), time.monotonic()
+        for number in range(windows):
+            segment = moving(known, seconds + 2 * SETTLED_S, number)
+            with ExitStack() as stack:
+                with loop.running():
+                    finish = stack.enter_context(peer.beside(rate_hz, seconds, cpu))
+                    measured = loop.run(segment)
+                found.windows.append(window_of(measured, finish(), rig.tick_ns))
+        elapsed_s = time.monotonic() - began_s
+        found.cpu_shares = {who: (after - spent[who]) / elapsed_s for who, after in cpu_times(loop, recorder).items()}
+    return found
+
+
+def window_of(measured: Measured, peer: Late, tick_ns: int) -> Window:
+    settled = round(SETTLED_S * 1e9 / tick_ns)
+    ticks = measured.ticks[settled:-settled]
+    timing = loop_timing(ticks)
+    assert timing is not None
+    whole_us = (ticks["work_ns"][:-1] + ticks["put_ns"][1:]) * 1e-3
+    return Window(lateness_of(ticks, tick_ns), peer, timing, float(np.percentile(whole_us, PERCENTILES["p99"])))
+
+
+def lateness_of(ticks: Table, tick_ns: int) -> Late:
+    """As cyclictest counts it: a stall is as long as it was, and one sample."""
+    missed = np.concatenate(([0], np.diff(ticks["tick_ns"]) // tick_ns - 1))
+    return late((ticks["lateness_ns"] + missed * tick_ns) * 1e-3)
+
+
+def late(late_us: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Late:
+    return {name: float(np.percentile(late_us, percent)) for name, percent in PERCENTILES.items()}
+
+
+def moving(known: Knowledge, seconds: float, seed: int) -> Segment:
+    """Both drives at work, and the controller in between."""
+    limit = COMMAND_SHARE * known.rig.command.limit
+    motion = imposed_multisine(known, MOTION_SHARE, seconds, seed=seed)
+    command = command_multisine(known, (-limit, limit), seconds, seed=seed + 100)
+    return imposed("benchmark", f"window {seed}", Use.PREPARE, command, motion)
+
+
+class Peer:
+    """Something to compare with."""
+
+    name = ""
+
+    @contextmanager
+    def beside(self, rate_hz: int, seconds: float, cpu: int) -> Iterator[Callable[[], Late]]:
+        """Inside, it runs on ``cpu`` for so long; what is yielded waits for its end and says how late it was."""
+        raise NotImplementedError
+
+
+class Cyclictest(Peer):
+    """Debian's rt-tests: clock_nanosleep to absolute deadlines, in C."""
+
+    name = "cyclictest"
+
+    @contextmanager
+    def beside(self, rate_hz: int, seconds: float, cpu: int) -> Iterator[Callable[[], Late]]:
+        interval_us = round(1e6 / rate_hz)
+        command = f"cyclictest -q -m -t 1 -a {cpu} -p {PEER_PRIORITY} -i {interval_us} -h {GREATEST_US}"
+        command += f" -l {round(seconds * rate_hz)}"
+        with subprocess.Popen(command.split(), stdout=subprocess.PIPE, text=True) as process:
+            try:
+                yield lambda: _histogram(process.communicate()[0])
+            finally:
+                process.terminate()
+
+
+def _histogram(printed: str) -> Late:
+    """Lines of "microseconds count"; the greatest stands in a comment, where it is beyond the histogram."""
+    rows = [line.split() for line in printed.splitlines() if line[:1].isdigit()]
+    counts = np.array([[int(cell) for cell in row[:2]] for row in rows])
+    found = dict(late(np.repeat(counts[:, 0], counts[:, 1])))
+    found["max"] = float(next(line for line in printed.splitlines() if line.startswith("# Max L")).split()[-1])
+    return found
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("tv_sec", ctypes.c_long), ("tv_nsec", ctypes.c_long))
+
+
+class Nanosleep(Peer):
+    """The same in Python, for machines without it."""
+
+    name = "clock_nanosleep from Python"
+
+    @contextmanager
+    def beside(self, rate_hz: int, seconds: float, cpu: int) -> Iterator[Callable[[], Late]]:
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.write(write, json.dumps(_sleep_on(rate_hz, seconds, cpu)).encode())
+            os._exit(0)
+        os.close(write)
+
+        def finish() -> Late:
+            with os.fdopen(read) as printed:
+                found: Late = json.loads(printed.read())
+            return found
+
+        try:
+            yield finish
+        finally:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+
+
+def _sleep_on(rate_hz: int, seconds: float, cpu: int) -> Late:
+    os.sched_setaffinity(0, {cpu})
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PEER_PRIORITY))
+    libc, interval_ns = ctypes.CDLL(None), round(1e9 / rate_hz)
+    late_ns = np.empty(round(seconds * rate_hz))
+    deadline_ns = time.monotonic_ns()
+    for index in range(len(late_ns)):
+        deadline_ns += interval_ns
+        until = _Timespec(*divmod(deadline_ns, 1_000_000_000))
+        libc.clock_nanosleep(1, 1, ctypes.byref(until), None)  # CLOCK_MONOTONIC, TIMER_ABSTIME
+        late_ns[index] = time.monotonic_ns() - deadline_ns
+        deadline_ns += int(late_ns[index] // interval_ns) * interval_ns
+    return late(late_ns * 1e-3)
+
+
+def public_loop(peer: Peer, rate_hz: int, seconds: float, windows: int, cpu: int) -> Found | None:
+    """NeuroLoco's, where it is there."""
+    try:
+        import NeuroLocoMiddleware.SoftRealtimeLoop  # noqa: F401, PLC0415
+    except ImportError:
+        print("NeuroLocoMiddleware is not installed: no public peer", file=sys.stderr)
+        return None
+    found = Found("NeuroLoco's SoftRealtimeLoop", rate_hz, peer.name)
+    for _ in range(windows):
+        command = [sys.executable, __file__, "--neuroloco", str(rate_hz), str(seconds + 2 * SETTLED_S)]
+        with subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            text=True,
+            preexec_fn=partial(_as_the_loop, cpu),  # noqa: PLW1509  (no threads here)
+        ) as process:
+            assert process.stdout is not None
+            process.stdout.readline()  # it is ready
+            with peer.beside(rate_hz, seconds, cpu) as finish:
+                beside = finish()
+            found.windows.append(Window(json.loads(process.stdout.readlines()[-1]), beside))
+    return found
+
+
+def _as_the_loop(cpu: int) -> None:
+    os.sched_setaffinity(0, {cpu})
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOOP_PRIORITY))
+
+
+def neuroloco(rate_hz: float, seconds: float) -> int:
+    """In a process of its own: its loop with nothing to do; prints how late each round was against its own grid."""
+    from NeuroLocoMiddleware.SoftRealtimeLoop import SoftRealtimeLoop  # noqa: PLC0415
+
+    print("ready", flush=True)
+    begun_s = np.empty(round(seconds * rate_hz))
+    loop = SoftRealtimeLoop(dt=1 / rate_hz)
+    for index, _ in enumerate(loop):
+        begun_s[index] = time.time()
+        if index + 1 == len(begun_s):
+            break
+    grid_s = np.arange(len(begun_s)) / rate_hz
+    print(json.dumps(late((begun_s - loop.t0 - grid_s) * 1e6)))
+    return 0
+
+
+def rig_of_its_own(folder: Path, rate_hz: int) -> Rig:
+    """On a group, a port and a pseudo-terminal that nobody else has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        port = probe.getsockname()[1]
+    text = RIG_FILE.read_text()
+    own = {
+        'rate = "1 kHz"': f'rate = "{rate_hz} Hz"',
+        "239.74.163.2": "239.74.163.64",
+        "/tmp/norton-bench/bota": str(folder / "bota"),
+        'bitrate = "1 Mbit/s"': f'bitrate = "1 Mbit/s"\noptions = {{ port = {port} }}',
+    }
+    for right, other in {**PATIENT, **own}.items():
+        assert right in text, right
+        text = text.replace(right, other)
+    (folder / "rig.toml").write_text(text)
+    return load_rig(folder / "rig.toml", backend="hardware")
+
+
+@contextmanager
+def served(rig: Rig, cpu: int) -> Iterator[None]:
+    """The rig's devices, on another CPU than the loop's: on one, a loop in real time and its peer can lock each other
+    out."""
+    command = [sys.executable, "-m", "bench", "sim", "serve", rig.place]
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: os.sched_setaffinity(0, {cpu}),  # noqa: PLW1509  (no threads here)
+    ) as server:
+        assert server.stderr is not None
+        try:
+            if not (said := server.stderr.readline()).startswith("serving"):
+                raise SystemExit(f"the simulated devices could not be served: {said}")
+            yield
+        finally:
+            server.send_signal(signal.SIGINT)
+
+
+@contextmanager
+def redrawing() -> Iterator[None]:
+    """A screen's share of the machine: this file with ``--redraw``."""
+    with subprocess.Popen([sys.executable, __file__, "--redraw"], stdout=subprocess.DEVNULL) as screen:
+        try:
+            yield
+        finally:
+            screen.kill()
+
+
+def redraw() -> int:
+    """Three traces of two thousand points, drawn 25 times a second, until killed."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.live import Live  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    console = Console(force_terminal=True, width=160, height=45)
+    points = np.sin(np.arange(6000) * 0.01)
+    with Live(console=console, auto_refresh=False) as live:
+        while True:
+            began_s = time.monotonic()
+            points = np.roll(points, 40)
+            columns = points.reshape(-1, 150).max(axis=0)
+            lines = ["".join("#" if row < 20 * (1 + c) else " " for c in columns) for row in range(40)]
+            live.update(Text("\n".join(lines)), refresh=True)
+            time.sleep(max(0.0, began_s + 0.04 - time.monotonic()))
+
+
+def cpu_times(loop: LoopProcess, recorder: Recorder) -> dict[str, float]:
+    """CPU time so far [s], by process."""
+
+    def spent_s(pid: int) -> float:
+        words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(words[11]) + int(words[12])) * CPU_S
+
+    return {"loop": spent_s(loop.pid), "session": spent_s(os.getpid()), "recorder": spent_s(recorder.writer_pid)}
+
+
+def misses(result: Mapping[str, object]) -> list[str]:
+    """The targets that a result of our own loop at 1 kHz does not reach."""
+    if result["rate_hz"] != RATES_HZ[0] or "share_run" not in result:
+        return []
+    ratios = {name: result[name]["ratio"] for name in ("p99", "p99.9")}  # type: ignore[index]
+    aims = (
+        ("p99 ratio", ratios["p99"], ratios["p99"] <= P99_RATIO, f"at most {P99_RATIO}"),
+        ("p99.9 ratio", ratios["p99.9"], ratios["p99.9"] <= P999_RATIO, f"at most {P999_RATIO}"),
+        ("share of ticks run", result["share_run"], result["share_run"] >= SHARE_RUN, f"at least {SHARE_RUN}"),  # type: ignore[operator]
+        ("work p99 [us]", result["work_p99_us"], result["work_p99_us"] <= WORK_P99_US, f"at most {WORK_P99_US:g}"),  # type: ignore[operator]
+    )
+    return [f"missed: {name} {value:.3g}, {aim}" for name, value, reached, aim in aims if not reached]
+
+
+def told(result: Mapping[str, object]) -> str:
+    """A result for people."""
+    lines = [f"{result['loop']} at {result['rate_hz']} Hz beside {result['peer']}, {result['windows']} windows"]
+    for name in PERCENTILES:
+        each: Mapping[str, float] = result[name]  # type: ignore[assignment]
+        lines.append(
+            f"  {name:>5}: {each['loop_us']:8.1f} us, peer {each['peer_us']:8.1f} us, ratio {each['ratio']:.2f}"
+        )
+    if "share_run" in result:
+        lines.append(f"  ticks run {100 * result['share_run']:.2f} %, work p99 {result['work_p99_us']:.0f} us")  # type: ignore[operator]
+    for key in ("stages_p50_us", "cpu_shares"):
+        if key in result:
+            items: Mapping[str, float] = result[key]  # type: ignore[assignment]
+            lines.append(f"  {key}: " + ", ".join(f"{name} {value:.2g}" for name, value in items.items()))
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,52 @@
+"""Serial ports read ahead: the same bytes as pyserial gives, and a lost port is noticed."""
+
+import os
+import pty
+import tty
+from collections.abc import Iterator
+
+import pytest
+import serial
+
+from drivers.adapters.eager_line import EagerLine
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[int, EagerLine]]:
+    """The far end's descriptor, and the port."""
+    far, near = pty.openpty()
+    tty.setraw(near)
+    line = EagerLine(serial.Serial(os.ttyname(near), 115_200, timeout=0))
+    os.close(near)
+    yield far, line
+    line.close()
+
+
+def test_it_reads_what_is_there_and_never_waits(ends: tuple[int, EagerLine]) -> None:
+    far, line = ends
+    assert line.in_waiting == 0
+    assert line.read(10) == b""
+    os.write(far, b"abcdef")
+    assert line.in_waiting == 6
+    os.write(far, b"gh")
+    assert line.in_waiting == 6
+    assert line.read(4) == b"abcd"
+    assert line.in_waiting == 2
+    assert line.read(100) == b"ef"
+    assert line.read(100) == b"gh"
+    assert line.in_waiting == 0
+    os.close(far)
+
+
+def test_it_writes(ends: tuple[int, EagerLine]) -> None:
+    far, line = ends
+    assert line.write(b"xyz") == 3
+    assert os.read(far, 10) == b"xyz"
+    os.close(far)
+
+
+def test_a_port_whose_far_end_is_gone_is_lost(ends: tuple[int, EagerLine]) -> None:
+    far, line = ends
+    os.close(far)
+    with pytest.raises(OSError, match="Input/output error"):
+        _ = line.in_waiting
