@@ -32,6 +32,7 @@ bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/zero_torque.py
 	$(BIN)/python benchmarks/simulation_speed.py
 	$(BIN)/python benchmarks/recording.py
+	-$(BIN)/python benchmarks/loop_lateness.py
 
 clean:
 	rm -rf $(VENV) runs .mypy_cache .pytest_cache .ruff_cache .import_linter_cache

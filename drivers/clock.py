@@ -1,10 +1,13 @@
 """Time as the loop and the drivers know it: integer nanoseconds from one clock, which is passed in."""
 
 import time
+from collections.abc import Callable
 from typing import Protocol
 
-# Sleeping alone wakes 50-100 µs late; the last stretch before a deadline is spent spinning instead.
+# Sleeping alone wakes 50-100 µs late; the last stretch before a deadline is spent awake instead,
 SPIN_NS = 150_000
+# a little longer where there is something to do then, which is left undone where sleeping took too long.
+BUSY_NS, LATEST_NS = 200_000, 80_000
 
 
 class Clock(Protocol):
@@ -14,8 +17,11 @@ class Clock(Protocol):
         """The present instant [ns] since an arbitrary epoch."""
         ...
 
-    def wait_until_ns(self, deadline_ns: int) -> None:
-        """Return at ``deadline_ns``, or at once where it has passed."""
+    def wait_until_ns(self, deadline_ns: int, awake: Callable[[], object] | None = None) -> None:
+        """Return at ``deadline_ns``, or at once where it has passed.
+
+        A clock that has to stay awake shortly before the deadline may call ``awake`` then, once.
+        """
         ...
 
 
@@ -25,9 +31,12 @@ class MonotonicClock:
     def now_ns(self) -> int:
         return time.monotonic_ns()
 
-    def wait_until_ns(self, deadline_ns: int) -> None:
+    def wait_until_ns(self, deadline_ns: int, awake: Callable[[], object] | None = None) -> None:
+        spin_ns = SPIN_NS if awake is None else BUSY_NS
         remaining_ns = deadline_ns - time.monotonic_ns()
-        if remaining_ns > SPIN_NS:
-            time.sleep((remaining_ns - SPIN_NS) * 1e-9)
+        if remaining_ns > spin_ns:
+            time.sleep((remaining_ns - spin_ns) * 1e-9)
+            if awake is not None and deadline_ns - time.monotonic_ns() > LATEST_NS:
+                awake()
         while time.monotonic_ns() < deadline_ns:
             pass

@@ -1,6 +1,6 @@
 """The simulated backend: buses and ports into a simulated world, and the clock that makes it move."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from random import Random
 from typing import Any
 
@@ -35,7 +35,7 @@ class SimulatedClock:
     def now_ns(self) -> int:
         return self._world.now_ns
 
-    def wait_until_ns(self, deadline_ns: int) -> None:
+    def wait_until_ns(self, deadline_ns: int, awake: Callable[[], object] | None = None) -> None:
         self._world.advance(deadline_ns)
         while self._awake_ns > self._world.now_ns:
             self._world.advance(self._awake_ns)

@@ -1,4 +1,4 @@
-"""The host is lost, in wall time: its process is killed or stopped by the operating system while the shaft moves.
+"""The host is lost, in wall time: its processes are killed or stopped by the operating system while the shaft moves.
 
 One process serves the simulated devices on the rig's own ports, another is the host of a session on them. What is true
 is read from the server's witness; stamps of both are of the machine's monotonic clock.

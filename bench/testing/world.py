@@ -25,7 +25,7 @@ class ScriptedClock:
     def now_ns(self) -> int:
         return self.ns
 
-    def wait_until_ns(self, deadline_ns: int) -> None:
+    def wait_until_ns(self, deadline_ns: int, awake: Callable[[], object] | None = None) -> None:
         while True:
             self.ns = max(self.ns, min(deadline_ns, self.ns + STEP_NS))
             for alarm in list(self.alarms):

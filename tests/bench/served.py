@@ -21,8 +21,8 @@ PATIENT = {
 }
 
 
-def rig_of_its_own(folder: Path, group: str = GROUP, **changes: str) -> Rig:
-    """``rigs/sim-odrive.toml`` as hardware, on a group, a port and a pseudo-terminal that nobody else has."""
+def rig_of_its_own(folder: Path, group: str = GROUP, *, backend: str = "hardware", **changes: str) -> Rig:
+    """``rigs/sim-odrive.toml`` on a group, a port and a pseudo-terminal that nobody else has."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
         port = probe.getsockname()[1]
@@ -36,7 +36,7 @@ def rig_of_its_own(folder: Path, group: str = GROUP, **changes: str) -> Rig:
         assert right in text
         text = text.replace(right, other)
     (folder / "rig.toml").write_text(text)
-    return load_rig(folder / "rig.toml", backend="hardware")
+    return load_rig(folder / "rig.toml", backend=backend)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ def ticks_at(places: list[int], segment: int = 0) -> Table:
 
 def test_what_is_missed_inside_a_segment_was_skipped_and_between_segments_nothing_was_due() -> None:
     ticks = np.concatenate([ticks_at([0, 1, 2, 5, 6]), ticks_at([1000, 1001, 1003], segment=1)])
+    ticks["work_ns"] = 1000
     timing = loop_timing(ticks)
     assert timing is not None
     assert (timing.tick_ns, timing.ticks, timing.skipped) == (TICK_NS, 8, 3)
