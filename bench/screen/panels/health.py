@@ -2,13 +2,15 @@
 
 from math import isfinite
 
-from bench.screen.picture.health import Health, Pulse, punctuality
+from bench.loop.timing import Spread, loop_timing
+from bench.screen.picture.health import Health, Pulse
 from bench.screen.picture.picture import Picture
 from bench.screen.tones import BAD, GOOD, LABEL, TEXT, UNIT, WARNING, Row, apart, fitted, heading
 
 SIGNS = {"ok": ("●", GOOD), "silent": ("✗", BAD), "trouble": ("▲", WARNING), "unheard": ("○", LABEL)}
 LOOKED_BACK_S = 5.0
 WITH_PLACE, WITH_LOST = 56, 74
+STAGE = 22  # columns before the numbers of the loop
 NAME, KIND, RATE, AGE, TEMPERATURE, LOST = 14, 14, 9, 9, 7, 10
 
 
@@ -47,24 +49,24 @@ def _known(value: float, form: str) -> str:
 
 
 def _loop(picture: Picture, width: int) -> list[Row]:
-    """Lateness and work of the last seconds; in lock step time waits for the loop, and nothing can be late."""
+    """Lateness, work and stages of the last seconds; in lock step time waits for the loop, and nothing can be late."""
     tick_ns = picture.rig.tick_ns
-    found = punctuality(picture.tape.rows()[-round(LOOKED_BACK_S * 1e9 / tick_ns) :], tick_ns)
+    found = loop_timing(picture.tape.rows()[-round(LOOKED_BACK_S * 1e9 / tick_ns) :])
     rate = f"{1e9 / tick_ns:.0f} Hz"
     if found is None:
         return [[("○ ", LABEL), ("loop".ljust(NAME), TEXT), (rate, LABEL)]]
     sign, tone = SIGNS["trouble" if found.skipped else "ok"]
     left: Row = [(f"{sign} ", tone), ("loop".ljust(NAME), TEXT), (rate, LABEL)]
-    if not found.kept:
+    if found.in_lock_step:
         return [apart(left, [("lock step, never late", LABEL)], width)]
-    skipped = f"{found.skipped} of {found.ran + found.skipped} skipped" if found.skipped else "no tick skipped"
+    skipped = f"{found.skipped} of {found.ticks + found.skipped} skipped" if found.skipped else "no tick skipped"
     return [
         apart(left, [(skipped, WARNING if found.skipped else LABEL)], width),
-        [("    late", LABEL), (_three(found.lateness_us), TEXT)],
-        [("    work", LABEL), (_three(found.work_us), TEXT)],
+        [("".ljust(STAGE), LABEL), ("   p50     p99    most  µs", UNIT)],
+        *(_spread(name, spread) for name, spread in (("late", found.lateness), ("work", found.work), *found.stages)),
     ]
 
 
-def _three(levels_us: tuple[float, float, float]) -> str:
-    median, high, most = (f"{level:.0f}" for level in levels_us)
-    return f"{median:>6} · {high:>5} · {most:>6} µs  p50 · p99 · most"
+def _spread(name: str, spread: Spread) -> Row:
+    levels = (spread.median_ns, spread.p99_ns, spread.most_ns)
+    return [(f"    {name:<{STAGE - 4}}", LABEL), (" ".join(f"{level * 1e-3:>7.0f}" for level in levels)[1:], TEXT)]

@@ -131,34 +131,3 @@ class Health:
         """A bus is as well as what is on it."""
         states = {self._device(device).state for device in self._rig.wiring.devices() if device.bus == name}
         return next((state for state in ("silent", "unheard") if state in states), "ok")
-
-
-@dataclass(frozen=True)
-class Punctuality:
-    """How well the loop keeps its time, over the ticks looked at. Lateness and work in µs at p50, p99 and the most."""
-
-    lateness_us: tuple[float, float, float]
-    work_us: tuple[float, float, float]
-    ran: int
-    skipped: int
-
-    @property
-    def kept(self) -> bool:
-        """False in lock step, where time waits for the loop."""
-        return self.lateness_us[2] > 0
-
-
-def punctuality(ticks: Table, tick_ns: int) -> Punctuality | None:
-    """None where there are no ticks. A tick is skipped where the next one of its segment comes periods later."""
-    if not len(ticks):
-        return None
-    within = np.diff(ticks["segment"]) == 0
-    missed = np.rint(np.diff(ticks["tick_ns"])[within] / tick_ns) - 1
-    return Punctuality(
-        _levels(ticks["lateness_ns"]), _levels(ticks["work_ns"]), len(ticks), int(missed[missed > 0].sum())
-    )
-
-
-def _levels(values_ns: "np.ndarray[tuple[int], np.dtype[np.int64]]") -> tuple[float, float, float]:
-    median, high, most = np.percentile(values_ns, (50, 99, 100)) * 1e-3
-    return float(median), float(high), float(most)

@@ -1,9 +1,13 @@
 """Tables and lines, at every width: what they say, without a colour."""
 
+import numpy as np
 import pytest
 
 from bench.errors import ExitCode
+from bench.identification.results import LiveEstimate
 from bench.models.parameters import Estimate, Status
+from bench.records import TICK, Measured
+from bench.rig.rig import Rig
 from bench.screen.experiment import Experiment, badge_of
 from bench.screen.panels.bar import title_row, view_row
 from bench.screen.panels.health import health_rows
@@ -12,6 +16,7 @@ from bench.screen.panels.parameters import SIGNS, parameter_rows, sparkline
 from bench.screen.panels.result import result_rows
 from bench.screen.panels.steps import clock, step_rows
 from bench.screen.picture.known import Known
+from bench.screen.picture.picture import Picture
 from bench.screen.tones import Row, apart, fitted, heading, length
 from bench.session.progress import Judged, SessionState, Summary
 
@@ -97,6 +102,21 @@ def test_the_bar_says_where_it_is(at_end: Experiment, live: Experiment) -> None:
         live.picture.state(state)
         signs.add(badge_of(live)[0])
     assert len(signs) == len(list(SessionState))
+
+
+def test_a_loop_that_is_late_says_how_much(rig: Rig) -> None:
+    picture = Picture(rig)
+    ticks = np.zeros(500, TICK)
+    ticks["tick_ns"] = np.arange(500) * 1_000_000
+    ticks["tick_ns"][400:] += 2_000_000
+    ticks["lateness_ns"], ticks["work_ns"], ticks["receive_ns"] = 40_000, 120_000, 30_000
+    picture.part(Measured(ticks=ticks), LiveEstimate(0))
+    rows = texts(health_rows(picture, 60, 20))
+    loop = next(row for row in rows if "loop" in row)
+    assert loop.startswith("▲ loop")
+    assert "2 of 502 skipped" in loop
+    said = {row.split()[0]: row.split()[1] for row in rows if row.startswith("    ") and row.split()[-1].isdigit()}
+    assert (said["late"], said["work"], said["receive"]) == ("40", "120", "30")
 
 
 def test_a_result_is_a_page(at_end: Experiment) -> None:

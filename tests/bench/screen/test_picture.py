@@ -11,7 +11,6 @@ from bench.records import TICK, Event, Measured
 from bench.rig.rig import Rig
 from bench.screen import figures
 from bench.screen.experiment import Experiment
-from bench.screen.picture.health import punctuality
 from bench.screen.picture.known import half_width
 from bench.screen.picture.log import Line, Log
 from bench.screen.picture.picture import Picture
@@ -154,18 +153,6 @@ def test_lost_readings_are_counted_but_not_between_procedures(rig: Rig) -> None:
         part.motion["sequence"] = first + np.arange(100)
         picture.part(part, LiveEstimate(0))
     assert picture.health.devices()[0].lost == 3
-
-
-def test_skipped_ticks_are_those_missing_within_a_segment() -> None:
-    ticks = np.zeros(6, TICK)
-    ticks["tick_ns"] = np.array([0, 1, 2, 5, 50, 51]) * 1_000_000
-    ticks["segment"] = [0, 0, 0, 0, 1, 1]
-    ticks["lateness_ns"] = [0, 0, 0, 2_000_000, 0, 0]
-    found = punctuality(ticks, 1_000_000)
-    assert found is not None
-    assert (found.ran, found.skipped, found.kept) == (6, 2, True)
-    assert found.lateness_us[2] == 2000.0
-    assert punctuality(ticks[:0], 1_000_000) is None
 
 
 def test_a_tape_keeps_the_last_and_in_order() -> None:
