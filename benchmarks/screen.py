@@ -28,7 +28,7 @@ SIZES = ((80, 24), (120, 36), (160, 45), (200, 60))
 QUICK_SIZES = ((80, 24), (200, 60))
 BEGIN_S = 20.0
 SPEED = 1.0
-BUSY_S = 0.5
+BUSY_S, PRESS_AFTER_S = 0.5, 4.0
 CHILD = "--child"
 
 
@@ -63,19 +63,24 @@ def measured(recording: Path, columns: int, rows: int, seconds: float, *, stop: 
         command, stdin=theirs, stdout=theirs, stderr=theirs, env={**os.environ, "TERM": "xterm-256color"}
     )
     os.close(theirs)
-    taken = _drain(ours, child, press_after=2.0 if stop else None)
+    taken, pressed_s = _drain(ours, child, press=stop)
     with said:
         found: dict[str, Any] = json.loads(Path(said.name).read_text() or "{}")
     if not found:
         raise SystemExit(f"the screen ended without a result (exit code {child.returncode})")
+    if stop:
+        found["stop_ms"] = 1e3 * (found.pop("said_s") - pressed_s)
     return {"columns": columns, "rows": rows, "kb_per_s": taken / 1e3 / seconds, **found}
 
 
-def _drain(ours: int, child: "subprocess.Popen[bytes]", press_after: float | None) -> int:
-    """Take what is written until the child ends; returns how many bytes."""
-    taken = 0
-    if press_after is not None:
-        threading.Timer(press_after, lambda: os.write(ours, b" ")).start()
+def _drain(ours: int, child: "subprocess.Popen[bytes]", *, press: bool) -> tuple[int, float]:
+    """Take what is written until the child ends; returns how many bytes, and when the space bar was pressed [s]."""
+    taken, pressed_s = 0, [float("nan")]
+
+    def press_space() -> None:
+        pressed_s[0] = time.monotonic()
+        os.write(ours, b" ")
+
     while True:
         try:
             data = os.read(ours, 1 << 16)
@@ -83,10 +88,12 @@ def _drain(ours: int, child: "subprocess.Popen[bytes]", press_after: float | Non
             break
         if not data:
             break
+        if press and not taken:
+            threading.Timer(PRESS_AFTER_S, press_space).start()
         taken += len(data)
     child.wait()
     os.close(ours)
-    return taken
+    return taken, pressed_s[0]
 
 
 def child(recording: Path, seconds: float, said: Path, *, stop: bool) -> None:
@@ -100,19 +107,19 @@ def child(recording: Path, seconds: float, said: Path, *, stop: bool) -> None:
     found: dict[str, float] = {}
     said_at: list[float] = []
     if stop:
-        experiment.source.stop = lambda _reason: said_at.append(time.perf_counter())  # type: ignore[union-attr,method-assign]
+        experiment.source.stop = lambda _reason: said_at.append(time.monotonic())  # type: ignore[union-attr,method-assign]
 
     async def watch() -> None:
         await asyncio.sleep(1.0)
         frames, cpu_s, begun = app.screen.frames, time.process_time(), time.perf_counter()  # type: ignore[attr-defined]
         if stop:
-            # The key comes two seconds after the start; the event loop is held up around that.
-            while not said_at and time.perf_counter() - begun < 2 * seconds:
+            # The key comes some seconds after the first frame; the event loop is held up around that.
+            while not said_at and time.perf_counter() - begun < 5 * PRESS_AFTER_S:
                 held = time.perf_counter()
                 while time.perf_counter() - held < BUSY_S:
                     pass
                 await asyncio.sleep(0)
-            found["stop_ms"] = 1e3 * (said_at[0] - app.pressed_at) if said_at else float("nan")  # type: ignore[attr-defined]
+            found["said_s"] = said_at[0] if said_at else float("nan")
         else:
             await asyncio.sleep(seconds)
         took_s, drawn = time.perf_counter() - begun, app.screen.frames - frames  # type: ignore[attr-defined]

@@ -16,6 +16,8 @@ from bench.session.progress import PlannedStep, Prompt, SessionState, Summary
 
 TAPE_S = 40.0
 PACE_OVER_S = 2.0
+# What a recording says of a step that is done, for whoever resumes it; the steps show that already.
+FINISHED_STEP = "step"
 OVER = (SessionState.DONE, SessionState.FAILED)
 # Drives may be enabled.
 LIVE = (SessionState.RUNNING, SessionState.PAUSING)
@@ -80,6 +82,8 @@ class Picture:
         self.known.take(live)
         self.steps.advance(self.now_s)
         for event in measured.events:
+            if event.kind == FINISHED_STEP:
+                continue
             stamp_s = None if self._first_ns is None else (event.stamp_ns - self._first_ns) * 1e-9
             self.log.add(Line(stamp_s, event.kind, event.text))
 

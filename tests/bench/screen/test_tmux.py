@@ -19,6 +19,7 @@ ROOT = Path(__file__).parents[3]
 BENCH = [sys.executable, "-m", "bench"]
 GROUP = "239.74.163.83"
 TICK_NS, WATCHDOG_NS = 1_000_000, 300_000_000
+NOTICED_WITHIN_NS = 1_000_000_000  # that a process is gone, by the session it started
 STARTS_WITHIN_S, STOPS_WITHIN_S = 120.0, 20.0
 
 pytestmark = [
@@ -64,7 +65,9 @@ def rig(tmp_path: Path) -> Path:
     """The dynamometer, on a multicast group and a port of this test's own."""
     text = (ROOT / "rigs" / "sim-odrive.toml").read_text()
     path = tmp_path / "rig.toml"
-    path.write_text(text.replace("239.74.163.2", GROUP).replace("/tmp/norton-bench/bota", f"{tmp_path}/bota"))
+    text = text.replace("239.74.163.2", GROUP).replace("/tmp/norton-bench/bota", f"{tmp_path}/bota")
+    # A machine that runs other tests meanwhile stands still for longer; below the watchdogs all the same.
+    path.write_text(text.replace('stale_after = "60 ms"', 'stale_after = "250 ms"').replace('"100 ms" ', '"250 ms" '))
     return path
 
 
@@ -111,10 +114,14 @@ def test_the_drives_are_idle_at_once(rig: Path, witness: Path, terminal: Termina
         before_ns, asked_ns = terminal.press("Space")
     until(lambda: not armed_now(witness), STOPS_WITHIN_S, lambda: f"still armed: {last_state(witness)}")
     idle_ns = next(state.stamp_ns for state in read_witness(witness) if state.stamp_ns > before_ns and not state.armed)
-    assert idle_ns - asked_ns <= TICK_NS + WATCHDOG_NS
-    if way != "the terminal is gone":
+    gone = way == "the terminal is gone"
+    assert idle_ns - asked_ns <= (NOTICED_WITHIN_NS if gone else TICK_NS + WATCHDOG_NS)
+    if not gone:
         until(lambda: "STOPPED" in terminal.shown(), STOPS_WITHIN_S, terminal.shown)
-        terminal.press("Escape", "4")
+        if way == "space in a field":
+            terminal.press("Escape")
+            until(lambda: "Mark this moment" not in terminal.shown(), STOPS_WITHIN_S, terminal.shown)
+        terminal.press("4")
         until(lambda: "stopped by the operator: the operator, by key" in terminal.shown(), 30.0, terminal.shown)
     time.sleep(0.5)
     assert not armed_now(witness)
