@@ -33,13 +33,15 @@ class CommandLineOperator(Silent):
         return orders
 
     def state(self, state: SessionState) -> None:
-        self._paused = state is SessionState.PAUSED
+        was_paused, self._paused = self._paused, state is SessionState.PAUSED
         if state is SessionState.PAUSING:
             _say("pausing when this procedure is done; Ctrl-C again stops now")
         elif state is SessionState.PAUSED:
             _say(PAUSED)
         elif state is SessionState.RUNNING:
             self._pausing = False
+            if was_paused:
+                _say("going on")
 
     def ask(self, prompt: Prompt) -> None:
         self._prompt = prompt

@@ -68,13 +68,19 @@ class Terminal:
         )
         os.close(slave)
 
+    def _read(self) -> str:
+        try:
+            return os.read(self._master, 65536).decode(errors="replace")
+        except OSError:  # nobody has the other end open any more
+            raise AssertionError(f"it has ended: {self.said[-2000:]}") from None
+
     def until(self, words: str) -> None:
         """Read until it has said this since it was last asked."""
         end = time.monotonic() + WAIT_S
         while words not in self.said:
             assert time.monotonic() < end, self.said[-2000:]
             if select.select([self._master], [], [], 0.2)[0]:
-                self.said += os.read(self._master, 65536).decode(errors="replace")
+                self.said += self._read()
         self.said = self.said.partition(words)[2]
 
     def type(self, keys: str) -> None:
@@ -135,7 +141,7 @@ def test_ctrl_c_pauses_enter_goes_on_and_ctrl_c_twice_stops(tmp_path: Path, term
     terminal.until("pausing when this procedure is done; Ctrl-C again stops now")
     terminal.until("Paused, the drives are idle. Enter goes on")
     terminal.type("\n")
-    terminal.until("/101 rest")
+    terminal.until("going on")
     terminal.type("\x03")
     terminal.until("pausing when this procedure is done")
     terminal.type("\x03")

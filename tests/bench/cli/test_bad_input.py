@@ -126,10 +126,14 @@ SESSION_CASES = {
         steps(TARE + '\nduration = "2 rad"'), 's.toml: [step 1, tare] duration: "2 rad" is not in s', "write it like"
     ),
     "out of order": session_case(
-        steps(CALIBRATE, TARE), "s.toml: step 1 'calibrate' builds on 'tare'", 'put a step do = "tare" before it'
+        steps(CALIBRATE, TARE),
+        "s.toml: [step 1, calibrate] 'calibrate' builds on 'tare'",
+        'put a step do = "tare" before it',
     ),
     "validation of what was never tried": session_case(
-        steps(TARE, CALIBRATE, 'do = "validate"'), "s.toml: step 3 'validate' builds on 'free'", 'do = "free"'
+        steps(TARE, CALIBRATE, 'do = "validate"'),
+        "s.toml: [step 3, validate] 'validate' builds on 'free'",
+        'do = "free"',
     ),
     "no load": session_case(
         steps(TARE, 'do = "imposed"'),
@@ -171,14 +175,16 @@ def test_a_file_that_cannot_be_used_is_one_sentence(case: Case, tmp_path: Path) 
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a recording, three quarters of it, and things that are none."""
     folder = tmp_path_factory.mktemp("recordings")
-    whole = run_session(load_rig(ALONE_FILE), SHORT, out=folder, seed=1).recording.rename(folder / "whole.mcap")
+    whole = run_session(load_rig(ALONE_FILE), SHORT, out=folder / "whole", seed=1).recording.rename(
+        folder / "whole.mcap"
+    )
     content = whole.read_bytes()
     (folder / "cut.mcap").write_bytes(content[: len(content) * 3 // 4])
     (folder / "empty.mcap").write_bytes(b"")
     (folder / "notes.txt").write_text("not a recording")
     (folder / "folder.mcap").mkdir()
     tared = Session(SHORT.steps[:1], "")
-    run_session(load_rig(ALONE_FILE), tared, out=folder, seed=1).recording.rename(folder / "tare.mcap")
+    run_session(load_rig(ALONE_FILE), tared, out=folder / "tare", seed=1).recording.rename(folder / "tare.mcap")
     with (folder / "foreign.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()

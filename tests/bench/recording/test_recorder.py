@@ -23,7 +23,7 @@ from bench.recording.recorder import Recorder
 from bench.recording.recover import recover
 from bench.recording.syncing import Syncing
 from bench.records import Measured, join
-from drivers.punctual import LOOP_PRIORITY, real_time_allowed
+from drivers.punctual import LOOP_PRIORITY, permitted_priority
 
 RIG = '[rig]\nname = "x"  # µ\n'
 
@@ -185,7 +185,7 @@ def test_a_writer_that_hangs_costs_parts_but_never_the_caller(tmp_path, part, mo
         recorder.close()
 
 
-@pytest.mark.skipif(not real_time_allowed(), reason="real time is not permitted here")
+@pytest.mark.skipif(not permitted_priority(LOOP_PRIORITY), reason="real time is not permitted here")
 @pytest.mark.parametrize("wall_time", [True, False])
 def test_in_wall_time_the_writer_goes_before_what_is_not_real_time(tmp_path, part, wall_time) -> None:
     with Recorder(tmp_path / "r.mcap", rig_text="", metadata={}, wall_time=wall_time) as recorder:
