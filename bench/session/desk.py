@@ -48,8 +48,11 @@ class Desk:
         self.put_away("operator", "paused")
         while self.paused and not self.wants_tare:
             self._look()
-        self.put_away("operator", "resumed" if not self.paused else "tare ordered")
-        self.progress.state(SessionState.RUNNING)
+        resumed = not self.paused
+        # Orders are heard while this is put away, too: a new pause must not be told over.
+        self.put_away("operator", "resumed" if resumed else "tare ordered")
+        if not resumed:
+            self.progress.state(SessionState.RUNNING)
 
     def ask(self, prompt: Prompt) -> str:
         """The operator's answer, one of the choices where there are any. Raises OperatorStopError."""

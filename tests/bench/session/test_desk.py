@@ -1,0 +1,39 @@
+"""The operator's desk by itself: in which order things are told."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from bench.loop.stop_word import StopWord
+from bench.session.desk import Desk
+from bench.session.operator import Order
+from bench.session.progress import SessionState, Silent
+
+
+@dataclass
+class Scripted:
+    """Gives its orders one batch at a time."""
+
+    batches: list[list[Order]]
+    stop: StopWord = field(default_factory=StopWord)
+    answers: bool = True
+
+    def orders(self) -> Sequence[Order]:
+        return self.batches.pop(0) if self.batches else ()
+
+
+@dataclass
+class States(Silent):
+    told: list[SessionState] = field(default_factory=list)
+
+    def state(self, state: SessionState) -> None:
+        self.told.append(state)
+
+
+def test_a_pause_that_is_ordered_as_another_ends_is_told_last() -> None:
+    """What is put away passes through the loop's parts, at each of which orders are heard."""
+    operator, states = Scripted([[Order("pause")], [], [Order("resume")], [Order("pause")]]), States()
+    desk = Desk(operator, states, lambda _kind, _text: desk.listen())
+    desk.listen()
+    desk.wait()
+    assert desk.paused
+    assert states.told == [SessionState.PAUSING, SessionState.PAUSED, SessionState.RUNNING, SessionState.PAUSING]
