@@ -219,17 +219,8 @@ def _recorded(
         for note in loop.notes:
             progress.note(note)
         metadata = {**provenance(rig, session, terms.seed, loop.identify()), "loop": loop.place, RESUMES: past.place}
-        recorder = stack.enter_context(
-            Recorder(
-                terms.out / f"{rig.name}.mcap",
-                rig_text=rig.text,
-                metadata=metadata,
-                patience_s=LOCK_STEP_PATIENCE_S if backend.lock_step else 0.0,
-                need=Need.of(rig.tick_s, sum(step.duration_s for step in experiment.plan)),
-                candump=rig.candump,
-                wall_time=not backend.lock_step,
-            )
-        )
+        planned_s = sum(step.duration_s for step in experiment.plan)
+        recorder = stack.enter_context(_recorder(rig, terms.out, metadata, planned_s, lock_step=backend.lock_step))
         so_far = SoFar(known or Knowledge(rig))
         feed = stack.enter_context(_feed(rig, progress, lock_step=backend.lock_step))
         desk = Desk(operator, progress, loop.tell)
@@ -247,6 +238,18 @@ def _recorded(
         progress.note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them")
     found = read_recording(recorder.path, raw_frames=False)
     return Recorded(recorder.path, found.metadata, so_far.known, behind(past.records, found.measured), found.live)
+
+
+def _recorder(rig: Rig, out: Path, metadata: Mapping[str, str], planned_s: float, *, lock_step: bool) -> Recorder:
+    return Recorder(
+        out / f"{rig.name}.mcap",
+        rig_text=rig.text,
+        metadata=metadata,
+        patience_s=LOCK_STEP_PATIENCE_S if lock_step else 0.0,
+        need=Need.of(rig.tick_s, planned_s),
+        candump=rig.candump,
+        wall_time=not lock_step,
+    )
 
 
 def _perform(run: Run, experiment: Experiment) -> None:
