@@ -5,8 +5,17 @@ import os
 # Two workers share two cores: linear algebra that waits with threads of its own would take them from the other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import pytest
 from hypothesis import settings
 
 # The same examples every time, for a suite must not fail by luck; the first may wait for a compiler.
 settings.register_profile("house", deadline=None, derandomize=True)
 settings.load_profile("house")
+
+# A file that takes a minute and begins last keeps the other core waiting.
+LONGEST = ("tests/test_examples.py", "tests/test_ci_example.py", "tests/bench/session/", "tests/bench/screen/")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first; all else as it was."""
+    items.sort(key=lambda item: not item.nodeid.startswith(LONGEST))
