@@ -45,8 +45,6 @@ from drivers.settling import settle_in
 
 # While the drives are idle: well before the least of the systems' buffers is full.
 LISTEN_S = 0.005
-# While the drives are enabled and the session decides on the next segment.
-NEXT_ORDER_S = 0.0005
 
 
 @dataclass(frozen=True)
@@ -154,7 +152,7 @@ class _Service:
 
     def _run_segments(self) -> None:
         """Until the session says that the drives shall be idle; its reason is raised, and so put away as the loop's."""
-        while isinstance(order := self._next_segment(), Run):
+        while isinstance(order := self._watch.next_order(), Run):
             try:
                 measured = self.loop.run(order.segment)
             except LeaveError as left:
@@ -163,12 +161,6 @@ class _Service:
             self.orders.send(Done(measured.segments[-1]))
         if isinstance(order, Idle) and order.error is not None:
             raise order.error
-
-    def _next_segment(self) -> Order:
-        while not self.orders.poll(NEXT_ORDER_S):
-            self._watch.look()
-        order: Order = self.orders.recv()
-        return order
 
     def _asked_to_stop(self) -> str | None:
         self._watch.look()

@@ -6,13 +6,15 @@ from multiprocessing.sharedctypes import RawArray
 from typing import Any
 
 from bench.errors import SafetyStopError
-from bench.loop.orders import Idle, LeaveError
+from bench.loop.orders import Idle, LeaveError, Order
 from drivers.clock import Clock
 
 # A session beats 25 times a second; one that does not for so long hangs, or was stopped.
 SILENT_NS = 1_000_000_000
 # How often the pipe is looked at: it tells sooner of a session that has died.
 LOOK_NS = 10_000_000
+# How long to wait for the next segment's order before the heart is listened to again.
+NEXT_ORDER_S = 0.0005
 
 
 class Pulse:
@@ -28,7 +30,7 @@ class Pulse:
 
 @dataclass
 class SessionWatch:
-    """Asked every tick while the drives are enabled."""
+    """The session as long as the drives are enabled: during a segment, and between two."""
 
     pulse: Pulse
     orders: "Connection[Any, Any]"
@@ -39,20 +41,34 @@ class SessionWatch:
         self._beat_ns = self.pulse.view()
 
     def look(self) -> None:
-        """Raises SafetyStopError where the session is gone, LeaveError where it wants the drives idle."""
+        """Asked every tick. Raises SafetyStopError where the session is gone, LeaveError where it wants them idle.
+
+        During a segment a session says nothing but that it wants no more of it.
+        """
+        now_ns = self._listen()
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + LOOK_NS
+            if self.orders.poll():
+                order = self._read()
+                raise LeaveError(order if isinstance(order, Idle) else Idle())
+
+    def next_order(self) -> Order:
+        """What to do after a segment. Raises SafetyStopError where the session is gone."""
+        while not self.orders.poll(NEXT_ORDER_S):
+            self._listen()
+        return self._read()
+
+    def _listen(self) -> int:
+        """The time [ns], if the session's heart still beats."""
         now_ns = self.clock.now_ns()
         silent_ns = now_ns - self._beat_ns[0]
         if silent_ns > SILENT_NS:
             raise SafetyStopError(f"the session has not been heard for {silent_ns / 1e6:.0f} ms: it hangs", "session")
-        if now_ns >= self._look_ns:
-            self._look_ns = now_ns + LOOK_NS
-            if self.orders.poll():
-                self._read()
+        return now_ns
 
-    def _read(self) -> None:
-        """During a segment a session says nothing but that it wants no more of it."""
+    def _read(self) -> Order:
         try:
-            order = self.orders.recv()
+            order: Order = self.orders.recv()
         except (EOFError, OSError):
             raise SafetyStopError("the session's process has died", "session") from None
-        raise LeaveError(order if isinstance(order, Idle) else Idle())
+        return order

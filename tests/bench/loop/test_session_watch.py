@@ -1,0 +1,84 @@
+"""What a loop in a process of its own sees of its session, and that no order is lost between looking and waiting."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.errors import ExperimentError, SafetyStopError
+from bench.loop.orders import Idle, LeaveError, Run
+from bench.loop.session_watch import LOOK_NS, SILENT_NS, Pulse, SessionWatch
+from bench.procedures.makers import coasting
+from bench.segments import Use
+from bench.testing.world import ScriptedClock
+
+
+@dataclass
+class LatePipe:
+    """What the session says arrives just after one has given up waiting for it, once."""
+
+    loop: "Connection[Any, Any]"
+    session: "Connection[Any, Any]"
+    late: list[Any] = field(default_factory=list)
+
+    def poll(self, timeout_s: float = 0.0) -> bool:
+        if not self.late:
+            return self.loop.poll(timeout_s)
+        self.session.send(self.late.pop())
+        return False
+
+    def recv(self) -> Any:
+        return self.loop.recv()
+
+
+@dataclass(frozen=True)
+class Watched:
+    watch: SessionWatch
+    pipe: LatePipe
+    clock: ScriptedClock
+
+
+@pytest.fixture
+def watched() -> Iterator[Watched]:
+    loop, session = Pipe()
+    pipe, clock, pulse = LatePipe(loop, session), ScriptedClock(), Pulse()
+    pulse.view()[0] = clock.ns
+    with loop, session:
+        yield Watched(SessionWatch(pulse, pipe, clock), pipe, clock)  # type: ignore[arg-type]
+
+
+def test_an_order_that_comes_just_after_the_wait_for_it_is_carried_out(watched: Watched) -> None:
+    watched.pipe.late.append(Run(coasting("test", "push", Use.PREPARE, np.zeros(10))))
+    order = watched.watch.next_order()
+    assert isinstance(order, Run)
+    assert order.segment.name == "push"
+
+
+def test_during_a_segment_what_the_session_says_ends_it(watched: Watched) -> None:
+    watched.watch.look()
+    why = ExperimentError("not enough")
+    watched.pipe.session.send(Idle(why))
+    watched.watch.look()  # the pipe was looked at just now
+    watched.clock.ns += LOOK_NS
+    with pytest.raises(LeaveError) as left:
+        watched.watch.look()
+    assert str(left.value.idle.error) == "not enough"
+
+
+@pytest.mark.parametrize("what", ["look", "next_order"])
+def test_a_session_without_a_heartbeat_is_gone(watched: Watched, what: str) -> None:
+    watched.clock.ns += SILENT_NS + 1
+    with pytest.raises(SafetyStopError, match="has not been heard for 1000 ms") as gone:
+        getattr(watched.watch, what)()
+    assert gone.value.by == "session"
+
+
+@pytest.mark.parametrize("what", ["look", "next_order"])
+def test_a_session_that_has_hung_up_is_gone(watched: Watched, what: str) -> None:
+    watched.pipe.session.close()
+    with pytest.raises(SafetyStopError, match="process has died"):
+        getattr(watched.watch, what)()
