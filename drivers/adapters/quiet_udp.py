@@ -1,11 +1,13 @@
 """UDP multicast as a CAN bus between processes: python-can's own, without the echo of one's own frames."""
 
+import ctypes
 import select
 import socket
 import struct
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import can
@@ -17,6 +19,13 @@ _ANCILLARY_SPACE = socket.CMSG_SPACE(_TIMESTAMP.size)
 _DATAGRAM_MAX = 4096
 # Linux' <linux/in.h> and <linux/in6.h>; Python has no names for them.
 _MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
+# Linux' <linux/filter.h>: an instruction is a code, two jumps and a number; a program, how many and where they are.
+_INSTRUCTION, _ATTACH_FILTER, _IP_HEADER = struct.Struct("=HBBI"), 26, 0xFFF00000
+_LOAD_HALF, _LOAD_WORD, _IF_EQUAL, _RETURN = 0x28, 0x20, 0x15, 0x06
+
+
+class _Program(ctypes.Structure):
+    _fields_ = (("count", ctypes.c_ushort), ("instructions", ctypes.c_char_p))
 
 
 class QuietUdpBus(UdpMulticastBus):
@@ -42,6 +51,8 @@ class QuietUdpBus(UdpMulticastBus):
         self._sender = socket.socket(self._receiver.family, socket.SOCK_DGRAM)
         try:
             self._own_address = self._join(self._sender)
+            if sys.platform == "linux" and self._sender.family == socket.AF_INET:
+                _leave_out(self._receiver, self._own_address)
         except OSError:
             self.shutdown()
             raise
@@ -105,6 +116,22 @@ class QuietUdpBus(UdpMulticastBus):
     def shutdown(self) -> None:
         super().shutdown()
         self._sender.close()
+
+
+def _leave_out(receiver: socket.socket, address: tuple[Any, ...]) -> None:
+    """Let the kernel drop what comes from ``address``, if it will: else one's own frames are read, and left out."""
+    host, port = address
+    lines = (
+        (_LOAD_HALF, 0, 0, 0),  # the source port: a program of a UDP socket begins at its header
+        (_IF_EQUAL, 0, 3, port),
+        (_LOAD_WORD, 0, 0, _IP_HEADER + 12),  # the source address
+        (_IF_EQUAL, 0, 1, int.from_bytes(socket.inet_aton(host), "big")),
+        (_RETURN, 0, 0, 0),
+        (_RETURN, 0, 0, _DATAGRAM_MAX),
+    )
+    program = _Program(len(lines), b"".join(_INSTRUCTION.pack(*line) for line in lines))
+    with suppress(OSError):
+        receiver.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, bytes(program))
 
 
 def _kernel_stamp_s(ancillary: list[tuple[int, int, bytes]]) -> float:

@@ -2,7 +2,9 @@
 
 import os
 import pty
+import select
 import socket
+import sys
 import threading
 import time
 import tty
@@ -83,6 +85,20 @@ def test_udp_between_two_ports_of_ours(backend):
     first.send(0x1, b"\1")
     assert [message.arbitration_id for message, _ in gather(second, 1)] == [0x1]
     assert gather(first, 1, within_s=0.05) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux drops them before they are read")
+def test_udp_own_frames_do_not_even_wait_to_be_read():
+    bus = QuietUdpBus(GROUP, port=UDP_PORT)
+    try:
+        with stranger() as peer:
+            bus.send(can.Message(arbitration_id=1))
+            peer.send(can.Message(arbitration_id=2))
+            assert select.select([bus._receiver], [], [], 1.0)[0]
+            assert can.Message(arbitration_id=2).equals(bus.recv(0), check_direction=False, timestamp_delta=None)
+        assert not select.select([bus._receiver], [], [], 0.0)[0]
+    finally:
+        bus.shutdown()
 
 
 def test_udp_groups_are_apart(backend):
