@@ -4,8 +4,9 @@ The host of a virtual machine freezes it now and then, so that a tail by itself 
 same freezes: cyclictest (Debian's rt-tests) at FIFO 90 and the loop at FIFO 80 share one CPU, window after window, and
 their ratios are told as the median of the windows. The loop is a session's: two ODrive drives on udp_multicast and a
 Bota sensor on a pseudo-terminal, served by ``sim serve`` on another CPU, a controller that imposes motion, the recorder
-writing, and a process that redraws a terminal 25 times a second. Where cyclictest is not installed, a loop around
-clock_nanosleep stands in for it, and is called so.
+writing, and the screen of ``norton-bench ui`` redrawing, 25 times a second, what it replays. Where cyclictest is not
+installed, a loop around clock_nanosleep stands in for it, and is called so. Beside the share of ticks run stands the
+peer's share of its own: what both lack, the host took.
 
 Beside it, where it is installed (PyPI: NeuroLocoMiddleware), a public peer in the loop's place: SoftRealtimeLoop with
 nothing to do, at the same priority. Needs root, or the right to real-time priorities, and two CPUs. Run with
@@ -16,6 +17,7 @@ import argparse
 import ctypes
 import json
 import os
+import select
 import shutil
 import signal
 import socket
@@ -28,8 +30,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Event, Thread
 
 import numpy as np
+from screen import on_a_terminal, recorded
 
 from bench.faults.rehearse import prepare
 from bench.loop.process import LoopProcess
@@ -62,11 +66,14 @@ MOTION_SHARE, COMMAND_SHARE = 0.1, 0.3
 SETTLED_S = 0.5  # cyclictest, and the loop, are under way
 # At 1 kHz: the ratios of lateness at most, the share of ticks at least, and a tick's work at most.
 P99_RATIO, P999_RATIO, SHARE_RUN, WORK_P99_US = 0.8, 1.1, 0.99, 150.0
+SHARE = "share"  # of the rounds that there should have been
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 GREATEST_US = 200_000
+COLUMNS, ROWS = 160, 45
+REPLAY_S = 60.0  # less than there is to be replayed
 CPU_S = 1 / os.sysconf("SC_CLK_TCK")
 
-Late = Mapping[str, float]  # [µs] by percentile
+Late = Mapping[str, float]  # [µs] by percentile, and the share of rounds
 
 
 @dataclass
@@ -106,6 +113,7 @@ class Found:
             }
         timings = [window.timing for window in self.windows if window.timing is not None]
         if timings:
+            found["peers_share_run"] = middle(lambda w: w.peer[SHARE])
             found["share_run"] = sum(t.ticks for t in timings) / sum(t.ticks + t.skipped for t in timings)
             found["work_p99_us"] = middle(lambda w: w.work_p99_us)
             found["stages_p50_us"] = {
@@ -120,8 +128,6 @@ class Found:
 def main() -> int:
     """Returns 1 where a target is not reached."""
     arguments = _arguments()
-    if arguments.redraw:
-        return redraw()
     if arguments.neuroloco:
         return neuroloco(*arguments.neuroloco)
     if not permitted_priority(PEER_PRIORITY):
@@ -152,7 +158,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--json", action="store_true", help="figures as JSON")
     parser.add_argument("--seconds", type=float, help=f"of each window (default {SECONDS:g})")
     parser.add_argument("--quick", action="store_true", help="one short window at 1 kHz")
-    parser.add_argument("--redraw", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--neuroloco", nargs=2, type=float, metavar=("HZ", "SECONDS"), help=argparse.SUPPRESS)
     return parser.parse_args()
 
@@ -165,8 +170,9 @@ def measure(rate_hz: int, seconds: float, windows: int, cpus: tuple[int, int]) -
         folder = Path(name)
         rig = rig_of_its_own(folder, rate_hz)
         known = prepare(load_rig(folder / "rig.toml", backend="simulated")).known
+        recording = recorded(folder)
         stack.enter_context(served(rig, cpus[1]))
-        stack.enter_context(redrawing())
+        stack.enter_context(redrawing(recording))
         yield own_loop(rig, known, folder, peer, rate_hz, seconds, windows, cpus[0])
         if found := public_loop(peer, rate_hz, seconds, windows, cpus[0]):
             yield found
@@ -209,11 +215,13 @@ def window_of(measured: Measured, peer: Late, tick_ns: int) -> Window:
 def lateness_of(ticks: Table, tick_ns: int) -> Late:
     """As cyclictest counts it: a stall is as long as it was, and one sample."""
     missed = np.concatenate(([0], np.diff(ticks["tick_ns"]) // tick_ns - 1))
-    return late((ticks["lateness_ns"] + missed * tick_ns) * 1e-3)
+    return late((ticks["lateness_ns"] + missed * tick_ns) * 1e-3, tick_ns * 1e-3)
 
 
-def late(late_us: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Late:
-    return {name: float(np.percentile(late_us, percent)) for name, percent in PERCENTILES.items()}
+def late(late_us: "np.ndarray[tuple[int], np.dtype[np.float64]]", period_us: float) -> Late:
+    missed = np.sum(np.maximum(late_us, 0.0) // period_us)
+    found = {name: float(np.percentile(late_us, percent)) for name, percent in PERCENTILES.items()}
+    return {**found, SHARE: float(len(late_us) / (len(late_us) + missed))}
 
 
 def moving(known: Knowledge, seconds: float, seed: int) -> Segment:
@@ -247,16 +255,16 @@ class Cyclictest(Peer):
         command += f" -l {round(seconds * rate_hz)}"
         with subprocess.Popen(command.split(), stdout=subprocess.PIPE, text=True) as process:
             try:
-                yield lambda: _histogram(process.communicate()[0])
+                yield lambda: _histogram(process.communicate()[0], interval_us)
             finally:
                 process.terminate()
 
 
-def _histogram(printed: str) -> Late:
+def _histogram(printed: str, interval_us: float) -> Late:
     """Lines of "microseconds count"; the greatest stands in a comment, where it is beyond the histogram."""
     rows = [line.split() for line in printed.splitlines() if line[:1].isdigit()]
     counts = np.array([[int(cell) for cell in row[:2]] for row in rows])
-    found = dict(late(np.repeat(counts[:, 0], counts[:, 1])))
+    found = dict(late(np.repeat(counts[:, 0], counts[:, 1]), interval_us))
     found["max"] = float(next(line for line in printed.splitlines() if line.startswith("# Max L")).split()[-1])
     return found
 
@@ -303,7 +311,7 @@ def _sleep_on(rate_hz: int, seconds: float, cpu: int) -> Late:
         libc.clock_nanosleep(1, 1, ctypes.byref(until), None)  # CLOCK_MONOTONIC, TIMER_ABSTIME
         late_ns[index] = time.monotonic_ns() - deadline_ns
         deadline_ns += int(late_ns[index] // interval_ns) * interval_ns
-    return late(late_ns * 1e-3)
+    return late(late_ns * 1e-3, interval_ns * 1e-3)
 
 
 def public_loop(peer: Peer, rate_hz: int, seconds: float, windows: int, cpu: int) -> Found | None:
@@ -347,7 +355,7 @@ def neuroloco(rate_hz: float, seconds: float) -> int:
         if index + 1 == len(begun_s):
             break
     grid_s = np.arange(len(begun_s)) / rate_hz
-    print(json.dumps(late((begun_s - loop.t0 - grid_s) * 1e6)))
+    print(json.dumps(late((begun_s - loop.t0 - grid_s) * 1e6, 1e6 / rate_hz)))
     return 0
 
 
@@ -392,31 +400,29 @@ def served(rig: Rig, cpu: int) -> Iterator[None]:
 
 
 @contextmanager
-def redrawing() -> Iterator[None]:
-    """A screen's share of the machine: this file with ``--redraw``."""
-    with subprocess.Popen([sys.executable, __file__, "--redraw"], stdout=subprocess.DEVNULL) as screen:
-        try:
-            yield
-        finally:
+def redrawing(recording: Path) -> Iterator[None]:
+    """The screen on a pseudo-terminal, playing ``recording`` back, again and again."""
+    over = Event()
+    command = [sys.executable, "-m", "bench", "ui", "--replay", str(recording)]
+
+    def redraw() -> None:
+        while not over.is_set():
+            screen, terminal = on_a_terminal(command, COLUMNS, ROWS)
+            until_s = time.monotonic() + REPLAY_S
+            while time.monotonic() < until_s and not over.is_set():
+                if select.select([terminal], [], [], 0.1)[0]:
+                    os.read(terminal, 1 << 16)
             screen.kill()
+            screen.wait()
+            os.close(terminal)
 
-
-def redraw() -> int:
-    """Three traces of two thousand points, drawn 25 times a second, until killed."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.live import Live  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
-
-    console = Console(force_terminal=True, width=160, height=45)
-    points = np.sin(np.arange(6000) * 0.01)
-    with Live(console=console, auto_refresh=False) as live:
-        while True:
-            began_s = time.monotonic()
-            points = np.roll(points, 40)
-            columns = points.reshape(-1, 150).max(axis=0)
-            lines = ["".join("#" if row < 20 * (1 + c) else " " for c in columns) for row in range(40)]
-            live.update(Text("\n".join(lines)), refresh=True)
-            time.sleep(max(0.0, began_s + 0.04 - time.monotonic()))
+    thread = Thread(target=redraw)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 def cpu_times(loop: LoopProcess, recorder: Recorder) -> dict[str, float]:
@@ -452,7 +458,8 @@ def told(result: Mapping[str, object]) -> str:
             f"  {name:>5}: {each['loop_us']:8.1f} us, peer {each['peer_us']:8.1f} us, ratio {each['ratio']:.2f}"
         )
     if "share_run" in result:
-        lines.append(f"  ticks run {100 * result['share_run']:.2f} %, work p99 {result['work_p99_us']:.0f} us")  # type: ignore[operator]
+        shares = f"{100 * result['share_run']:.2f} %, of the peer's {100 * result['peers_share_run']:.2f} %"  # type: ignore[operator]
+        lines.append(f"  ticks run {shares}, work p99 {result['work_p99_us']:.0f} us")
     for key in ("stages_p50_us", "cpu_shares"):
         if key in result:
             items: Mapping[str, float] = result[key]  # type: ignore[assignment]

@@ -35,7 +35,7 @@ CHILD = "--child"
 def main() -> None:
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
-        recording = arguments.recording or _recorded(Path(folder))
+        recording = arguments.recording or recorded(Path(folder))
         seconds = 5.0 if arguments.quick else arguments.seconds
         sizes = QUICK_SIZES if arguments.quick else SIZES
         rows = [{**measured(recording, *size, seconds), "figures_ms": figures_ms(recording, *size)} for size in sizes]
@@ -55,14 +55,9 @@ def main() -> None:
 
 def measured(recording: Path, columns: int, rows: int, seconds: float, *, stop: bool = False) -> dict[str, Any]:
     """The app in a process of its own on a pseudo-terminal, and what it says of itself afterwards."""
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
     said = tempfile.NamedTemporaryFile(suffix=".json")  # noqa: SIM115  (closed below)
-    command = [sys.executable, __file__, CHILD, str(recording), str(seconds), said.name, "stop" if stop else "watch"]
-    child = subprocess.Popen(
-        command, stdin=theirs, stdout=theirs, stderr=theirs, env={**os.environ, "TERM": "xterm-256color"}
-    )
-    os.close(theirs)
+    what = [CHILD, str(recording), str(seconds), said.name, "stop" if stop else "watch"]
+    child, ours = on_a_terminal([sys.executable, __file__, *what], columns, rows)
     taken, pressed_s = _drain(ours, child, press=stop)
     with said:
         found: dict[str, Any] = json.loads(Path(said.name).read_text() or "{}")
@@ -71,6 +66,17 @@ def measured(recording: Path, columns: int, rows: int, seconds: float, *, stop: 
     if stop:
         found["stop_ms"] = 1e3 * (found.pop("said_s") - pressed_s)
     return {"columns": columns, "rows": rows, "kb_per_s": taken / 1e3 / seconds, **found}
+
+
+def on_a_terminal(command: list[str], columns: int, rows: int) -> "tuple[subprocess.Popen[bytes], int]":
+    """A process on a pseudo-terminal of this size, and the terminal's other end, which somebody must read."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+    child = subprocess.Popen(
+        command, stdin=theirs, stdout=theirs, stderr=theirs, env={**os.environ, "TERM": "xterm-256color"}
+    )
+    os.close(theirs)
+    return child, ours
 
 
 def _drain(ours: int, child: "subprocess.Popen[bytes]", *, press: bool) -> tuple[int, float]:
@@ -153,7 +159,7 @@ def figures_ms(recording: Path, columns: int, rows: int) -> float:
     return 1e3 * (time.process_time() - begun) / turns
 
 
-def _recorded(folder: Path) -> Path:
+def recorded(folder: Path) -> Path:
     """A standard session on the simulated bench."""
     from bench.rig.load import load_rig  # noqa: PLC0415
     from bench.session.engine import record_session  # noqa: PLC0415
