@@ -75,14 +75,15 @@ def fit_signals(
     if not any(np.ptp(stretch.command) > 0.0 for stretch in stretches):
         raise ExperimentError(f"the {port.value} was never commanded: nothing can be learned of its forward path")
     measured = all(stretch.torque_nm is not None for stretch in stretches)
-    solution = solve(stretches, free_motion=not measured)
+    doubtful = bool(findings.doubts)
+    solution = solve(stretches, free_motion=not measured, roughly=doubtful)
     if port is Port.LOAD and (not measured or scale_evidence(solution) < LEAST_EVIDENCE):
         raise ExperimentError(
             "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
             "actuator too, independently of the load, and see that the torque sensor works"
         )
     if measured and scale_evidence(solution) < LEAST_EVIDENCE:
-        solution = solve(stretches, free_motion=True)
+        solution = solve(stretches, free_motion=True, roughly=doubtful)
     return _result(stretches, solution, command_unit, findings)
 
 

@@ -66,13 +66,15 @@ class Solution:
         return self.regression.free_motion
 
 
-def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Solution:
-    """The best fit of all stretches; ``free_motion`` as in Regression."""
+def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False, roughly: bool = False) -> Solution:
+    """The best fit of all stretches; ``free_motion`` as in Regression. ``roughly``: as nobody will believe its values."""
     low = Regression.of(stretches, told(stretches, LOW_BAND), LOW_STRIDE, free_motion=free_motion)
     ends = [_descend(low, start, most_steps=LOW_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
     widest = told(stretches, FULL_BAND)
     full = Regression.of(stretches, widest, free_motion=free_motion)
     solution = _first_settled(full, sorted(ends, key=lambda at: at.cost))
+    if roughly:
+        return solution
     band = worthwhile_band(full, solution)
     if band != widest:
         full = Regression.of(stretches, band, free_motion=free_motion)
