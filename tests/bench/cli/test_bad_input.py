@@ -1,15 +1,18 @@
-"""Files that cannot be used, and the installed program: one sentence with the place and the mend, no more."""
+"""Files that cannot be used: one sentence with the place and the mend, no more; from the installed program too."""
 
 import json
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
 
+from bench.cli.app import main
 from bench.errors import ExitCode
 from bench.procedures.options import FreeOptions, TareOptions
 from bench.rig.load import load_rig
@@ -23,9 +26,20 @@ PROGRAM = Path(sys.executable).with_name("norton-bench")
 SHORT = Session((Step("tare", TareOptions(0.5)), Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=2.0))), "")
 
 
-def norton_bench(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [str(PROGRAM), *arguments, "--json"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+@dataclass(frozen=True)
+class Done:
+    """How a command ended, and what it said."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def norton_bench(folder: Path, *arguments: str) -> Done:
+    """The command line in this process: a new one takes a second to begin."""
+    with chdir(folder), redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
+        code = main([*arguments, "--json"])
+    return Done(code, out.getvalue(), err.getvalue())
 
 
 def steps(*lines: str) -> str:
@@ -169,6 +183,14 @@ def test_a_file_that_cannot_be_used_is_one_sentence(case: Case, tmp_path: Path) 
     (sentence,) = done.stderr.splitlines()
     assert all(part in sentence for part in case.says), sentence
     assert not (tmp_path / "runs").exists() or not any((tmp_path / "runs").iterdir())
+
+
+def test_the_installed_program_says_the_same(tmp_path: Path) -> None:
+    (tmp_path / "r.toml").write_text("[rig\n")
+    command = [str(PROGRAM), *RIG_CASES["not TOML"].command.split()]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    here = norton_bench(tmp_path, *command[1:])
+    assert (done.returncode, done.stdout, done.stderr) == (here.returncode, here.stdout, here.stderr)
 
 
 @pytest.fixture(scope="module")
