@@ -67,7 +67,7 @@ class Solution:
 
 
 def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False, roughly: bool = False) -> Solution:
-    """The best fit of all stretches; ``free_motion`` as in Regression. ``roughly``: as nobody will believe its values."""
+    """The best fit of all stretches; ``free_motion`` as in Regression; ``roughly`` where nobody will believe it."""
     low = Regression.of(stretches, told(stretches, LOW_BAND), LOW_STRIDE, free_motion=free_motion)
     ends = [_descend(low, start, most_steps=LOW_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
     widest = told(stretches, FULL_BAND)
