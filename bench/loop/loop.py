@@ -145,7 +145,7 @@ class Loop:
         """
         base_rad = self._position_rad if self._reference_rad is None else self._reference_rad
         strategy = strategy_for(segment, self.controller, base_rad)
-        self._pass_missed(strategy)
+        self._obey_time(strategy)
         commands, stop_at_rad_s = segment.command.astype(float).tolist(), segment.stop_at_velocity_rad_s
         start_ns, index, done = self._next_ns, 0, False
         self._begun = False

@@ -145,6 +145,8 @@ class LoopProcess:
         self._idle(None)
 
     def run(self, segment: Segment) -> Measured:
+        if not self._enabled:
+            raise RuntimeError("segments are run inside running(), until the drives are idled")
         parts: list[Measured] = []
         self._send(Run(segment))
         answer = self._answer(lambda: parts.append(self._hand_on(segment)), TICKS_WITHIN_S)

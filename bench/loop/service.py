@@ -98,7 +98,7 @@ class _Service:
         while not isinstance(order := self._next_order(), Close):
             if isinstance(order, Enable):
                 self._enable()
-            elif not isinstance(order, Idle):  # an Idle that crossed the news that the drives are idle
+            elif not isinstance(order, Idle | Run):  # they crossed the news that the drives are idle
                 self.orders.send(self._answer(order))
 
     def _next_order(self) -> Order:
@@ -152,7 +152,7 @@ class _Service:
 
     def _run_segments(self) -> None:
         """Until the session says that the drives shall be idle; its reason is raised, and so put away as the loop's."""
-        while isinstance(order := self._watch.next_order(), Run):
+        while isinstance(order := self._next_segment(), Run):
             try:
                 measured = self.loop.run(order.segment)
             except LeaveError as left:
@@ -161,6 +161,18 @@ class _Service:
             self.orders.send(Done(measured.segments[-1]))
         if isinstance(order, Idle) and order.error is not None:
             raise order.error
+
+    def _next_segment(self) -> Order:
+        """Until it comes the last command acts, unguarded: for no longer than the loop itself may stand still."""
+        guard = self.loop.guard
+        order = self._watch.next_order(guard.limits.stall_after_ns)
+        if order is None:
+            raise guard.trip(
+                "the session did not say what comes after a segment within stall_after = "
+                f"{guard.limits.stall_after_ns / 1e6:g} ms: decide with the drives idle",
+                "stall",
+            )
+        return order
 
     def _asked_to_stop(self) -> str | None:
         self._watch.look()

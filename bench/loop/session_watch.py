@@ -52,10 +52,12 @@ class SessionWatch:
                 order = self._read()
                 raise LeaveError(order if isinstance(order, Idle) else Idle())
 
-    def next_order(self) -> Order:
-        """What to do after a segment. Raises SafetyStopError where the session is gone."""
+    def next_order(self, within_ns: int) -> Order | None:
+        """What to do after a segment; None where that was not said in time. Raises SafetyStopError where it is gone."""
+        until_ns = self.clock.now_ns() + within_ns
         while not self.orders.poll(NEXT_ORDER_S):
-            self._listen()
+            if self._listen() > until_ns:
+                return None
         return self._read()
 
     def _listen(self) -> int:

@@ -182,6 +182,23 @@ def test_the_guard_trips_there_and_is_reset_from_here(tmp_path: Path) -> None:
             loop.run(push(0.05))
 
 
+def test_a_session_that_thinks_with_the_drives_enabled_finds_them_idle(rig: Rig, witness: Path) -> None:
+    def think(loop: LoopProcess) -> None:
+        with loop.running():
+            loop.run(push(0.1))
+            soon(lambda: armed(witness) == (), 0.6)
+            loop.run(push(0.1))
+
+    with opened(rig) as (loop, parts):
+        with pytest.raises(SafetyStopError, match="within stall_after = 200 ms: decide with the drives idle") as stop:
+            think(loop)
+        assert stop.value.by == "stall"
+        assert "decide with the drives idle" in join(parts).events[-1].text
+        loop.reset_guard("thought about it")
+        with loop.running():
+            loop.run(push(0.05))
+
+
 def test_what_opening_fails_with_is_raised_here(rig: Rig, tmp_path: Path) -> None:
     missing = rig_of_its_own(tmp_path)
     with pytest.raises(ConnectionFailedError, match="cannot open it"):

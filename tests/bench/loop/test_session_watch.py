@@ -1,6 +1,6 @@
 """What a loop in a process of its own sees of its session, and that no order is lost between looking and waiting."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -53,7 +53,7 @@ def watched() -> Iterator[Watched]:
 
 def test_an_order_that_comes_just_after_the_wait_for_it_is_carried_out(watched: Watched) -> None:
     watched.pipe.late.append(Run(coasting("test", "push", Use.PREPARE, np.zeros(10))))
-    order = watched.watch.next_order()
+    order = watched.watch.next_order(LOOK_NS)
     assert isinstance(order, Run)
     assert order.segment.name == "push"
 
@@ -69,16 +69,27 @@ def test_during_a_segment_what_the_session_says_ends_it(watched: Watched) -> Non
     assert str(left.value.idle.error) == "not enough"
 
 
-@pytest.mark.parametrize("what", ["look", "next_order"])
-def test_a_session_without_a_heartbeat_is_gone(watched: Watched, what: str) -> None:
+def test_a_session_that_does_not_say_how_to_go_on_is_not_waited_for(watched: Watched) -> None:
+    watched.clock.ns += LOOK_NS
+    assert watched.watch.next_order(-1) is None
+
+
+LOOKS: dict[str, Callable[[SessionWatch], object]] = {
+    "during a segment": lambda watch: watch.look(),
+    "between two": lambda watch: watch.next_order(LOOK_NS),
+}
+
+
+@pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
+def test_a_session_without_a_heartbeat_is_gone(watched: Watched, look: Callable[[SessionWatch], object]) -> None:
     watched.clock.ns += SILENT_NS + 1
     with pytest.raises(SafetyStopError, match="has not been heard for 1000 ms") as gone:
-        getattr(watched.watch, what)()
+        look(watched.watch)
     assert gone.value.by == "session"
 
 
-@pytest.mark.parametrize("what", ["look", "next_order"])
-def test_a_session_that_has_hung_up_is_gone(watched: Watched, what: str) -> None:
+@pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
+def test_a_session_that_has_hung_up_is_gone(watched: Watched, look: Callable[[SessionWatch], object]) -> None:
     watched.pipe.session.close()
     with pytest.raises(SafetyStopError, match="process has died"):
-        getattr(watched.watch, what)()
+        look(watched.watch)
