@@ -25,7 +25,6 @@ Span = Annotated[float | None, Parameter(help="Greatest command shown, in the co
 Target = Annotated[Literal["mujoco", "c", "fmu"], Parameter(name="--to", help="What it is written for.")]
 
 ENDINGS = {"mujoco": ".mjcf.xml", "c": ".h", "fmu": ".fmu"}
-MARKS = {True: "holds", False: "does not hold", None: "cannot be told"}
 
 
 def show(file: NetworkFile, /, *, settle: Settle = "1 s", json: Json = False) -> int:
@@ -167,10 +166,12 @@ def _equivalents(network: "Network") -> list[dict[str, Any]]:
 
 
 def _lines(data: dict[str, Any], findings: "tuple[Finding, ...]") -> Iterator[str]:
+    from bench.networks.checks import VERDICTS  # noqa: PLC0415
+
     commands = ", ".join(f"{name} [{unit or '-'}]" for name, unit in data["commands"].items())
     yield f"{data['type']} network in {data['form']} form, {data['equations']}; commands: {commands or 'none'}"
     for each in findings:
-        yield f"{each.condition}: {MARKS[each.holds]}: {each.why}"
+        yield f"{each.condition}: {VERDICTS[each.holds]}: {each.why}"
     for each in data["equivalents"]:
         yield f"{each['type']}, {each['form']}: {'exact' if each['exists'] else each['why']}"
     for name, text in data["provenance"].items():

@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from bench.cli.model_free import model_free, residual_figures
+from bench.identification.ambiguity.conditions import Judgement
 from bench.identification.ladder import Rung
 from bench.identification.results import FitResult, Validation
 from bench.models.parameters import BY_NAME, Estimate
@@ -27,6 +28,7 @@ def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
         "validation": None if found.validation is None else validation_figures(found.validation),
         "without_model": model_free(found.source_map, found.without_model),
         "residuals": residual_figures(found.residuals),
+        "conditions": [condition_figures(judged) for judged in found.conditions],
         "ladder": [rung_figures(rung) for rung in found.ladder],
         "verdict": list(fit.verdict) if fit else [],
         "converged": bool(fit and fit.converged),
@@ -44,6 +46,19 @@ def events(measured: Measured) -> list[dict[str, Any]]:
         {"time_s": float(time_s), "kind": event.kind, "text": event.text}
         for time_s, event in zip(times_s, told, strict=True)
     ]
+
+
+def condition_figures(judged: Judgement) -> dict[str, Any]:
+    """One of the three conditions; ``holds`` is null where the data cannot tell."""
+    return {
+        "condition": judged.condition,
+        "holds": judged.holds,
+        "why": judged.why,
+        "figure": judged.figure,
+        "value": judged.value,
+        "interval": list(judged.interval),
+        "unit": judged.unit,
+    }
 
 
 def rung_figures(rung: Rung) -> dict[str, Any]:
@@ -110,6 +125,7 @@ def summary(found: Conclusion, recording: Path) -> RenderableType:
     if found.fit is not None:
         parts.append(parameter_table(found.fit.estimates))
         parts += [f"· {remark}" for remark in found.fit.verdict]
+    parts += map(str, found.conditions)
     if found.validation is not None:
         parts.append(validation_sentence(found.validation))
     parts.append(file_table((("recording", recording), ("network", found.network), ("report", found.report))))

@@ -20,6 +20,8 @@ PLACES = 21
 POINTS = 401
 # An exertion below this part of the greatest in the domain is none.
 NOTHING = 1e-9
+# What is said of a condition.
+VERDICTS = {True: "holds", False: "does not hold", None: "cannot be told"}
 
 
 @dataclass(frozen=True)

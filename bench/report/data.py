@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from bench.identification.ambiguity.conditions import Judgement
 from bench.identification.ladder import Rung
 from bench.identification.model_free.without_model import WithoutModel
 from bench.identification.residuals.diagnosis import ResidualTests
@@ -28,6 +29,7 @@ class ReportData:
     blocked_map: BlockedMap | None = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
+    conditions: Sequence[Judgement] = ()
     ladder: Sequence[Rung] = ()
     live: Sequence[LiveEstimate | RecordedEstimates] = ()
     measured: Measured | None = None

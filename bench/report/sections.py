@@ -25,6 +25,26 @@ def sections(data: ReportData) -> list[Section]:
     return [section for section in made if section is not None]
 
 
+def conditions_section(data: ReportData) -> Section | None:
+    """The paper's three conditions for a network that its port tells without ambiguity."""
+    if not data.conditions:
+        return None
+    head = ("condition", "", "judged by", "value", "95 % interval", "unit")
+    rows = tuple(
+        (
+            each.condition,
+            each.verdict,
+            each.figure,
+            number(each.value, 3),
+            f"{number(each.interval[0], 3)} … {number(each.interval[1], 3)}" if each.figure else "",
+            pretty_unit(each.unit),
+        )
+        for each in data.conditions
+    )
+    sentences = tuple(map(str, data.conditions))
+    return Section("conditions", "Whether it can be told from the port", sentences, tables=(Facts(head, rows),))
+
+
 def source_section(data: ReportData) -> Section | None:
     if data.source_map is None and data.network is None:
         return None
@@ -220,6 +240,7 @@ def _stream_table(qualities: list[StreamQuality]) -> Facts:
 
 
 MAKERS: tuple[Callable[[ReportData], Section | None], ...] = (
+    conditions_section,
     source_section,
     impedance_section,
     validation_section,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from bench.errors import ExperimentError, UsageError
+from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
 from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit_signals
 from bench.identification.ladder import Rung
@@ -43,6 +44,7 @@ class Conclusion:
     blocked_map: BlockedMap | None = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
+    conditions: tuple[Judgement, ...] = ()
     ladder: tuple[Rung, ...] = ()
     network: Path | None = None
     report: Path | None = None
@@ -72,6 +74,8 @@ def conclude(
     residuals = diagnose(result, stretches)
     static = _where_measured(source_map, believed.measured)
     blocked = _where_measured(blocked_map, believed.measured)
+    evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
+    judged = conditions(evidence)
     rungs = bench_ladder(stretches, result)
     network = _saved(result, out / f"{recording.stem}.network.json", {**metadata, "recording": recording.name})
     data = ReportData(
@@ -84,13 +88,14 @@ def conclude(
         blocked_map=blocked,
         without_model=modelless,
         residuals=residuals,
+        conditions=judged,
         ladder=rungs,
         live=tuple(live),
         measured=measured,
         notes=notes,
     )
     report = write_report(out / f"{recording.stem}.report.html", data)
-    return Conclusion(result, checked, static, blocked, modelless, residuals, rungs, network, report)
+    return Conclusion(result, checked, static, blocked, modelless, residuals, judged, rungs, network, report)
 
 
 def _unseen(believed: Sound, tick_s: float) -> tuple[tuple[Signals, ...], Findings]:

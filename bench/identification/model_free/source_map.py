@@ -22,10 +22,11 @@ def source_map(measured: Measured) -> SourceMap:
     """Steady free velocity against command, from the staircases. Raises ExperimentError where there is none."""
     levels, velocities, spans_s = [], [], []
     for segment in measured.segments:
-        if segment.procedure != "free" or not segment.name.startswith("staircase"):
+        if not is_staircase(segment):
             continue
         before = _command_before(measured.ticks, segment)
-        for command, start_ns, end_ns in _dwells(measured.ticks, segment):
+        for command, begin_ns, end_ns in dwells(measured.ticks, segment):
+            start_ns = round(begin_ns + SKIPPED_SHARE * (end_ns - begin_ns))
             rows = measured.motion[_rows(measured.motion, "arrival_ns", start_ns, end_ns)]
             if len(rows) >= LEAST_READINGS:
                 levels.append((command, command >= before))
@@ -75,16 +76,20 @@ def _command_before(ticks: Table, segment: SegmentInfo) -> float:
     return float(own[0] - (changed[0] - own[0]))
 
 
-def _dwells(ticks: Table, segment: SegmentInfo) -> list[tuple[float, int, int]]:
-    """Each level with its dwell, less the beginning."""
+def is_staircase(segment: SegmentInfo) -> bool:
+    """Whether it holds level after level with no torque at the port."""
+    return segment.procedure == "free" and segment.name.startswith("staircase")
+
+
+def dwells(ticks: Table, segment: SegmentInfo) -> list[tuple[float, int, int]]:
+    """Each level of a staircase: the command, and when its dwell begins and ends [ns]."""
     own = ticks[_rows(ticks, "tick_ns", segment.start_ns, segment.end_ns)]
     edges = np.flatnonzero(np.diff(own["command"]) != 0) + 1
-    dwells = []
-    for part in np.split(own, edges):
-        if len(part) >= SHORTEST_DWELL_TICKS:
-            start_ns, end_ns = int(part["tick_ns"][0]), int(part["tick_ns"][-1])
-            dwells.append((float(part["command"][0]), round(start_ns + SKIPPED_SHARE * (end_ns - start_ns)), end_ns))
-    return dwells
+    return [
+        (float(part["command"][0]), int(part["tick_ns"][0]), int(part["tick_ns"][-1]))
+        for part in np.split(own, edges)
+        if len(part) >= SHORTEST_DWELL_TICKS
+    ]
 
 
 def _mean(values: FloatArray) -> tuple[float, float] | None:

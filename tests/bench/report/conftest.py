@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.identification.ambiguity.conditions import Judgement
 from bench.identification.friction.family import model
 from bench.identification.friction.fit import FrictionFit
 from bench.identification.ladder import Rung
@@ -228,6 +229,12 @@ def full() -> ReportData:
         ),
         without_model=without_model(replace(trace, predicted=1.01 * predicted)),
         residuals=residuals(),
+        conditions=(
+            Judgement("impedance form", None, "no torque was measured"),
+            Judgement(
+                "unique zero", True, "it vanishes at one velocity", "least fall", 1e-3, (0.9e-3, 1.1e-3), "N*m*s/rad"
+            ),
+        ),
         ladder=(
             rung("coulomb-viscous", 0.193, 0.196, 0.023),
             rung("dahl", 0.0099, 0.00995, 1.9e-4, selected=True),

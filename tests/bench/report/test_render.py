@@ -12,6 +12,7 @@ from bench.report.render import render, write_report
 
 SECTIONS = [
     "parameters",
+    "conditions",
     "source",
     "impedance",
     "validation",
@@ -100,6 +101,7 @@ def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
         "residuals": {"residuals"},
         "validation": {"validation"},
         "blocked_map": {"blocked"},
+        "conditions": {"conditions"},
         "ladder": {"friction"},
         "live": {"live"},
         "measured": {"timing", "events", "impedance", "live"},
@@ -131,6 +133,13 @@ def test_the_ladder_shows_every_model_and_the_one_selected(page_of_all: str) -> 
     assert "dahl is the simplest model" in text
     assert "coulomb-viscous 2 19.3 19.6 2.30" in text
     assert "lugre 6 0.990 0.996 0.0190 did not converge" in text
+
+
+def test_each_condition_is_told_with_its_figure(page_of_all: str) -> None:
+    text = Outline(page_of_all).text
+    assert "Impedance form: cannot be told; no torque was measured." in text
+    assert "Unique zero: holds; it vanishes at one velocity." in text
+    assert "9.00·10⁻⁴ … 0.00110" in text
 
 
 def test_text_from_outside_is_escaped(full: ReportData) -> None:
