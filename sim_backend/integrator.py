@@ -1,7 +1,8 @@
 """The simulator's own integrator: two machines, each with amplifier and Dahl friction, joined by a damped spring.
 
 The equations are those of :mod:`bench.models.dahl_motor` (paper, section IV.D), once for the actuator and once for
-the load, with τ_port = k (θ_a − θ_l) + d (ω_a − ω_l) between them and cogging on top. The scheme is of second order:
+the load, with τ_port = k (θ_a − θ_l) + d (ω_a − ω_l) between them, and cogging and gravity on top. The scheme
+is of second order:
 
 - *drift*: at constant velocity the angles move on and the Dahl torque F = σ0 φ follows its exact flow over the
   displacement, F⁺ = s τc + (F − s τc) exp(−σ0 |Δθ| / τc);
@@ -30,7 +31,8 @@ CURRENT_TARGET = 4  # A, where the amplifier is heading
 CURRENT_RATE = 5  # rad/s, how fast
 TRACKED_COUNT = 6  # counts, the drive's estimate of its position
 TRACKED_RATE = 7  # counts/s, and of its velocity
-STATE_COLUMNS = 8
+POWERED = 8  # 1 while the amplifier follows a command, else 0
+STATE_COLUMNS = 9
 
 # Columns of the machines' parameters.
 INVERSE_INERTIA = 0  # 1/(kg m²); 0 stands for a machine that nothing can accelerate
@@ -44,7 +46,9 @@ COGGING_PERIODS = 7  # per turn
 COUNTS_PER_RAD = 8  # negative for a machine mounted the other way round
 TRACKER_BANDWIDTH = 9  # rad/s
 COUNT_OFFSET = 10  # counts, 0 unless the encoder misreads
-MACHINE_COLUMNS = 11
+GRAVITY_AMPLITUDE = 11  # N m
+GRAVITY_ZERO = 12  # rad
+MACHINE_COLUMNS = 13
 
 # ODrive runs its encoder estimator once per control period.
 ENCODER_PERIOD_NS = 125_000
@@ -71,8 +75,8 @@ def advance(
         stop_ns = min(sample_ns, to_ns)
         _integrate(state, machines, stiffness, damping, substep_s, (stop_ns - now_ns) * 1e-9)
         if stop_ns == sample_ns:
-            _track(state[ACTUATOR], machines[ACTUATOR])
-            _track(state[LOAD], machines[LOAD])
+            track(state[ACTUATOR], machines[ACTUATOR])
+            track(state[LOAD], machines[LOAD])
         now_ns = stop_ns
 
 
@@ -88,44 +92,53 @@ def _integrate(
     """Equal substeps over ``duration_s``."""
     count = math.ceil(duration_s / substep_s)
     h = duration_s / count
-    _drift(state[ACTUATOR], machines[ACTUATOR], h / 2)
-    _drift(state[LOAD], machines[LOAD], h / 2)
+    drift(state[ACTUATOR], machines[ACTUATOR], machines[ACTUATOR, COULOMB], h / 2)
+    drift(state[LOAD], machines[LOAD], machines[LOAD, COULOMB], h / 2)
     for step in range(count):
-        actuator_torque = _motor_torque(state[ACTUATOR], machines[ACTUATOR], h)
-        load_torque = _motor_torque(state[LOAD], machines[LOAD], h)
+        actuator_torque = motor_torque(state[ACTUATOR], machines[ACTUATOR], mean_current(state[ACTUATOR], h))
+        load_torque = motor_torque(state[LOAD], machines[LOAD], mean_current(state[LOAD], h))
         spring = stiffness * (state[ACTUATOR, ANGLE] - state[LOAD, ANGLE])
         _kick(state, machines, damping, actuator_torque - spring, load_torque + spring, h)
         stretch = h if step < count - 1 else h / 2
-        _drift(state[ACTUATOR], machines[ACTUATOR], stretch)
-        _drift(state[LOAD], machines[LOAD], stretch)
+        drift(state[ACTUATOR], machines[ACTUATOR], machines[ACTUATOR, COULOMB], stretch)
+        drift(state[LOAD], machines[LOAD], machines[LOAD, COULOMB], stretch)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _drift(state: NDArray[np.float64], machine: NDArray[np.float64], h: float) -> None:
-    """Angle and Dahl torque over ``h`` at constant velocity, exactly."""
+def drift(state: NDArray[np.float64], machine: NDArray[np.float64], coulomb: float, h: float) -> None:
+    """Angle and Dahl torque over ``h`` at constant velocity, exactly; ``coulomb`` [N m] bounds the latter."""
     displacement = state[VELOCITY] * h
     state[ANGLE] += displacement
-    bound = math.copysign(machine[COULOMB], displacement)
-    slip = -math.expm1(-machine[STIFFNESS] * abs(displacement) / machine[COULOMB])
+    bound = math.copysign(coulomb, displacement)
+    slip = -math.expm1(-machine[STIFFNESS] * abs(displacement) / coulomb)
     state[FRICTION] += (bound - state[FRICTION]) * slip
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _motor_torque(state: NDArray[np.float64], machine: NDArray[np.float64], h: float) -> float:
-    """Mean torque over ``h`` but for damping [N m]; the current moves on along its exact lag."""
+def mean_current(state: NDArray[np.float64], h: float) -> float:
+    """The amplifier's mean current over ``h`` [A]; it moves on along its exact lag."""
     lag = state[CURRENT_RATE] * h
     settled = -math.expm1(-lag)
     missing = state[CURRENT_TARGET] - state[CURRENT]
-    mean_current = state[CURRENT_TARGET] - missing * settled / lag
+    mean = state[CURRENT_TARGET] - missing * settled / lag
     state[CURRENT] += missing * settled
-    cogging = machine[COGGING_AMPLITUDE] * math.sin(machine[COGGING_PERIODS] * state[ANGLE])
-    return float(machine[TORQUE_CONSTANT] * mean_current - cogging - state[FRICTION])
+    return float(mean)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _damping(state: NDArray[np.float64], machine: NDArray[np.float64]) -> float:
+def motor_torque(state: NDArray[np.float64], machine: NDArray[np.float64], current: float) -> float:
+    """What turns a body but for damping and what it is joined to [N m]."""
+    cogging = machine[COGGING_AMPLITUDE] * math.sin(machine[COGGING_PERIODS] * state[ANGLE])
+    torque = machine[TORQUE_CONSTANT] * current - cogging - state[FRICTION]
+    if machine[GRAVITY_AMPLITUDE] != 0.0:
+        torque -= machine[GRAVITY_AMPLITUDE] * math.sin(state[ANGLE] - machine[GRAVITY_ZERO])
+    return float(torque)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def own_damping(state: NDArray[np.float64], machine: NDArray[np.float64], coulomb: float) -> float:
     """B + σ1 (1 − s F/τc) [N m s/rad]: the friction contact damps only as far as it does not slide."""
-    sliding = math.copysign(1.0, state[VELOCITY]) * state[FRICTION] / machine[COULOMB]
+    sliding = math.copysign(1.0, state[VELOCITY]) * state[FRICTION] / coulomb
     return float(machine[VISCOUS] + machine[DAMPING] * (1.0 - sliding))
 
 
@@ -141,8 +154,8 @@ def _kick(
     """Velocities over ``h`` at constant angles: (1 + A) ω⁺ = (1 − A) ω + h W τ, with A = h/2 · W C."""
     actuator_gain = h * machines[ACTUATOR, INVERSE_INERTIA]
     load_gain = h * machines[LOAD, INVERSE_INERTIA]
-    a11 = actuator_gain / 2 * (_damping(state[ACTUATOR], machines[ACTUATOR]) + damping)
-    a22 = load_gain / 2 * (_damping(state[LOAD], machines[LOAD]) + damping)
+    a11 = actuator_gain / 2 * (own_damping(state[ACTUATOR], machines[ACTUATOR], machines[ACTUATOR, COULOMB]) + damping)
+    a22 = load_gain / 2 * (own_damping(state[LOAD], machines[LOAD], machines[LOAD, COULOMB]) + damping)
     a12 = -actuator_gain / 2 * damping
     a21 = -load_gain / 2 * damping
     actuator, load = state[ACTUATOR, VELOCITY], state[LOAD, VELOCITY]
@@ -154,7 +167,7 @@ def _kick(
 
 
 @njit(cache=True, nogil=True)
-def _track(state: NDArray[np.float64], machine: NDArray[np.float64]) -> None:
+def track(state: NDArray[np.float64], machine: NDArray[np.float64]) -> None:
     """One period of the tracking loop with which an ODrive estimates velocity (Firmware encoder.cpp, update)."""
     period_s = ENCODER_PERIOD_NS * 1e-9
     proportional = 2.0 * machine[TRACKER_BANDWIDTH]

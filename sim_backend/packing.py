@@ -7,7 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend import integrator as columns
-from sim_backend.truth import ActuatorTruth, LoadTruth, Truth
+from sim_backend.machines import Body, Drive, Gravity
+from sim_backend.plants import link as link_columns
+from sim_backend.plants.assembled import Assembled
+from sim_backend.plants.link import Link
+from sim_backend.truth import LoadTruth, MotorTruth, Truth
 
 # The longest substep; stiffer benches take shorter ones, so that the fastest rate turns less than this in each.
 LONGEST_SUBSTEP_S = 20e-6
@@ -16,12 +20,16 @@ LARGEST_TURN_RAD = 0.1
 
 @dataclass(frozen=True)
 class PackedBench:
-    """``machines`` has shape (2, MACHINE_COLUMNS); the joining spring is in N m/rad and N m s/rad."""
+    """``machines`` has shape (2, MACHINE_COLUMNS); the joining spring is in N m/rad and N m s/rad.
+
+    With a ``link`` (LINK_COLUMNS,) behind the actuator's body there is a third machine, its source.
+    """
 
     machines: NDArray[np.float64]
     stiffness: float
     damping: float
     substep_s: float
+    link: NDArray[np.float64] | None = None
 
 
 def pack(truth: Truth, shaft: str) -> PackedBench:
@@ -32,14 +40,26 @@ def pack(truth: Truth, shaft: str) -> PackedBench:
     if shaft not in ("free", "clamped"):
         raise ValueError(f'shaft = {shaft!r} should be "free" or "clamped"')
     joined = truth.load is not None or shaft == "clamped"
-    machines = np.array([_row(truth.actuator), _ground() if truth.load is None else _row(truth.load)])
+    link = truth.actuator.link if isinstance(truth.actuator, Assembled) else None
+    machines = np.array([_actuator(truth.actuator), _ground() if truth.load is None else _machine(truth.load)])
+    if link is not None:
+        machines = np.vstack([machines, _source(link)])
     stiffness = truth.torque_sensor.stiffness_nm_rad if joined else 0.0
     damping = truth.torque_sensor.damping_nm_s_rad if joined else 0.0
-    longest_s = LARGEST_TURN_RAD / _fastest_rate_rad_s(machines, stiffness, damping)
-    return PackedBench(machines, stiffness, damping, min(LONGEST_SUBSTEP_S, longest_s))
+    row = None if link is None else link.row
+    longest_s = LARGEST_TURN_RAD / _fastest_rate_rad_s(machines, stiffness, damping, row)
+    return PackedBench(machines, stiffness, damping, min(LONGEST_SUBSTEP_S, longest_s), row)
 
 
-def _row(machine: ActuatorTruth | LoadTruth) -> NDArray[np.float64]:
+def _actuator(actuator: MotorTruth | Assembled) -> NDArray[np.float64]:
+    if isinstance(actuator, MotorTruth):
+        return _machine(actuator)
+    row = _body(actuator.output)
+    _encode(row, actuator)
+    return row
+
+
+def _machine(machine: MotorTruth | LoadTruth) -> NDArray[np.float64]:
     row = np.zeros(columns.MACHINE_COLUMNS)
     motor = machine.motor
     row[columns.INVERSE_INERTIA] = 1.0 / motor.Im
@@ -51,9 +71,41 @@ def _row(machine: ActuatorTruth | LoadTruth) -> NDArray[np.float64]:
     if machine.cogging is not None:
         row[columns.COGGING_AMPLITUDE] = machine.cogging.amplitude_nm
         row[columns.COGGING_PERIODS] = machine.cogging.periods_per_turn
-    row[columns.COUNTS_PER_RAD] = machine.mounted * machine.counts_per_turn / math.tau
-    row[columns.TRACKER_BANDWIDTH] = machine.encoder_bandwidth_rad_s
+    _hang(row, machine.gravity)
+    _encode(row, machine)
     return row
+
+
+def _body(body: Body) -> NDArray[np.float64]:
+    row = _ground()
+    row[columns.INVERSE_INERTIA] = 1.0 / body.inertia_kg_m2
+    row[columns.VISCOUS] = body.viscous_damping_nm_s_rad
+    if body.coulomb_torque_nm > 0:
+        row[columns.COULOMB] = body.coulomb_torque_nm
+        row[columns.STIFFNESS] = body.presliding_stiffness_nm_rad
+        row[columns.DAMPING] = body.presliding_damping_nm_s_rad
+    _hang(row, body.gravity)
+    return row
+
+
+def _source(link: Link) -> NDArray[np.float64]:
+    if link.source is None:
+        return _ground()
+    row = _body(link.source)
+    if link.row[link_columns.DRIVE] == link_columns.TORQUE:
+        row[columns.TORQUE_CONSTANT] = link.source_torque_constant_nm_a
+    return row
+
+
+def _hang(row: NDArray[np.float64], gravity: Gravity | None) -> None:
+    if gravity is not None:
+        row[columns.GRAVITY_AMPLITUDE] = gravity.amplitude_nm
+        row[columns.GRAVITY_ZERO] = gravity.zero_rad
+
+
+def _encode(row: NDArray[np.float64], drive: Drive) -> None:
+    row[columns.COUNTS_PER_RAD] = drive.mounted * drive.counts_per_turn / math.tau
+    row[columns.TRACKER_BANDWIDTH] = drive.encoder_bandwidth_rad_s
 
 
 def _ground() -> NDArray[np.float64]:
@@ -63,14 +115,31 @@ def _ground() -> NDArray[np.float64]:
     return row
 
 
-def _fastest_rate_rad_s(machines: NDArray[np.float64], stiffness: float, damping: float) -> float:
+def _fastest_rate_rad_s(
+    machines: NDArray[np.float64], stiffness: float, damping: float, link: NDArray[np.float64] | None
+) -> float:
     """The greatest natural or damping rate the bench can show; friction that reverses is twice as stiff."""
-    pair = np.array([[1.0, -1.0], [-1.0, 1.0]])
     cogging = machines[:, columns.COGGING_AMPLITUDE] * machines[:, columns.COGGING_PERIODS]
-    own_stiffness = np.diag(2.0 * machines[:, columns.STIFFNESS] + cogging)
-    own_damping = np.diag(2.0 * machines[:, columns.DAMPING] + machines[:, columns.VISCOUS])
+    gravity = machines[:, columns.GRAVITY_AMPLITUDE]
+    springs = np.diag(2.0 * machines[:, columns.STIFFNESS] + cogging + gravity)
+    springs += _joined(len(machines), 0, 1, stiffness)
+    dampers = np.diag(2.0 * machines[:, columns.DAMPING] + machines[:, columns.VISCOUS])
+    dampers += _joined(len(machines), 0, 1, damping)
+    if link is not None:
+        springs += _joined(3, 0, 2, link[link_columns.SPRING] + link[link_columns.MOVING_SPRING])
+        dampers += _joined(3, 0, 2, link[link_columns.DAMPER])
+        springs[2, 2] += link[link_columns.SERVO_STIFFNESS]
+        dampers[2, 2] += link[link_columns.SERVO_DAMPING]
     roots = np.sqrt(machines[:, columns.INVERSE_INERTIA])
     weights = np.outer(roots, roots)
-    natural = math.sqrt(np.linalg.eigvalsh(weights * (stiffness * pair + own_stiffness))[-1])
-    damped = np.linalg.eigvalsh(weights * (damping * pair + own_damping))[-1]
+    natural = math.sqrt(np.linalg.eigvalsh(weights * springs)[-1])
+    damped = np.linalg.eigvalsh(weights * dampers)[-1]
     return max(natural, float(damped))
+
+
+def _joined(bodies: int, first: int, second: int, value: float) -> NDArray[np.float64]:
+    """What a spring or damper between two of the bodies adds, shape (bodies, bodies)."""
+    matrix = np.zeros((bodies, bodies))
+    matrix[[first, second], [first, second]] = value
+    matrix[[first, second], [second, first]] = -value
+    return matrix

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from sim_backend import chain, integrator
 from sim_backend.integrator import (
     ACTUATOR,
     ANGLE,
@@ -21,12 +22,13 @@ from sim_backend.integrator import (
     CURRENT_TARGET,
     INVERSE_INERTIA,
     LOAD,
+    POWERED,
     STATE_COLUMNS,
     TRACKED_RATE,
     VELOCITY,
-    advance,
 )
 from sim_backend.packing import pack
+from sim_backend.plants.arm import BEGAN, REACH_COLUMNS
 from sim_backend.truth import Truth
 
 Machine = Literal["actuator", "load"]
@@ -70,20 +72,26 @@ class Plant:
         self._truth = truth
         self._bench = pack(truth, shaft)
         self._substep_s = min(substep_s, self._bench.substep_s)
-        self._state = np.zeros((2, STATE_COLUMNS))
+        self._state = np.zeros((len(self._bench.machines), STATE_COLUMNS))
         self._state[:, CURRENT_RATE] = RELEASED_RATE_RAD_S
         # One stream for each signal, so that reading one leaves the others' noise as it is.
         self._noise = {name: _normal(np.random.default_rng([seed, k])) for k, name in enumerate(("sensor", *_ROWS))}
         self._machines = {machine: self._machine(machine) for machine in _ROWS}
         self._distortions: tuple[Distortion, ...] = ()  # of the torque sensor
+        self._reach = np.zeros(REACH_COLUMNS)
+        self._reach[BEGAN] = -math.inf
         self.advance(0)  # compiled here, rather than within the first tick
 
     def advance(self, to_ns: int) -> None:
         """Let time pass until ``to_ns``. Raises ValueError where that lies in the past."""
         if to_ns < self.now_ns:
             raise ValueError(f"the plant stands at {self.now_ns} ns and cannot go back to {to_ns} ns")
-        bench = self._bench
-        advance(self._state, bench.machines, bench.stiffness, bench.damping, self._substep_s, self.now_ns, to_ns)
+        bench, state, step_s, now_ns = self._bench, self._state, self._substep_s, self.now_ns
+        if bench.link is None:
+            integrator.advance(state, bench.machines, bench.stiffness, bench.damping, step_s, now_ns, to_ns)
+        else:
+            joint = (bench.stiffness, bench.damping)
+            chain.advance(state, bench.machines, joint, bench.link, self._reach, step_s, now_ns, to_ns)
         self.now_ns = to_ns
 
     def command(self, machine: Machine, value: float) -> None:
@@ -92,6 +100,7 @@ class Plant:
         driven.released = False
         driven.state[CURRENT_TARGET] = driven.amplifier_gain * value if driven.runaway_a is None else driven.runaway_a
         driven.state[CURRENT_RATE] = driven.amplifier_rate_rad_s
+        driven.state[POWERED] = 1.0
 
     def release(self, machine: Machine) -> None:
         """From now on the machine's amplifier is off: its current dies away and stays zero."""
@@ -99,6 +108,7 @@ class Plant:
         driven.released = True
         driven.state[CURRENT_TARGET] = 0.0
         driven.state[CURRENT_RATE] = RELEASED_RATE_RAD_S
+        driven.state[POWERED] = 0.0
 
     def encoder_position_rad(self, machine: Machine) -> float:
         """The encoder's count at this instant, as an angle in the machine's own sense."""
@@ -212,7 +222,8 @@ class Plant:
         machine = _Machine(state, parameters, parameters[COUNTS_PER_RAD], parameters[INVERSE_INERTIA])
         if truth is not None:
             machine.torque_constant_nm_a = truth.torque_constant_nm_a
-            machine.amplifier_gain, machine.amplifier_rate_rad_s = truth.motor.Ka, truth.motor.beta
+            machine.amplifier_gain = truth.amplifier_gain
+            machine.amplifier_rate_rad_s = truth.amplifier_bandwidth_rad_s
             machine.current_noise_a = truth.current_noise_a
         return machine
 

@@ -30,7 +30,7 @@ def _sentence(mistake: ErrorDetails, model: type[BaseModel], written: Mapping[st
             return f"{where} is not known; known here: {', '.join(keys_of(_table_at(model, mistake['loc'][:-1])))}"
         case "value_error":
             return f"{where}: {mistake['ctx']['error']}"
-        case "model_type":
+        case "model_type" | "model_attributes_type":
             return f"{where} should be a table of its own: write [{'.'.join((*tables, key))}]"
         case _:
             expected = mistake["msg"].removeprefix("Input should be ")

@@ -296,4 +296,4 @@ def _amperes_per_nm(site: Site) -> float:
     machine = site.truth.actuator if site.settings.role == "actuator" else site.truth.load
     if machine is None:
         raise ValueError("a drive without a machine")
-    return machine.motor.Ka
+    return machine.amplifier_gain

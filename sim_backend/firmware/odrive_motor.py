@@ -96,4 +96,4 @@ class Motor:
 def _amperes_per_nm(site: Site) -> float:
     """The drive's own idea of its motor: the current that it sets for each newton metre of input."""
     machine = site.truth.actuator if site.settings.role == "actuator" else site.truth.load
-    return machine.motor.Ka if machine is not None else nan
+    return machine.amplifier_gain if machine is not None else nan

@@ -57,8 +57,8 @@ class VescController:
         self._machine = cast(Machine, site.settings.role)
         truth = site.truth.actuator if self._machine == "actuator" else site.truth.load
         assert truth is not None  # a device without a machine is refused before
-        self._amplifier_gain = truth.motor.Ka
-        self._volt_s_rad = AMPLITUDE_PER_TORQUE_CURRENT * truth.motor.Km
+        self._amplifier_gain = truth.amplifier_gain
+        self._volt_s_rad = AMPLITUDE_PER_TORQUE_CURRENT * truth.torque_constant_nm_a
         self._running = False
         self._duty: float | None = None  # where the voltage is what is commanded
         self._commanded_ns = site.world.now_ns

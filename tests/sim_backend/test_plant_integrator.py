@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from sim_backend.machines import Gravity
 from sim_backend.plant import Plant
 from sim_backend.truth import Truth, read_truth
 
@@ -30,17 +31,21 @@ def equations(truth: Truth, stiffness: float, damping: float, e_actuator: float,
     """The paper's equations (IV.D) for both machines; state (θ, ω, φ, i) of the actuator, then of the load."""
     actuator, load, cogging = truth.actuator.motor, truth.load.motor, truth.actuator.cogging
 
+    def weight(machine, angle: float) -> float:
+        arm = machine.gravity
+        return 0.0 if arm is None else arm.amplitude_nm * np.sin(angle - arm.zero_rad)
+
     def rates(_time: float, x: np.ndarray) -> list[float]:
         angle, omega, phi, i, load_angle, load_omega, load_phi, load_i = x
         port = stiffness * (angle - load_angle) + damping * (omega - load_omega)
-        detent = cogging.amplitude_nm * np.sin(cogging.periods_per_turn * angle)
+        detent = cogging.amplitude_nm * np.sin(cogging.periods_per_turn * angle) + weight(truth.actuator, angle)
         return [
             omega,
             actuator.acceleration(i, omega, phi, port + detent),
             actuator.dahl_rate(omega, phi),
             actuator.current_rate(i, e_actuator),
             load_omega,
-            load.acceleration(load_i, load_omega, load_phi, -port),
+            load.acceleration(load_i, load_omega, load_phi, weight(truth.load, load_angle) - port),
             load.dahl_rate(load_omega, load_phi),
             load.current_rate(load_i, e_load),
         ]
@@ -97,6 +102,17 @@ def test_coupled_pair_converges_to_radau_with_second_order(truth, commands):
     order = np.polyfit(np.log(substeps), np.log(errors), 1)[0]
     assert 1.7 < order < 2.4, errors
     assert worst(plant_rows(truth, commands, 0.5e-6), reference) < 1e-6
+
+
+def test_arms_that_hang_on_either_side_agree_with_radau(truth, commands):
+    hung = {"gravity": Gravity(amplitude="0.2 N*m", zero="0.4 rad")}
+    heavy = truth.model_copy(
+        update={"actuator": truth.actuator.model_copy(update=hung), "load": truth.load.model_copy(update=hung)}
+    )
+    sensor = truth.torque_sensor
+    reference = radau(heavy, commands, sensor.stiffness_nm_rad, sensor.damping_nm_s_rad)
+    assert worst(plant_rows(heavy, commands, 0.5e-6), reference) < 1e-6
+    assert worst(plant_rows(truth, commands, 1.0), reference) > 0.01
 
 
 def test_substeps_of_everyday_use_are_accurate(truth, commands):

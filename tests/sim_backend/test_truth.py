@@ -92,8 +92,16 @@ def test_the_amplifier_may_be_commanded_in_volts(simulated):
         ("actuator.inertia", "0 kg*m^2", "[simulated.actuator] inertia = '0 kg*m^2' should be greater than 0"),
         ("actuator.amplifier_gain", "1 A/V", '[simulated.actuator] amplifier_gain: "1 A/V" is not in A/(N*m)'),
         ("actuator.torque_constant", None, '[simulated.actuator] torque_constant is missing; add torque_constant = "'),
-        ("actuator.model", "stepper", "[simulated.actuator] model = 'stepper' should be 'dahl_motor'"),
-        ("actuator.mass", "1 kg", "[simulated.actuator] mass is not known; known here: amplifier_bandwidth, inertia"),
+        (
+            "actuator.model",
+            "stepper",
+            "[simulated.actuator] model = 'stepper' is not known; write one of \"dahl_motor\", ",
+        ),
+        (
+            "actuator.mass",
+            "1 kg",
+            "[simulated.actuator] mass is not known; known here: amplifier_gain, amplifier_bandwidth",
+        ),
         ("actuator.cogging", {"amplitude": "1 mN*m"}, "[simulated.actuator.cogging] periods_per_turn is missing; add"),
         ("load.mounted", 2, "[simulated.load] mounted = 2 should be 1 or -1"),
         ("transport.can_delay", "-1 us", "[simulated.transport] can_delay = '-1 us' should be greater than or equal"),

@@ -1,0 +1,1 @@
+"""Actuators that are more than a motor: what drives them, what joins that to the port, and the port's own body."""
