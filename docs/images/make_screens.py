@@ -1,6 +1,7 @@
-"""The pictures of the screen in these docs, made anew: a recording is replayed, and headless Chromium draws its SVGs.
+"""The pictures of the screen in these docs, made anew: headless Chromium draws SVGs.
 
-python docs/images/make_screens.py RECORDING      # of norton-bench identify rigs/sim-odrive.toml --seed 1
+python docs/images/make_screens.py RECORDING      # of norton-bench identify rigs/sim-odrive.toml --seed 1: replays it
+python docs/images/make_screens.py                # every screen at both sizes, as the tests keep it: images/screens
 """
 
 import asyncio
@@ -10,12 +11,17 @@ import sys
 import tempfile
 from pathlib import Path
 
+from PIL import Image
+
 from bench.screen.app import BenchApp
 from bench.screen.experiment import Experiment
 from bench.screen.opening import Opening, replayed
 from bench.screen.screens.experiment import ExperimentScreen
 
 HERE = Path(__file__).parent
+SNAPSHOTS = HERE.parents[1] / "tests" / "bench" / "screen" / "snapshots"
+# Enough for text in a few colours and its soft edges.
+COLOURS = 48
 # Name: columns, rows, moment [s], keys.
 PICTURES = {
     "screen-overview": (160, 46, 73.0, "1"),
@@ -55,6 +61,15 @@ def png(svg: str, path: Path) -> None:
         command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
         command += [f"--window-size={size}", f"--screenshot={path}", source.as_uri()]
         subprocess.run(command, check=True, capture_output=True)
+    with Image.open(path) as picture:
+        small = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    small.save(path, optimize=True)
+
+
+def every_screen(folder: Path) -> None:
+    folder.mkdir(exist_ok=True)
+    for snapshot in sorted(SNAPSHOTS.glob("*.svg")):
+        png(snapshot.read_text(encoding="utf-8"), folder / f"{snapshot.stem}.png")
 
 
 def main(recording: Path) -> None:
@@ -65,4 +80,7 @@ def main(recording: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    if len(sys.argv) > 1:
+        main(Path(sys.argv[1]))
+    else:
+        every_screen(HERE / "screens")
