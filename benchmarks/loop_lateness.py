@@ -6,7 +6,8 @@ their ratios are told as the median of the windows. The loop is a session's: two
 Bota sensor on a pseudo-terminal, served by ``sim serve`` on another CPU, a controller that imposes motion, the recorder
 writing, and the screen of ``norton-bench ui`` redrawing, 25 times a second, what it replays. Where cyclictest is not
 installed, a loop around clock_nanosleep stands in for it, and is called so. Beside the share of ticks run stands the
-peer's share of its own: what both lack, the host took.
+peer's share of its own: what both lack, the system took. As a bench has its CPU for itself, as many windows follow
+with nobody beside the loop.
 
 Beside it, where it is installed (PyPI: NeuroLocoMiddleware), a public peer in the loop's place: SoftRealtimeLoop with
 nothing to do, at the same priority. Needs root, or the right to real-time priorities, and two CPUs. Run with
@@ -31,6 +32,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 from screen import on_a_terminal, recorded
@@ -97,6 +99,7 @@ class Found:
     rate_hz: int
     peer: str
     windows: list[Window] = field(default_factory=list)
+    alone: list[Window] = field(default_factory=list)
     cpu_shares: Mapping[str, float] = field(default_factory=dict)
 
     def figures(self) -> dict[str, object]:
@@ -111,18 +114,28 @@ class Found:
                 "peer_us": middle(lambda w, name=name: w.peer[name]),  # type: ignore[misc]
                 "ratio": middle(lambda w, name=name: w.ratio(name)),  # type: ignore[misc]
             }
-        timings = [window.timing for window in self.windows if window.timing is not None]
-        if timings:
+        if any(window.timing is not None for window in self.windows):
             found["peers_share_run"] = middle(lambda w: w.peer[SHARE])
-            found["share_run"] = sum(t.ticks for t in timings) / sum(t.ticks + t.skipped for t in timings)
-            found["work_p99_us"] = middle(lambda w: w.work_p99_us)
-            found["stages_p50_us"] = {
-                stage: float(np.median([dict(t.stages)[stage].median_ns for t in timings])) * 1e-3
-                for stage, _ in timings[0].stages
-            }
+            found |= ticking(self.windows)
+        if self.alone:
+            late_us = {name: float(np.median([window.loop[name] for window in self.alone])) for name in PERCENTILES}
+            found["alone"] = {"late_us": late_us, **ticking(self.alone)}
         if self.cpu_shares:
             found["cpu_shares"] = dict(self.cpu_shares)
         return found
+
+
+def ticking(windows: list[Window]) -> dict[str, object]:
+    """The share of ticks run, and what a tick works."""
+    timings = [window.timing for window in windows if window.timing is not None]
+    return {
+        "share_run": sum(t.ticks for t in timings) / sum(t.ticks + t.skipped for t in timings),
+        "work_p99_us": float(np.median([window.work_p99_us for window in windows])),
+        "stages_p50_us": {
+            stage: float(np.median([dict(t.stages)[stage].median_ns for t in timings])) * 1e-3
+            for stage, _ in timings[0].stages
+        },
+    }
 
 
 def main() -> int:
@@ -173,15 +186,14 @@ def measure(rate_hz: int, seconds: float, windows: int, cpus: tuple[int, int]) -
         recording = recorded(folder)
         stack.enter_context(served(rig, cpus[1]))
         stack.enter_context(redrawing(recording))
-        yield own_loop(rig, known, folder, peer, rate_hz, seconds, windows, cpus[0])
+        yield own_loop(rig, known, folder, peer, seconds, windows, cpus[0])
         if found := public_loop(peer, rate_hz, seconds, windows, cpus[0]):
             yield found
 
 
-def own_loop(
-    rig: Rig, known: Knowledge, folder: Path, peer: "Peer", rate_hz: int, seconds: float, windows: int, cpu: int
-) -> Found:
+def own_loop(rig: Rig, known: Knowledge, folder: Path, peer: "Peer", seconds: float, windows: int, cpu: int) -> Found:
     """Windows of imposed motion, recorded as a session's is."""
+    rate_hz = round(1e9 / rig.tick_ns)
     found = Found("norton-bench", rate_hz, peer.name)
     with (
         LoopProcess(rig) as loop,
@@ -191,16 +203,22 @@ def own_loop(
         loop.subscribe(recorder.put)
         loop.learn(learned(known))
         spent, began_s = cpu_times(loop, recorder), time.monotonic()
-        for number in range(windows):
-            segment = moving(known, seconds + 2 * SETTLED_S, number)
-            with ExitStack() as stack:
-                with loop.running():
-                    finish = stack.enter_context(peer.beside(rate_hz, seconds, cpu))
-                    measured = loop.run(segment)
-                found.windows.append(window_of(measured, finish(), rig.tick_ns))
+        for beside, into in ((peer, found.windows), (Nobody(), found.alone)):
+            for number in range(windows):
+                into.append(one_window(loop, known, number, beside, seconds, cpu))
         elapsed_s = time.monotonic() - began_s
         found.cpu_shares = {who: (after - spent[who]) / elapsed_s for who, after in cpu_times(loop, recorder).items()}
     return found
+
+
+def one_window(loop: LoopProcess, known: Knowledge, number: int, peer: "Peer", seconds: float, cpu: int) -> Window:
+    tick_ns = known.rig.tick_ns
+    segment = moving(known, seconds + 2 * SETTLED_S, number)
+    with ExitStack() as stack:
+        with loop.running():
+            finish = stack.enter_context(peer.beside(round(1e9 / tick_ns), seconds, cpu))
+            measured = loop.run(segment)
+        return window_of(measured, finish(), tick_ns)
 
 
 def window_of(measured: Measured, peer: Late, tick_ns: int) -> Window:
@@ -241,6 +259,14 @@ class Peer:
     def beside(self, rate_hz: int, seconds: float, cpu: int) -> Iterator[Callable[[], Late]]:
         """Inside, it runs on ``cpu`` for so long; what is yielded waits for its end and says how late it was."""
         raise NotImplementedError
+
+
+class Nobody(Peer):
+    """The loop has its CPU for itself."""
+
+    @contextmanager
+    def beside(self, rate_hz: int, seconds: float, cpu: int) -> Iterator[Callable[[], Late]]:
+        yield dict
 
 
 class Cyclictest(Peer):
@@ -460,6 +486,11 @@ def told(result: Mapping[str, object]) -> str:
     if "share_run" in result:
         shares = f"{100 * result['share_run']:.2f} %, of the peer's {100 * result['peers_share_run']:.2f} %"  # type: ignore[operator]
         lines.append(f"  ticks run {shares}, work p99 {result['work_p99_us']:.0f} us")
+    if "alone" in result:
+        alone: Mapping[str, Any] = result["alone"]  # type: ignore[assignment]
+        late_us = ", ".join(f"{name} {value:.1f}" for name, value in alone["late_us"].items())
+        lines.append(f"  with nobody beside it: late {late_us} us, ticks run {100 * alone['share_run']:.2f} %, ")
+        lines[-1] += f"work p99 {alone['work_p99_us']:.0f} us"
     for key in ("stages_p50_us", "cpu_shares"):
         if key in result:
             items: Mapping[str, float] = result[key]  # type: ignore[assignment]
