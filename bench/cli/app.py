@@ -29,6 +29,7 @@ COMMANDS = {
     "recover": ("bench.cli.recordings:recover", "Rescue a recording that was cut off."),
     "export": ("bench.cli.recordings:export", "Write a recording as Parquet, CSV or MATLAB tables."),
     "faults": ("bench.cli.faults:faults", "Rehearse faults on simulated rigs, and say how each of them ends."),
+    "paper": ("bench.cli.paper:paper", "Repeat the paper's claims as experiments, each beside its closed form."),
     "devices": ("bench.cli.check:devices", "List the serial ports and CAN adapters of this machine."),
 }
 GROUPS = {
