@@ -24,6 +24,7 @@ COMMANDS = {
     "run": ("bench.cli.experiment:run", "Run a session file."),
     "ui": ("bench.cli.screen:ui", "Watch and run experiments in the terminal."),
     "fit": ("bench.cli.recordings:fit", "Fit recordings again, or logs from elsewhere by a map of their columns."),
+    "sweep": ("bench.cli.sweep:sweep", "Fit one experiment at many seeds, or a fleet of recordings, in parallel."),
     "report": ("bench.cli.recordings:report", "Write the report of a recording."),
     "info": ("bench.cli.info:info", "Say what a recording holds, and how well its loop kept time."),
     "recover": ("bench.cli.recordings:recover", "Rescue a recording that was cut off."),
