@@ -24,11 +24,13 @@ COMMANDS = {
     "run": ("bench.cli.experiment:run", "Run a session file."),
     "ui": ("bench.cli.screen:ui", "Watch and run experiments in the terminal."),
     "fit": ("bench.cli.recordings:fit", "Fit recordings again, or logs from elsewhere by a map of their columns."),
+    "sweep": ("bench.cli.sweep:sweep", "Fit one experiment at many seeds, or a fleet of recordings, in parallel."),
     "report": ("bench.cli.recordings:report", "Write the report of a recording."),
     "info": ("bench.cli.info:info", "Say what a recording holds, and how well its loop kept time."),
     "recover": ("bench.cli.recordings:recover", "Rescue a recording that was cut off."),
     "export": ("bench.cli.recordings:export", "Write a recording as Parquet, CSV or MATLAB tables."),
     "faults": ("bench.cli.faults:faults", "Rehearse faults on simulated rigs, and say how each of them ends."),
+    "paper": ("bench.cli.paper:paper", "Repeat the paper's claims as experiments, each beside its closed form."),
     "devices": ("bench.cli.check:devices", "List the serial ports and CAN adapters of this machine."),
 }
 GROUPS = {

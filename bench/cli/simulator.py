@@ -9,22 +9,20 @@ from bench.cli.arguments import Json, Quiet, RigFile, Seed
 from bench.cli.interrupt import operator_stop
 from bench.cli.output import Output
 
-SIMULATORS = "norton_bench.simulators"
-
-
 Witness = Annotated[Path | None, Parameter(help="A CSV file for what is true meanwhile, a line a millisecond.")]
 
 
 def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, quiet: Quiet = False) -> None:
     """Serve the simulated devices on the rig's own bus and ports until Ctrl-C, for another process to meet."""
     from bench.rig.load import load_rig  # noqa: PLC0415
+    from bench.rig.simulators import simulator  # noqa: PLC0415
 
     rig = load_rig(rig_file, backend="simulated")
     output = Output(quiet=quiet)
     places = [bus.channel for bus in rig.wiring.buses]
     places += [device.port for device in rig.wiring.devices() if device.port is not None]
     with operator_stop() as stop_word:
-        _simulator("serve")(
+        simulator("serve")(
             rig.wiring,
             rig.simulated,
             seed=seed,
@@ -38,9 +36,9 @@ def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, q
 def truth(rig_file: RigFile, /, *, seed: Seed = None, json: Json = False) -> None:
     """Print the true values that the simulator has for the actuator, under the identifier's names."""
     from bench.rig.load import load_rig  # noqa: PLC0415
+    from bench.rig.simulators import true_parameters  # noqa: PLC0415
 
-    rig = load_rig(rig_file, backend="simulated")
-    values = _simulator("true_parameters")(rig.simulated, seed=seed, place=str(rig_file), command_unit=rig.command.unit)
+    values = true_parameters(load_rig(rig_file, backend="simulated"), seed)
     Output(json).result(
         {"parameters": {name: {"value": value, "unit": unit} for name, (value, unit) in values.items()}},
         truth_table(values),
@@ -57,9 +55,3 @@ def truth_table(values: dict[str, tuple[float, str]]) -> Any:
     for name, (value, unit) in values.items():
         table.add_row(name, f"{value:.6g}", unit)
     return table
-
-
-def _simulator(name: str) -> Any:
-    from drivers import registry  # noqa: PLC0415
-
-    return registry.load(SIMULATORS, name, asked_by="the simulator's part")

@@ -1,9 +1,7 @@
 """Many cases on several rigs: in lock step as many at a time as there are jobs, then in wall time one by one."""
 
-import multiprocessing
-import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 
 from bench.faults.case import Case, Outcome
@@ -11,6 +9,7 @@ from bench.faults.exercise import Exercise
 from bench.faults.host_loss import lose_host
 from bench.faults.rehearse import longest_watchdog_s, prepare, rehearse
 from bench.rig.rig import Rig
+from bench.session.pool import process_pool
 
 OnOutcome = Callable[[Outcome], None]
 
@@ -45,21 +44,12 @@ def run_campaign(trials: Sequence[Trial], jobs: int, seed: int | None, on_outcom
 
 
 def _in_lock_step(trials: Sequence[Trial], jobs: int, seed: int | None, on_outcome: OnOutcome) -> list[list[Outcome]]:
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_leave_interrupts_to_the_parent) as pool:
-        try:
-            ready = {index: pool.submit(prepare, trial.rig, seed) for index, trial in enumerate(trials) if trial.cases}
-            futures = [
-                [pool.submit(rehearse, ready[index].result(), case, seed) for case in trial.cases]
-                for index, trial in enumerate(trials)
-            ]
-            for done in as_completed([future for row in futures for future in row]):
-                on_outcome(done.result())
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    with process_pool(jobs) as pool:
+        ready = {index: pool.submit(prepare, trial.rig, seed) for index, trial in enumerate(trials) if trial.cases}
+        futures = [
+            [pool.submit(rehearse, ready[index].result(), case, seed) for case in trial.cases]
+            for index, trial in enumerate(trials)
+        ]
+        for done in as_completed([future for row in futures for future in row]):
+            on_outcome(done.result())
         return [[future.result() for future in row] for row in futures]
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

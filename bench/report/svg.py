@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from html import escape
+from importlib.resources import files
 from io import StringIO
 from typing import Any, cast
 
@@ -94,6 +95,17 @@ def svg(figure: Figure, name: str, caption: str) -> str:
     for colour, name_of_property in PROPERTIES.items():
         markup = markup.replace(colour, f"var({name_of_property})")
     return markup.strip()
+
+
+def standalone(markup: str) -> str:
+    """What :func:`svg` made, as the content of a file of its own, in the colours of the page."""
+    css = files("bench.report").joinpath("report.css").read_text(encoding="utf-8")
+    colours = css[: css.index("* {")]
+    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    head = f"<svg {spaces} "
+    end_of_tag = markup.index(">") + 1
+    style_sheet = f"<style>{colours}svg {{ background: var(--page); }}</style>"
+    return head + markup[len("<svg ") : end_of_tag] + style_sheet + markup[end_of_tag:] + "\n"
 
 
 def figure(height_in: float) -> Figure:

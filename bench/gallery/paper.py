@@ -1,0 +1,83 @@
+"""The whole gallery: every experiment at every seed, its claims, and their pictures."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from bench.errors import ExperimentError, UsageError
+from bench.gallery.catalogue import CATALOGUE
+from bench.gallery.claim import Experiment, Row, Shown
+from bench.report.svg import style, svg
+from bench.rig.load import load_rig
+from bench.rig.rig import Rig
+from bench.rig.simulators import true_parameters
+from bench.session.engine import record_procedures
+from bench.session.pool import process_pool
+from bench.session.schema import Session
+
+
+@dataclass(frozen=True)
+class Proof:
+    """One claim at one seed, with its picture as SVG."""
+
+    seed: int
+    name: str
+    title: str
+    section: str
+    says: str
+    rows: tuple[Row, ...]
+    picture: str
+    caption: str
+
+    @property
+    def passed(self) -> bool:
+        return all(row.passed for row in self.rows)
+
+
+def rigs_in(folder: Path) -> dict[str, Rig]:
+    """The rig of every experiment, by the experiment's name. Raises UsageError where one is not in ``folder``."""
+    found = {}
+    for name, entry in CATALOGUE.items():
+        path = folder / f"{entry.rig}.toml"
+        if not path.is_file():
+            raise UsageError(f"{path}: no such rig file; give the folder of the shipped rigs with --rigs")
+        found[name] = load_rig(path, backend="simulated")
+    return found
+
+
+def gallery(rigs: dict[str, Rig], seeds: Sequence[int], jobs: int, on_done: Callable[[str], None]) -> tuple[Proof, ...]:
+    """Every claim at every seed, in the catalogue's order; ``on_done`` hears of each experiment.
+
+    Raises as a session does, and ExperimentError where an experiment does not show what its claims need.
+    """
+    with process_pool(jobs) as pool:
+        todo = {pool.submit(prove, name, rigs[name], seed): (name, seed) for name in rigs for seed in seeds}
+        for done in as_completed(todo):
+            name, seed = todo[done]
+            passed = sum(row.passed for proof in done.result() for row in proof.rows)
+            rows = sum(len(proof.rows) for proof in done.result())
+            on_done(f"{name}, seed {seed}: {passed} of {rows} rows pass")
+        return tuple(proof for done in todo for proof in done.result())
+
+
+def prove(name: str, rig: Rig, seed: int) -> tuple[Proof, ...]:
+    """One experiment at one seed."""
+    entry = CATALOGUE[name]
+    with TemporaryDirectory(prefix="norton-bench-") as folder:
+        recorded = record_procedures(
+            replace(rig, candump=False), Session((), f"gallery {name}"), entry.procedures, out=Path(folder), seed=seed
+        )
+    true = {parameter: value for parameter, (value, _) in true_parameters(rig, seed).items()}
+    try:
+        shown = entry.claims(Experiment(rig, recorded.measured, true))
+    except ExperimentError as error:
+        raise ExperimentError(f"gallery, {name}, seed {seed}: {error}") from error
+    return tuple(_drawn(claim, seed) for claim in shown)
+
+
+def _drawn(claim: Shown, seed: int) -> Proof:
+    with style():
+        picture = svg(claim.draw(), claim.name.replace(" ", "-"), claim.caption)
+    return Proof(seed, claim.name, claim.title, claim.section, claim.says, claim.rows, picture, claim.caption)

@@ -1,0 +1,1 @@
+"""Many fits: the same experiment at many seeds, or the recordings of a whole fleet, over any executor."""
