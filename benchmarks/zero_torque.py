@@ -1,7 +1,8 @@
 """How near to zero the port torque is held in the zero-torque experiment, through the real loop on the simulated bench.
 
 The same command is run with the load undriven, under a plain torque PI, under the bench's own controller (feedback
-alone) and with preview of the free motion, at three stiffnesses of the torque sensor. The controller is tuned from
+alone), with preview of the free motion, and repeated with what each trial taught, at three stiffnesses of the torque
+sensor. The controller is tuned from
 the bench's own tare and calibration; the preview's network is the true one with every parameter off by the errors
 named. Figures are of the true port torque, which only the simulation knows. Run with
 ``python benchmarks/zero_torque.py [--json]``.
@@ -11,7 +12,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from math import isfinite, log10
 from pathlib import Path
@@ -23,6 +24,7 @@ from bench.control.calibration import LoadCalibration
 from bench.control.preview import with_preview
 from bench.identification.fit import fit_signals
 from bench.identification.signals import Port, signals
+from bench.identification.trials import TRIAL
 from bench.loop.alignment import Alignment
 from bench.loop.devices import open_devices
 from bench.loop.gate import guard_for
@@ -31,7 +33,9 @@ from bench.loop.outbox import Outbox
 from bench.models.network import NortonNetwork
 from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.carry_out import carry_out
+from bench.procedures.iterate import IterateProcedure
 from bench.procedures.knowledge import Knowledge
+from bench.procedures.options import IterateOptions
 from bench.procedures.tare import TareProcedure
 from bench.procedures.waves import hold, multisine
 from bench.records import Measured, join
@@ -103,6 +107,7 @@ class Benchmark:
     calibration: LoadCalibration
     actuator_delay_s: float
     eyes: Eyes
+    known: Knowledge
 
     def rms_nm(self, segment: Segment, controller: object) -> float:
         """RMS of the true port torque over ``segment``, from rest."""
@@ -133,10 +138,38 @@ def ready(stiffness_nm_rad: float) -> Iterator[Benchmark]:
         assert known.calibration is not None
         actuator = fit_signals(signals(join(parts), rig.tick_s, Use.CALIBRATE, Port.ACTUATOR), command_unit="N*m")
         calibration = replace(known.calibration, actuator_inertia_kgm2=actuator.network.inertia_kgm2)
-        yield Benchmark(rig, backend, loop, calibration, actuator.command_delay_s, Eyes(backend))
+        yield Benchmark(rig, backend, loop, calibration, actuator.command_delay_s, Eyes(backend), known)
     finally:
         devices.link.close()
         backend.close()
+
+
+@dataclass
+class Watched:
+    """The loop, with the eyes open during trials alone."""
+
+    bench: Benchmark
+    rms_nm: list[float] = field(default_factory=list)
+
+    def running(self) -> AbstractContextManager[None]:
+        return self.bench.loop.running()
+
+    def run(self, segment: Segment) -> Measured:
+        self.bench.eyes.squares.clear()
+        measured = self.bench.loop.run(segment)
+        if segment.name.startswith(TRIAL):
+            self.rms_nm.append(self.bench.eyes.rms_nm())
+        return measured
+
+
+def iterated(bench: Benchmark, highest_hz: float, amplitude: float) -> list[float]:
+    """RMS of the true port torque [N m], trial by trial, of a movement that is repeated; the first is undriven."""
+    bench.loop.controller = AdmittanceController(bench.calibration, bench.rig.tick_s, bench.rig.limits.load_torque_nm)
+    known, watched = replace(bench.known, command_span=(-amplitude, amplitude), iteration=None), Watched(bench)
+    step = IterateProcedure(IterateOptions(duration_s=DURATION_S, highest_hz=highest_hz))
+    while (decision := step.following(known)).procedure is not None:
+        known = carry_out(decision.procedure, decision.known, watched)
+    return watched.rms_nm
 
 
 def measure(bench: Benchmark, low_pass_hz: float, amplitude: float) -> dict[str, float]:
@@ -179,21 +212,25 @@ def main() -> None:
     for stiffness in STIFFNESSES_NM_RAD:
         with ready(stiffness) as bench:
             for name, (low_pass_hz, amplitude) in COMMANDS.items():
-                found = measure(bench, low_pass_hz, amplitude)
-                results.append({"stiffness_nm_rad": stiffness, "command": name, "rms_nm": found})
+                found, trials_nm = measure(bench, low_pass_hz, amplitude), iterated(bench, low_pass_hz, amplitude)
+                rig = {"stiffness_nm_rad": stiffness, "command": name}
+                results.append({**rig, "rms_nm": found, "iterated_rms_nm": trials_nm})
                 if not as_json:
-                    show(stiffness, name, found)
+                    show(stiffness, name, found, trials_nm)
     if as_json:
         json.dump(results, sys.stdout, indent=2)
 
 
-def show(stiffness: float, name: str, found: dict[str, float]) -> None:
-    """One line a way of driving the load."""
+def show(stiffness: float, name: str, found: dict[str, float], trials_nm: list[float]) -> None:
+    """One line a way of driving the load; what is iterated is compared with its own first trial."""
     undriven = found["undriven"]
     print(f"{stiffness:5.0f} N m/rad, command to {name}: undriven {1e3 * undriven:.1f} mN m")
     for way, rms_nm in found.items():
         if way != "undriven":
             print(f"    {way:30s} {1e3 * rms_nm:6.2f} mN m {decibels(undriven, rms_nm):6.1f} dB below")
+    first_nm, *others_nm = trials_nm
+    below = ", ".join(f"{decibels(first_nm, rms_nm):.1f}" for rms_nm in others_nm)
+    print(f"    iterated, from {1e3 * first_nm:.1f} mN m: trials 2 to {len(trials_nm)} {below} dB below")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from bench.cli.model_free import model_free, residual_figures
 from bench.identification.ambiguity.conditions import Judgement
 from bench.identification.ladder import Rung
 from bench.identification.results import FitResult, Validation
+from bench.identification.trials import TrialFigures, settled
 from bench.models.parameters import BY_NAME, Estimate
 from bench.procedures.refinement import Refinement, in_percent, widest_of, words
 from bench.records import Measured
@@ -30,6 +31,7 @@ def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
         "residuals": residual_figures(found.residuals),
         "conditions": [condition_figures(judged) for judged in found.conditions],
         "ladder": [rung_figures(rung) for rung in found.ladder],
+        "trials": trials_figures(found.trials),
         "verdict": list(fit.verdict) if fit else [],
         "converged": bool(fit and fit.converged),
         "recording": recording,
@@ -70,6 +72,29 @@ def rung_figures(rung: Rung) -> dict[str, Any]:
         "held_out_std": rung.held_out_std / rung.target_rms,
         "selected": rung.selected,
     }
+
+
+def trials_figures(trials: Sequence[TrialFigures]) -> dict[str, Any] | None:
+    """A repeated movement, trial by trial."""
+    if not trials:
+        return None
+    return {
+        "converged": settled(trials),
+        "below_first_db": trials[-1].below_db(trials[0]),
+        "torque_nm": [trial.torque_nm for trial in trials],
+        "with_noise_nm": [trial.with_noise_nm for trial in trials],
+        "noise_nm": [trial.noise_nm for trial in trials],
+    }
+
+
+def trials_sentence(trials: Sequence[TrialFigures]) -> str:
+    """The same in words."""
+    last = trials[-1]
+    end = "noise hides what is left" if settled(trials) else "not converged"
+    return (
+        f"Zero torque, {len(trials)} trials: {1e3 * last.with_noise_nm:.2f} mN·m at the port, at least "
+        f"{last.below_db(trials[0]):.0f} dB below the undriven load; {end}."
+    )
 
 
 def parameter(estimate: Estimate) -> dict[str, Any]:
@@ -128,6 +153,8 @@ def summary(found: Conclusion, recording: Path) -> RenderableType:
     parts += map(str, found.conditions)
     if found.validation is not None:
         parts.append(validation_sentence(found.validation))
+    if found.trials:
+        parts.append(trials_sentence(found.trials))
     parts.append(file_table((("recording", recording), ("network", found.network), ("report", found.report))))
     return Group(*parts)
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 from math import isfinite
 
 from bench.errors import ExperimentError
+from bench.models.network import NortonNetwork
 
 _POSITIVE = (
     "amplifier_bandwidth_rad_s",
@@ -54,6 +55,20 @@ class LoadCalibration:
                 f"load calibration: torque_gain is {self.torque_gain:g}; turn [load] direction in the rig file round, "
                 "or check the load's wiring"
             )
+
+    @property
+    def network(self) -> NortonNetwork:
+        """The load drive as a network of its own: its command is in N m, its port the torque sensor's other side."""
+        return NortonNetwork(
+            torque_gain=self.torque_gain,
+            amplifier_bandwidth_rad_s=self.amplifier_bandwidth_rad_s,
+            inertia_kgm2=self.inertia_kgm2,
+            viscous_damping_nms_rad=self.viscous_damping_nms_rad,
+            coulomb_torque_nm=self.coulomb_torque_nm,
+            presliding_stiffness_nm_rad=self.presliding_stiffness_nm_rad,
+            presliding_damping_nms_rad=self.presliding_damping_nms_rad,
+            command_unit="N*m",
+        )
 
     @property
     def torque_delay_s(self) -> float:

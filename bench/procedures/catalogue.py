@@ -9,6 +9,7 @@ from bench.procedures.blocked import BlockedProcedure
 from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.free import FreeProcedure
 from bench.procedures.imposed import ImposedProcedure
+from bench.procedures.iterate import IterateProcedure
 from bench.procedures.knowledge import Adaptive, Procedure
 from bench.procedures.refine import RefineProcedure
 from bench.procedures.rest import RestProcedure
@@ -34,6 +35,7 @@ CATALOGUE: Mapping[str, Entry] = {
     "imposed": Entry(ImposedProcedure, after=("calibrate",)),
     # Chosen from a first fit, which needs something to fit.
     "refine": Entry(RefineProcedure, after=("calibrate", "imposed")),
+    "iterate_zero_torque": Entry(IterateProcedure, after=("calibrate", "free")),
     "rest": Entry(RestProcedure),
     # Commands that nobody has tried free may drive the shaft beyond its limit.
     "validate": Entry(ValidateProcedure, after=("calibrate", "free"), after_alone=("free",)),

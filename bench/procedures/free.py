@@ -84,10 +84,12 @@ class FreeProcedure:
         return [("rising", levels), ("falling", levels[::-1])]
 
 
-def command_multisine(known: Knowledge, span: tuple[float, float], duration_s: float, seed: int) -> FloatArray:
-    """A multisine that fills ``span`` from a fifth of a hertz to a fifth of the loop's rate."""
+def command_multisine(
+    known: Knowledge, span: tuple[float, float], duration_s: float, seed: int, highest_hz: float | None = None
+) -> FloatArray:
+    """A multisine that fills ``span`` from a fifth of a hertz to ``highest_hz``, or a fifth of the loop's rate."""
     low, high = span
-    highest_hz = 0.2 / known.tick_s
+    highest_hz = 0.2 / known.tick_s if highest_hz is None else highest_hz
     wave = multisine(duration_s, known.tick_s, low_hz=0.2, high_hz=highest_hz, seed=seed, slope=-0.25)
     return 0.5 * (high + low) * np.abs(wave) + MULTISINE_SHARE * 0.5 * (high - low) * wave
 

@@ -7,6 +7,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 from bench.control.calibration import LoadCalibration
 from bench.errors import RigError
 from bench.identification.results import FitResult
+from bench.procedures.iteration import Iteration
 from bench.procedures.refinement import Refinement
 from bench.records import Measured
 from bench.rig.rig import Rig
@@ -30,7 +31,8 @@ class Knowledge:
 
     ``actuator`` is its first fit, from being shaken in the calibration: good enough to tune by, not a result.
     ``command_span`` holds the commands, negative and positive, at which the free actuator reached the velocity asked.
-    ``records`` holds what every procedure so far has measured. ``refinement`` tells how far the last one came.
+    ``records`` holds what every procedure so far has measured. ``refinement`` and ``iteration`` tell how far the last
+    one came.
     """
 
     rig: Rig
@@ -40,6 +42,7 @@ class Knowledge:
     command_span: tuple[float, float] | None = None
     records: tuple[Measured, ...] = ()
     refinement: Refinement | None = None
+    iteration: Iteration | None = None
 
     @property
     def tick_s(self) -> float:
@@ -115,3 +118,13 @@ def require_load(rig: Rig, name: str, why: str) -> None:
             f"{rig.place}: step '{name}' needs a torque sensor at the port; "
             "add a [torque_sensor] section or leave the step out"
         )
+
+
+def why_no_basis(result: FitResult, what: str) -> str | None:
+    """Why nothing can be planned from this fit of ``what``, if nothing can."""
+    if not result.converged:
+        return f"the fit of {what} did not converge"
+    network = result.network
+    if min(network.inertia_kgm2, network.coulomb_torque_nm, network.presliding_stiffness_nm_rad) <= 0.0:
+        return f"the fit of {what} has an inertia or a friction below zero"
+    return None

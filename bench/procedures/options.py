@@ -62,6 +62,16 @@ class RefineOptions:
 
 
 @dataclass(frozen=True)
+class IterateOptions:
+    """One movement again and again: a multisine command up to ``highest_hz`` that fills the span found free."""
+
+    trials: int = 10  # at most
+    duration_s: float = 8.0
+    highest_hz: float = 3.0
+    seed: int = 5
+
+
+@dataclass(frozen=True)
 class RestOptions:
     """Nothing commanded, everything watched."""
 
@@ -75,6 +85,7 @@ Options = (
     | BlockedOptions
     | ImposedOptions
     | RefineOptions
+    | IterateOptions
     | RestOptions
     | ValidateOptions
 )

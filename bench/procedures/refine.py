@@ -22,9 +22,8 @@ from bench.identification.quantisation import resolution_rad
 from bench.identification.results import FitResult
 from bench.identification.signals import signals
 from bench.identification.soundness.recording import sound
-from bench.models.network import NortonNetwork
 from bench.procedures.excitations import Bounds, Candidate, candidates
-from bench.procedures.knowledge import Decision, Knowledge, Plan, require_load
+from bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, why_no_basis
 from bench.procedures.makers import imposed
 from bench.procedures.options import RefineOptions
 from bench.procedures.refinement import IMPROVABLE, Interval, Refinement, in_percent, intervals_of, why_wide, words
@@ -41,6 +40,7 @@ SHORTEST_ROUND_S = 6.0
 LONGEST_ROUND_S = 40.0
 # Aimed a little below the target, which what is foreseen only meets on average.
 AIM = 0.85
+ALL = "all that was recorded"
 # What happened this long before a segment, friction still remembers.
 MEMORY_NS = 500_000_000
 
@@ -87,10 +87,10 @@ class RefineProcedure:
         log = before if before is not None and not before.finished else Refinement(self.options.until)
         record = join(known.records)
         result = fit(record, command_unit=known.rig.command.unit, tick_s=known.tick_s)
-        fault = _unusable(result)
+        fault = why_no_basis(result, ALL)
         # The actuator's first fit, from its calibration, will do to choose by until there is a better one.
         basis = result if fault is None else known.actuator
-        if basis is None or _unusable(basis) is not None:
+        if basis is None or why_no_basis(basis, ALL) is not None:
             return _done(known, log.ended(reached=False, reasons=(fault,) if fault else ()))
         view = _View.of(basis, record, known)
         log = replace(log.judged(view.intervals), delivered={**log.delivered, **view.delivered(record, log.rounds)})
@@ -201,16 +201,6 @@ def travel_left_rad(record: Measured, rig: Rig) -> float:
     position_rad = record.ticks["position_rad"]
     stood_rad = position_rad[np.isfinite(position_rad)]
     return rig.limits.position_rad - abs(float(stood_rad[-1] - stood_rad[0]))
-
-
-def _unusable(result: FitResult) -> str | None:
-    """Why nothing can be planned from this fit, if nothing can."""
-    if not result.converged:
-        return "the fit of all that was recorded did not converge"
-    network: NortonNetwork = result.network
-    if min(network.inertia_kgm2, network.coulomb_torque_nm, network.presliding_stiffness_nm_rad) <= 0.0:
-        return "the fit of all that was recorded has an inertia or a friction below zero"
-    return None
 
 
 def _without_number(result: FitResult) -> list[str]:

@@ -8,6 +8,7 @@ from bench.identification.ladder import Rung
 from bench.identification.model_free.without_model import WithoutModel
 from bench.identification.residuals.diagnosis import ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
+from bench.identification.trials import TrialFigures
 from bench.models.network import NortonNetwork
 from bench.recording.contents import RecordedEstimates
 from bench.records import Measured
@@ -31,6 +32,7 @@ class ReportData:
     residuals: ResidualTests | None = None
     conditions: Sequence[Judgement] = ()
     ladder: Sequence[Rung] = ()
+    trials: Sequence[TrialFigures] = ()
     live: Sequence[LiveEstimate | RecordedEstimates] = ()
     measured: Measured | None = None
     notes: Sequence[str] = ()

@@ -17,8 +17,10 @@ from bench.identification.residuals.diagnosis import ResidualTests, diagnose
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.identification.signals import Signals, signals
 from bench.identification.soundness.recording import Findings, Sound, sound
+from bench.identification.trials import TrialFigures, trials
 from bench.identification.validation import validate_signals
 from bench.models.parameters import Status
+from bench.procedures.iterate import IterateProcedure
 from bench.recording.contents import RecordedEstimates, Recording
 from bench.recording.reader import read_recording
 from bench.records import Measured
@@ -29,6 +31,7 @@ from bench.session.past import with_past
 Part = TypeVar("Part")
 Result = TypeVar("Result")
 
+ITERATED = IterateProcedure.name
 # What a recording must say of its making to be fitted.
 NEEDED = ("rig", "command_unit", "tick_s")
 NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
@@ -46,6 +49,7 @@ class Conclusion:
     residuals: ResidualTests | None = None
     conditions: tuple[Judgement, ...] = ()
     ladder: tuple[Rung, ...] = ()
+    trials: tuple[TrialFigures, ...] = ()
     network: Path | None = None
     report: Path | None = None
 
@@ -77,6 +81,7 @@ def conclude(
     evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
     judged = conditions(evidence)
     rungs = bench_ladder(stretches, result)
+    repeated = trials(measured, tick_s, ITERATED)
     network = _saved(result, out / f"{recording.stem}.network.json", {**metadata, "recording": recording.name})
     data = ReportData(
         rig_name=metadata["rig"],
@@ -90,12 +95,13 @@ def conclude(
         residuals=residuals,
         conditions=judged,
         ladder=rungs,
+        trials=repeated,
         live=tuple(live),
         measured=measured,
         notes=notes,
     )
     report = write_report(out / f"{recording.stem}.report.html", data)
-    return Conclusion(result, checked, static, blocked, modelless, residuals, judged, rungs, network, report)
+    return Conclusion(result, checked, static, blocked, modelless, residuals, judged, rungs, repeated, network, report)
 
 
 def _unseen(believed: Sound, tick_s: float) -> tuple[tuple[Signals, ...], Findings]:

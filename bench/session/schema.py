@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 # Every procedure that measures something to fit or to go by, and is not decided as it goes.
-STANDARD = tuple(name for name in STEPS if name not in ("refine", "rest"))
+STANDARD = tuple(name for name in STEPS if name not in ("refine", "iterate_zero_torque", "rest"))
 # Around a refinement, which does the rest: just enough for a first fit, and for commands to validate with.
 SHORT_FREE = FreeOptions(levels=5, dwell_s=0.3, duration_s=4.0)
 SHORT_IMPOSED = ImposedOptions(commands=1, duration_s=4.0)

@@ -10,6 +10,7 @@ from bench.procedures.options import (
     CalibrateOptions,
     FreeOptions,
     ImposedOptions,
+    IterateOptions,
     Options,
     RefineOptions,
     RestOptions,
@@ -41,6 +42,7 @@ def _quantity_text(written: object) -> str:
 
 
 Seconds = Annotated[float, quantity_in("s")]
+Hertz = Annotated[float, quantity_in("Hz")]
 Fraction = Annotated[float, quantity_in("")]
 ParameterName = Annotated[str, AfterValidator(parameter_name)]
 StatusName = Annotated[str, AfterValidator(status_name)]
@@ -88,6 +90,13 @@ class _Refine(StepModel):
     at_most_s: Seconds = Field(RefineOptions.at_most_s, alias="at_most", gt=0, examples=["5 min"])
 
 
+class _Iterate(StepModel):
+    trials: int = Field(IterateOptions.trials, ge=4, le=100, examples=[10])
+    duration_s: Seconds = Field(IterateOptions.duration_s, alias="duration", ge=2, examples=["8 s"])
+    highest_hz: Hertz = Field(IterateOptions.highest_hz, alias="highest", gt=0.2, le=20, examples=["3 Hz"])
+    seed: int = Field(IterateOptions.seed, ge=0, examples=[5])
+
+
 class _Validate(StepModel):
     duration_s: Seconds = Field(ValidateOptions.duration_s, alias="duration", ge=1, examples=["8 s"])
     seed: int = Field(ValidateOptions.seed, ge=0, examples=[7])
@@ -112,6 +121,7 @@ STEPS: Mapping[str, tuple[type[StepModel], type[Options]]] = {
     "blocked": (_Blocked, BlockedOptions),
     "imposed": (_Imposed, ImposedOptions),
     "refine": (_Refine, RefineOptions),
+    "iterate_zero_torque": (_Iterate, IterateOptions),
     "rest": (_Rest, RestOptions),
     "validate": (_Validate, ValidateOptions),
 }

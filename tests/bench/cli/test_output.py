@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from rich.console import Console, RenderableType
 
 from bench.cli.output import Output, to_json
-from bench.cli.results import identification, parameter_table, summary, with_digits
+from bench.cli.results import identification, parameter_table, summary, trials_sentence, with_digits
 from bench.identification.results import FitResult, Trace, Validation
+from bench.identification.trials import TrialFigures
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
 from bench.session.conclusion import Conclusion
@@ -72,6 +73,19 @@ def test_json_of_a_session_that_told_nothing() -> None:
     data = json.loads(to_json(identification(Conclusion(), FILES[0])))
     assert data["parameters"] == {}
     assert data["validation"] is data["network"] is data["report"] is None
+
+
+def test_a_repeated_movement_has_its_figures_and_a_sentence() -> None:
+    trials = tuple(TrialFigures(n, torque, 2.9e-4, 1.5e-4) for n, torque in enumerate((1e-2, 3e-4, 3e-4, 3e-4), 1))
+    found = identification(Conclusion(trials=trials), Path("r.mcap"))["trials"]
+    assert found["converged"]
+    assert found["below_first_db"] == pytest.approx(36.5, abs=0.1)
+    assert found["with_noise_nm"] == [1e-2, 3e-4, 3e-4, 3e-4]
+    assert found["torque_nm"][0] == pytest.approx(1e-2, rel=1e-3)
+    said = trials_sentence(trials)
+    assert "0.30 mN·m at the port, at least 36 dB below the undriven load" in said
+    assert said.endswith("noise hides what is left.")
+    assert trials_sentence(trials[:2]).endswith("not converged.")
 
 
 def test_the_summary_names_parameters_verdict_and_files(fit: FitResult) -> None:

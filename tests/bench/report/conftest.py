@@ -17,6 +17,7 @@ from bench.identification.residuals.diagnosis import ResidualTests
 from bench.identification.residuals.position_lines import Harmonic
 from bench.identification.residuals.whiteness import Memory
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
+from bench.identification.trials import TrialFigures
 from bench.models.network import NortonNetwork
 from bench.models.parameters import PARAMETERS, Estimate, Status
 from bench.records import MOTION, TICK, TORQUE, Event, Measured, SegmentInfo
@@ -27,6 +28,7 @@ TICK_S = 1e-3
 START_NS = 5_000_000_000
 GAIN, DAMPING, COULOMB, STIFFNESS, INERTIA = 0.9, 1e-3, 0.02, 10.0, 5e-5
 VALUES = (GAIN, 600.0, INERTIA, DAMPING, COULOMB, STIFFNESS, 0.01)
+TRIALS = tuple(TrialFigures(n, torque, 2.9e-4, 1.5e-4) for n, torque in enumerate((1e-2, 4e-4, 3e-4, 3e-4, 3e-4), 1))
 NETWORK = NortonNetwork(*VALUES, command_unit="N*m")
 
 
@@ -240,6 +242,7 @@ def full() -> ReportData:
             rung("dahl", 0.0099, 0.00995, 1.9e-4, selected=True),
             rung("lugre", 0.0099, 0.00996, 1.9e-4, converged=False),
         ),
+        trials=TRIALS,
         live=live,
         measured=measured_from(velocity, command, torque, names),
         notes=("The staircase was cut short.",),

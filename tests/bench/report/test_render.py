@@ -21,6 +21,7 @@ SECTIONS = [
     "residuals",
     "friction",
     "blocked",
+    "trials",
     "live",
     "timing",
     "events",
@@ -70,7 +71,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_everything_known_shows_every_section(page_of_all: str) -> None:
     page = Outline(page_of_all)
     assert page.sections == SECTIONS
-    assert page.pictures == 11
+    assert page.pictures == 12
 
 
 def test_the_same_data_give_the_same_bytes(full: ReportData, page_of_all: str, tmp_path) -> None:
@@ -103,6 +104,7 @@ def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
         "blocked_map": {"blocked"},
         "conditions": {"conditions"},
         "ladder": {"friction"},
+        "trials": {"trials"},
         "live": {"live"},
         "measured": {"timing", "events", "impedance", "live"},
     }
@@ -140,6 +142,11 @@ def test_each_condition_is_told_with_its_figure(page_of_all: str) -> None:
     assert "Impedance form: cannot be told; no torque was measured." in text
     assert "Unique zero: holds; it vanishes at one velocity." in text
     assert "9.00·10⁻⁴ … 0.00110" in text
+
+
+def test_a_repeated_movement_is_shown_trial_by_trial(page_of_all: str) -> None:
+    assert "The movement was repeated 5 times and converged: noise hides what is left." in page_of_all
+    assert "The last trial lies at least 36.5 dB below the first." in page_of_all
 
 
 def test_text_from_outside_is_escaped(full: ReportData) -> None:

@@ -1,0 +1,39 @@
+"""How far a repeated movement has come: its trials, what they taught, and whether they converge."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from bench.identification.trials import TrialFigures, diverge, settled
+from bench.procedures.learning import Lesson
+from bench.segments import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """The state of one iteration over a movement.
+
+    ``command`` (ticks,) is the actuator's, the same in every trial; ``start_rad`` is where the load stands when one
+    begins. ``reasons`` say, once ``finished``, why it was not ``converged``.
+    """
+
+    command: FloatArray
+    start_rad: float
+    trials: tuple[TrialFigures, ...] = ()
+    lessons: tuple[Lesson, ...] = ()
+    finished: bool = False
+    converged: bool = False
+    reasons: tuple[str, ...] = ()
+
+    def after(self, trial: TrialFigures, lesson: Lesson) -> "Iteration":
+        return replace(self, trials=(*self.trials, trial), lessons=(*self.lessons, lesson))
+
+    @property
+    def settled(self) -> bool:
+        return settled(self.trials)
+
+    @property
+    def diverges(self) -> bool:
+        return diverge(self.trials)
+
+    def ended(self, *, converged: bool, reasons: Iterable[str] = ()) -> "Iteration":
+        return replace(self, finished=True, converged=converged, reasons=tuple(reasons))
