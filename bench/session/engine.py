@@ -2,7 +2,7 @@
 
 import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -212,12 +212,12 @@ def _recorded(
         stack.callback(backend.close)
         rehearsal = rehearsed(session, backend)
         stack.enter_context(_settled_memory())
-        if own_backend and not backend.lock_step:
-            loop: BenchLoop = stack.enter_context(LoopProcess(rig, operator.stop, seed=terms.seed))
-        else:
-            loop = stack.enter_context(loop_in_process(rig, backend, operator.stop.heard))
-        for note in loop.notes:
-            progress.note(note)
+        opened: AbstractContextManager[BenchLoop] = (
+            loop_in_process(rig, backend, operator.stop.heard)
+            if backend.lock_step or not own_backend
+            else LoopProcess(rig, operator.stop, seed=terms.seed)
+        )
+        loop = stack.enter_context(opened)
         metadata = {**provenance(rig, session, terms.seed, loop.identify()), "loop": loop.place, RESUMES: past.place}
         planned_s = sum(step.duration_s for step in experiment.plan)
         recorder = stack.enter_context(_recorder(rig, terms.out, metadata, planned_s, lock_step=backend.lock_step))
@@ -230,14 +230,21 @@ def _recorded(
         if known is not None:
             run.learn(known)
         stack.callback(_put_away, loop, rehearsal)
-        if rig.supervision.verify_watchdogs:
-            for finding in loop.verify_watchdogs():
-                progress.note(str(finding))
+        _say_how_it_stands(loop, rig, progress)
         _perform(run, experiment)
     if recorder.dropped_parts:
         progress.note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them")
     found = read_recording(recorder.path, raw_frames=False)
     return Recorded(recorder.path, found.metadata, so_far.known, behind(past.records, found.measured), found.live)
+
+
+def _say_how_it_stands(loop: BenchLoop, rig: Rig, progress: Progress) -> None:
+    """Before anything moves: what the system denied the loop, and that the drives' watchdogs act."""
+    for note in loop.notes:
+        progress.note(note)
+    if rig.supervision.verify_watchdogs:
+        for finding in loop.verify_watchdogs():
+            progress.note(str(finding))
 
 
 def _recorder(rig: Rig, out: Path, metadata: Mapping[str, str], planned_s: float, *, lock_step: bool) -> Recorder:
