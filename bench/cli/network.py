@@ -22,9 +22,12 @@ Out = Annotated[Path | None, Parameter(name="--out", help="The file to write, in
 Settle = Annotated[str, Parameter(help="How long a network with states is given to come to rest.")]
 Span = Annotated[float | None, Parameter(help="Greatest command shown, in the command's unit.")]
 
-Target = Annotated[Literal["mujoco", "c", "fmu"], Parameter(name="--to", help="What it is written for.")]
+Target = Annotated[Literal["mujoco", "c", "fmu", "rig"], Parameter(name="--to", help="What it is written for.")]
+IntoRig = Annotated[
+    Path | None, Parameter(name="--rig", help="With --to rig: the simulated rig to put it into, if not its own.")
+]
 
-ENDINGS = {"mujoco": ".mjcf.xml", "c": ".h", "fmu": ".fmu"}
+ENDINGS = {"mujoco": ".mjcf.xml", "c": ".h", "fmu": ".fmu", "rig": "-network.toml"}
 
 
 def show(file: NetworkFile, /, *, settle: Settle = "1 s", json: Json = False) -> int:
@@ -87,20 +90,43 @@ def plot(
     return ExitCode.OK
 
 
-def export(file: NetworkFile, /, *, to: Target, out: Out = None, json: Json = False) -> int:
-    """Write the network as a MuJoCo model, a self-contained C header, or an FMU for co-simulation (FMI 3.0)."""
+def export(file: NetworkFile, /, *, to: Target, rig_file: IntoRig = None, out: Out = None, json: Json = False) -> int:
+    """Write the network as a MuJoCo model, a self-contained C header, an FMU for co-simulation (FMI 3.0), or a rig file
+    whose simulated actuator it is."""
     from bench.networks.files import load  # noqa: PLC0415
 
     output = Output(json)
     path = out or file.with_name(f"{_stem(file)}{ENDINGS[to]}")
+    if rig_file is not None and to != "rig":
+        raise UsageError(f"--rig is for --to rig; leave it out with --to {to}")
     try:
-        left_out = _exported(load(file), to, path)
+        network = load(file)
+        left_out = _into_rig(network, rig_file, file, path) if to == "rig" else _exported(network, to, path)
     except OSError as error:
         raise UsageError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
     for sentence in left_out:
         output.say(sentence)
     output.result({"file": path, "to": to, "left_out": left_out}, str(path))
     return ExitCode.OK
+
+
+def _into_rig(network: "Network", rig_file: Path | None, file: Path, path: Path) -> list[str]:
+    """The same for a rig file; the rig is the network's own where none is named."""
+    from bench.models.network import NortonNetwork  # noqa: PLC0415
+    from bench.rig.load import load_rig, parse_rig  # noqa: PLC0415
+    from bench.rig.with_network import rig_with_network  # noqa: PLC0415
+
+    if not isinstance(network, NortonNetwork):
+        raise UsageError(f"{file}: is no identified motor, and the simulated plants know no other network yet")
+    if "scale" in network.provenance:
+        raise UsageError(f"{file}: knows only ratios of its parameters, so no machine follows; measure torque, too")
+    known = network.provenance.get("rig_file")
+    if rig_file is None and known is None:
+        raise UsageError(f"{file}: does not say which rig it is from; name a simulated one with --rig")
+    text, left_out = rig_with_network(load_rig(rig_file or Path(str(known)), backend="simulated"), network, path.stem)
+    parse_rig(text, place=str(path), backend="simulated")
+    path.write_text(text, encoding="utf-8")
+    return list(left_out)
 
 
 def _exported(network: "Network", to: str, path: Path) -> list[str]:

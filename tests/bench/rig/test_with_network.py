@@ -1,0 +1,135 @@
+"""A network put back into the simulated bench: the same response, the same parameters when it is identified again."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.cli import app
+from bench.errors import UsageError
+from bench.identification.fit import PHYSICAL
+from bench.models.network import NortonNetwork
+from bench.models.parameters import Status
+from bench.procedures.calibrate import CalibrateProcedure
+from bench.procedures.imposed import ImposedProcedure
+from bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
+from bench.procedures.tare import TareProcedure
+from bench.procedures.waves import multisine
+from bench.rig.load import load_rig, parse_rig
+from bench.rig.with_network import rig_with_network
+from bench.session.engine import run_script
+from sim_backend.plant import Plant
+from sim_backend.truth import read_truth
+
+RIGS = Path(__file__).parents[3] / "rigs"
+NETWORK = NortonNetwork(
+    torque_gain=0.81,
+    amplifier_bandwidth_rad_s=480.0,
+    inertia_kgm2=6.2e-5,
+    viscous_damping_nms_rad=1.3e-3,
+    coulomb_torque_nm=0.017,
+    presliding_stiffness_nm_rad=8.1,
+    presliding_damping_nms_rad=0.008,
+    command_unit="N*m",
+    torque_constant=0.045,
+    amplifier_gain=18.0,
+)
+
+
+def written(name="sim-odrive", network=NETWORK):
+    return rig_with_network(load_rig(RIGS / f"{name}.toml"), network, "found")
+
+
+def test_the_simulated_plant_moves_as_the_network_does():
+    text, _ = written("sim-free-shaft")
+    rig = parse_rig(text, place="found.toml", backend="simulated")
+    plant = Plant(read_truth(rig.simulated, seed=1, place="found.toml"), seed=1)
+    command = 0.08 * multisine(4.0, 1e-3, low_hz=0.3, high_hz=40.0, seed=5, slope=-0.3)
+    position = np.empty(command.size)
+    for tick, value in enumerate(command):
+        plant.advance(tick * 1_000_000)
+        position[tick] = plant.true_position_rad("actuator")
+        plant.command("actuator", float(value))
+    expected = NETWORK.free_motion(command, 1e-3)[0]
+    assert np.sqrt(np.mean((position - expected) ** 2)) < 1e-3 * np.sqrt(np.mean(expected**2))
+
+
+def test_what_is_not_the_network_s_stays_as_it_was():
+    text, left_out = written()
+    before, rig = load_rig(RIGS / "sim-odrive.toml"), parse_rig(text, place="found.toml")
+    assert rig.name == "found"
+    assert (rig.wiring.load, rig.limits) == (before.wiring.load, before.limits)
+    actuator = rig.simulated["actuator"]
+    assert actuator["counts_per_turn"] == before.simulated["actuator"]["counts_per_turn"]
+    assert "cogging" not in actuator
+    assert any("cogging" in sentence for sentence in left_out)
+    assert {key: rig.simulated[key] for key in ("load", "torque_sensor", "transport")} == {
+        key: before.simulated[key] for key in ("load", "torque_sensor", "transport")
+    }
+
+
+def test_where_only_the_product_is_known_the_rig_s_torque_constant_stands():
+    text, left_out = written(network=replace(NETWORK, torque_constant=None, amplifier_gain=None))
+    actuator = parse_rig(text, place="found.toml").simulated["actuator"]
+    assert actuator["torque_constant"] == "0.05 N*m/A"
+    assert actuator["amplifier_gain"] == "16.2 A/(N*m)"
+    assert any("only Km·Ka" in sentence for sentence in left_out)
+
+
+def session(_so_far):
+    yield TareProcedure(TareOptions(duration_s=0.5))
+    yield CalibrateProcedure(CalibrateOptions(duration_s=4.0))
+    yield ImposedProcedure(ImposedOptions(amplitude=0.3, commands=1, duration_s=5.0))
+
+
+def test_identified_exported_and_identified_again_it_is_the_same(tmp_path, capsys):
+    first = run_script(load_rig(RIGS / "sim-odrive.toml"), session, out=tmp_path, seed=11).conclusion
+    path = tmp_path / "again.toml"
+    arguments = ["network", "export", str(first.network), "--to", "rig", "--rig", str(RIGS / "sim-odrive.toml")]
+    assert app.main([*arguments, "--out", str(path)]) == 0
+    assert str(path) in capsys.readouterr().out
+    again = run_script(load_rig(path), session, out=tmp_path, seed=12).conclusion
+    for name in PHYSICAL:
+        known, found = first.fit.estimate(name), again.fit.estimate(name)
+        assert found.status is Status.VALID
+        # Seven parameters at once: 99 % of such trips stay within three deviations.
+        assert abs(found.value - known.value) < 3 * found.std, name
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"command_unit": "A"}, "its command is in N\\*m, the network's in A"),
+        ({"torque_gain": -0.9}, "turn the actuator"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(change, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        written(network=replace(NETWORK, **change))
+
+
+def test_a_rig_without_a_simulated_actuator_takes_none(tmp_path):
+    rig = load_rig(RIGS / "sim-odrive.toml")
+    bare = replace(rig, text=rig.text[: rig.text.index("[simulated]")], place="bare.toml")
+    with pytest.raises(UsageError, match=r"bare.toml: has no table \[simulated.actuator\]"):
+        rig_with_network(bare, NETWORK, "found")
+
+
+@pytest.mark.parametrize(
+    ("network", "arguments", "sentence"),
+    [
+        (NETWORK, [], "does not say which rig it is from"),
+        (NETWORK.with_provenance({"scale": "ratios"}), [], "knows only ratios"),
+    ],
+)
+def test_the_command_says_what_it_lacks(network, arguments, sentence, tmp_path, capsys):
+    network.save(tmp_path / "n.json")
+    assert app.main(["network", "export", str(tmp_path / "n.json"), "--to", "rig", *arguments]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_rig_is_named_for_a_rig_alone(tmp_path, capsys):
+    NETWORK.save(tmp_path / "n.json")
+    assert app.main(["network", "export", str(tmp_path / "n.json"), "--to", "c", "--rig", "x.toml"]) == 2
+    assert "--rig is for --to rig" in capsys.readouterr().err
