@@ -6,8 +6,9 @@ from typing import Protocol
 
 # Sleeping alone wakes 50-100 µs late; the last stretch before a deadline is spent awake instead,
 SPIN_NS = 150_000
-# a little longer where there is something to do then, which is left undone where sleeping took too long.
-BUSY_NS, LATEST_NS = 200_000, 80_000
+# twice as long where there is something to do then, which is left undone where sleeping took too long. With less of it
+# the latest hundredth of the ticks began 20 to 300 µs late.
+BUSY_NS, LATEST_NS = 300_000, 130_000
 
 
 class Clock(Protocol):
