@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from bench.cli.model_free import model_free, residual_figures
+from bench.cli.tables import tables_data, tables_view
 from bench.identification.ambiguity.conditions import Judgement
 from bench.identification.ladder import Rung
 from bench.identification.results import FitResult, Validation
@@ -30,6 +31,7 @@ def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
         "without_model": model_free(found.source_map, found.without_model),
         "residuals": residual_figures(found.residuals),
         "conditions": [condition_figures(judged) for judged in found.conditions],
+        "tables": tables_data(found),
         "ladder": [rung_figures(rung) for rung in found.ladder],
         "trials": trials_figures(found.trials),
         "verdict": list(fit.verdict) if fit else [],
@@ -155,6 +157,7 @@ def summary(found: Conclusion, recording: Path) -> RenderableType:
         parts.append(validation_sentence(found.validation))
     if found.trials:
         parts.append(trials_sentence(found.trials))
+    parts += tables_view(found)
     parts.append(file_table((("recording", recording), ("network", found.network), ("report", found.report))))
     return Group(*parts)
 

@@ -67,23 +67,25 @@ def fit_signals(
     command_unit: str,
     port: Port = Port.ACTUATOR,
     findings: Findings = NOTHING_FOUND,
+    cogging: tuple[float, ...] = (),
 ) -> FitResult:
     """The same, from signals that stand on one grid already, and what was found when they were made.
 
+    ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
     Raises ExperimentError where no command was given.
     """
     if not any(np.ptp(stretch.command) > 0.0 for stretch in stretches):
         raise ExperimentError(f"the {port.value} was never commanded: nothing can be learned of its forward path")
     measured = all(stretch.torque_nm is not None for stretch in stretches)
     doubtful = bool(findings.doubts)
-    solution = solve(stretches, free_motion=not measured, roughly=doubtful)
+    solution = solve(stretches, free_motion=not measured, roughly=doubtful, cogging=cogging)
     if port is Port.LOAD and (not measured or scale_evidence(solution) < LEAST_EVIDENCE):
         raise ExperimentError(
             "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
             "actuator too, independently of the load, and see that the torque sensor works"
         )
     if measured and scale_evidence(solution) < LEAST_EVIDENCE:
-        solution = solve(stretches, free_motion=True, roughly=doubtful)
+        solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return _result(stretches, solution, command_unit, findings)
 
 

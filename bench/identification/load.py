@@ -18,7 +18,7 @@ from bench.identification.regression import STILL, Regression, Rows
 from bench.identification.results import FitResult
 from bench.identification.separable import linear_solution
 from bench.identification.signals import Port, Signals, signals
-from bench.identification.soundness.recording import sound
+from bench.identification.soundness.recording import Findings, sound
 from bench.records import Measured
 from bench.segments import Use
 
@@ -26,13 +26,22 @@ FloatArray = npt.NDArray[np.float64]
 
 LOAD_COMMAND_UNIT = "N*m"
 DELAY_STEPS = 8
+# An arm's weight goes with the position, once a turn. It is looked for where a motor leaves this share of the torque,
+# and believed where it leaves less than this share of that.
+GRAVITY = 1.0
+LEFT_BY_A_MOTOR = 0.05
+WORTHWHILE = 0.8
 # As FLOOR in fit: what no residual shows, relative.
 STIFFNESS_FLOOR = 0.01
 
 
 @dataclass(frozen=True)
 class LoadFit:
-    """The load's network and the torque sensor, as the controller's calibration needs them."""
+    """The load's network and the torque sensor, as the controller's calibration needs them.
+
+    ``hangs`` where an arm was found to hang on the load. Its weight over a few degrees and the sensor's zero look
+    alike: then ``torque_bias_nm`` is not to be relied on.
+    """
 
     result: FitResult
     sensor_stiffness_nm_rad: float
@@ -40,6 +49,7 @@ class LoadFit:
     sensor_damping_nms_rad: float
     torque_bias_nm: float
     position_resolution_rad: float
+    hangs: bool = False
 
 
 def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> LoadFit:
@@ -50,10 +60,26 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     actuator = signals(measured, tick_s, use, Port.ACTUATOR)
     if len(load) != len(actuator):
         raise ExperimentError("one drive's readings were interrupted while the other's went on: repeat the calibration")
-    result = fit_signals(load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD, findings=believed.findings)
+    result = _fit(load, believed.findings)
     stiffness, deviation, damping = _spring(load, actuator, result.motion_delay_s)
     step_rad = resolution_rad(measured.load_motion["position_rad"])
-    return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad)
+    hangs = any(wave.periods_per_turn == GRAVITY for wave in result.cogging)
+    return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad, hangs)
+
+
+def _fit(load: tuple[Signals, ...], findings: Findings) -> FitResult:
+    """As a motor; and as a motor on which an arm hangs, where that explains what is left."""
+    result = fit_signals(load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD, findings=findings)
+    if result.converged and result.torque_relative < LEFT_BY_A_MOTOR:
+        return result
+    try:
+        hanging = fit_signals(
+            load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD, findings=findings, cogging=(GRAVITY,)
+        )
+    except ExperimentError:  # nothing is left to tell a scale by
+        return result
+    better = hanging.torque_rms_nm < WORTHWHILE * result.torque_rms_nm
+    return hanging if hanging.converged and better else result
 
 
 def _spring(

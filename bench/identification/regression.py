@@ -250,9 +250,15 @@ class Regression:
 
     @classmethod
     def of(
-        cls, stretches: tuple[Signals, ...], kernel: Kernel, stride: int = 1, *, free_motion: bool = False
+        cls,
+        stretches: tuple[Signals, ...],
+        kernel: Kernel,
+        stride: int = 1,
+        *,
+        free_motion: bool = False,
+        cogging: tuple[float, ...] = (),
     ) -> "Regression":
-        return cls(tuple(Rows(stretch, kernel, stride) for stretch in stretches), free_motion)
+        return cls(tuple(Rows(stretch, kernel, stride) for stretch in stretches), free_motion, cogging)
 
     def recounted(self, shape: Shape) -> "Regression":
         """The same, corrected for what counts do to the friction on average."""

@@ -66,18 +66,27 @@ class Solution:
         return self.regression.free_motion
 
 
-def solve(stretches: tuple[Signals, ...], *, free_motion: bool = False, roughly: bool = False) -> Solution:
-    """The best fit of all stretches; ``free_motion`` as in Regression; ``roughly`` where nobody will believe it."""
-    low = Regression.of(stretches, told(stretches, LOW_BAND), LOW_STRIDE, free_motion=free_motion)
+def solve(
+    stretches: tuple[Signals, ...],
+    *,
+    free_motion: bool = False,
+    roughly: bool = False,
+    cogging: tuple[float, ...] = (),
+) -> Solution:
+    """The best fit of all stretches; ``free_motion`` as in Regression; ``roughly`` where nobody will believe it.
+
+    ``cogging`` is what is known of it beforehand.
+    """
+    low = Regression.of(stretches, told(stretches, LOW_BAND), LOW_STRIDE, free_motion=free_motion, cogging=cogging)
     ends = [_descend(low, start, most_steps=LOW_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
     widest = told(stretches, FULL_BAND)
-    full = Regression.of(stretches, widest, free_motion=free_motion)
+    full = Regression.of(stretches, widest, free_motion=free_motion, cogging=cogging)
     solution = _first_settled(full, sorted(ends, key=lambda at: at.cost))
     if roughly:
         return solution
     band = worthwhile_band(full, solution)
     if band != widest:
-        full = Regression.of(stretches, band, free_motion=free_motion)
+        full = Regression.of(stretches, band, free_motion=free_motion, cogging=cogging)
         solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
     full = full.recounted(solution.shape)
     solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)

@@ -222,9 +222,10 @@ def open_devices(rig: Rig, backend: Backend) -> Devices:
 def check_command_units(rig: Rig, devices: Devices) -> None:
     """Whether each drive takes commands in the unit it is given them. Raises RigError."""
     actuator, load = devices.actuator, devices.load
-    if not _same_unit(rig.command.unit, actuator.command_unit):
+    key, sent_as = ("unit", rig.command.unit) if rig.command.sent_as is None else ("sent_as", rig.command.sent_as)
+    if not _same_unit(sent_as, actuator.command_unit):
         raise RigError(
-            f'{rig.place}: [actuator.command] unit = "{rig.command.unit}", but driver = '
+            f'{rig.place}: [actuator.command] {key} = "{sent_as}", but driver = '
             f'"{rig.wiring.actuator.driver}" as it is set here takes commands in "{actuator.command_unit}"'
         )
     if load is not None and not _same_unit(load.command_unit, "N*m"):

@@ -14,7 +14,7 @@ from bench.identification.results import FitResult
 from bench.identification.signals import Port, signals
 from bench.identification.soundness.recording import sound
 from bench.procedures.knowledge import Knowledge, Plan, require_load
-from bench.procedures.makers import coasting, pushed
+from bench.procedures.makers import back, coasting, pushed
 from bench.procedures.options import CalibrateOptions
 from bench.procedures.tare import greatest_load_torque
 from bench.procedures.waves import growth, hold, multisine
@@ -61,7 +61,7 @@ class CalibrateProcedure:
             stop_at_velocity_rad_s=fast_rad_s,
         )
         share = BACK_OFF * float(envelope[len(measured.ticks) - 1])
-        yield coasting(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
+        yield back(self.name, "rest", known.rig, measured, REST_S)
         for piece in range(self._pieces()):
             torque_nm, command = self._shake(known.rig, PIECE_S, seed=13 + 2 * piece)
             measured = yield pushed(self.name, "shake", Use.CALIBRATE, share * torque_nm, share * command)
@@ -78,9 +78,12 @@ class CalibrateProcedure:
         fit = fit_load(measured, tick_s=known.tick_s)
         if not fit.result.converged:
             raise ExperimentError("calibrate: the load's fit did not converge; " + "; ".join(fit.result.verdict))
-        shaken = signals(sound(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
-        actuator = fit_signals(shaken, command_unit=known.rig.command.unit)
+        actuator = None if known.rig.model == "none" else self._actuator(known, measured)
         return replace(known, calibration=calibration_from(fit, actuator, known), actuator=actuator)
+
+    def _actuator(self, known: Knowledge, measured: Measured) -> FitResult:
+        shaken = signals(sound(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
+        return fit_signals(shaken, command_unit=known.rig.command.unit)
 
     def _shake(self, rig: Rig, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
         """Load torque and actuator command, as great as the rig allows.
@@ -96,7 +99,7 @@ class CalibrateProcedure:
         return greatest_load_torque(rig) * load, rig.command.limit * actuator
 
 
-def calibration_from(fit: LoadFit, actuator: FitResult, known: Knowledge) -> LoadCalibration:
+def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge) -> LoadCalibration:
     """What the controller needs, from the fits and the tare."""
     network, tare = fit.result.network, known.tare
     assert tare is not None
@@ -114,19 +117,21 @@ def calibration_from(fit: LoadFit, actuator: FitResult, known: Knowledge) -> Loa
         sensor_stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
         sensor_damping_nms_rad=max(fit.sensor_damping_nms_rad, least_damping_nms_rad(fit, actuator)),
         torque_noise_nm=tare.torque_noise_nm,
-        torque_bias_nm=fit.torque_bias_nm,
+        torque_bias_nm=tare.torque_bias_nm if fit.hangs else fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
         actuator_inertia_kgm2=first_inertia_kgm2(actuator),
     )
 
 
-def first_inertia_kgm2(actuator: FitResult) -> float | None:
+def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
     """The actuator's inertia as far as the calibration tells it: a winding's lag can make it seem to be negative."""
+    if actuator is None:
+        return None
     inertia_kgm2 = actuator.network.inertia_kgm2
     return inertia_kgm2 if actuator.converged and inertia_kgm2 > 0.0 else None
 
 
-def least_damping_nms_rad(fit: LoadFit, actuator: FitResult) -> float:
+def least_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:
     """What the sensor must have at the resonance of the two machines on it, whatever the fit says."""
     stiffness_nm_rad, actuator_kgm2 = fit.sensor_stiffness_nm_rad, first_inertia_kgm2(actuator)
     mobility = 1 / fit.result.network.inertia_kgm2 + (1 / actuator_kgm2 if actuator_kgm2 else 0.0)

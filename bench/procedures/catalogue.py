@@ -13,6 +13,8 @@ from bench.procedures.iterate import IterateProcedure
 from bench.procedures.knowledge import Adaptive, Procedure
 from bench.procedures.refine import RefineProcedure
 from bench.procedures.rest import RestProcedure
+from bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
+from bench.procedures.tabulate_source import TabulateSourceProcedure
 from bench.procedures.tare import TareProcedure
 from bench.procedures.validate import ValidateProcedure
 from bench.rig.rig import Rig
@@ -37,6 +39,8 @@ CATALOGUE: Mapping[str, Entry] = {
     "refine": Entry(RefineProcedure, after=("calibrate", "imposed")),
     "iterate_zero_torque": Entry(IterateProcedure, after=("calibrate", "free")),
     "rest": Entry(RestProcedure),
+    "tabulate_source": Entry(TabulateSourceProcedure, after=("calibrate",)),
+    "tabulate_impedance": Entry(TabulateImpedanceProcedure, after=("calibrate",)),
     # Commands that nobody has tried free may drive the shaft beyond its limit.
     "validate": Entry(ValidateProcedure, after=("calibrate", "free"), after_alone=("free",)),
 }

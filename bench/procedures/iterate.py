@@ -13,7 +13,7 @@ import numpy as np
 from bench.identification.trials import TRIAL, figures_of, seen
 from bench.procedures.free import command_multisine
 from bench.procedures.iteration import Iteration
-from bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, why_no_basis
+from bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
 from bench.procedures.learning import Machine, Models, lesson, next_load_torque
 from bench.procedures.makers import coasting, imposed, pushed
 from bench.procedures.options import IterateOptions
@@ -73,6 +73,7 @@ class IterateProcedure:
     name: ClassVar[str] = Trial.name
 
     def require(self, rig: Rig) -> None:
+        require_model(rig, self.name)
         require_load(rig, self.name, "to go along with the actuator")
 
     def duration_s(self, rig: Rig) -> float:

@@ -50,8 +50,7 @@ class Knowledge:
 
     def span(self) -> tuple[float, float]:
         """The commands to work between: what was found free, else what the rig allows at most."""
-        limit = self.rig.command.limit
-        return self.command_span if self.command_span is not None else (-limit, limit)
+        return self.command_span if self.command_span is not None else self.rig.command.span
 
 
 Plan = Generator[Segment, Measured, None]
@@ -105,6 +104,15 @@ class Adaptive(Protocol):
     def following(self, known: Knowledge) -> Decision:
         """Called with the drives idle, so it may take its time; again after each procedure, until there is none."""
         ...
+
+
+def require_model(rig: Rig, name: str) -> None:
+    """Raises RigError where the actuator is identified by tables alone."""
+    if rig.model == "none":
+        raise RigError(
+            f"{rig.place}: step '{name}' builds on a fitted model, but [actuator] model = \"none\" stands for tables "
+            "alone; leave the step out, or name the model"
+        )
 
 
 def require_load(rig: Rig, name: str, why: str) -> None:

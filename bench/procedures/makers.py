@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from bench.procedures.waves import Motion
+from bench.procedures.waves import Motion, hold, ramp
+from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, FloatArray, LoadMode, Segment, Use
 
 UNENDING = float("inf")
+SLOWLY = 3.0  # times as long as the rest that follows
 
 
 def coasting(
@@ -35,6 +37,25 @@ def pushed(
         load_torque_nm=load_torque_nm,
         stop_at_velocity_rad_s=stop_at_velocity_rad_s,
     )
+
+
+def back(procedure: str, name: str, rig: Rig, before: Measured, duration_s: float) -> Segment:
+    """Both drives go from where they were to zero, and rest for ``duration_s``.
+
+    At once for a motor, which coasts then; slowly otherwise: an actuator without a model may be a spring, or a
+    pendulum, or go where it is told.
+    """
+    if rig.model != "none" or not len(before.ticks):
+        return coasting(procedure, name, Use.PREPARE, hold(0.0, duration_s, rig.tick_s))
+    last = before.ticks[-1]
+    still = hold(0.0, duration_s, rig.tick_s)
+    load_nm, command = (
+        np.concatenate([ramp(float(last[column]), 0.0, SLOWLY * duration_s, rig.tick_s), still])
+        for column in ("load_torque_nm", "command")
+    )
+    if rig.wiring.load is None:
+        return coasting(procedure, name, Use.PREPARE, command)
+    return pushed(procedure, name, Use.PREPARE, load_nm, command)
 
 
 def zero_torque(

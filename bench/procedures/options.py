@@ -78,6 +78,34 @@ class RestOptions:
     duration_s: float = 10.0
 
 
+@dataclass(frozen=True)
+class TabulateSourceOptions:
+    """Where the free port rests, by command. Commands are shares of the greatest; ``port``: "actuator", "external"."""
+
+    levels: int = 7
+    lowest: float = -1.0
+    highest: float = 1.0
+    port: str = "actuator"
+    settled_rad_s: float = 2e-3  # slower than this is at rest
+    at_most_s: float = 3.0  # waited for that, at each level
+    read_s: float = 0.5
+
+
+@dataclass(frozen=True)
+class TabulateImpedanceOptions:
+    """What the port exerts away from its source, at some commands (shares of the greatest)."""
+
+    commands: int = 3
+    lowest: float = -0.5
+    highest: float = 0.5
+    displacement_rad: float = 0.05  # to either side
+    steps: int = 4  # on the way there
+    hold_s: float = 0.4
+    shake_rad: float = 5e-3  # peak; 0: not at all
+    settled_rad_s: float = 2e-3
+    at_most_s: float = 3.0
+
+
 Options = (
     TareOptions
     | CalibrateOptions
@@ -87,5 +115,7 @@ Options = (
     | RefineOptions
     | IterateOptions
     | RestOptions
+    | TabulateImpedanceOptions
+    | TabulateSourceOptions
     | ValidateOptions
 )

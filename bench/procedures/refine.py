@@ -23,7 +23,7 @@ from bench.identification.results import FitResult
 from bench.identification.signals import signals
 from bench.identification.soundness.recording import sound
 from bench.procedures.excitations import Bounds, Candidate, candidates
-from bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, why_no_basis
+from bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
 from bench.procedures.makers import imposed
 from bench.procedures.options import RefineOptions
 from bench.procedures.refinement import IMPROVABLE, Interval, Refinement, in_percent, intervals_of, why_wide, words
@@ -77,6 +77,7 @@ class RefineProcedure:
     name: ClassVar[str] = "refine"
 
     def require(self, rig: Rig) -> None:
+        require_model(rig, self.name)
         require_load(rig, self.name, "to impose motion: without it only ratios of parameters can be told")
 
     def duration_s(self, rig: Rig) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from bench.errors import ExperimentError
 from bench.procedures.directions import actuator_push_faults, load_push_faults
 from bench.procedures.knowledge import Knowledge, Plan, Tare
-from bench.procedures.makers import coasting, pushed
+from bench.procedures.makers import back, coasting, pushed
 from bench.procedures.options import TareOptions
 from bench.procedures.waves import growth, hold
 from bench.records import Measured
@@ -39,19 +39,20 @@ class TareProcedure:
     def plan(self, known: Knowledge) -> Plan:
         rig = known.rig
         moving_rad_s = MOVING * rig.limits.velocity_rad_s
-        rest = coasting(self.name, "after a push", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
         yield coasting(self.name, "rest", Use.TARE, hold(0.0, self.options.duration_s, known.tick_s))
         if rig.wiring.load is not None:
             torque_nm = growth(greatest_load_torque(rig), SEARCH_S, known.tick_s)
             push = pushed(self.name, "load pushes", Use.TARE, torque_nm, stop_at_velocity_rad_s=moving_rad_s)
-            _refuse(load_push_faults((yield push), push, moving_rad_s))
-            yield rest
+            measured = yield push
+            _refuse(load_push_faults(measured, push, moving_rad_s))
+            yield back(self.name, "after a push", rig, measured, REST_S)
         if rig.wiring.shaft == "clamped" and rig.wiring.load is None:
             return
         command = growth(rig.command.limit, SEARCH_S, known.tick_s)
         push = coasting(self.name, "actuator pushes", Use.TARE, command, stop_at_velocity_rad_s=moving_rad_s)
-        _refuse(actuator_push_faults((yield push), push, moving_rad_s))
-        yield rest
+        measured = yield push
+        _refuse(actuator_push_faults(measured, push, moving_rad_s))
+        yield back(self.name, "after a push", rig, measured, REST_S)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         rest = next(segment for segment in measured.segments if segment.name == "rest")

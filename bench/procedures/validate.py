@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from bench.procedures.free import command_multisine
 from bench.procedures.imposed import imposed_multisine
-from bench.procedures.knowledge import Knowledge, Plan
+from bench.procedures.knowledge import Knowledge, Plan, require_model
 from bench.procedures.makers import imposed, zero_torque
 from bench.procedures.options import ValidateOptions
 from bench.procedures.waves import hold
@@ -25,7 +25,8 @@ class ValidateProcedure:
     name: ClassVar[str] = "validate"
 
     def require(self, rig: Rig) -> None:
-        """Any rig will do: it validates what the rig can show."""
+        """Any rig with a model will do: it validates what the rig can show."""
+        require_model(rig, self.name)
 
     def duration_s(self, rig: Rig) -> float:
         parts = 1 if rig.wiring.load is None else 2

@@ -139,6 +139,29 @@ def sine_motion(amplitude_rad: float, frequency_hz: float, cycles: int, tick_s: 
     return Motion(w * position, w1 * position + w * velocity, w2 * position + 2 * w1 * velocity + w * acceleration)
 
 
+def sines_motion(frequency_hz: FloatArray, amplitude_rad: FloatArray, duration_s: float, tick_s: float) -> Motion:
+    """Sines that fade in and out together, of phases that keep the peak low; ``frequency_hz`` has shape (lines,)."""
+    time_s = _instants(duration_s, tick_s)
+    omega = 2 * np.pi * frequency_hz
+    phase = -np.pi * np.arange(omega.size) * (np.arange(omega.size) - 1) / omega.size  # Schroeder's
+    angle = np.outer(omega, time_s) + phase[:, None]
+    position = amplitude_rad @ np.sin(angle)
+    velocity = (amplitude_rad * omega) @ np.cos(angle)
+    acceleration = -(amplitude_rad * omega**2) @ np.sin(angle)
+    w, w1, w2 = _window(time_s, duration_s)
+    return Motion(w * position, w1 * position + w * velocity, w2 * position + 2 * w1 * velocity + w * acceleration)
+
+
+def displaced(displacement_rad: float, duration_s: float, tick_s: float) -> Motion:
+    """From rest to rest over a displacement, along 10p³ − 15p⁴ + 6p⁵."""
+    p = np.arange(1, ticks_in(duration_s, tick_s) + 1) / ticks_in(duration_s, tick_s)
+    return Motion(
+        displacement_rad * p**3 * (10 - 15 * p + 6 * p**2),
+        displacement_rad / duration_s * 30 * p**2 * (1 - p) ** 2,
+        displacement_rad / duration_s**2 * 60 * p * (1 - p) * (1 - 2 * p),
+    )
+
+
 def from_velocity(velocity_rad_s: FloatArray, tick_s: float) -> Motion:
     """The motion with this velocity (trapezoidal integral, central derivative)."""
     middle = 0.5 * (velocity_rad_s[1:] + velocity_rad_s[:-1]) * tick_s

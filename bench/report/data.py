@@ -8,6 +8,8 @@ from bench.identification.ladder import Rung
 from bench.identification.model_free.without_model import WithoutModel
 from bench.identification.residuals.diagnosis import ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
+from bench.identification.tables.exertion_table import ExertionTable
+from bench.identification.tables.source_table import SourceTable
 from bench.identification.trials import TrialFigures
 from bench.models.network import NortonNetwork
 from bench.recording.contents import RecordedEstimates
@@ -28,6 +30,8 @@ class ReportData:
     validation: Validation | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
+    source: SourceTable | None = None
+    exertion: ExertionTable | None = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
     conditions: Sequence[Judgement] = ()

@@ -112,6 +112,8 @@ def headline(data: ReportData) -> list[Figure]:
 
 def verdict(data: ReportData) -> list[str]:
     """What the data cannot tell, in sentences."""
+    if data.fit is None and (data.source is not None or data.exertion is not None):
+        return ["No model was fitted: the actuator is described by its tables.", *data.notes]
     if data.fit is None:
         return [
             "Nothing was fitted: nothing was measured from which a network could be identified.",

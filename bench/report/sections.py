@@ -13,6 +13,7 @@ from bench.report.figures_network import blocked_figure, impedance_figure, sourc
 from bench.report.figures_timing import timing_figure
 from bench.report.loops import bench_time_s, presliding_loops, sliding_samples
 from bench.report.section import Facts, Section
+from bench.report.sections_tables import exertion_section, tabulated_source_section, two_ports_section
 from bench.report.sections_trials import trials_section
 from bench.report.sections_without_model import residuals_section, source_sentences, without_model_section
 from bench.report.streams import StreamQuality, stream_qualities
@@ -242,6 +243,9 @@ def _stream_table(qualities: list[StreamQuality]) -> Facts:
 
 MAKERS: tuple[Callable[[ReportData], Section | None], ...] = (
     conditions_section,
+    tabulated_source_section,
+    exertion_section,
+    two_ports_section,
     source_section,
     impedance_section,
     validation_section,

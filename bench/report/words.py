@@ -45,6 +45,16 @@ def with_deviation(value: float, std: float) -> str:
     return f"({mean} ± {deviation}){power(scale)}" if scale else f"{mean} ± {deviation}"
 
 
+def within(value: float, half_width: float) -> str:
+    """Value ± half of its interval, to one digit of the latter and never with a power of ten: "0.16 ± 0.03"."""
+    if not isfinite(value):
+        return _NO_NUMBER
+    if not isfinite(half_width) or half_width <= 0.0:
+        return number(value)
+    decimals = max(0, -floor(log10(half_width)))
+    return " ± ".join(f"{x:.{decimals}f}".replace("-", "−") for x in (value, half_width))
+
+
 def interval(value: float, std: float) -> str:
     """The 95 % interval of a normal distribution, to the same digits as :func:`with_deviation`."""
     if not (isfinite(value) and isfinite(std)) or std <= 0.0:

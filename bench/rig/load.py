@@ -10,7 +10,7 @@ from bench.rig.draft import Draft, read_draft
 from bench.rig.files import parse_toml, read_text
 from bench.rig.mistakes import Mistakes
 from bench.rig.rig import Command, Limits, Rig, Supervision
-from bench.rig.schema import ActuatorSection, DeviceSection, LimitsSection, RigSection
+from bench.rig.schema import ActuatorSection, CommandSection, DeviceSection, LimitsSection, RigSection
 from drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 
 
@@ -47,7 +47,8 @@ def _assemble(draft: Draft, backend: str | None, text: str) -> Rig:
         name=rig.name,
         backend=backend,
         wiring=_wiring(draft, rig, actuator),
-        command=Command(actuator.command.unit, actuator.command.limit),
+        command=_command(actuator.command),
+        model=actuator.model,
         limits=_limits(limits, draft.load.torque_limit_nm if draft.load else None),
         supervision=Supervision(tuple(guard.leave_out), guard.verify_watchdogs),
         candump=recording.candump and bool(draft.buses),
@@ -55,6 +56,10 @@ def _assemble(draft: Draft, backend: str | None, text: str) -> Rig:
         place=draft.place,
         text=text,
     )
+
+
+def _command(section: CommandSection) -> Command:
+    return Command(section.unit, section.limit, section.lowest, section.sent_as)
 
 
 def _wiring(draft: Draft, rig: RigSection, actuator: ActuatorSection) -> Wiring:

@@ -10,10 +10,20 @@ from drivers.wiring import Wiring
 
 @dataclass(frozen=True)
 class Command:
-    """The actuator's command: its unit as written in the rig file, and the greatest magnitude allowed."""
+    """The actuator's command: its unit as written in the rig file, and the greatest magnitude allowed.
+
+    ``lowest`` is the least that procedures choose; ``sent_as`` the unit in which the drive takes the same number.
+    """
 
     unit: str
     limit: float
+    lowest: float = -inf
+    sent_as: str | None = None
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The commands that may be chosen between."""
+        return max(self.lowest, -self.limit), self.limit
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,7 @@ class Rig:
     command: Command
     limits: Limits
     supervision: Supervision = Supervision()
+    model: str = "dahl_motor"  # what the actuator is identified as; "none": tables alone
     candump: bool = True
     simulated: Mapping[str, Any] = field(default_factory=dict)
     place: str = ""

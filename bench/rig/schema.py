@@ -3,7 +3,7 @@
 from math import inf, isnan, nan
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from bench.rig.mistakes import nearest
 from bench.units import check_unit, parse_quantity, quantity_in, same_dimension
@@ -93,12 +93,24 @@ class DeviceSection(SectionModel):
 
 
 class CommandSection(SectionModel):
-    """``command = { unit, limit }``: what the actuator is told, and how much of it at most."""
+    """``command = { unit, limit }``: what the actuator is told, and how much of it at most.
+
+    ``lowest`` is the least that it makes sense to tell; ``sent_as`` is the unit in which the drive understands the
+    same number, where its input stands for something else.
+    """
 
     unit: Annotated[str, AfterValidator(check_unit)] = Field(examples=["N*m"])
     limit: Annotated[float, BeforeValidator(_in_command_unit), AfterValidator(_positive_or_unknown)] = Field(
         examples=["0.5 N*m"]
     )
+    lowest: Annotated[float, BeforeValidator(_in_command_unit)] = Field(-inf, examples=["0 N*m"])
+    sent_as: Annotated[str, AfterValidator(check_unit)] | None = Field(None, examples=["N*m"])
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "CommandSection":
+        if self.lowest >= self.limit:
+            raise ValueError(f"lowest = {self.lowest:g} {self.unit} is not below limit; lower it, or raise the limit")
+        return self
 
     @property
     def limit_nm(self) -> float | None:
@@ -107,8 +119,9 @@ class CommandSection(SectionModel):
 
 
 class ActuatorSection(DeviceSection):
-    """``[actuator]``: the device under test."""
+    """``[actuator]``: the device under test. ``model`` is what it is identified as: "none" measures tables alone."""
 
+    model: Literal["dahl_motor", "none"] = "dahl_motor"
     command: CommandSection = Field(examples=[{"unit": "N*m", "limit": "0.5 N*m"}])
 
 

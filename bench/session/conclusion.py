@@ -1,6 +1,6 @@
 """What follows from a recording: the fit, its validation, the maps, the network file and the report."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,8 @@ from bench.identification.residuals.diagnosis import ResidualTests, diagnose
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.identification.signals import Signals, signals
 from bench.identification.soundness.recording import Findings, Sound, sound
+from bench.identification.tables.exertion_table import ExertionTable, exertion_table
+from bench.identification.tables.source_table import SourceTable, source_table
 from bench.identification.trials import TrialFigures, trials
 from bench.identification.validation import validate_signals
 from bench.models.parameters import Status
@@ -34,12 +36,13 @@ Result = TypeVar("Result")
 ITERATED = IterateProcedure.name
 # What a recording must say of its making to be fitted.
 NEEDED = ("rig", "command_unit", "tick_s")
+NO_MODEL = "none"  # what a rig calls an actuator that is identified by tables alone
 NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
 
 
 @dataclass(frozen=True)
 class Conclusion:
-    """None where the session measured nothing that could tell."""
+    """None where the session measured nothing that could tell. ``command_unit`` is that of the tables."""
 
     fit: FitResult | None = None
     validation: Validation | None = None
@@ -52,6 +55,15 @@ class Conclusion:
     trials: tuple[TrialFigures, ...] = ()
     network: Path | None = None
     report: Path | None = None
+    source: SourceTable | None = None
+    exertion: ExertionTable | None = None
+    command_unit: str = ""
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was identified: neither parameters nor tables."""
+        told = (self.fit, self.source_map, self.blocked_map, self.source, self.exertion)
+        return all(part is None for part in told)
 
 
 def conclude(
@@ -68,40 +80,68 @@ def conclude(
     uses = {segment.use for segment in measured.segments}
     if Use.IDENTIFY not in uses:
         return Conclusion()
-    tick_s = float(metadata["tick_s"])
-    believed = sound(measured)
-    stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
-    unseen, findings = _unseen(believed, tick_s) if Use.VALIDATE in uses else ((), believed.findings)
-    result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings)
-    checked = _where_measured(partial(validate_signals, result, unseen), measured.segments) if unseen else None
-    modelless = without_model(result, stretches, unseen, measured.segments)
-    residuals = diagnose(result, stretches)
-    static = _where_measured(source_map, believed.measured)
-    blocked = _where_measured(blocked_map, believed.measured)
-    evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
-    judged = conditions(evidence)
-    rungs = bench_ladder(stretches, result)
-    repeated = trials(measured, tick_s, ITERATED)
-    network = _saved(result, out / f"{recording.stem}.network.json", {**metadata, "recording": recording.name})
-    data = ReportData(
+    tick_s, believed = float(metadata["tick_s"]), sound(measured)
+    found = replace(
+        _tabulated(believed.measured, tick_s),
+        trials=trials(measured, tick_s, ITERATED),
+        command_unit=metadata["command_unit"],
+    )
+    if metadata.get("model") != NO_MODEL:
+        about = {**metadata, "recording": recording.name}
+        found = _fitted(believed, uses, about, out / f"{recording.stem}.network.json", found)
+    page = ReportData(
         rig_name=metadata["rig"],
         rig_text=rig_text,
         metadata={**metadata, "recording": recording.name},
-        fit=result,
-        validation=checked,
-        source_map=static,
-        blocked_map=blocked,
-        without_model=modelless,
-        residuals=residuals,
-        conditions=judged,
-        ladder=rungs,
-        trials=repeated,
+        fit=found.fit,
+        validation=found.validation,
+        source_map=found.source_map,
+        blocked_map=found.blocked_map,
+        source=found.source,
+        exertion=found.exertion,
+        without_model=found.without_model,
+        residuals=found.residuals,
+        conditions=found.conditions,
+        ladder=found.ladder,
+        trials=found.trials,
         live=tuple(live),
         measured=measured,
         notes=notes,
     )
-    report = write_report(out / f"{recording.stem}.report.html", data)
-    return Conclusion(result, checked, static, blocked, modelless, residuals, judged, rungs, repeated, network, report)
+    return replace(found, report=write_report(out / f"{recording.stem}.report.html", page))
+
+
+def _tabulated(measured: Measured, tick_s: float) -> Conclusion:
+    """What needs no model."""
+    return Conclusion(
+        source_map=_where_measured(source_map, measured),
+        blocked_map=_where_measured(blocked_map, measured),
+        source=_where_measured(source_table, measured),
+        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), measured),
+    )
+
+
+def _fitted(
+    believed: Sound, uses: Set[Use], metadata: Mapping[str, str], network: Path, tabulated: Conclusion
+) -> Conclusion:
+    """The motor's parameters, and what checks them."""
+    tick_s, segments = float(metadata["tick_s"]), believed.measured.segments
+    stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
+    unseen, findings = _unseen(believed, tick_s) if Use.VALIDATE in uses else ((), believed.findings)
+    result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings)
+    checked = _where_measured(partial(validate_signals, result, unseen), segments) if unseen else None
+    modelless, static = without_model(result, stretches, unseen, segments), tabulated.source_map
+    evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
+    return replace(
+        tabulated,
+        fit=result,
+        validation=checked,
+        without_model=modelless,
+        residuals=diagnose(result, stretches),
+        conditions=conditions(evidence),
+        ladder=bench_ladder(stretches, result),
+        network=_saved(result, network, metadata),
+    )
 
 
 def _unseen(believed: Sound, tick_s: float) -> tuple[tuple[Signals, ...], Findings]:
@@ -147,6 +187,6 @@ def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, 
         recording=path,
         out=out if out is not None else path.parent,
     )
-    if conclusion.fit is None:
+    if conclusion.empty:
         raise UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")
     return recording, conclusion

@@ -23,7 +23,7 @@ from bench.session.conclusion import Conclusion, conclude
 from bench.session.desk import Desk
 from bench.session.expectations import judge
 from bench.session.found import Found, found_in
-from bench.session.live_feed import InlineFeed, ProcessFeed
+from bench.session.live_feed import LiveFeed, feed_for
 from bench.session.operator import Nobody, Operator
 from bench.session.past import RESUMES, Past, behind, read_past
 from bench.session.perform import perform
@@ -290,8 +290,8 @@ def _settled_memory() -> Iterator[None]:
 
 
 @contextmanager
-def _feed(rig: Rig, progress: Progress, *, lock_step: bool) -> Iterator[InlineFeed | ProcessFeed]:
-    feed = (InlineFeed if lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
+def _feed(rig: Rig, progress: Progress, *, lock_step: bool) -> Iterator[LiveFeed]:
+    feed = feed_for(rig, lock_step=lock_step)
     try:
         yield feed
     finally:

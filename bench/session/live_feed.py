@@ -14,6 +14,7 @@ from bench.identification.results import LiveEstimate
 from bench.recording.contents import Recording
 from bench.recording.parts import parts_of
 from bench.records import Measured
+from bench.rig.rig import Rig
 
 # Ten seconds of parts: a worker that is further behind loses parts, and says so, rather than holding up the loop.
 GREATEST_BACKLOG = 100
@@ -28,6 +29,27 @@ class LiveFeed(Protocol):
 
     def __call__(self, part: Measured) -> None: ...
     def close(self) -> None: ...
+
+
+def feed_for(rig: Rig, *, lock_step: bool) -> LiveFeed:
+    """The one for this rig and its kind of time."""
+    if rig.model == "none":
+        return NoFeed()
+    return (InlineFeed if lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
+
+
+class NoFeed:
+    """Where no model is to be fitted."""
+
+    def __init__(self) -> None:
+        self.latest = LiveEstimate(0)
+        self.dropped = 0
+
+    def __call__(self, part: Measured) -> None:
+        """Nothing to learn from it."""
+
+    def close(self) -> None:
+        """Nothing to release."""
 
 
 class InlineFeed:

@@ -37,8 +37,10 @@ __all__ = [
     "standard_session",
 ]
 
-# Every procedure that measures something to fit or to go by, and is not decided as it goes.
-STANDARD = tuple(name for name in STEPS if name not in ("refine", "iterate_zero_torque", "rest"))
+# Every procedure that measures something to fit a motor or to go by, and is not decided as it goes.
+STANDARD = ("tare", "calibrate", "free", "blocked", "imposed", "validate")
+# And for an actuator without a model.
+TABLES = ("tare", "calibrate", "tabulate_source", "tabulate_impedance")
 # Around a refinement, which does the rest: just enough for a first fit, and for commands to validate with.
 SHORT_FREE = FreeOptions(levels=5, dwell_s=0.3, duration_s=4.0)
 SHORT_IMPOSED = ImposedOptions(commands=1, duration_s=4.0)
@@ -137,7 +139,8 @@ def _fault(table: object, where: str, steps: Sequence[str], mistakes: Mistakes) 
 
 def standard_session(rig: Rig | None = None) -> Session:
     """The built-in session of ``identify``: everything that ``rig`` can perform, or everything there is."""
-    able = STANDARD if rig is None else [name for name in STANDARD if _performs(rig, name)]
+    wanted = TABLES if rig is not None and rig.model == "none" else STANDARD
+    able = wanted if rig is None else [name for name in wanted if _performs(rig, name)]
     return Session(tuple(Step(name, STEPS[name][1]()) for name in able), "the standard session")
 
 
@@ -175,4 +178,4 @@ def _performs(rig: Rig, name: str) -> bool:
         return True
     if name == "blocked":
         return wiring.shaft == "clamped" and wiring.torque_sensor is not None
-    return name in ("free", "validate") and wiring.shaft == "free"
+    return name in ("free", "validate", "tabulate_source") and wiring.shaft == "free"

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.errors import BenchError, ExperimentError, UsageError
+from bench.errors import ExperimentError, UsageError
 from bench.identification.results import FitResult
 from bench.identification.sessions import Fitted, Together, together
 from bench.recording.reader import read_metadata
@@ -86,8 +86,8 @@ def _one(path: Path, metadata: Mapping[str, str], out: Path | None) -> OneOf:
         raise UsageError(f"{out}: the folder cannot be made ({error.strerror}); choose another") from error
     except ExperimentError as error:
         raise ExperimentError(f"{path}: {error}; leave it out") from error
-    if conclusion.fit is None:  # conclude_recording has refused such a recording already
-        raise BenchError(f"{path}: was not fitted")
+    if conclusion.fit is None:
+        raise UsageError(f"{path}: holds tables without a model, which cannot be combined; fit it alone")
     return OneOf(path, metadata, conclusion, conclusion.fit)
 
 

@@ -14,6 +14,8 @@ from bench.procedures.options import (
     Options,
     RefineOptions,
     RestOptions,
+    TabulateImpedanceOptions,
+    TabulateSourceOptions,
     TareOptions,
     ValidateOptions,
 )
@@ -106,6 +108,37 @@ class _Rest(StepModel):
     duration_s: Seconds = Field(RestOptions.duration_s, alias="duration", ge=0.1, le=3600, examples=["10 s"])
 
 
+class _Tabulate(StepModel):
+    """What both tabulations share."""
+
+    settled_rad_s: Annotated[float, quantity_in("rad/s")] = Field(
+        TabulateSourceOptions.settled_rad_s, alias="settled", gt=0, examples=["2 mrad/s"]
+    )
+    at_most_s: Seconds = Field(TabulateSourceOptions.at_most_s, alias="at_most", gt=0, examples=["3 s"])
+
+
+class _TabulateSource(_Tabulate):
+    levels: int = Field(TabulateSourceOptions.levels, ge=2, examples=[7])
+    lowest: Fraction = Field(TabulateSourceOptions.lowest, ge=-1, le=1, examples=["-100 %"])
+    highest: Fraction = Field(TabulateSourceOptions.highest, ge=-1, le=1, examples=["100 %"])
+    port: Literal["actuator", "external"] = Field("actuator", examples=["external"])
+    read_s: Seconds = Field(TabulateSourceOptions.read_s, alias="read", ge=0.1, examples=["500 ms"])
+
+
+class _TabulateImpedance(_Tabulate):
+    commands: int = Field(TabulateImpedanceOptions.commands, ge=1, examples=[3])
+    lowest: Fraction = Field(TabulateImpedanceOptions.lowest, ge=-1, le=1, examples=["-50 %"])
+    highest: Fraction = Field(TabulateImpedanceOptions.highest, ge=-1, le=1, examples=["50 %"])
+    displacement_rad: Annotated[float, quantity_in("rad")] = Field(
+        TabulateImpedanceOptions.displacement_rad, alias="displacement", gt=0, examples=["50 mrad"]
+    )
+    steps: int = Field(TabulateImpedanceOptions.steps, ge=1, examples=[4])
+    hold_s: Seconds = Field(TabulateImpedanceOptions.hold_s, alias="hold", ge=0.2, examples=["400 ms"])
+    shake_rad: Annotated[float, quantity_in("rad")] = Field(
+        TabulateImpedanceOptions.shake_rad, alias="shake", ge=0, examples=["5 mrad"]
+    )
+
+
 class _Ask(StepModel):
     name: str = Field(pattern=r"[\w.-]+", examples=["fixture"])
     text: str = Field(min_length=1, examples=["Which fixture is mounted?"])
@@ -123,6 +156,8 @@ STEPS: Mapping[str, tuple[type[StepModel], type[Options]]] = {
     "refine": (_Refine, RefineOptions),
     "iterate_zero_torque": (_Iterate, IterateOptions),
     "rest": (_Rest, RestOptions),
+    "tabulate_source": (_TabulateSource, TabulateSourceOptions),
+    "tabulate_impedance": (_TabulateImpedance, TabulateImpedanceOptions),
     "validate": (_Validate, ValidateOptions),
 }
 MODELS: Mapping[str, tuple[type[StepModel], type[Any]]] = {**STEPS, ASK: (_Ask, AskOptions)}

@@ -25,7 +25,6 @@ from bench.procedures.refinement import Refinement
 from bench.records import Measured
 from bench.session.conclusion import Conclusion
 from bench.session.progress import Judged, PlannedStep
-from bench.session.schema import STEPS
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"
@@ -88,8 +87,8 @@ def test_identify_runs_the_standard_session_and_prints_json(
     streams = capsys.readouterr()
     assert code == ExitCode.OK
     assert json.loads(streams.out)["parameters"]["inertia"]["std"] == 1e-7
-    standard = [name for name in STEPS if name not in ("refine", "iterate_zero_torque", "rest")]
-    assert [step.do for step in engine.asked["session"].steps] == standard
+    asked = [step.do for step in engine.asked["session"].steps]
+    assert asked == ["tare", "calibrate", "free", "blocked", "imposed", "validate"]
     assert "until" not in json.loads(streams.out)
     assert (engine.asked["seed"], engine.asked["rig"].backend) == (7, "simulated")
     assert engine.asked["out"] == tmp_path / "new"

@@ -1,0 +1,119 @@
+"""What was tabulated, for programs and for people."""
+
+from typing import Any
+
+from rich.table import Table
+
+from bench.identification.results import BlockedMap
+from bench.identification.tables.exertion_table import ExertionTable
+from bench.identification.tables.means import Mean
+from bench.identification.tables.source_table import SourceTable
+from bench.identification.tables.two_ports import two_ports
+from bench.report.section import Facts
+from bench.report.sections_tables import line_facts, ports_facts, source_facts
+from bench.session.conclusion import Conclusion
+
+
+def tables_data(found: Conclusion) -> dict[str, Any]:
+    """What ``--json`` prints; half-widths are those of 95 % intervals."""
+    return {
+        "source": None if found.source is None else _source(found.source),
+        "exertion": None if found.exertion is None else _exertion(found.exertion),
+        "two_ports": [
+            {
+                "command": row.command,
+                "external_rad": _mean(row.external),
+                "actuator_rad": _mean(row.actuator),
+                "apart_rad": row.apart_rad,
+                "load_nm": _mean(row.load),
+                "exertion_nm": _mean(row.exertion),
+            }
+            for row in two_ports(found.source, found.exertion)
+        ],
+        "blocked": None if found.blocked_map is None else _blocked(found.blocked_map),
+    }
+
+
+def tables_view(found: Conclusion) -> list[Table]:
+    """The same for a terminal, without every single reading."""
+    views = []
+    if found.source is not None:
+        views.append(_table(source_facts(found.source, found.command_unit)))
+    if found.exertion is not None:
+        views.append(_table(line_facts(found.exertion, found.command_unit)))
+    rows = two_ports(found.source, found.exertion)
+    if rows:
+        views.append(_table(ports_facts(rows, found.command_unit)))
+    return views
+
+
+def _source(table: SourceTable) -> list[dict[str, Any]]:
+    return [
+        {
+            "port": level.port,
+            "command": level.command,
+            "rising": level.rising,
+            "position_rad": _mean(level.position),
+            "torque_nm": _mean(level.torque),
+            "velocity_rad_s": level.velocity_rad_s,
+            "settled": level.settled,
+            "settling_s": level.settling_s,
+        }
+        for level in table.levels
+    ]
+
+
+def _exertion(table: ExertionTable) -> dict[str, Any]:
+    return {
+        "commands": [
+            {
+                "command": line.command,
+                "source_rad": _mean(line.source),
+                "stiffness_nm_rad": _mean(line.stiffness),
+                "hysteresis_nm": line.hysteresis_nm,
+                "zero_range_rad": None if line.zeros is None else _mean(line.zeros.width),
+            }
+            for line in table.lines()
+        ],
+        "held": [
+            {
+                "command": held.command,
+                "displacement_rad": held.displacement_rad,
+                "rising": held.rising,
+                "torque_nm": _mean(held.torque),
+            }
+            for held in table.held
+        ],
+        "shaken": [
+            {
+                "command": row.command,
+                "displacement_rad": row.displacement_rad,
+                "frequency_hz": row.frequency_hz,
+                "real_nm_rad": row.stiffness_nm_rad.real,
+                "imaginary_nm_rad": row.stiffness_nm_rad.imag,
+                "half_width_nm_rad": row.half_width_nm_rad,
+            }
+            for row in table.shaken
+        ],
+    }
+
+
+def _blocked(found: BlockedMap) -> list[dict[str, Any]]:
+    columns = (found.command, found.torque_nm, found.torque_std_nm, found.from_above)
+    return [
+        {"command": float(command), "torque_nm": float(torque), "torque_std_nm": float(std), "from_above": bool(above)}
+        for command, torque, std, above in zip(*columns, strict=True)
+    ]
+
+
+def _mean(mean: Mean) -> dict[str, float]:
+    return {"value": mean.value, "half_width": mean.half_width}
+
+
+def _table(facts: Facts) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for place, heading in enumerate(facts.head):
+        table.add_column(heading, justify="left" if place == 0 else "right")
+    for row in facts.rows:
+        table.add_row(*row)
+    return table

@@ -1,0 +1,268 @@
+"""The impedance as tables: what the port exerts held away from its source, and how it answers to being shaken there."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as t_distribution
+
+from bench.errors import ExperimentError
+from bench.identification.load import LoadFit, fit_load
+from bench.identification.quantisation import resolution_rad
+from bench.identification.tables.means import T_95, Mean, inside, mean_of, torque_in
+from bench.identification.tables.sines import line_amplitudes
+from bench.identification.tables.source_table import COMMAND_DECIMALS
+from bench.records import Measured, SegmentInfo
+from bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+# Displacement [rad], torque [N m] and its half-width in one direction: (places,) each.
+Branch = tuple[FloatArray, FloatArray, FloatArray]
+
+# The names of the procedure that measures it, and of its segments: "hold rising", "hold falling".
+PROCEDURE, READ, HOLD, SHAKE = "tabulate_impedance", "read", "hold", "shake"
+# Whole numbers of periods a second, no one twice or thrice another; above a tenth of the loop's rate nothing is asked.
+LINES_HZ = (2.0, 5.0, 11.0, 23.0, 47.0)
+# What is measured of a shake begins here and lasts this long: whole periods of all lines, without its ends.
+SHAKEN_FROM_S, SHAKEN_S = 0.3, 2.0
+# Only the last part of a hold counts: before, friction and spring still settle.
+HELD_SHARE = 0.5
+# Places nearer than this share of the widest step are one.
+SAME_PLACE = 0.3
+# A torque of this share of the greatest, and of so many deviations, is one.
+TOUCH_SHARE = 0.05
+TOUCH_DEVIATIONS = 3.0
+# Draws of what a repetition might have given, for the intervals of where the torque begins.
+DRAWS = 400
+
+
+@dataclass(frozen=True)
+class Held:
+    """The port held at ``displacement_rad`` (θ − θ_N) from the source of its command, reached ``rising`` or falling."""
+
+    command: float
+    displacement_rad: float
+    rising: bool
+    torque: Mean
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """The port's dynamic stiffness −τ/θ [N m/rad] at a frequency, about a place; the half-width is of either part."""
+
+    command: float
+    displacement_rad: float
+    frequency_hz: float
+    stiffness_nm_rad: complex
+    half_width_nm_rad: float
+
+
+@dataclass(frozen=True)
+class Zeros:
+    """Between these displacements [rad] from the source the port exerts nothing: none wide for a spring."""
+
+    low_rad: float
+    high_rad: float
+    width: Mean
+
+
+@dataclass(frozen=True)
+class Line:
+    """What the port exerts near its source, in few numbers.
+
+    ``stiffness`` [N m/rad] is the slope of −τ over displacement on either side of the zeros, ``hysteresis_nm`` half of
+    the greatest difference between the two directions; ``zeros`` is None where one side was not reached.
+    """
+
+    command: float
+    source: Mean
+    stiffness: Mean
+    hysteresis_nm: float
+    zeros: Zeros | None
+
+
+@dataclass(frozen=True)
+class ExertionTable:
+    """All that was read; ``sources`` are where the free port rested, by command (rounded)."""
+
+    held: tuple[Held, ...]
+    shaken: tuple[Shaken, ...]
+    sources: dict[float, Mean]
+
+    @property
+    def commands(self) -> tuple[float, ...]:
+        """In increasing order."""
+        return tuple(sorted(self.sources))
+
+    def branch(self, command: float, rising: bool) -> Branch:
+        """Displacement [rad], torque [N m] and its half-width in one direction, by displacement: (places,) each."""
+        own = [held for held in self.held if _same(held.command, command) and held.rising is rising]
+        own.sort(key=lambda held: held.displacement_rad)
+        rows = [(held.displacement_rad, held.torque.value, held.torque.half_width) for held in own]
+        table = np.array(rows, dtype=float).reshape(-1, 3)
+        return table[:, 0], table[:, 1], table[:, 2]
+
+    def curve(self, command: float) -> Branch:
+        """The mean of both directions wherever either was held and both reach: displacement, torque, half-width."""
+        rising, falling = self.branch(command, True), self.branch(command, False)
+        if not (rising[0].size and falling[0].size):
+            return rising if rising[0].size else falling
+        places = _apart(np.concatenate([rising[0], falling[0]]))
+        low, high = (end(rising[0]) for end in (np.min, np.max))
+        low, high = max(low, np.min(falling[0])), min(high, np.max(falling[0]))
+        slack = SAME_PLACE * float(np.max(np.diff(places), initial=0.0))
+        places = places[(places >= low - slack) & (places <= high + slack)]
+        means = [sum(np.interp(places, side[0], side[k]) for side in (rising, falling)) / 2 for k in (1, 2)]
+        return places, np.asarray(means[0]), np.asarray(means[1])
+
+    def hysteresis_nm(self, command: float) -> float:
+        """Half of the greatest difference between the directions; NaN where one is missing."""
+        places, _, _ = self.curve(command)
+        rising, falling = self.branch(command, True), self.branch(command, False)
+        if not (rising[0].size and falling[0].size and places.size):
+            return float("nan")
+        apart = np.interp(places, *rising[:2]) - np.interp(places, *falling[:2])
+        return float(np.max(np.abs(apart))) / 2
+
+    def exertion_nm(self, command: float, displacement_rad: float) -> float:
+        """Mean torque at a displacement from the source, by straight lines; NaN beyond what was measured."""
+        displacement, torque, _ = self.curve(command)
+        return float(np.interp(displacement_rad, displacement, torque, left=np.nan, right=np.nan))
+
+    def lines(self) -> tuple[Line, ...]:
+        """One for each command."""
+        return tuple(self._line(command) for command in self.commands)
+
+    def _line(self, command: float) -> Line:
+        branches = [self.branch(command, rising) for rising in (True, False)]
+        zeros = _zeros(branches)
+        stiffness = _slope(branches, zeros)
+        return Line(command, self.sources[command], stiffness, self.hysteresis_nm(command), zeros)
+
+
+def shake_lines(tick_s: float) -> tuple[FloatArray, FloatArray]:
+    """Frequencies [Hz] and amplitudes, which sum up to 1, of the small shaking; shape (lines,) each."""
+    frequency_hz = np.array([line for line in LINES_HZ if line <= 0.1 / tick_s] or LINES_HZ[:1])
+    amplitude = frequency_hz**-0.5
+    return frequency_hz, amplitude / amplitude.sum()
+
+
+def exertion_table(measured: Measured, tick_s: float) -> ExertionTable:
+    """From every hold and shake. Raises ExperimentError where there is none.
+
+    Shaking is read with the load's encoder, whose delay and whose spring to the port the calibration has told; without
+    a calibration in the recording only the holds are tabulated.
+    """
+    if not any(segment.procedure == PROCEDURE and segment.name.startswith(HOLD) for segment in measured.segments):
+        raise ExperimentError(f"no exertion was tabulated: run the step '{PROCEDURE}'")
+    count_rad = resolution_rad(measured.motion["position_rad"])
+    load = _load(measured, tick_s)
+    held, shaken, sources = list[Held](), list[Shaken](), dict[float, Mean]()
+    for segment in measured.segments:
+        if segment.procedure != PROCEDURE:
+            continue
+        command = round(_command(measured, segment), COMMAND_DECIMALS)
+        position = mean_of(inside(measured.motion, segment)["position_rad"], count_rad / 2)
+        if segment.name == READ:
+            sources[command] = position
+        elif segment.name.startswith(HOLD):
+            held.append(_held(measured, segment, command, sources[command].value))
+        elif segment.name == SHAKE and load is not None:
+            shaken += _shaken(measured, segment, load, command, position.value - sources[command].value, tick_s)
+    return ExertionTable(tuple(held), tuple(shaken), sources)
+
+
+def _load(measured: Measured, tick_s: float) -> LoadFit | None:
+    if not any(segment.use is Use.CALIBRATE for segment in measured.segments):
+        return None
+    return fit_load(measured, tick_s)
+
+
+def _command(measured: Measured, segment: SegmentInfo) -> float:
+    return float(np.median(inside(measured.ticks, segment, "tick_ns")["command"]))
+
+
+def _held(measured: Measured, segment: SegmentInfo, command: float, source_rad: float) -> Held:
+    start_ns = round(segment.end_ns - HELD_SHARE * (segment.end_ns - segment.start_ns))
+    late = measured.between(start_ns, segment.end_ns)
+    position_rad = float(np.mean(late.motion["position_rad"]))
+    return Held(command, position_rad - source_rad, "rising" in segment.name, torque_in(late, segment))
+
+
+def _shaken(
+    measured: Measured, segment: SegmentInfo, load: LoadFit, command: float, displacement_rad: float, tick_s: float
+) -> Iterator[Shaken]:
+    """At every line: torque over the angle on the actuator's side of the sensor, both in the torque's time."""
+    start_ns = segment.start_ns + round(SHAKEN_FROM_S * 1e9)
+    part = measured.between(start_ns, start_ns + round(SHAKEN_S * 1e9))
+    torque, motion = part.torque[part.torque["valid"]], part.load_motion
+    frequency_hz, _ = shake_lines(tick_s)
+    omega = 2 * np.pi * frequency_hz
+    torque_nm, deviation_nm = line_amplitudes((torque["arrival_ns"] - start_ns) * 1e-9, torque["torque_nm"], omega)
+    angle_rad, _ = line_amplitudes((motion["arrival_ns"] - start_ns) * 1e-9, motion["position_rad"], omega)
+    angle_rad = angle_rad * np.exp(1j * omega * load.result.motion_delay_s)
+    angle_rad = angle_rad + torque_nm / (load.sensor_stiffness_nm_rad + 1j * omega * load.sensor_damping_nms_rad)
+    for line, (exerted, angle) in enumerate(zip(torque_nm, angle_rad, strict=True)):
+        half = 1.96 * deviation_nm / abs(angle)
+        yield Shaken(command, displacement_rad, float(frequency_hz[line]), complex(-exerted / angle), float(half))
+
+
+def _same(first: float, second: float) -> bool:
+    return abs(first - second) < 10.0**-COMMAND_DECIMALS
+
+
+def _apart(places: FloatArray) -> FloatArray:
+    """Each place once, increasing: those that differ by little of a step are one, which control did not quite meet."""
+    ordered = np.sort(places)
+    steps = np.diff(ordered)
+    if not steps.size:
+        return ordered
+    groups = np.split(ordered, np.flatnonzero(steps > SAME_PLACE * np.max(steps)) + 1)
+    return np.array([np.mean(group) for group in groups])
+
+
+def _slope(branches: Sequence[Branch], zeros: Zeros | None) -> Mean:
+    """Of parallel straight lines, one in each direction on either side of the zeros, by what they leave of −τ."""
+    parts = [(x, y) for x, y, _ in branches]
+    if zeros is not None:
+        parts = [(x[side], y[side]) for x, y in parts for side in (x >= zeros.high_rad, x <= zeros.low_rad)]
+    parts = [(x - x.mean(), y - y.mean()) for x, y in parts if x.size > 1]
+    free = sum(x.size - 1 for x, _ in parts) - 1
+    if free < 1:
+        return Mean(float("nan"), float("nan"))
+    x, y = (np.concatenate(each) for each in zip(*parts, strict=True))
+    slope = float(x @ y / (x @ x))
+    deviation = float(np.sqrt(np.sum((y - slope * x) ** 2) / free / (x @ x)))
+    return Mean(-slope, float(t_distribution.ppf(0.975, free)) * deviation)
+
+
+def _zeros(branches: Sequence[Branch]) -> Zeros | None:
+    """The mean of both directions, so that friction at the port, which shifts them apart, drops out."""
+    edges = [_edges(*branch) for branch in branches if branch[0].size]
+    found = [each for each in edges if each is not None]
+    if not found or len(found) < len(edges):
+        return None
+    low, high = np.mean(found, axis=0)
+    width = np.maximum(high - low, 0.0)
+    half = float(np.ptp(np.quantile(width[1:], (0.025, 0.975)))) / 2
+    return Zeros(float(low[0]), float(high[0]), Mean(float(width[0]), half))
+
+
+def _edges(displacement: FloatArray, torque: FloatArray, half: FloatArray) -> FloatArray | None:
+    """Where the port begins to resist on either side, (2, 1 + DRAWS): as read, and as a repetition might have given it.
+
+    There the line through the two nearest places with torque meets zero. None where a side has fewer.
+    """
+    least_nm = max(TOUCH_SHARE * float(np.max(np.abs(torque))), TOUCH_DEVIATIONS * float(np.max(half)) / T_95)
+    random = np.random.default_rng(1)
+    draws = torque + random.standard_normal((DRAWS, torque.size)) * half / T_95
+    values, edges = np.vstack([torque, draws]), []
+    for side in (-1.0, 1.0):
+        touching = np.flatnonzero((-side * torque > least_nm) & (side * displacement > side * np.median(displacement)))
+        near, next_to = touching[np.argsort(side * displacement[touching])][:2] if touching.size > 1 else (None, None)
+        if near is None:
+            return None
+        slope = (values[:, next_to] - values[:, near]) / (displacement[next_to] - displacement[near])
+        edges.append(displacement[near] - values[:, near] / slope)
+    return np.array(edges)

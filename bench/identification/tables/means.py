@@ -1,0 +1,47 @@
+"""Means of what was read while nothing changed, with their 95 % intervals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as t_distribution
+
+from bench.records import Measured, SegmentInfo, Table
+
+FloatArray = npt.NDArray[np.float64]
+
+# The scatter of the means of so many blocks is that of noise that lasts: control, drift, friction.
+BLOCKS = 6
+T_95 = float(t_distribution.ppf(0.975, BLOCKS - 1))
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A value and half of its 95 % interval; NaN where too little was read."""
+
+    value: float
+    half_width: float
+
+
+UNKNOWN = Mean(float("nan"), float("nan"))
+
+
+def mean_of(values: FloatArray, least: float = 0.0) -> Mean:
+    """The mean of values (n,) in order of time, whose half-width is at least ``least``."""
+    if len(values) < 2 * BLOCKS:
+        return UNKNOWN
+    blocks = [float(np.mean(block)) for block in np.array_split(values, BLOCKS)]
+    scatter = T_95 * float(np.std(blocks, ddof=1)) / BLOCKS**0.5
+    return Mean(float(np.mean(values)), max(scatter, least))
+
+
+def inside(table: Table, segment: SegmentInfo, stamp: str = "arrival_ns") -> Table:
+    """The rows of a segment."""
+    first, last = np.searchsorted(table[stamp], [segment.start_ns, segment.end_ns])
+    return table[first:last]
+
+
+def torque_in(measured: Measured, segment: SegmentInfo, resolution_nm: float = 0.0) -> Mean:
+    """Port torque in a segment, less the sensor's zero as the bench knew it then."""
+    torque_nm = inside(measured.ticks, segment, "tick_ns")["torque_nm"]
+    return mean_of(torque_nm[np.isfinite(torque_nm)], resolution_nm)

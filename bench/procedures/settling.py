@@ -1,0 +1,48 @@
+"""A command held until the shaft is seen to rest, rather than for a time after which it should."""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.procedures.knowledge import Knowledge
+from bench.procedures.waves import hold, ramp
+from bench.records import Measured
+from bench.segments import FloatArray, Segment, Use
+
+MOVE_S = 0.5
+PIECE_S = 0.25
+
+# Makes a segment of a name, a use and commands (ticks,).
+Maker = Callable[[str, Use, FloatArray], Segment]
+
+
+@dataclass(frozen=True)
+class Patience:
+    """The shaft rests once it moves more slowly than ``below_rad_s``; ``at_most_s`` is waited for that."""
+
+    below_rad_s: float
+    at_most_s: float
+
+
+def settle(
+    make: Maker, known: Knowledge, start: float, stop: float, patience: Patience
+) -> Generator[Segment, Measured, None]:
+    """The command goes from ``start`` to ``stop``, and stays until the shaft rests, or nobody waits any longer."""
+    yield make("move", Use.PREPARE, ramp(start, stop, MOVE_S, known.tick_s))
+    waited_s = 0.0
+    while waited_s < patience.at_most_s:
+        measured = yield make("settle", Use.PREPARE, hold(stop, PIECE_S, known.tick_s))
+        if abs(mean_velocity_rad_s(measured)) < patience.below_rad_s:
+            return
+        waited_s += PIECE_S
+
+
+def mean_velocity_rad_s(measured: Measured) -> float:
+    """Of the actuator's shaft, by its positions; infinite where there are too few."""
+    motion = measured.motion
+    if len(motion) < 3:
+        return float("inf")
+    time_s = (motion["arrival_ns"] - motion["arrival_ns"][0]) * 1e-9
+    time_s = time_s - np.mean(time_s)
+    return float(time_s @ motion["position_rad"] / (time_s @ time_s))

@@ -1,0 +1,102 @@
+"""What the tables of exertion say of springs, backlash and friction, and where they say nothing."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.identification.tables.exertion_table import ExertionTable, Held, shake_lines
+from bench.identification.tables.means import BLOCKS, Mean, mean_of
+from bench.identification.tables.sines import line_amplitudes
+
+NOISE_NM = 1e-3
+COMMAND = 0.2
+
+
+def table(exerted, friction_nm=0.0, reach_rad=0.05, seed=0) -> ExertionTable:
+    """Held at nine places in both directions; friction resists the way in which each was reached."""
+    random, held = np.random.default_rng(seed), []
+    for rising in (True, False):
+        for place in np.linspace(-reach_rad, reach_rad, 9):
+            away = place + random.uniform(-1e-4, 1e-4)
+            torque_nm = exerted(away) - (friction_nm if rising else -friction_nm)
+            half = 2.57 * NOISE_NM
+            held.append(Held(COMMAND, away, rising, Mean(torque_nm + NOISE_NM * random.standard_normal(), half)))
+    return ExertionTable(tuple(held), (), {COMMAND: Mean(0.5, 1e-5)})
+
+
+def backlash(stiffness, width):
+    def exerted(away):
+        return -stiffness * (away - min(max(away, -width / 2), width / 2))
+
+    return exerted
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(1.0, 50.0), st.floats(0.0, 0.01), st.integers(0, 1000))
+def test_a_spring_has_its_stiffness_and_no_range_without_torque(stiffness, friction_nm, seed):
+    (line,) = table(lambda away: -stiffness * away, friction_nm, seed=seed).lines()
+    assert line.stiffness.value == pytest.approx(stiffness, abs=4 * line.stiffness.half_width)
+    assert line.stiffness.half_width < 0.1 * stiffness + 0.1
+    assert line.hysteresis_nm == pytest.approx(friction_nm, abs=4 * NOISE_NM + 2e-4 * stiffness)
+    if friction_nm == 0.0:
+        assert line.zeros is None or line.zeros.width.value < 2 * line.zeros.width.half_width + 3e-4
+
+
+@pytest.mark.parametrize("width_rad", [0.02, 0.04])
+def test_backlash_is_found_with_its_width_and_what_holds_beyond_it(width_rad):
+    (line,) = table(backlash(8.0, width_rad)).lines()
+    assert line.zeros is not None
+    assert line.zeros.width.value == pytest.approx(width_rad, abs=1.5 * line.zeros.width.half_width)
+    assert line.zeros.width.half_width < 3e-3
+    assert line.stiffness.value == pytest.approx(8.0, abs=max(2 * line.stiffness.half_width, 0.3))
+
+
+def test_beyond_what_was_held_nothing_is_claimed():
+    held = table(lambda away: -3.0 * away)
+    assert held.exertion_nm(COMMAND, 0.02) == pytest.approx(-0.06, abs=3 * NOISE_NM)
+    assert np.isnan(held.exertion_nm(COMMAND, 0.2))
+
+
+def test_one_direction_alone_tells_no_hysteresis():
+    both = table(lambda away: -3.0 * away)
+    rising = ExertionTable(tuple(held for held in both.held if held.rising), (), both.sources)
+    (line,) = rising.lines()
+    assert np.isnan(line.hysteresis_nm)
+    assert line.stiffness.value == pytest.approx(3.0, rel=0.1)
+
+
+def test_too_few_places_tell_no_stiffness():
+    few = ExertionTable((Held(COMMAND, 0.01, True, Mean(0.1, 1e-3)),), (), {COMMAND: Mean(0.5, 1e-5)})
+    (line,) = few.lines()
+    assert np.isnan(line.stiffness.value)
+    assert line.zeros is None
+
+
+def test_lines_stay_below_what_the_loop_carries():
+    frequency_hz, amplitude = shake_lines(1e-3)
+    assert frequency_hz.max() <= 100
+    assert amplitude.sum() == pytest.approx(1.0)
+    assert len(shake_lines(1 / 200)[0]) == 3
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(-3, 3), st.floats(-3, 3), st.integers(0, 10_000))
+def test_sines_are_found_in_readings_that_come_when_they_like(cosine, sine, seed):
+    random = np.random.default_rng(seed)
+    time_s = np.sort(random.uniform(0, 2, 1500))
+    omega = 2 * np.pi * np.array([2.0, 11.0])
+    values = cosine * np.cos(omega[0] * time_s) - sine * np.sin(omega[0] * time_s) + 0.7 + 0.1 * time_s
+    found, deviation = line_amplitudes(time_s, values + 0.05 * random.standard_normal(1500), omega)
+    assert found[0] == pytest.approx(complex(cosine, sine), abs=6 * deviation)
+    assert abs(found[1]) < 6 * deviation
+    assert 1e-3 < deviation < 3e-3
+
+
+def test_means_are_as_wide_as_what_lasts():
+    random = np.random.default_rng(0)
+    white = random.standard_normal(600)
+    wander = np.repeat(random.standard_normal(BLOCKS), 100)
+    assert mean_of(wander).half_width > 3 * mean_of(white).half_width
+    assert mean_of(np.ones(600), least=1e-3) == Mean(1.0, 1e-3)
+    assert np.isnan(mean_of(np.ones(3)).value)
