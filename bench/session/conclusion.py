@@ -6,10 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from bench.errors import ExperimentError, UsageError
 from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
 from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit_signals
+from bench.identification.in_situ import InSituResult
 from bench.identification.ladder import Rung
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
@@ -50,6 +53,8 @@ class Conclusion:
     conditions: tuple[Judgement, ...] = ()
     ladder: tuple[Rung, ...] = ()
     trials: tuple[TrialFigures, ...] = ()
+    in_situ: InSituResult | None = None
+    source: Path | None = None  # the motion source found in situ, as CSV
     network: Path | None = None
     report: Path | None = None
 
@@ -63,11 +68,21 @@ def conclude(
     recording: Path,
     out: Path,
     notes: Sequence[str] = (),
+    in_situ: InSituResult | None = None,
 ) -> Conclusion:
-    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report."""
+    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report.
+
+    ``in_situ`` is what an in-situ experiment of the session has found on its way.
+    """
+    motion_file = None if in_situ is None else _source_saved(in_situ, out / f"{recording.stem}.source.csv")
     uses = {segment.use for segment in measured.segments}
     if Use.IDENTIFY not in uses:
-        return Conclusion()
+        if in_situ is None:
+            return Conclusion()
+        known = {**metadata, "recording": recording.name}
+        shown = ReportData(metadata["rig"], rig_text, known, in_situ=in_situ, measured=measured, notes=notes)
+        page = write_report(out / f"{recording.stem}.report.html", shown)
+        return Conclusion(in_situ=in_situ, source=motion_file, report=page)
     tick_s = float(metadata["tick_s"])
     believed = sound(measured)
     stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
@@ -96,12 +111,27 @@ def conclude(
         conditions=judged,
         ladder=rungs,
         trials=repeated,
+        in_situ=in_situ,
         live=tuple(live),
         measured=measured,
         notes=notes,
     )
     report = write_report(out / f"{recording.stem}.report.html", data)
-    return Conclusion(result, checked, static, blocked, modelless, residuals, judged, rungs, repeated, network, report)
+    return Conclusion(
+        fit=result,
+        validation=checked,
+        source_map=static,
+        blocked_map=blocked,
+        without_model=modelless,
+        residuals=residuals,
+        conditions=judged,
+        ladder=rungs,
+        trials=repeated,
+        in_situ=in_situ,
+        source=motion_file,
+        network=network,
+        report=report,
+    )
 
 
 def _unseen(believed: Sound, tick_s: float) -> tuple[tuple[Signals, ...], Findings]:
@@ -125,6 +155,17 @@ def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path
     if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates):
         return None
     result.network.with_provenance(provenance).save(path)
+    return path
+
+
+def _source_saved(found: InSituResult, path: Path) -> Path | None:
+    """The motion source, tick by tick; none where the experiment did not come so far."""
+    source = found.source
+    if source is None:
+        return None
+    time_s = np.arange(len(source.command)) * source.tick_s
+    table = np.column_stack([time_s, source.command, source.position_rad, source.velocity_rad_s])
+    np.savetxt(path, table, "%.9g", ",", header="time_s,command,position_rad,velocity_rad_s", comments="")
     return path
 
 

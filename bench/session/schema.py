@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 # Every procedure that measures something to fit or to go by, and is not decided as it goes.
-STANDARD = tuple(name for name in STEPS if name not in ("refine", "iterate_zero_torque", "rest"))
+STANDARD = tuple(name for name in STEPS if name not in ("refine", "iterate_zero_torque", "in_situ", "rest"))
 # Around a refinement, which does the rest: just enough for a first fit, and for commands to validate with.
 SHORT_FREE = FreeOptions(levels=5, dwell_s=0.3, duration_s=4.0)
 SHORT_IMPOSED = ImposedOptions(commands=1, duration_s=4.0)
@@ -137,7 +137,7 @@ def _fault(table: object, where: str, steps: Sequence[str], mistakes: Mistakes) 
 
 def standard_session(rig: Rig | None = None) -> Session:
     """The built-in session of ``identify``: everything that ``rig`` can perform, or everything there is."""
-    able = STANDARD if rig is None else [name for name in STANDARD if _performs(rig, name)]
+    able = STANDARD if rig is None else [name for name in (*STANDARD, "in_situ") if _performs(rig, name)]
     return Session(tuple(Step(name, STEPS[name][1]()) for name in able), "the standard session")
 
 
@@ -171,8 +171,11 @@ def refining_session(rig: Rig, until: float, at_most_s: float) -> Session:
 
 def _performs(rig: Rig, name: str) -> bool:
     wiring = rig.wiring
-    if wiring.load is not None or name == "tare":
-        return True
+    assembled = wiring.load is not None and wiring.torque_sensor is None
+    if name == "tare" or assembled:
+        return name in ("tare", "in_situ")
+    if wiring.load is not None:
+        return name != "in_situ"
     if name == "blocked":
         return wiring.shaft == "clamped" and wiring.torque_sensor is not None
     return name in ("free", "validate") and wiring.shaft == "free"

@@ -88,7 +88,7 @@ def test_identify_runs_the_standard_session_and_prints_json(
     streams = capsys.readouterr()
     assert code == ExitCode.OK
     assert json.loads(streams.out)["parameters"]["inertia"]["std"] == 1e-7
-    standard = [name for name in STEPS if name not in ("refine", "iterate_zero_torque", "rest")]
+    standard = [name for name in STEPS if name not in ("refine", "iterate_zero_torque", "in_situ", "rest")]
     assert [step.do for step in engine.asked["session"].steps] == standard
     assert "until" not in json.loads(streams.out)
     assert (engine.asked["seed"], engine.asked["rig"].backend) == (7, "simulated")
