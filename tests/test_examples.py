@@ -93,6 +93,9 @@ WITH_LOAD = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "s
 SESSIONS = ("characterise", "quick", "refine", "zero-torque")
 LACKS = dict.fromkeys(product(SESSIONS, WITH_LOAD), "")
 LACKS |= dict.fromkeys(product(SESSIONS, ["sim-free-shaft"]), "'calibrate' needs a load drive")
+LACKS |= dict.fromkeys(product(("in-situ",), WITH_LOAD), "")
+LACKS |= dict.fromkeys(product(SESSIONS, ["sim-in-situ"]), "'calibrate' needs a torque sensor")
+LACKS |= {("in-situ", "sim-free-shaft"): "'in_situ' needs a load drive", ("in-situ", "sim-in-situ"): ""}
 LACKS["characterise", "sim-mit"] = "'imposed' asks for 40 rad/s"
 
 

@@ -11,9 +11,10 @@ from rich.table import Table
 from bench.cli.model_free import model_free, residual_figures
 from bench.cli.tables import tables_data, tables_view
 from bench.identification.ambiguity.conditions import Judgement
+from bench.identification.in_situ import InSituResult
 from bench.identification.ladder import Rung
 from bench.identification.results import FitResult, Validation
-from bench.identification.trials import TrialFigures, settled
+from bench.identification.trials import TrialFigures, last_driven, settled
 from bench.models.parameters import BY_NAME, Estimate
 from bench.procedures.refinement import Refinement, in_percent, widest_of, words
 from bench.records import Measured
@@ -34,6 +35,7 @@ def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
         "tables": tables_data(found),
         "ladder": [rung_figures(rung) for rung in found.ladder],
         "trials": trials_figures(found.trials),
+        "in_situ": in_situ_figures(found.in_situ, found.motion_file),
         "verdict": list(fit.verdict) if fit else [],
         "converged": bool(fit and fit.converged),
         "recording": recording,
@@ -82,11 +84,36 @@ def trials_figures(trials: Sequence[TrialFigures]) -> dict[str, Any] | None:
         return None
     return {
         "converged": settled(trials),
-        "below_first_db": trials[-1].below_db(trials[0]),
+        "below_first_db": last_driven(trials).below_db(trials[0]),
         "torque_nm": [trial.torque_nm for trial in trials],
         "with_noise_nm": [trial.with_noise_nm for trial in trials],
         "noise_nm": [trial.noise_nm for trial in trials],
     }
+
+
+def in_situ_figures(found: InSituResult | None, source: Path | None) -> dict[str, Any] | None:
+    """The actuator in situ: its trials, and where its motion source lies."""
+    if found is None or not found.trials:
+        return None
+    scatter = None if found.source is None else found.source.scatter_rad_s
+    return {
+        **(trials_figures(found.trials) or {}),
+        "driven": [trial.driven for trial in found.trials],
+        "assembly": list(found.assembly),
+        "reasons": list(found.reasons),
+        "source": source,
+        "source_scatter_rad_s": scatter,
+    }
+
+
+def in_situ_sentence(found: InSituResult) -> str:
+    """The same in words."""
+    last = last_driven(found.trials)
+    end = "; ".join(found.reasons) or "what is left is what movements differ by anyway"
+    return (
+        f"In situ, {len(found.trials)} trials: the actuator exerted {1e3 * last.with_noise_nm:.2f} mN·m at last, at "
+        f"least {last.below_db(found.trials[0]):.0f} dB below the first; {end}."
+    )
 
 
 def trials_sentence(trials: Sequence[TrialFigures]) -> str:
@@ -155,10 +182,18 @@ def summary(found: Conclusion, recording: Path) -> RenderableType:
     parts += map(str, found.conditions)
     if found.validation is not None:
         parts.append(validation_sentence(found.validation))
+    if found.in_situ is not None and found.in_situ.trials:
+        parts.append(in_situ_sentence(found.in_situ))
     if found.trials:
         parts.append(trials_sentence(found.trials))
     parts += tables_view(found)
-    parts.append(file_table((("recording", recording), ("network", found.network), ("report", found.report))))
+    files = (
+        ("recording", recording),
+        ("source", found.motion_file),
+        ("network", found.network),
+        ("report", found.report),
+    )
+    parts.append(file_table(files))
     return Group(*parts)
 
 

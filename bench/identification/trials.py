@@ -50,13 +50,15 @@ class Seen:
 class TrialFigures:
     """The port torque of one trial in the taught band, rms: with the sensor's noise in it, and the noise alone.
 
-    ``hidden_nm`` is the greatest torque that noise and chance may hide.
+    ``hidden_nm`` is the greatest torque that noise and chance may hide. ``driven`` is False where the load was left to
+    itself.
     """
 
     number: int
     with_noise_nm: float
     noise_nm: float
     hidden_nm: float
+    driven: bool = True
 
     @property
     def torque_nm(self) -> float:
@@ -107,17 +109,24 @@ def trials(measured: Measured, tick_s: float, procedure: str) -> tuple[TrialFigu
     return tuple(found[first:])
 
 
+def last_driven(found: Sequence[TrialFigures]) -> TrialFigures:
+    """The last trial in which the load was driven, or the last of all."""
+    return next((each for each in reversed(found) if each.driven), found[-1])
+
+
 def settled(found: Sequence[TrialFigures]) -> bool:
-    """Whether noise hides all that is left, and not by chance."""
-    return len(found) >= TRIALS_AT_FLOOR and all(each.at_floor for each in found[-TRIALS_AT_FLOOR:])
+    """Whether noise hides all that is left in the last driven trials, and not by chance."""
+    last = [each for each in found if each.driven][-TRIALS_AT_FLOOR:]
+    return len(last) == TRIALS_AT_FLOOR and all(each.at_floor for each in last)
 
 
 def diverge(found: Sequence[TrialFigures]) -> bool:
-    """Whether the last two trials are both worse than one before them."""
-    if len(found) < 3:
+    """Whether the last two driven trials are both worse than one before them, or than the load left to itself."""
+    driven = [each for each in found if each.driven]
+    if len(driven) < 2 or len(found) < 3:
         return False
-    best_nm = min(each.with_noise_nm for each in found[:-2])
-    return all(each.with_noise_nm > WORSE * best_nm for each in found[-2:])
+    before = [each.with_noise_nm for each in found if each not in driven[-2:]]
+    return all(each.with_noise_nm > WORSE * min(before) for each in driven[-2:])
 
 
 def in_band(values: FloatArray, tick_s: float) -> FloatArray:

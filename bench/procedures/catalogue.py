@@ -9,6 +9,7 @@ from bench.procedures.blocked import BlockedProcedure
 from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.free import FreeProcedure
 from bench.procedures.imposed import ImposedProcedure
+from bench.procedures.in_situ import InSituProcedure
 from bench.procedures.iterate import IterateProcedure
 from bench.procedures.knowledge import Adaptive, Procedure
 from bench.procedures.refine import RefineProcedure
@@ -38,6 +39,7 @@ CATALOGUE: Mapping[str, Entry] = {
     # Chosen from a first fit, which needs something to fit.
     "refine": Entry(RefineProcedure, after=("calibrate", "imposed")),
     "iterate_zero_torque": Entry(IterateProcedure, after=("calibrate", "free")),
+    "in_situ": Entry(InSituProcedure, after=("tare",)),
     "rest": Entry(RestProcedure),
     "tabulate_source": Entry(TabulateSourceProcedure, after=("calibrate",)),
     "tabulate_impedance": Entry(TabulateImpedanceProcedure, after=("calibrate",)),

@@ -10,11 +10,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from bench.identification.machine import Machine
 from bench.identification.trials import TRIAL, figures_of, seen
 from bench.procedures.free import command_multisine
 from bench.procedures.iteration import Iteration
 from bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
-from bench.procedures.learning import Machine, Models, lesson, next_load_torque
+from bench.procedures.learning import Models, lesson, next_load_torque
 from bench.procedures.makers import coasting, imposed, pushed
 from bench.procedures.options import IterateOptions
 from bench.procedures.waves import Motion, from_velocity, hold

@@ -7,6 +7,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 from bench.control.calibration import LoadCalibration
 from bench.errors import RigError
 from bench.identification.results import FitResult
+from bench.procedures.in_situ_state import InSitu
 from bench.procedures.iteration import Iteration
 from bench.procedures.refinement import Refinement
 from bench.records import Measured
@@ -31,8 +32,8 @@ class Knowledge:
 
     ``actuator`` is its first fit, from being shaken in the calibration: good enough to tune by, not a result.
     ``command_span`` holds the commands, negative and positive, at which the free actuator reached the velocity asked.
-    ``records`` holds what every procedure so far has measured. ``refinement`` and ``iteration`` tell how far the last
-    one came.
+    ``records`` holds what every procedure so far has measured. ``refinement``, ``iteration`` and ``in_situ`` tell how
+    far the last one came.
     """
 
     rig: Rig
@@ -43,6 +44,7 @@ class Knowledge:
     records: tuple[Measured, ...] = ()
     refinement: Refinement | None = None
     iteration: Iteration | None = None
+    in_situ: InSitu | None = None
 
     @property
     def tick_s(self) -> float:

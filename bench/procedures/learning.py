@@ -18,45 +18,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.control.calibration import LoadCalibration
 from bench.control.preview import delayed
-from bench.identification.results import FitResult
+from bench.identification.machine import Machine
 from bench.identification.trials import Seen, in_band
-from bench.models.network import NortonNetwork
 from bench.segments import FloatArray
 
 # The spectrum is averaged over so many lines to tell what is noise.
 LINES = 41
-
-
-@dataclass(frozen=True)
-class Machine:
-    """A model of one machine, and the delays of its command and its motion against the torque readings' arrivals."""
-
-    network: NortonNetwork
-    command_delay_s: float
-    motion_delay_s: float
-
-    @classmethod
-    def of_fit(cls, fit: FitResult) -> "Machine":
-        return cls(fit.network, fit.command_delay_s, fit.motion_delay_s)
-
-    @classmethod
-    def of_load(cls, load: LoadCalibration) -> "Machine":
-        motion_s = load.measurement_delay_s if load.motion_delay_s is None else load.motion_delay_s
-        return cls(load.network, load.command_delay_s, motion_s)
-
-    def torque_nm(self, command: FloatArray, position_rad: FloatArray, tick_s: float) -> FloatArray:
-        """What it exerts at its port, (ticks,), by what was sent to it and what arrived of its position."""
-        held = delayed(command, tick_s, self.command_delay_s)
-        return self.network.torque(held, delayed(position_rad, tick_s, -self.motion_delay_s), tick_s)
-
-    def command_for(self, motor_nm: FloatArray, tick_s: float) -> FloatArray:
-        """The commands, (ticks,), that give this motor torque at the instants at which they arrive."""
-        stays = np.exp(-self.network.amplifier_bandwidth_rad_s * tick_s)
-        wanted = delayed(motor_nm, tick_s, -self.command_delay_s)
-        following = np.append(wanted[1:], wanted[-1])
-        return np.asarray((following - stays * wanted) / (1.0 - stays) / self.network.torque_gain)
 
 
 @dataclass(frozen=True)

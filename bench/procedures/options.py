@@ -72,6 +72,24 @@ class IterateOptions:
 
 
 @dataclass(frozen=True)
+class InSituOptions:
+    """One movement again and again while the actuator stays assembled to its load; no torque sensor is looked at.
+
+    Of the load, ``viscous_damping_nms_rad`` and ``inertia_kgm2`` are what is believed beforehand, None where nothing
+    is; both count newton metres as the load drive does. ``amplitude`` is that of the motion source, as foreseen.
+    """
+
+    trials: int = 12  # at most, those that are left alone among them
+    duration_s: float = 8.0
+    highest_hz: float = 3.0
+    amplitude: float = 0.5
+    left_alone: float = 0.25  # the share of trials in which the load is not driven, at random
+    viscous_damping_nms_rad: float | None = None
+    inertia_kgm2: float | None = None
+    seed: int = 6
+
+
+@dataclass(frozen=True)
 class RestOptions:
     """Nothing commanded, everything watched."""
 
@@ -114,6 +132,7 @@ Options = (
     | ImposedOptions
     | RefineOptions
     | IterateOptions
+    | InSituOptions
     | RestOptions
     | TabulateImpedanceOptions
     | TabulateSourceOptions

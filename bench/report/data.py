@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from bench.identification.ambiguity.conditions import Judgement
+from bench.identification.in_situ import InSituResult
 from bench.identification.ladder import Rung
 from bench.identification.model_free.without_model import WithoutModel
 from bench.identification.residuals.diagnosis import ResidualTests
@@ -37,6 +38,7 @@ class ReportData:
     conditions: Sequence[Judgement] = ()
     ladder: Sequence[Rung] = ()
     trials: Sequence[TrialFigures] = ()
+    in_situ: InSituResult | None = None
     live: Sequence[LiveEstimate | RecordedEstimates] = ()
     measured: Measured | None = None
     notes: Sequence[str] = ()

@@ -14,7 +14,7 @@ from bench.report.figures_timing import timing_figure
 from bench.report.loops import bench_time_s, presliding_loops, sliding_samples
 from bench.report.section import Facts, Section
 from bench.report.sections_tables import exertion_section, tabulated_source_section, two_ports_section
-from bench.report.sections_trials import trials_section
+from bench.report.sections_trials import in_situ_section, trials_section
 from bench.report.sections_without_model import residuals_section, source_sentences, without_model_section
 from bench.report.streams import StreamQuality, stream_qualities
 from bench.report.svg import svg
@@ -255,6 +255,7 @@ MAKERS: tuple[Callable[[ReportData], Section | None], ...] = (
     friction_section,
     blocked_section,
     trials_section,
+    in_situ_section,
     live_section,
     timing_section,
     events_section,

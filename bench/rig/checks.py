@@ -32,8 +32,8 @@ def _backend(draft: Draft, backend: str | None) -> Found:
 
 
 def _needed_devices(draft: Draft) -> Found:
-    if draft.has("load") and not draft.has("torque_sensor"):
-        yield "[load]", "a load needs a torque sensor between it and the actuator; add a section [torque_sensor]"
+    if draft.load is not None and not draft.has("torque_sensor") and not isfinite(draft.load.torque_limit_nm):
+        yield "[load] torque_limit", 'is missing, and no sensor watches the torque; add torque_limit = "1 N*m"'
     if draft.has("load") and draft.rig is not None and draft.rig.shaft == "clamped":
         yield "[rig] shaft", '"clamped" contradicts the [load] that turns the shaft; leave out shaft, or [load]'
 

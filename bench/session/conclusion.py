@@ -1,15 +1,18 @@
 """What follows from a recording: the fit, its validation, the maps, the network file and the report."""
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from bench.errors import ExperimentError, UsageError
 from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
 from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit_signals
+from bench.identification.in_situ import InSituResult
 from bench.identification.ladder import Rung
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
@@ -53,6 +56,8 @@ class Conclusion:
     conditions: tuple[Judgement, ...] = ()
     ladder: tuple[Rung, ...] = ()
     trials: tuple[TrialFigures, ...] = ()
+    in_situ: InSituResult | None = None
+    motion_file: Path | None = None  # the motion source found in situ, as CSV
     network: Path | None = None
     report: Path | None = None
     source: SourceTable | None = None
@@ -61,8 +66,8 @@ class Conclusion:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing was identified: neither parameters nor tables."""
-        told = (self.fit, self.source_map, self.blocked_map, self.source, self.exertion)
+        """Whether nothing was identified: neither parameters nor tables, nor a source in situ."""
+        told = (self.fit, self.source_map, self.blocked_map, self.source, self.exertion, self.in_situ)
         return all(part is None for part in told)
 
 
@@ -75,24 +80,25 @@ def conclude(
     recording: Path,
     out: Path,
     notes: Sequence[str] = (),
+    in_situ: InSituResult | None = None,
 ) -> Conclusion:
-    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report."""
+    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report.
+
+    ``in_situ`` is what an in-situ experiment of the session has found on its way.
+    """
     uses = {segment.use for segment in measured.segments}
-    if Use.IDENTIFY not in uses:
+    if Use.IDENTIFY not in uses and in_situ is None:
         return Conclusion()
-    tick_s, believed = float(metadata["tick_s"]), sound(measured)
-    found = replace(
-        _tabulated(believed.measured, tick_s),
-        trials=trials(measured, tick_s, ITERATED),
-        command_unit=metadata["command_unit"],
-    )
-    if metadata.get("model") != NO_MODEL:
-        about = {**metadata, "recording": recording.name}
-        found = _fitted(believed, uses, about, out / f"{recording.stem}.network.json", found)
+    about = {**metadata, "recording": recording.name}
+    found = Conclusion(in_situ=in_situ, command_unit=metadata["command_unit"])
+    if in_situ is not None:
+        found = replace(found, motion_file=_source_saved(in_situ, out / f"{recording.stem}.source.csv"))
+    if Use.IDENTIFY in uses:
+        found = _identified(found, measured, about, out / f"{recording.stem}.network.json")
     page = ReportData(
         rig_name=metadata["rig"],
         rig_text=rig_text,
-        metadata={**metadata, "recording": recording.name},
+        metadata=about,
         fit=found.fit,
         validation=found.validation,
         source_map=found.source_map,
@@ -104,6 +110,7 @@ def conclude(
         conditions=found.conditions,
         ladder=found.ladder,
         trials=found.trials,
+        in_situ=found.in_situ,
         live=tuple(live),
         measured=measured,
         notes=notes,
@@ -111,29 +118,33 @@ def conclude(
     return replace(found, report=write_report(out / f"{recording.stem}.report.html", page))
 
 
-def _tabulated(measured: Measured, tick_s: float) -> Conclusion:
-    """What needs no model."""
-    return Conclusion(
-        source_map=_where_measured(source_map, measured),
-        blocked_map=_where_measured(blocked_map, measured),
-        source=_where_measured(source_table, measured),
-        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), measured),
+def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, str], network: Path) -> Conclusion:
+    """What needs no model, and the motor where the actuator is one."""
+    tick_s, believed = float(metadata["tick_s"]), sound(measured)
+    told = believed.measured
+    found = replace(
+        found,
+        source_map=_where_measured(source_map, told),
+        blocked_map=_where_measured(blocked_map, told),
+        source=_where_measured(source_table, told),
+        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), told),
+        trials=trials(measured, tick_s, ITERATED),
     )
+    return found if metadata.get("model") == NO_MODEL else _fitted(found, believed, metadata, network)
 
 
-def _fitted(
-    believed: Sound, uses: Set[Use], metadata: Mapping[str, str], network: Path, tabulated: Conclusion
-) -> Conclusion:
+def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], network: Path) -> Conclusion:
     """The motor's parameters, and what checks them."""
     tick_s, segments = float(metadata["tick_s"]), believed.measured.segments
     stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
-    unseen, findings = _unseen(believed, tick_s) if Use.VALIDATE in uses else ((), believed.findings)
+    validates = any(segment.use is Use.VALIDATE for segment in segments)
+    unseen, findings = _unseen(believed, tick_s) if validates else ((), believed.findings)
     result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings)
     checked = _where_measured(partial(validate_signals, result, unseen), segments) if unseen else None
-    modelless, static = without_model(result, stretches, unseen, segments), tabulated.source_map
+    modelless, static = without_model(result, stretches, unseen, segments), found.source_map
     evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
     return replace(
-        tabulated,
+        found,
         fit=result,
         validation=checked,
         without_model=modelless,
@@ -165,6 +176,17 @@ def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path
     if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates):
         return None
     result.network.with_provenance(provenance).save(path)
+    return path
+
+
+def _source_saved(found: InSituResult, path: Path) -> Path | None:
+    """The motion source, tick by tick; none where the experiment did not come so far."""
+    source = found.source
+    if source is None:
+        return None
+    time_s = np.arange(len(source.command)) * source.tick_s
+    table = np.column_stack([time_s, source.command, source.position_rad, source.velocity_rad_s])
+    np.savetxt(path, table, "%.9g", ",", header="time_s,command,position_rad,velocity_rad_s", comments="")
     return path
 
 

@@ -139,8 +139,11 @@ def _fault(table: object, where: str, steps: Sequence[str], mistakes: Mistakes) 
 
 def standard_session(rig: Rig | None = None) -> Session:
     """The built-in session of ``identify``: everything that ``rig`` can perform, or everything there is."""
-    wanted = TABLES if rig is not None and rig.model == "none" else STANDARD
-    able = wanted if rig is None else [name for name in wanted if _performs(rig, name)]
+    if rig is None:
+        able = STANDARD
+    else:
+        wanted = TABLES if rig.model == "none" else STANDARD
+        able = tuple(name for name in (*wanted, "in_situ") if _performs(rig, name))
     return Session(tuple(Step(name, STEPS[name][1]()) for name in able), "the standard session")
 
 
@@ -174,8 +177,11 @@ def refining_session(rig: Rig, until: float, at_most_s: float) -> Session:
 
 def _performs(rig: Rig, name: str) -> bool:
     wiring = rig.wiring
-    if wiring.load is not None or name == "tare":
-        return True
+    assembled = wiring.load is not None and wiring.torque_sensor is None
+    if name == "tare" or assembled:
+        return name in ("tare", "in_situ")
+    if wiring.load is not None:
+        return name != "in_situ"
     if name == "blocked":
         return wiring.shaft == "clamped" and wiring.torque_sensor is not None
     return name in ("free", "validate", "tabulate_source") and wiring.shaft == "free"

@@ -10,6 +10,7 @@ from bench.procedures.options import (
     CalibrateOptions,
     FreeOptions,
     ImposedOptions,
+    InSituOptions,
     IterateOptions,
     Options,
     RefineOptions,
@@ -45,6 +46,8 @@ def _quantity_text(written: object) -> str:
 
 Seconds = Annotated[float, quantity_in("s")]
 Hertz = Annotated[float, quantity_in("Hz")]
+Damping = Annotated[float, quantity_in("N*m*s/rad")]
+Inertia = Annotated[float, quantity_in("kg*m^2")]
 Fraction = Annotated[float, quantity_in("")]
 ParameterName = Annotated[str, AfterValidator(parameter_name)]
 StatusName = Annotated[str, AfterValidator(status_name)]
@@ -97,6 +100,19 @@ class _Iterate(StepModel):
     duration_s: Seconds = Field(IterateOptions.duration_s, alias="duration", ge=2, examples=["8 s"])
     highest_hz: Hertz = Field(IterateOptions.highest_hz, alias="highest", gt=0.2, le=20, examples=["3 Hz"])
     seed: int = Field(IterateOptions.seed, ge=0, examples=[5])
+
+
+class _InSitu(StepModel):
+    trials: int = Field(InSituOptions.trials, ge=4, le=100, examples=[12])
+    duration_s: Seconds = Field(InSituOptions.duration_s, alias="duration", ge=2, examples=["8 s"])
+    highest_hz: Hertz = Field(InSituOptions.highest_hz, alias="highest", gt=0.2, le=20, examples=["3 Hz"])
+    amplitude: Fraction = Field(InSituOptions.amplitude, gt=0, le=1, examples=["50 %"])
+    left_alone: Fraction = Field(InSituOptions.left_alone, ge=0, lt=1, examples=["25 %"])
+    viscous_damping_nms_rad: Damping | None = Field(
+        InSituOptions.viscous_damping_nms_rad, alias="viscous_damping", ge=0, examples=["3e-4 N*m*s/rad"]
+    )
+    inertia_kgm2: Inertia | None = Field(InSituOptions.inertia_kgm2, alias="inertia", gt=0, examples=["1.2e-4 kg*m^2"])
+    seed: int = Field(InSituOptions.seed, ge=0, examples=[6])
 
 
 class _Validate(StepModel):
@@ -155,6 +171,7 @@ STEPS: Mapping[str, tuple[type[StepModel], type[Options]]] = {
     "imposed": (_Imposed, ImposedOptions),
     "refine": (_Refine, RefineOptions),
     "iterate_zero_torque": (_Iterate, IterateOptions),
+    "in_situ": (_InSitu, InSituOptions),
     "rest": (_Rest, RestOptions),
     "tabulate_source": (_TabulateSource, TabulateSourceOptions),
     "tabulate_impedance": (_TabulateImpedance, TabulateImpedanceOptions),

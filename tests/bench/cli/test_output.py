@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from rich.console import Console, RenderableType
 
 from bench.cli.output import Output, to_json
-from bench.cli.results import identification, parameter_table, summary, trials_sentence, with_digits
+from bench.cli.results import identification, in_situ_sentence, parameter_table, summary, trials_sentence, with_digits
+from bench.identification.in_situ import InSituResult
 from bench.identification.results import FitResult, Trace, Validation
 from bench.identification.trials import TrialFigures
 from bench.models.network import NortonNetwork
@@ -86,6 +87,17 @@ def test_a_repeated_movement_has_its_figures_and_a_sentence() -> None:
     assert "0.30 mN·m at the port, at least 36 dB below the undriven load" in said
     assert said.endswith("noise hides what is left.")
     assert trials_sentence(trials[:2]).endswith("not converged.")
+
+
+def test_an_assembled_actuator_has_its_trials_and_the_file_of_its_source() -> None:
+    trials = tuple(TrialFigures(n, torque, 1e-4, 1e-4, torque < 1e-3) for n, torque in enumerate((1e-2, 2e-4, 1e-2), 1))
+    found = InSituResult(trials, None, ("the load's inertia is known",), ("after 3 trials there was still more",))
+    data = identification(Conclusion(in_situ=found, source=FILES[1]), FILES[0])["in_situ"]
+    assert data["driven"] == [False, True, False]
+    assert data["below_first_db"] == pytest.approx(35.2, abs=0.1)
+    assert data["reasons"] == ["after 3 trials there was still more"]
+    assert (data["converged"], data["source"], data["source_scatter_rad_s"]) == (False, FILES[1], None)
+    assert "exerted 0.20 mN·m at last, at least 35 dB below the first; after 3" in in_situ_sentence(found)
 
 
 def test_the_summary_names_parameters_verdict_and_files(fit: FitResult) -> None:

@@ -1,8 +1,7 @@
 """A movement repeated until its port torque is noise, on the simulated bench through the real path."""
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 
 from bench.errors import RigError
 from bench.identification.trials import TRIAL, TrialFigures, settled, trials
-from bench.loop.loop import Loop
 from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.carry_out import carry_out
 from bench.procedures.iterate import IterateProcedure, way
@@ -20,43 +18,14 @@ from bench.procedures.knowledge import Knowledge
 from bench.procedures.learning import lacks
 from bench.procedures.options import CalibrateOptions, IterateOptions, TareOptions
 from bench.procedures.tare import TareProcedure
-from bench.records import Measured, join
+from bench.records import join
 from bench.rig.load import load_rig
-from bench.segments import Segment
 from bench.session.supervision import learned
-from tests.bench.bench_in_simulation import Bench, opened
+from tests.bench.bench_in_simulation import opened
+from tests.bench.watched import Watched
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
-LOOK_NS = 100_000
 STEP = IterateProcedure(IterateOptions(trials=6, duration_s=2.0))
-
-
-@dataclass
-class Watched:
-    """The loop, with an eye on the true port torque while a trial runs."""
-
-    bench: Bench
-    true_rms_nm: list[float] = field(default_factory=list)
-    _seen_nm: list[float] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        world = self.bench.backend.world
-        look = lambda _now: self._seen_nm.append(world.plant.true_port_torque_nm())  # noqa: E731
-        world.every(LOOK_NS, look, first_ns=world.now_ns + LOOK_NS)
-
-    @property
-    def loop(self) -> Loop:
-        return self.bench.loop
-
-    def running(self) -> AbstractContextManager[None]:
-        return self.loop.running()
-
-    def run(self, segment: Segment) -> Measured:
-        self._seen_nm.clear()
-        measured = self.loop.run(segment)
-        if segment.name.startswith(TRIAL):
-            self.true_rms_nm.append(float(np.sqrt(np.mean(np.square(self._seen_nm)))))
-        return measured
 
 
 @dataclass(frozen=True)

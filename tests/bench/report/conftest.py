@@ -8,6 +8,7 @@ import pytest
 from bench.identification.ambiguity.conditions import Judgement
 from bench.identification.friction.family import model
 from bench.identification.friction.fit import FrictionFit
+from bench.identification.in_situ import InSituResult, SourceMotion
 from bench.identification.ladder import Rung
 from bench.identification.model_free.impedance_table import ImpedanceTable
 from bench.identification.model_free.stop_operator import StopOperator
@@ -29,6 +30,14 @@ START_NS = 5_000_000_000
 GAIN, DAMPING, COULOMB, STIFFNESS, INERTIA = 0.9, 1e-3, 0.02, 10.0, 5e-5
 VALUES = (GAIN, 600.0, INERTIA, DAMPING, COULOMB, STIFFNESS, 0.01)
 TRIALS = tuple(TrialFigures(n, torque, 2.9e-4, 1.5e-4) for n, torque in enumerate((1e-2, 4e-4, 3e-4, 3e-4, 3e-4), 1))
+IN_SITU = InSituResult(
+    tuple(
+        TrialFigures(n, torque, 1e-4, 1e-4, driven=torque < 1e-3)
+        for n, torque in enumerate((1e-2, 2e-4, 1e-4, 1e-2, 1e-4, 1e-4), 1)
+    ),
+    SourceMotion(TICK_S, np.linspace(0, 0.1, 4000), np.linspace(0, 20, 4000), np.linspace(0, 10, 4000), 8e-3),
+    ("the load's inertia is 1.26e-4 kg*m^2",),
+)
 NETWORK = NortonNetwork(*VALUES, command_unit="N*m")
 
 
@@ -243,6 +252,7 @@ def full() -> ReportData:
             rung("lugre", 0.0099, 0.00996, 1.9e-4, converged=False),
         ),
         trials=TRIALS,
+        in_situ=IN_SITU,
         live=live,
         measured=measured_from(velocity, command, torque, names),
         notes=("The staircase was cut short.",),

@@ -22,6 +22,7 @@ SECTIONS = [
     "friction",
     "blocked",
     "trials",
+    "in-situ",
     "live",
     "timing",
     "events",
@@ -71,7 +72,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_everything_known_shows_every_section(page_of_all: str) -> None:
     page = Outline(page_of_all)
     assert page.sections == SECTIONS
-    assert page.pictures == 12
+    assert page.pictures == 14
 
 
 def test_the_same_data_give_the_same_bytes(full: ReportData, page_of_all: str, tmp_path) -> None:
@@ -105,6 +106,7 @@ def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
         "conditions": {"conditions"},
         "ladder": {"friction"},
         "trials": {"trials"},
+        "in_situ": {"in-situ"},
         "live": {"live"},
         "measured": {"timing", "events", "impedance", "live"},
     }
@@ -147,6 +149,12 @@ def test_each_condition_is_told_with_its_figure(page_of_all: str) -> None:
 def test_a_repeated_movement_is_shown_trial_by_trial(page_of_all: str) -> None:
     assert "The movement was repeated 5 times and converged: noise hides what is left." in page_of_all
     assert "The last trial lies at least 36.5 dB below the first." in page_of_all
+
+
+def test_an_assembled_actuator_has_its_trials_and_its_source(page_of_all: str) -> None:
+    assert "The load&#39;s inertia is 1.26e-4 kg*m^2." in page_of_all
+    assert "repeated 6 times and converged: what is left is what movements differ by anyway." in page_of_all
+    assert "Trials differ by 0.0080 rad/s rms." in page_of_all
 
 
 def test_text_from_outside_is_escaped(full: ReportData) -> None:

@@ -286,12 +286,10 @@ def test_a_value_where_a_section_belongs_is_told(section: str) -> None:
     assert any(line.startswith(f"r.toml: [{section}]: is a section") for line in mistakes_in(text))
 
 
-def test_a_load_needs_a_torque_sensor() -> None:
-    said = mistakes_in(without("torque_sensor"))
-    assert (
-        "r.toml: [load]: a load needs a torque sensor between it and the actuator; add a section [torque_sensor]"
-        in said
-    )
+def test_a_load_without_a_torque_sensor_needs_a_limit_of_its_own() -> None:
+    said = mistakes_in(without("torque_sensor").replace("torque_limit", "# torque_limit"))
+    missing = '[load] torque_limit: is missing, and no sensor watches the torque; add torque_limit = "1 N*m"'
+    assert f"r.toml: {missing}" in said
 
 
 def test_a_torque_limit_needs_a_torque_sensor() -> None:

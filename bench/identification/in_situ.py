@@ -1,0 +1,93 @@
+"""What the in-situ experiment has found: the torque that the actuator exerted in each trial, and its motion source."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.identification.trials import TrialFigures, diverge, in_band, settled
+from bench.segments import FloatArray
+
+# The source is the mean of so many last driven trials.
+AVERAGED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Exerted:
+    """One trial, at its ticks, arrays (ticks,): what the actuator exerted on its load, and how it moved meanwhile."""
+
+    number: int
+    driven: bool
+    torque_nm: FloatArray  # in the taught band, less its mean over the trial
+    position_rad: FloatArray  # from where the trial began
+
+    @classmethod
+    def of(cls, number: int, driven: bool, torque_nm: FloatArray, position_rad: FloatArray, tick_s: float) -> "Exerted":
+        return cls(
+            number, driven, in_band(torque_nm - np.mean(torque_nm), tick_s), np.asarray(position_rad - position_rad[0])
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SourceMotion:
+    """The motion source under one command, arrays (ticks,); ``scatter_rad_s`` is how much trials differ, rms."""
+
+    tick_s: float
+    command: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    scatter_rad_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class InSituResult:
+    """``assembly`` says in sentences what the load was taken for, ``reasons`` why it did not converge."""
+
+    trials: tuple[TrialFigures, ...]
+    source: SourceMotion | None
+    assembly: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def converged(self) -> bool:
+        return settled(self.trials)
+
+
+def figures(trials: Sequence[Exerted]) -> tuple[TrialFigures, ...]:
+    """Of every trial: the noise floor is by how much those differ in which the load was left to itself.
+
+    It is 0 as long as there are not two of them.
+    """
+    floor_nm = _scatter([each.torque_nm for each in trials if not each.driven])
+    return tuple(
+        TrialFigures(each.number, float(np.sqrt(np.mean(each.torque_nm**2))), floor_nm, floor_nm, each.driven)
+        for each in trials
+    )
+
+
+def ended(found: Sequence[TrialFigures]) -> bool:
+    """Whether more trials would tell nothing new."""
+    return settled(found) or diverge(found)
+
+
+def source_motion(trials: Sequence[Exerted], command: FloatArray, tick_s: float) -> SourceMotion | None:
+    """The mean motion of the last driven trials; None where there are not enough of them."""
+    last = [each.position_rad for each in trials if each.driven][-AVERAGED:]
+    if len(last) < AVERAGED:
+        return None
+    velocities = [np.gradient(in_band_motion(each, tick_s), tick_s) for each in last]
+    position = np.mean(last, axis=0)
+    return SourceMotion(tick_s, command, position, np.mean(velocities, axis=0), _scatter(velocities))
+
+
+def in_band_motion(position_rad: FloatArray, tick_s: float) -> FloatArray:
+    """A motion that need not end where it began, without what is above the band."""
+    line = np.linspace(position_rad[0], position_rad[-1], len(position_rad))
+    return np.asarray(line + in_band(position_rad - line, tick_s))
+
+
+def _scatter(repeated: Sequence[FloatArray]) -> float:
+    """By how much one of several repetitions differs from what they have in common, rms."""
+    if len(repeated) < 2:
+        return 0.0
+    return float(np.sqrt(np.mean(np.var(np.stack(repeated), axis=0, ddof=1))))

@@ -1,0 +1,41 @@
+"""One machine as its model sees it at the ticks: from what was sent and what arrived to the torque at its port."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.control.calibration import LoadCalibration
+from bench.control.preview import delayed
+from bench.identification.results import FitResult
+from bench.models.network import NortonNetwork
+from bench.segments import FloatArray
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A network, and the delays of its command and its motion; both count from the arrivals of the same readings."""
+
+    network: NortonNetwork
+    command_delay_s: float
+    motion_delay_s: float
+
+    @classmethod
+    def of_fit(cls, fit: FitResult) -> "Machine":
+        return cls(fit.network, fit.command_delay_s, fit.motion_delay_s)
+
+    @classmethod
+    def of_load(cls, load: LoadCalibration) -> "Machine":
+        motion_s = load.measurement_delay_s if load.motion_delay_s is None else load.motion_delay_s
+        return cls(load.network, load.command_delay_s, motion_s)
+
+    def torque_nm(self, command: FloatArray, position_rad: FloatArray, tick_s: float) -> FloatArray:
+        """What it exerts at its port, (ticks,), by what was sent to it and what arrived of its position."""
+        held = delayed(command, tick_s, self.command_delay_s)
+        return self.network.torque(held, delayed(position_rad, tick_s, -self.motion_delay_s), tick_s)
+
+    def command_for(self, motor_nm: FloatArray, tick_s: float) -> FloatArray:
+        """The commands, (ticks,), that give this motor torque at the instants at which they arrive."""
+        stays = np.exp(-self.network.amplifier_bandwidth_rad_s * tick_s)
+        wanted = delayed(motor_nm, tick_s, -self.command_delay_s)
+        following = np.append(wanted[1:], wanted[-1])
+        return np.asarray((following - stays * wanted) / (1.0 - stays) / self.network.torque_gain)

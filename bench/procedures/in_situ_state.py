@@ -1,0 +1,34 @@
+"""How far an in-situ experiment has come."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bench.identification.in_situ import Exerted, InSituResult, figures, source_motion
+from bench.procedures.learning import Lesson, Models
+from bench.segments import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Both machines, and in sentences where the load's values come from."""
+
+    models: Models
+    said: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class InSitu:
+    """How far it has come. ``order`` says of each trial to come, and of those that were, whether it is driven."""
+
+    assembly: Assembly | None = None
+    command: FloatArray = field(default_factory=lambda: np.empty(0))
+    order: tuple[bool, ...] = ()
+    trials: tuple[Exerted, ...] = ()
+    lessons: tuple[Lesson, ...] = ()
+    finished: bool = False
+    reasons: tuple[str, ...] = ()
+
+    def result(self, tick_s: float) -> InSituResult:
+        said = self.assembly.said if self.assembly is not None else ()
+        return InSituResult(figures(self.trials), source_motion(self.trials, self.command, tick_s), said, self.reasons)

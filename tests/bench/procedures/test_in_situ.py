@@ -1,0 +1,157 @@
+"""An actuator that stays assembled to its load, on a simulated bench without a torque sensor."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.errors import ExperimentError, RigError
+from bench.identification.in_situ import Exerted, InSituResult, figures, in_band_motion
+from bench.identification.trials import settled
+from bench.procedures.calibrate import CalibrateProcedure
+from bench.procedures.carry_out import carry_out
+from bench.procedures.in_situ import InSituProcedure
+from bench.procedures.knowledge import Knowledge
+from bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
+from bench.procedures.tare import TareProcedure
+from bench.rig.load import load_rig, parse_rig
+from bench.rig.rig import Rig
+from bench.session.supervision import learned
+from sim_backend.plant import Plant
+from sim_backend.truth import read_truth
+from tests.bench.bench_in_simulation import opened
+from tests.bench.watched import Watched
+
+RIGS = Path(__file__).parents[3] / "rigs"
+RIG = load_rig(RIGS / "sim-in-situ.toml")
+# The load's viscous damping as its drive counts newton metres, of which each gives 0.95: true to three digits.
+TRUE_INERTIA_KGM2, VISCOUS_NMS_RAD = 1.2e-4 / 0.95, 3.16e-4
+OPTIONS = InSituOptions(trials=7, duration_s=4.0, viscous_damping_nms_rad=VISCOUS_NMS_RAD)
+
+
+@dataclass(frozen=True)
+class Found:
+    known: Knowledge
+    result: InSituResult
+    true_rms_nm: list[float]
+    said: list[str]
+
+    def below_db(self, number: int) -> float:
+        """How far the true torque of a trial lies below that of the first."""
+        return float(20 * np.log10(self.true_rms_nm[0] / self.true_rms_nm[number - 1]))
+
+
+def carried_out(
+    rig: Rig, options: InSituOptions, before: Callable[[Knowledge, Watched], Knowledge] | None = None
+) -> Found:
+    with opened(rig) as bench:
+        watched = Watched(bench)
+        known = carry_out(TareProcedure(TareOptions(0.5)), Knowledge(rig), bench.loop)
+        if before is not None:
+            known = before(known, watched)
+        step, said = InSituProcedure(options), []
+        while (decision := step.following(known)).procedure is not None:
+            said.append(decision.said)
+            known = carry_out(decision.procedure, decision.known, watched)
+        assert decision.known.in_situ is not None
+        result = decision.known.in_situ.result(rig.tick_s)
+        return Found(decision.known, result, watched.true_rms_nm, [*said, decision.said])
+
+
+@pytest.fixture(scope="module")
+def found() -> Found:
+    """The load's inertia is believed to be 20 % more than it is."""
+    return carried_out(RIG, replace(OPTIONS, inertia_kgm2=1.2 * TRUE_INERTIA_KGM2))
+
+
+def free_velocity(command: np.ndarray, delay_s: float) -> np.ndarray:
+    """True velocity of the same actuator with nothing on its shaft, as it arrives ``delay_s`` later."""
+    truth = read_truth(RIG.simulated, seed=None, place=RIG.place)
+    plant, position = Plant(truth.model_copy(update={"load": None}), 1, "free"), np.zeros(len(command))
+    for tick, value in enumerate(command):
+        position[tick] = plant.true_position_rad("actuator")
+        plant.command("actuator", float(value))
+        plant.advance((tick + 1) * RIG.tick_ns)
+    velocity = np.gradient(in_band_motion(position, RIG.tick_s), RIG.tick_s)
+    ticks = np.arange(len(command))
+    return np.interp(ticks - delay_s / RIG.tick_s, ticks, velocity)
+
+
+def test_the_actuators_own_torque_vanishes(found: Found) -> None:
+    driven = [trial.number for trial in found.result.trials if trial.driven]
+    assert max(found.below_db(number) for number in driven) > 30.0
+    assert found.below_db(driven[-1]) > 30.0
+
+
+def test_the_motion_that_is_left_is_that_of_the_actuator_alone(found: Found) -> None:
+    source = found.result.source
+    assert source is not None
+    # Command and reading each take their time, which the motion cannot tell.
+    delays_s = np.arange(0.0, 1.5e-3, 1e-4)
+    errors = [source.velocity_rad_s - free_velocity(source.command, delay_s) for delay_s in delays_s]
+    rms = min(float(np.sqrt(np.mean(error**2))) for error in errors)
+    assert rms < 0.01 * np.sqrt(np.mean(source.velocity_rad_s**2))
+
+
+def test_what_was_believed_of_the_load_is_overruled_by_the_twist(found: Found) -> None:
+    assert found.known.in_situ is not None
+    assert found.known.in_situ.assembly is not None
+    load = found.known.in_situ.assembly.models.load.network
+    assert load.inertia_kgm2 == pytest.approx(TRUE_INERTIA_KGM2, rel=0.02)
+    assert load.viscous_damping_nms_rad == VISCOUS_NMS_RAD
+    assert "+20 % off: overruled" in found.said[1]
+
+
+def test_some_trials_are_left_alone_and_tell_the_floor(found: Found) -> None:
+    alone = [trial for trial in found.result.trials if not trial.driven]
+    assert alone[0].number == 1
+    assert len(alone) >= 2
+    assert 0.0 < alone[0].noise_nm < 0.05 * alone[0].with_noise_nm
+    assert alone[-1].with_noise_nm == pytest.approx(alone[0].with_noise_nm, rel=0.05)
+
+
+def test_no_torque_was_read(found: Found) -> None:
+    assert all(len(record.torque) == 0 for record in found.known.records)
+
+
+def stiff(name: str) -> Rig:
+    text = (RIGS / f"{name}.toml").read_text(encoding="utf-8")
+    for stiffness in (50, 200):
+        text = text.replace(f'stiffness = "{stiffness} N*m/rad"', 'stiffness = "2000 N*m/rad"')
+    return parse_rig(text, place=name)
+
+
+def test_a_load_that_cannot_be_told_from_the_actuator_is_refused() -> None:
+    with pytest.raises(ExperimentError, match="the load cannot be told from the actuator: what joins them twists too"):
+        carried_out(stiff("sim-in-situ"), OPTIONS)
+
+
+def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> None:
+    def calibrated(known: Knowledge, watched: Watched) -> Knowledge:
+        watched.loop.learn(learned(known))
+        return carry_out(CalibrateProcedure(CalibrateOptions(4.0)), known, watched.loop)
+
+    found = carried_out(stiff("sim-odrive"), InSituOptions(trials=4, duration_s=3.0), calibrated)
+    assert "cannot be checked" in found.result.assembly[0]
+    assert found.below_db(3) > 28.0
+
+
+def test_it_ends_and_says_so_where_more_is_left_than_movements_differ_by(found: Found) -> None:
+    assert found.known.in_situ is not None
+    wave = np.sin(np.arange(4000) * 0.02)
+    trials = tuple(
+        Exerted.of(number, driven, (1e-3 if driven else 1e-2) * wave * (1 + 1e-3 * number), wave, 1e-3)
+        for number, driven in enumerate((False, True, True, False, True, True, True), 1)
+    )
+    state = replace(found.known.in_situ, trials=trials, finished=False)
+    decision = InSituProcedure(OPTIONS).following(replace(found.known, in_situ=state))
+    assert decision.procedure is None
+    assert "after 7 trials there was still more than movements differ by" in decision.said
+    assert not settled(figures(trials))
+
+
+def test_it_needs_a_load_drive() -> None:
+    with pytest.raises(RigError, match="needs a load drive"):
+        InSituProcedure().require(load_rig(RIGS / "sim-free-shaft.toml"))
