@@ -122,11 +122,9 @@ def settled(found: Sequence[TrialFigures]) -> bool:
 
 def diverge(found: Sequence[TrialFigures]) -> bool:
     """Whether the last two driven trials are both worse than one before them, or than the load left to itself."""
-    driven = [each for each in found if each.driven]
-    if len(driven) < 2 or len(found) < 3:
-        return False
-    before = [each.with_noise_nm for each in found if each not in driven[-2:]]
-    return all(each.with_noise_nm > WORSE * min(before) for each in driven[-2:])
+    last = [place for place, each in enumerate(found) if each.driven][-2:]
+    before = [each.with_noise_nm for place, each in enumerate(found) if place not in last]
+    return len(last) == 2 and bool(before) and all(found[place].with_noise_nm > WORSE * min(before) for place in last)
 
 
 def in_band(values: FloatArray, tick_s: float) -> FloatArray:

@@ -39,8 +39,9 @@ class Interview:
         bench = self._bench()
         actuator = self._device("actuator", optional=False)
         assert actuator is not None
-        load = self._device("load", optional=True)
-        sensor = self._device("torque_sensor", optional=load is None)
+        load = self._device("load", default=NONE)
+        # With a load and none, the actuator can be identified in situ alone: that is not taken for granted.
+        sensor = self._device("torque_sensor", default=NONE if load is None else None)
         if load is None:
             shaft = Question("rig.shaft", "the shaft: free, or clamped so that it cannot turn", "free")
             bench.add("shaft", quoted(self._choice(shaft, ("free", "clamped"))), "nothing is coupled to the shaft")
@@ -58,12 +59,12 @@ class Interview:
 
     # ---- Devices -------------------------------------------------------------------------------------------------
 
-    def _device(self, role: str, *, optional: bool) -> Section | None:
+    def _device(self, role: str, *, optional: bool = True, default: str | None = None) -> Section | None:
         group = registry.TORQUE_SENSORS if role == "torque_sensor" else registry.AMPLIFIERS
         drivers = tuple(registry.installed(group))
         known = (NONE, *drivers) if optional else drivers
         text = f"{SECTIONS[role]}: its driver" + (f' ("{NONE}" where there is none)' if optional else "")
-        driver = self._choice(Question(f"{role}.driver", text, NONE if optional else None, drivers[0]), known)
+        driver = self._choice(Question(f"{role}.driver", text, default, drivers[0]), known)
         if driver == NONE:
             return None
         section = Section(role, SECTIONS[role])

@@ -92,7 +92,7 @@ def test_a_repeated_movement_has_its_figures_and_a_sentence() -> None:
 def test_an_assembled_actuator_has_its_trials_and_the_file_of_its_source() -> None:
     trials = tuple(TrialFigures(n, torque, 1e-4, 1e-4, torque < 1e-3) for n, torque in enumerate((1e-2, 2e-4, 1e-2), 1))
     found = InSituResult(trials, None, ("the load's inertia is known",), ("after 3 trials there was still more",))
-    data = identification(Conclusion(in_situ=found, source=FILES[1]), FILES[0])["in_situ"]
+    data = identification(Conclusion(in_situ=found, motion_file=FILES[1]), FILES[0])["in_situ"]
     assert data["driven"] == [False, True, False]
     assert data["below_first_db"] == pytest.approx(35.2, abs=0.1)
     assert data["reasons"] == ["after 3 trials there was still more"]
