@@ -97,6 +97,14 @@ LACKS |= dict.fromkeys(product(("in-situ",), WITH_LOAD), "")
 LACKS |= dict.fromkeys(product(SESSIONS, ["sim-in-situ"]), "'calibrate' needs a torque sensor")
 LACKS |= {("in-situ", "sim-free-shaft"): "'in_situ' needs a load drive", ("in-situ", "sim-in-situ"): ""}
 LACKS["characterise", "sim-mit"] = "'imposed' asks for 40 rad/s"
+# Those that are identified by tables, and the sessions that tabulate.
+TABULATE = ("two-ports", "muscle")
+BY_TABLES = ("sim-pneumatic", "sim-series-elastic", "sim-gear-train", "sim-arm", "sim-gravity")
+LACKS |= dict.fromkeys(product(SESSIONS, BY_TABLES), "builds on a fitted model|'imposed' asks for")
+LACKS |= dict.fromkeys(product(TABULATE, [*WITH_LOAD, *BY_TABLES]), "")
+LACKS |= dict.fromkeys(product(TABULATE, ["sim-free-shaft"]), "'calibrate' needs a load drive")
+LACKS |= dict.fromkeys(product(TABULATE, ["sim-in-situ"]), "'calibrate' needs a torque sensor")
+LACKS |= dict.fromkeys(product(["in-situ"], BY_TABLES), "")
 
 
 def test_every_session_and_rig_that_is_shipped_is_looked_at() -> None:

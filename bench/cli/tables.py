@@ -99,10 +99,17 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
 
 
 def _blocked(found: BlockedMap) -> list[dict[str, Any]]:
-    columns = (found.command, found.torque_nm, found.torque_std_nm, found.from_above)
+    histories = found.histories or ("slow",) * len(found.command)
+    columns = (found.command, found.torque_nm, found.torque_std_nm, found.from_above, histories)
     return [
-        {"command": float(command), "torque_nm": float(torque), "torque_std_nm": float(std), "from_above": bool(above)}
-        for command, torque, std, above in zip(*columns, strict=True)
+        {
+            "command": float(command),
+            "torque_nm": float(torque),
+            "torque_std_nm": float(std),
+            "from_above": None if history == "rest" else bool(above),
+            "history": history,
+        }
+        for command, torque, std, above, history in zip(*columns, strict=True)
     ]
 
 

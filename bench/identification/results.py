@@ -140,12 +140,20 @@ class SourceMap:
 
 @dataclass(frozen=True)
 class BlockedMap:
-    """The Thévenin experiment: torque at standstill against command, by the side from which standstill was reached."""
+    """The Thévenin experiment: torque at standstill against command, by how standstill was reached.
+
+    ``histories`` has "slow", "fast" or "rest" (never moved: it has no side) for each; empty where all were slow.
+    """
 
     command: FloatArray
     torque_nm: FloatArray
     torque_std_nm: FloatArray
     from_above: npt.NDArray[np.bool_]  # True: the shaft came to rest from positive velocity
+    histories: tuple[str, ...] = ()
+
+    def chosen(self, history: str) -> npt.NDArray[np.bool_]:
+        """Which levels were reached like that, shape (levels,)."""
+        return np.array([each == history for each in self.histories or ("slow",) * self.command.size], dtype=bool)
 
 
 @dataclass(frozen=True)

@@ -6,27 +6,29 @@ from typing import ClassVar
 import numpy as np
 
 from bench.errors import RigError
+from bench.identification.model_free.source_map import FAST, FROM_REST
 from bench.procedures.knowledge import Knowledge, Plan
 from bench.procedures.makers import coasting, imposed
 from bench.procedures.options import BlockedOptions
 from bench.procedures.waves import Motion, from_velocity, hold, ramp
 from bench.records import Measured
 from bench.rig.rig import Rig
-from bench.segments import Use
+from bench.segments import Segment, Use
 
 APPROACH_S = 0.5
 STOP_S = 0.1
-# Slow, but fast enough to slide: this share of the velocity limit.
-APPROACH_SHARE = 0.03
+# Shares of the velocity limit: slow, but fast enough to slide; and fast enough for everything to be sliding for long.
+APPROACH_SHARES = {"slow": 0.03, "fast": 0.3}
 # Each level is reached twice, from either side.
 SIDES = (("above", 1.0), ("below", -1.0))
 
 
 @dataclass(frozen=True)
 class BlockedProcedure:
-    """Each command level is held while the shaft comes slowly to rest from above and from below.
+    """Each command level is held while the shaft comes to rest from above and from below, or never moved.
 
-    A shaft that is clamped from the start can only be loaded, so the levels are stepped through in both directions.
+    A shaft that is clamped from the start can only be loaded, so the levels are stepped through in both directions,
+    whatever histories are asked for.
     """
 
     options: BlockedOptions = field(default_factory=BlockedOptions)
@@ -44,8 +46,14 @@ class BlockedProcedure:
             )
 
     def duration_s(self, rig: Rig) -> float:
-        approach = 0.0 if rig.wiring.load is None else APPROACH_S + STOP_S
-        return 2 * self.options.levels * (approach + self.options.hold_s)
+        options = self.options
+        if rig.wiring.load is None:
+            return 2 * options.levels * options.hold_s
+        approached = sum(history in APPROACH_SHARES for history in options.histories)
+        still = len(options.histories) - approached
+        return options.levels * (
+            2 * approached * (APPROACH_S + STOP_S + options.hold_s) + still * (2 * STOP_S + options.hold_s)
+        )
 
     def plan(self, known: Knowledge) -> Plan:
         low, high = known.span()
@@ -56,20 +64,36 @@ class BlockedProcedure:
         return known
 
     def _driven(self, known: Knowledge, levels: np.ndarray) -> Plan:
-        speed_rad_s = APPROACH_SHARE * known.rig.limits.velocity_rad_s
-        before = 0.0
+        for history in self.options.histories:
+            if history in APPROACH_SHARES:
+                yield from self._approached(known, levels, history)
+            else:
+                yield from self._from_rest(known, levels)
+
+    def _approached(self, known: Knowledge, levels: np.ndarray, history: str) -> Plan:
+        """Every level from both sides, turning into it at the history's speed."""
+        speed_rad_s = APPROACH_SHARES[history] * known.rig.limits.velocity_rad_s
+        how, before = FAST if history == "fast" else "", 0.0
         for level in levels:
             for side, sign in SIDES:
                 approach = self._approach(known, sign * speed_rad_s)
                 command = hold(level, APPROACH_S + STOP_S, known.tick_s)
                 settle = ramp(before, level, STOP_S, known.tick_s)
                 command[: len(settle)] = settle
-                yield imposed(self.name, f"approach from {side}", Use.IDENTIFY, command, approach)
-                yield imposed(
-                    self.name, f"hold from {side}", Use.IDENTIFY, hold(level, self.options.hold_s, known.tick_s)
-                )
+                yield imposed(self.name, f"approach from {side}{how}", Use.IDENTIFY, command, approach)
+                yield self._hold(known, f"hold from {side}{how}", level)
                 before = level
         yield imposed(self.name, "release", Use.PREPARE, ramp(before, 0.0, STOP_S, known.tick_s))
+
+    def _from_rest(self, known: Knowledge, levels: np.ndarray) -> Plan:
+        """Every level from zero, with the shaft held still throughout."""
+        for level in levels:
+            yield imposed(self.name, "load", Use.IDENTIFY, ramp(0.0, level, STOP_S, known.tick_s))
+            yield self._hold(known, FROM_REST, level)
+            yield imposed(self.name, "release", Use.PREPARE, ramp(level, 0.0, STOP_S, known.tick_s))
+
+    def _hold(self, known: Knowledge, name: str, level: float) -> Segment:
+        return imposed(self.name, name, Use.IDENTIFY, hold(level, self.options.hold_s, known.tick_s))
 
     def _clamped(self, known: Knowledge, levels: np.ndarray) -> Plan:
         before = 0.0

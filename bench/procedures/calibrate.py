@@ -78,7 +78,7 @@ class CalibrateProcedure:
         fit = fit_load(measured, tick_s=known.tick_s)
         if not fit.result.converged:
             raise ExperimentError("calibrate: the load's fit did not converge; " + "; ".join(fit.result.verdict))
-        actuator = None if known.rig.model == "none" else self._actuator(known, measured)
+        actuator = self._actuator(known, measured) if known.rig.modelled else None
         return replace(known, calibration=calibration_from(fit, actuator, known), actuator=actuator)
 
     def _actuator(self, known: Knowledge, measured: Measured) -> FitResult:

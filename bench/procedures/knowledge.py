@@ -110,7 +110,7 @@ class Adaptive(Protocol):
 
 def require_model(rig: Rig, name: str) -> None:
     """Raises RigError where the actuator is identified by tables alone."""
-    if rig.model == "none":
+    if not rig.modelled:
         raise RigError(
             f"{rig.place}: step '{name}' builds on a fitted model, but [actuator] model = \"none\" stands for tables "
             "alone; leave the step out, or name the model"

@@ -1,6 +1,9 @@
 """What may be asked of each procedure. Amplitudes are fractions of the rig's velocity limit."""
 
 from dataclasses import dataclass
+from typing import Literal
+
+History = Literal["slow", "fast", "rest"]
 
 
 @dataclass(frozen=True)
@@ -29,10 +32,14 @@ class FreeOptions:
 
 @dataclass(frozen=True)
 class BlockedOptions:
-    """The shaft held: torque against command, standstill reached from either side."""
+    """The shaft held: torque against command, by how standstill was reached.
+
+    ``histories``: "slow" and "fast" approach each level from both sides; "rest" does not move at all.
+    """
 
     levels: int = 5
     hold_s: float = 0.5
+    histories: tuple[History, ...] = ("slow",)
 
 
 @dataclass(frozen=True)

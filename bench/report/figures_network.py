@@ -89,20 +89,32 @@ def blocked_figure(blocked: BlockedMap, network: NortonNetwork | None, command_u
         half = network.coulomb_torque_nm
         axes.fill_between(command, drive - half, drive + half, color=PREDICTED, alpha=0.15, linewidth=0)
         axes.plot(command, drive, color=PREDICTED, linewidth=0.9, label="Km·Ka·c, and ± τc about it")
-    for label, marker, above in (("from above", "v", True), ("from below", "^", False)):
-        chosen = blocked.from_above == above
+    for label, marker, chosen in _histories(blocked):
         _points(
             axes,
             blocked.command[chosen],
             blocked.torque_nm[chosen],
             blocked.torque_std_nm[chosen],
             marker,
-            f"measured, came to rest {label}",
+            f"measured, {label}",
         )
     axes.set_xlabel(f"command [{pretty_unit(command_unit) or 'N·m'}]")
     axes.set_ylabel("blocked torque [N·m]")
     legend(axes)
     return picture
+
+
+def _histories(blocked: BlockedMap) -> list[tuple[str, str, npt.NDArray[np.bool_]]]:
+    """What each was like, a marker, and which levels have it."""
+    above, below = blocked.from_above, ~blocked.from_above
+    every = [
+        ("came to rest from above", "v", blocked.chosen("slow") & above),
+        ("came to rest from below", "^", blocked.chosen("slow") & below),
+        ("from above, fast", "1", blocked.chosen("fast") & above),
+        ("from below, fast", "2", blocked.chosen("fast") & below),
+        ("never moved", "o", blocked.chosen("rest")),
+    ]
+    return [each for each in every if each[2].any()]
 
 
 def impedance_figure(presliding: list[Loop], sliding: Loop | None) -> Figure:

@@ -82,6 +82,9 @@ def shaken_figure(table: ExertionTable, command_unit: str) -> Figure:
     real.set_ylabel("stiffness [N·m/rad]")
     for axes in (real, imaginary):
         axes.set_xscale("log")
+        lines_hz = sorted({row.frequency_hz for row in table.shaken})
+        axes.set_xticks(lines_hz, [number(line, 2) for line in lines_hz])
+        axes.minorticks_off()
         axes.set_yscale("symlog", linthresh=1.0)
         axes.set_xlabel("frequency [Hz]")
         axes.axhline(0.0, color=MUTED, linewidth=0.6)

@@ -7,6 +7,8 @@ from typing import Any
 
 from drivers.wiring import Wiring
 
+NO_MODEL = "none"  # what a rig calls an actuator that is identified by tables alone
+
 
 @dataclass(frozen=True)
 class Command:
@@ -68,6 +70,11 @@ class Rig:
     simulated: Mapping[str, Any] = field(default_factory=dict)
     place: str = ""
     text: str = ""
+
+    @property
+    def modelled(self) -> bool:
+        """Whether the actuator is identified as a model, rather than by tables alone."""
+        return self.model != NO_MODEL
 
     @property
     def tick_ns(self) -> int:

@@ -30,6 +30,7 @@ from bench.recording.contents import RecordedEstimates, Recording
 from bench.recording.reader import read_recording
 from bench.records import Measured
 from bench.report.render import ReportData, write_report
+from bench.rig.rig import NO_MODEL
 from bench.segments import Use
 from bench.session.past import with_past
 
@@ -39,7 +40,6 @@ Result = TypeVar("Result")
 ITERATED = IterateProcedure.name
 # What a recording must say of its making to be fitted.
 NEEDED = ("rig", "command_unit", "tick_s")
-NO_MODEL = "none"  # what a rig calls an actuator that is identified by tables alone
 NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
 
 

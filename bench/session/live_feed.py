@@ -33,7 +33,7 @@ class LiveFeed(Protocol):
 
 def feed_for(rig: Rig, *, lock_step: bool) -> LiveFeed:
     """The one for this rig and its kind of time."""
-    if rig.model == "none":
+    if not rig.modelled:
         return NoFeed()
     return (InlineFeed if lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
 

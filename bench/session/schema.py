@@ -142,7 +142,7 @@ def standard_session(rig: Rig | None = None) -> Session:
     if rig is None:
         able = STANDARD
     else:
-        wanted = TABLES if rig.model == "none" else STANDARD
+        wanted = STANDARD if rig.modelled else TABLES
         able = tuple(name for name in (*wanted, "in_situ") if _performs(rig, name))
     return Session(tuple(Step(name, STEPS[name][1]()) for name in able), "the standard session")
 

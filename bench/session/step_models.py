@@ -9,6 +9,7 @@ from bench.procedures.options import (
     BlockedOptions,
     CalibrateOptions,
     FreeOptions,
+    History,
     ImposedOptions,
     InSituOptions,
     IterateOptions,
@@ -79,6 +80,9 @@ class _Free(StepModel):
 class _Blocked(StepModel):
     levels: int = Field(BlockedOptions.levels, ge=2, examples=[5])
     hold_s: Seconds = Field(BlockedOptions.hold_s, alias="hold", ge=0.1, examples=["500 ms"])
+    histories: Annotated[tuple[History, ...], BeforeValidator(_texts)] = Field(
+        BlockedOptions.histories, min_length=1, examples=[["slow", "fast", "rest"]]
+    )
 
 
 class _Imposed(StepModel):

@@ -14,6 +14,8 @@ FloatArray = npt.NDArray[np.float64]
 SETTLED_SHARE = 0.5
 SHORTEST_DWELL_TICKS = 20
 LEAST_READINGS = 3 * PIECES
+# How the names of held segments tell the history by which standstill was reached: "hold from above, fast", ...
+FAST, FROM_REST = ", fast", "hold from rest"
 # Holds are averaged in this many blocks; the scatter of the blocks is that of correlated noise.
 BLOCKS = 5
 
@@ -44,7 +46,7 @@ def source_map(measured: Measured) -> SourceMap:
 
 def blocked_map(measured: Measured) -> BlockedMap:
     """Torque at standstill against command, by the side of approach. Raises ExperimentError where there is none."""
-    levels = []
+    levels, histories = [], []
     for segment in measured.segments:
         if segment.procedure != "blocked" or not segment.name.startswith("hold"):
             continue
@@ -54,10 +56,17 @@ def blocked_map(measured: Measured) -> BlockedMap:
         mean = _mean(torque["torque_nm"][torque["valid"]])
         if mean is not None and len(ticks):
             levels.append((float(np.median(ticks["command"])), *mean, "above" in segment.name))
+            histories.append(_history(segment.name))
     if not levels:
         raise ExperimentError("no held level was recorded: run the step 'blocked' to measure the Thévenin source")
     table = np.array(levels, dtype=float)
-    return BlockedMap(table[:, 0], table[:, 1], table[:, 2], table[:, 3] > 0)
+    return BlockedMap(table[:, 0], table[:, 1], table[:, 2], table[:, 3] > 0, tuple(histories))
+
+
+def _history(name: str) -> str:
+    if name == FROM_REST:
+        return "rest"
+    return "fast" if name.endswith(FAST) else "slow"
 
 
 def _rows(table: Table, key: str, start_ns: int, end_ns: int) -> slice:
