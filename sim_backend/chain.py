@@ -105,7 +105,7 @@ def _integrate(
         bound = _drift(state, machines, link, reach, length, middle_s + length)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _drift(
     state: NDArray[np.float64],
     machines: NDArray[np.float64],
@@ -128,7 +128,7 @@ def _drift(
     return float(bound)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _kick(
     state: NDArray[np.float64],
     machines: NDArray[np.float64],
@@ -178,7 +178,7 @@ def _kick(
     state[LOAD, VELOCITY] = (right_3 + load_gain / 2 * joint[1] * port) / d3
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _connection(
     state: NDArray[np.float64], link: NDArray[np.float64], reach: NDArray[np.float64], command: float, now_s: float
 ) -> tuple[float, float]:
