@@ -10,7 +10,7 @@ import pytest
 
 from bench.cli.output import to_json
 from bench.cli.results import identification
-from bench.errors import RigError
+from bench.errors import ExperimentError, RigError
 from bench.procedures.options import (
     CalibrateOptions,
     TabulateImpedanceOptions,
@@ -144,6 +144,13 @@ def test_a_recording_tells_the_same_again_and_the_report_shows_it(tmp_path):
     assert "The source, tabulated" in page
     assert "The impedance, tabulated" in page
     assert "No model was fitted" in page
+
+
+def test_a_shaft_that_runs_is_told_from_one_that_rests(tmp_path):
+    rig = load_rig(RIGS / "sim-odrive.toml")
+    steps = (TARE, Step("calibrate", CalibrateOptions(4.0)), Step("tabulate_source", SOURCE))
+    with pytest.raises(ExperimentError, match="its source may be a velocity, which the step 'free' measures"):
+        run_session(rig, Session(steps, "short"), out=tmp_path, seed=3)
 
 
 def test_an_actuator_without_a_model_is_not_taken_for_a_motor():
