@@ -137,7 +137,15 @@ def true_parameters(truth: Truth, command_unit: str = "N*m") -> dict[str, tuple[
         "torque_constant": motor.Km,
         "amplifier_gain": motor.Ka,
     }
-    return {name: (value, BY_NAME[name].unit_for(command_unit)) for name, value in values.items()}
+    named = {name: (value, BY_NAME[name].unit_for(command_unit)) for name, value in values.items()}
+    return {**named, **_hanging(truth)}
+
+
+def _hanging(truth: Truth) -> dict[str, tuple[float, str]]:
+    """What hangs on either side of the port: m g l of each, where there is any."""
+    sides = {"gravity": truth.actuator.gravity if isinstance(truth.actuator, MotorTruth) else None}
+    sides["load_gravity"] = truth.load.gravity if truth.load is not None else None
+    return {name: (hung.amplitude_nm, "N*m") for name, hung in sides.items() if hung is not None}
 
 
 def _model(written: Mapping[str, Any], place: str) -> str:

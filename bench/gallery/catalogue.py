@@ -3,17 +3,17 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from bench.gallery import motor_claims
+from bench.gallery import gravity_claims, motor_claims, muscle_claims
 from bench.gallery.claim import Experiment, Shown
+from bench.gallery.gravity_experiments import TwoPorts
 from bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
-from bench.procedures.calibrate import CalibrateProcedure
+from bench.gallery.muscle_experiments import MuscleSweeps
 from bench.procedures.knowledge import Procedure
-from bench.procedures.tare import TareProcedure
 
 
 @dataclass(frozen=True)
 class Entry:
-    """The shipped rig's name, what is done on it, and the claims that follow."""
+    """The shipped rig's name, what is done on it once it is calibrated, and the claims that follow."""
 
     rig: str
     procedures: tuple[Procedure, ...]
@@ -23,7 +23,9 @@ class Entry:
 CATALOGUE: Mapping[str, Entry] = {
     "motor": Entry(
         "sim-odrive",
-        (TareProcedure(), CalibrateProcedure(), FreeLevels(), SteadySpeeds(), SlowStops()),
+        (FreeLevels(), SteadySpeeds(), SlowStops()),
         motor_claims.claims,
     ),
+    "muscle": Entry("sim-pneumatic", (MuscleSweeps(),), muscle_claims.claims),
+    "arms": Entry("sim-gravity", (TwoPorts(),), gravity_claims.claims),
 }

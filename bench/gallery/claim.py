@@ -60,8 +60,12 @@ class Shown:
 
 @dataclass(frozen=True)
 class Experiment:
-    """What was measured on one rig, and what is true of its actuator: values by the identifier's names."""
+    """What was measured on one rig, and what is true of its actuator, by the names of ``sim truth``.
+
+    ``torque_zero_nm`` is what the torque sensor read at the start, with nothing at the port.
+    """
 
     rig: Rig
     measured: Measured
     true: Mapping[str, float]
+    torque_zero_nm: float = 0.0

@@ -119,8 +119,18 @@ def run_script(
 ) -> SessionResult:
     """The same for a script of your own (:mod:`bench.session.script`), whose name goes into the recording."""
     terms = Terms(out, seed, progress, operator, answers or NO_ANSWERS, resume)
-    session = Session((), f"script {getattr(script, '__name__', type(script).__name__)}")
-    return _told(terms, rig, session, lambda: Experiment(script))
+    return _told(terms, rig, _session_of(script), lambda: Experiment(script))
+
+
+def record_script(
+    rig: Rig, script: Callable[[SoFar], Script], *, out: Path, seed: int | None = None, progress: Progress | None = None
+) -> Recorded:
+    """The experiment alone, recorded into the folder ``out``. Raises as :func:`record_procedures` does."""
+    return _recorded(Terms(out, seed, progress), rig, _session_of(script), Experiment(script))
+
+
+def _session_of(script: Callable[[SoFar], Script]) -> Session:
+    return Session((), f"script {getattr(script, '__name__', type(script).__name__)}")
 
 
 def _told(terms: Terms, rig: Rig, session: Session, experiment: Callable[[], Experiment]) -> SessionResult:

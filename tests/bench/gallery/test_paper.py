@@ -10,24 +10,16 @@ import pytest
 from bench.cli import app
 from bench.gallery import paper
 from bench.gallery.catalogue import CATALOGUE
-from bench.gallery.claim import Experiment
 from bench.gallery.page import write_gallery
 from bench.gallery.paper import prove, rigs_in
-from bench.rig.load import load_rig
-from bench.session.engine import record_procedures
-from bench.session.schema import Session
+from tests.bench.gallery.experiments import measured
 
 ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
-def motor(tmp_path_factory):
-    """The motor's experiment at one seed, and what is true of it."""
-    rig = replace(load_rig(ROOT / "rigs" / "sim-odrive.toml"), candump=False)
-    out = tmp_path_factory.mktemp("gallery")
-    recorded = record_procedures(rig, Session((), "gallery"), CATALOGUE["motor"].procedures, out=out, seed=5)
-    true = {name: value for name, (value, _) in paper.true_parameters(rig).items()}
-    return Experiment(rig, recorded.measured, true)
+def motor():
+    return measured("motor", 5)
 
 
 def test_every_claim_about_the_motor_comes_true(motor):
@@ -43,7 +35,7 @@ def test_a_motor_that_is_another_by_five_per_cent_is_not_taken_for_this_one(moto
 
 
 def test_each_claim_has_its_picture_and_its_table_on_the_page(motor, monkeypatch, tmp_path):
-    monkeypatch.setattr(paper, "record_procedures", lambda *_args, **_more: motor)
+    monkeypatch.setattr(paper, "measure", lambda *_args: motor)
     proofs = prove("motor", motor.rig, 5)
     page, pictures = write_gallery(tmp_path, proofs, "norton-bench paper")
     text = page.read_text()
@@ -62,7 +54,7 @@ def test_each_claim_has_its_picture_and_its_table_on_the_page(motor, monkeypatch
 
 
 def test_the_command_prints_the_table_and_fails_with_a_row(motor, monkeypatch, capsys):
-    monkeypatch.setattr(paper, "record_procedures", lambda *_args, **_more: motor)
+    monkeypatch.setattr(paper, "measure", lambda *_args: motor)
     told = []
 
     def in_one_process(rigs, seeds, jobs, on_done):

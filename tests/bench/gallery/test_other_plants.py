@@ -1,0 +1,35 @@
+"""The claims about a pneumatic muscle and about two ports under gravity, from end to end; and what they are not."""
+
+from dataclasses import replace
+
+import pytest
+
+from bench.gallery.catalogue import CATALOGUE
+from tests.bench.gallery.experiments import measured
+
+SEED = 5
+# What the claims depend on, and the number of their rows.
+PLANTS = {"muscle": (("spring",), 8), "arms": (("gravity", "load_gravity"), 3)}
+
+
+@pytest.fixture(scope="module", params=sorted(PLANTS))
+def plant(request):
+    return request.param, measured(request.param, SEED)
+
+
+def rows_of(name, experiment):
+    return [row for claim in CATALOGUE[name].claims(experiment) for row in claim.rows]
+
+
+def test_every_claim_comes_true(plant):
+    name, experiment = plant
+    rows = rows_of(name, experiment)
+    assert len(rows) == PLANTS[name][1]
+    assert [f"{row.what}: {row.found} for {row.expected}" for row in rows if not row.passed] == []
+
+
+def test_another_plant_is_not_taken_for_this_one(plant):
+    name, experiment = plant
+    for parameter in PLANTS[name][0]:
+        other = replace(experiment, true={**experiment.true, parameter: 1.1 * experiment.true[parameter]})
+        assert not all(row.passed for row in rows_of(name, other))
