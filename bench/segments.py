@@ -50,7 +50,8 @@ class Segment:
     """One stretch of the experiment; every array has shape (ticks,).
 
     ``position_rad`` is relative to where the load stands when the segment begins. ``preview`` says that the reference
-    motion is the free motion predicted from the network identified so far, to be fed forward under zero torque.
+    motion is the free motion predicted from the network identified so far, to be fed forward under zero torque, and
+    ``trusted`` that this network is known to a per cent.
     """
 
     procedure: str
@@ -64,6 +65,7 @@ class Segment:
     acceleration_rad_s2: FloatArray = field(default_factory=lambda: np.empty(0))
     load_torque_nm: FloatArray = field(default_factory=lambda: np.empty(0))
     preview: bool = False
+    trusted: bool = False
     stop_at_velocity_rad_s: float = float("inf")  # end early, without alarm, once |actuator velocity| reaches this
 
     @property

@@ -65,7 +65,7 @@ class PlainPI:
     lead_ticks: int = 0
     _integral_nm: float = 0.0
 
-    def begin(self, sample: Sample, admittance: object) -> None:
+    def begin(self, sample: Sample, admittance: object, *, trusting: bool = False) -> None:
         self._integral_nm = 0.0
 
     def observe(self, sample: Sample) -> None:
@@ -184,6 +184,10 @@ def measure(bench: Benchmark, low_pass_hz: float, amplitude: float) -> dict[str,
         "plain PI": bench.rms_nm(zero, PlainPI()),
         "feedback": bench.rms_nm(zero, controller),
     }
+    assert bench.known.actuator is not None
+    identified = bench.known.actuator.network
+    seen = with_preview(zero, identified, bench.calibration, bench.actuator_delay_s, tick_s)
+    found["preview, network just identified"] = bench.rms_nm(seen, controller)
     for error in NETWORK_ERRORS:
         network = nearly_true_network(bench.rig, error)
         seen = with_preview(zero, network, bench.calibration, bench.actuator_delay_s, tick_s)

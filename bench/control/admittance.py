@@ -44,6 +44,7 @@ class AdmittanceController:
     torque_limit_nm: float
     _frees: bool = field(default=True, init=False)  # zero torque is asked for
     _rigid: bool = field(default=False, init=False)
+    _trusting: bool = field(default=False, init=False)
     _deciding: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
@@ -57,6 +58,7 @@ class AdmittanceController:
             self.tick_s,
             SLIDING_LENGTHS * c.coulomb_torque_nm / c.presliding_stiffness_nm_rad,
             PLAY_COUNTS * c.position_resolution_rad,
+            c.torque_noise_nm,
         )
         self._feed = FeedForward(
             c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, self._whole, self.torque_limit_nm
@@ -71,8 +73,12 @@ class AdmittanceController:
         """How far ahead :meth:`update` wants to know the reference."""
         return self._whole + 2
 
-    def begin(self, sample: Sample, admittance: Admittance) -> None:
-        """Take over without a bump: the command continues from the last one sent."""
+    def begin(self, sample: Sample, admittance: Admittance, *, trusting: bool = False) -> None:
+        """Take over without a bump: the command continues from the last one sent.
+
+        ``trusting``: under zero torque the reference is known so well that feedback mends only what is beyond noise.
+        """
+        self._trusting = trusting
         if admittance not in (ZERO_TORQUE, PRESCRIBED_MOTION):
             mass = max(admittance.mass_kgm2, LEAST_MASS * self.calibration.inertia_kgm2)
             self._body = VirtualBody(replace(admittance, mass_kgm2=mass), self.tick_s)
@@ -122,7 +128,9 @@ class AdmittanceController:
             self._loop.begin(sample.torque_nm, *motion)
         continued_nm = self._fed_forward(ahead, begins)
         nothing_known = ahead.velocity_rad_s == 0.0 and ahead.acceleration_rad_s2 == 0.0
-        return continued_nm + self._loop.change_nm(sample.torque_nm, *motion, bold=nothing_known)
+        return continued_nm + self._loop.change_nm(
+            sample.torque_nm, *motion, bold=nothing_known, trusting=self._trusting
+        )
 
     def _track(self, target: Target, ahead: Target, begins: bool) -> float:
         if begins:

@@ -14,6 +14,8 @@ from bench.segments import ZERO_TORQUE, FloatArray, LoadMode, Segment
 
 # Predicted while the drives are enabled and wait: coarse steps, for the network is known to a per cent at most.
 LONGEST_STEP_S = 5e-4
+# Relative standard deviation of a network whose prediction is nearer to the truth than noisy feedback would bring it.
+TRUSTED = 0.01
 
 
 def with_preview(
@@ -51,7 +53,22 @@ def with_preview(
         velocity_rad_s=delayed(velocity, tick_s, delay_s),
         acceleration_rad_s2=delayed(acceleration, tick_s, delay_s),
         preview=True,
+        trusted=trusted(network),
     )
+
+
+def trusted(network: NortonNetwork) -> bool:
+    """Whether what moves the shaft is known to TRUSTED, by the network's own deviations."""
+    if not network.covariance_names:
+        return False
+    deviations = dict(zip(network.covariance_names, np.sqrt(np.diag(network.covariance)), strict=True))
+    values = {
+        "torque_gain": network.torque_gain,
+        "inertia": network.inertia_kgm2,
+        "viscous_damping": network.viscous_damping_nms_rad,
+        "coulomb_torque": network.coulomb_torque_nm,
+    }
+    return all(name in deviations and deviations[name] <= TRUSTED * abs(value) for name, value in values.items())
 
 
 def delayed(values: FloatArray, tick_s: float, delay_s: float) -> FloatArray:

@@ -91,13 +91,16 @@ def seen(measured: Measured, segment: SegmentInfo, ticks: int, tick_s: float) ->
 
 
 def figures_of(number: int, torque_nm: FloatArray, noise_nm: float, tick_s: float) -> TrialFigures:
-    """Of a port torque at the ticks (ticks,), each reading of which has the noise ``noise_nm``."""
+    """Of a port torque at the ticks (ticks,), each reading of which has the noise ``noise_nm``.
+
+    In the first trial the load is not driven.
+    """
     band = in_band(torque_nm - np.mean(torque_nm), tick_s)
     share = float(np.mean(_band(2 * len(band), tick_s) ** 2))
     chance = CHANCE * sqrt(2.0 / (share * len(band)))  # of a mean of so many independent squares
     band_noise_nm = sqrt(share) * noise_nm
     hidden_nm = band_noise_nm * sqrt(HIDDEN_SHARE + chance)
-    return TrialFigures(number, sqrt(float(np.mean(band**2))), band_noise_nm, hidden_nm)
+    return TrialFigures(number, sqrt(float(np.mean(band**2))), band_noise_nm, hidden_nm, driven=number > 1)
 
 
 def trials(measured: Measured, tick_s: float, procedure: str) -> tuple[TrialFigures, ...]:

@@ -13,11 +13,12 @@ from bench.control import core
 from bench.control.design import TorqueGains, nominal_bench
 from bench.control.dynamics import COMMAND, look_back, sampled
 from bench.control.feed_forward import FeedForward
-from bench.control.preview import LONGEST_STEP_S, delayed, with_preview
+from bench.control.preview import LONGEST_STEP_S, delayed, trusted, with_preview
 from bench.control.reference import continued
 from bench.control.torque_loop import TorqueLoop
 from bench.control.virtual import VirtualBody
 from bench.errors import ExperimentError
+from bench.models.network import NortonNetwork
 from bench.sample import Target
 from bench.segments import PRESCRIBED_MOTION, Admittance, LoadMode, Segment, Use
 from tests.bench.control.plant import PlantSettings
@@ -218,3 +219,34 @@ def test_a_clock_that_lost_its_device_begins_anew() -> None:
         core.steady_arrival(clock, arrival_s)
     returned_s = 0.4992 + 1.0007 + 1e-3 * np.arange(500)
     assert [core.steady_arrival(clock, at) for at in returned_s][-1] == pytest.approx(returned_s[-1], abs=2e-5)
+
+
+def test_a_trusted_motion_is_mended_only_where_noise_cannot_explain_the_torque() -> None:
+    gains = TorqueGains(0.3, 300.0, 1.0, 0.0)
+    random = np.random.default_rng(2)
+
+    def added_nm(torque_nm: float, *, trusting: bool) -> float:
+        """How far the command wanders, rms, under noise about a standing torque."""
+        loop, command, path = TorqueLoop(gains, TICK_S, turn_rad=0.01, play_rad=1e-4, noise_nm=1e-3), 0.0, []
+        loop.begin(0.0, 0.0, 0.0)
+        for noise in random.normal(0.0, 1e-3, 400):
+            command += loop.change_nm(torque_nm + noise, 1.0, 0.0, bold=False, trusting=trusting)
+            path.append(command)
+        return float(np.sqrt(np.mean(np.square(path))))
+
+    assert added_nm(0.0, trusting=True) < 0.3 * added_nm(0.0, trusting=False)
+    assert added_nm(0.01, trusting=True) > 0.05
+
+
+def test_a_network_is_trusted_by_its_own_deviations() -> None:
+    names = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque")
+    network = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")
+    values = np.array([0.9, 5e-5, 1e-3, 0.02])
+
+    def known_to(*shares: float) -> NortonNetwork:
+        rows = np.diag((values * np.array(shares)) ** 2).tolist()
+        return replace(network, covariance_names=names, covariance=tuple(map(tuple, rows)))
+
+    assert trusted(known_to(0.005, 0.005, 0.005, 0.005))
+    assert not trusted(known_to(0.005, 0.005, 0.02, 0.005))
+    assert not trusted(network)

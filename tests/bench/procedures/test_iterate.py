@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.errors import RigError
-from bench.identification.trials import TRIAL, TrialFigures, settled, trials
+from bench.identification.trials import TRIAL, TrialFigures, diverge, settled, trials
 from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.carry_out import carry_out
 from bench.procedures.iterate import IterateProcedure, way
@@ -149,6 +149,16 @@ def test_it_stops_where_it_does_not_converge(iterated: Iterated) -> None:
     )
     assert decision.procedure is None
     assert "does not converge" in decision.said
+
+
+def test_trials_diverge_only_beside_one_that_was_better() -> None:
+    def made(*torques_nm: float) -> tuple[TrialFigures, ...]:
+        return tuple(TrialFigures(n, each, 3e-4, 1e-4, driven=n > 1) for n, each in enumerate(torques_nm, 1))
+
+    assert diverge(made(1e-2, 2e-2, 2e-2))
+    assert not diverge(made(1e-2, 2e-2))
+    assert not diverge(made(1e-2, 1e-2, 1e-2, 1e-2))
+    assert not diverge(made(1e-2, 5e-3, 9e-3, 6e-3))
 
 
 def test_nothing_is_driven_by_a_fit_that_is_none(iterated: Iterated) -> None:
