@@ -57,15 +57,3 @@ class Backlash(Spring):
     """A spring that takes hold only beyond half of ``width`` to either side; it is damped only while it holds."""
 
     width_rad: Angle = Field(alias="width", ge=0, examples=["20 mrad"])
-
-
-def servo_columns(servo: Servo | None) -> dict[str, float]:
-    """Columns of the link for a motor with a position loop, or without one."""
-    if servo is None:
-        return {}
-    return {"servo_stiffness": servo.stiffness_nm_rad, "servo_damping": servo.damping_nm_s_rad}
-
-
-def in_series_nm_rad(first: float, second: float) -> float:
-    """The stiffness of two springs one behind the other."""
-    return first * second / (first + second)
