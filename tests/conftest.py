@@ -13,7 +13,13 @@ settings.register_profile("house", deadline=None, derandomize=True)
 settings.load_profile("house")
 
 # A file that takes a minute and begins last keeps the other core waiting.
-LONGEST = ("tests/test_examples.py", "tests/test_ci_example.py", "tests/bench/session/", "tests/bench/screen/")
+LONGEST = (
+    "tests/test_examples.py",
+    "tests/test_ci_example.py",
+    "tests/bench/session/",
+    "tests/bench/screen/",
+    "tests/bench/gallery/",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
