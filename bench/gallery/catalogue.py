@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from bench.gallery import gravity_claims, motor_claims, muscle_claims
+from bench.gallery import gravity_claims, in_situ_claims, motor_claims, muscle_claims
 from bench.gallery.claim import Experiment, Shown
 from bench.gallery.gravity_experiments import TwoPorts
 from bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
 from bench.gallery.muscle_experiments import MuscleSweeps
-from bench.procedures.knowledge import Procedure
+from bench.procedures.knowledge import Adaptive, Procedure
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Entry:
     """The shipped rig's name, what is done on it once it is calibrated, and the claims that follow."""
 
     rig: str
-    procedures: tuple[Procedure, ...]
+    procedures: tuple[Procedure | Adaptive, ...]
     claims: Callable[[Experiment], tuple[Shown, ...]]
 
 
@@ -28,4 +28,5 @@ CATALOGUE: Mapping[str, Entry] = {
     ),
     "muscle": Entry("sim-pneumatic", (MuscleSweeps(),), muscle_claims.claims),
     "arms": Entry("sim-gravity", (TwoPorts(),), gravity_claims.claims),
+    "in situ": Entry("sim-odrive", (in_situ_claims.EXPERIMENT,), in_situ_claims.claims),
 }
