@@ -48,7 +48,8 @@ def _watched(segment: Segment, known: Knowledge) -> Generator[Segment, Measured,
     """A segment that ends before the shaft has gained too much speed."""
     fast_rad_s = RUNS_SHARE * known.rig.limits.velocity_rad_s
     measured = yield replace(segment, stop_at_velocity_rad_s=fast_rad_s)
-    if float(np.max(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0)) >= fast_rad_s:
+    speeds_rad_s = np.abs(measured.ticks["velocity_rad_s"])
+    if len(speeds_rad_s) < segment.ticks and float(np.max(speeds_rad_s, initial=0.0)) >= fast_rad_s:
         raise ExperimentError(
             f"{segment.procedure}: the shaft reached {fast_rad_s:g} rad/s under a command of {segment.command[-1]:.3g} "
             f"{known.rig.command.unit} with nothing at the port: its source may be a velocity, which the step 'free' "

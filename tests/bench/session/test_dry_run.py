@@ -25,7 +25,8 @@ def test_the_standard_session_keeps_to_every_rigs_limits(path: Path) -> None:
     rig = load_rig(path)
     found = dry_run(standard_session(rig), rig)
     assert found.at_most_s == found.at_least_s > 30
-    assert all(step.segments for step in found.steps)
+    decided_as_it_goes = {"in_situ"}
+    assert {step.planned.name for step in found.steps if not step.segments} <= decided_as_it_goes
 
 
 def test_what_is_asked_is_what_the_procedures_ask() -> None:
