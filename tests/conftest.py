@@ -19,6 +19,8 @@ LONGEST = (
     "tests/bench/session/",
     "tests/bench/screen/",
     "tests/bench/gallery/",
+    "tests/bench/identification/soundness/",
+    "tests/bench/sweep/",
 )
 
 

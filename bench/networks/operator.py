@@ -243,7 +243,8 @@ class Operator:
 
         The smallest that answers as this one does, within ``SAME`` at frequencies around all poles, is returned.
         """
-        candidates = (self._without(rank) for rank in RANKS)
+        # First none of them: what they show may be rounding, beside the polynomial.
+        candidates = (_polynomial(self.direct), *(self._without(rank) for rank in RANKS))
         return next((each for each in candidates if each.order < self.order and self.answers_as(each)), self)
 
     def _without(self, rank: float) -> "Operator":

@@ -41,6 +41,12 @@ def test_conversions_are_inverses_of_each_other(network, shape):
     assert back.source.order <= network.source.order + 2 * network.connection.order
 
 
+def test_a_state_that_shows_nothing_but_rounding_is_left_out():
+    rounded = Operator(np.array([[-8.4]]), np.array([[9.1]]), np.array([1.1e-16]), np.array([[1.0]]))
+    assert rounded.minimal().order == 0
+    assert rounded.minimal().answers_as(rounded)
+
+
 @given(linear_networks(), minimum_phase())
 @settings(max_examples=25)
 def test_all_shapes_move_every_load_alike(network, load):
