@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+from bench.cli.output import plain_table
+
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
@@ -142,9 +144,7 @@ def _host_data(each: "HostCheck") -> dict[str, Any]:
 
 
 def _table(texts: Sequence[str], numbers: Sequence[str]) -> "Table":
-    from rich.table import Table  # noqa: PLC0415
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = plain_table()
     for heading in texts:
         table.add_column(heading, no_wrap=True)
     for heading in numbers:

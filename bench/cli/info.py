@@ -4,7 +4,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from bench.cli.arguments import Json, RecordingFile
-from bench.cli.output import Output
+from bench.cli.output import Output, plain_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -55,12 +55,11 @@ def _facts(found: "Recording", facts: dict[str, str]) -> "Table":
 
 
 def _timing(timing: "LoopTiming") -> "Table":
-    from rich.table import Table  # noqa: PLC0415
 
     from bench.loop.timing import timing_rows  # noqa: PLC0415
 
     head, rows = timing_rows(timing)
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = plain_table()
     for place, heading in enumerate(head):
         table.add_column(heading, justify="right" if place else "left", no_wrap=True)
     for row in rows:

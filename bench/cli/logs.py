@@ -7,6 +7,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.table import Table
 
+from bench.cli.output import plain_table
 from bench.cli.results import file_table, parameter, parameter_table
 from bench.logs.fit import Request
 from bench.logs.results import ErrorFigures, Errors, LogFit, Step
@@ -78,7 +79,7 @@ def _error_lines(side: str, errors: Errors) -> list[str]:
 
 def ladder_table(ladder: Sequence[Step]) -> Table:
     """One row a model of friction: error in training, on held-out parts, and which was selected on those."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = plain_table()
     table.add_column("model", no_wrap=True)
     for heading in ("train", "held out", "± std"):
         table.add_column(heading, justify="right", no_wrap=True)

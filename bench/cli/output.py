@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+    from rich.table import Table
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,13 @@ class Output:
         """A remark on the way."""
         if not self.quiet:
             print(text, file=sys.stderr, flush=True)
+
+
+def plain_table() -> "Table":
+    """An empty table as every command draws it: without a frame, headings in bold."""
+    from rich.table import Table  # noqa: PLC0415  (not needed for JSON)
+
+    return Table(box=None, pad_edge=False, header_style="bold")
 
 
 def to_json(data: object) -> str:

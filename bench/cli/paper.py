@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from bench.cli.arguments import Json, Quiet, numbers_in
-from bench.cli.output import Output
+from bench.cli.output import Output, plain_table
 from bench.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -75,13 +75,12 @@ def paper_data(proofs: Sequence["Proof"]) -> dict[str, Any]:
 
 def paper_view(proofs: Sequence["Proof"]) -> Iterator["RenderableType"]:
     """The same for a terminal: what each claim says, and below it a line for each figure."""
-    from rich.table import Table  # noqa: PLC0415
 
     from bench.gallery.page import HEAD, cells_of  # noqa: PLC0415
 
     for claim in dict.fromkeys(proof.title for proof in proofs):
         yield claim
-        table = Table(box=None, pad_edge=False, header_style="bold")
+        table = plain_table()
         for heading in HEAD:
             right = heading not in ("figure", "unit", "")
             table.add_column(heading, justify="right" if right else "left", no_wrap=heading != "figure")

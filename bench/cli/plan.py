@@ -3,8 +3,8 @@
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 
+from bench.cli.output import plain_table
 from bench.rig.rig import Rig
 from bench.session.dry_run import DryRun, DryStep
 from bench.session.items import Session
@@ -45,7 +45,7 @@ def _step(step: DryStep) -> dict[str, Any]:
 
 def plan_view(found: DryRun, session: Session, rig: Rig) -> RenderableType:
     """The same as a table, with the time in all."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = plain_table()
     for heading in ("", "step", "begins", "takes"):
         table.add_column(heading, justify="left" if heading == "step" else "right", no_wrap=True)
     table.add_column("at most")

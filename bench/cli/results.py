@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from bench.cli.model_free import model_free, residual_figures
+from bench.cli.output import plain_table
 from bench.cli.tables import tables_data, tables_view
 from bench.identification.ambiguity.conditions import Judgement
 from bench.identification.in_situ import InSituResult
@@ -199,7 +200,7 @@ def summary(found: Conclusion, recording: Path) -> RenderableType:
 
 def parameter_table(estimates: Iterable[Estimate]) -> Table:
     """One row a parameter: symbol, name, value ± standard deviation, unit, status."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = plain_table()
     for heading, justify in (("", "left"), ("parameter", "left"), ("value", "right"), ("± std", "right")):
         table.add_column(heading, justify="right" if justify == "right" else "left", no_wrap=True)
     table.add_column("unit", no_wrap=True)

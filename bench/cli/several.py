@@ -5,6 +5,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.table import Table
 
+from bench.cli.output import plain_table
 from bench.cli.results import file_table, parameter, parameter_table
 from bench.identification.random_effects import Combined
 from bench.session.several import OneOf, Several
@@ -61,7 +62,7 @@ def several_summary(found: Several) -> RenderableType:
 
 def _spread_table(found: Several) -> Table:
     """One row a parameter: deviation of a session's own value, between sessions, the most it may be, chance."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = plain_table()
     table.add_column("spread of", no_wrap=True)
     for heading in ("within", "between", "at most"):
         table.add_column(heading, justify="right", no_wrap=True)

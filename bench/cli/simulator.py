@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from bench.cli.arguments import Json, Quiet, RigFile, Seed
 from bench.cli.interrupt import operator_stop
-from bench.cli.output import Output
+from bench.cli.output import Output, plain_table
 
 Witness = Annotated[Path | None, Parameter(help="A CSV file for what is true meanwhile, a line a millisecond.")]
 
@@ -47,9 +47,8 @@ def truth(rig_file: RigFile, /, *, seed: Seed = None, json: Json = False) -> Non
 
 def truth_table(values: dict[str, tuple[float, str]]) -> Any:
     """Name, value and unit, a row each."""
-    from rich.table import Table  # noqa: PLC0415
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = plain_table()
     for heading in ("parameter", "true value", "unit"):
         table.add_column(heading, justify="right" if heading == "true value" else "left", no_wrap=True)
     for name, (value, unit) in values.items():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from bench.cli.arguments import RUNS, Json, Quiet, numbers_in
-from bench.cli.output import Output
+from bench.cli.output import Output, plain_table
 from bench.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -125,10 +125,9 @@ def sweep_data(outcomes: "Sequence[Outcome]", spreads: "Sequence[Spread]", folde
 
 def sweep_view(outcomes: "Sequence[Outcome]", spreads: "Sequence[Spread]", folder: Path) -> "Iterator[RenderableType]":
     """The same for a terminal: a row for each parameter, errors where the truth is known; then what failed."""
-    from rich.table import Table  # noqa: PLC0415
 
     with_truth = any(each.rms_error == each.rms_error for each in spreads)
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = plain_table()
     table.add_column("parameter", no_wrap=True)
     headings = ["runs", "median", "spread", "own std"] + (["bias", "rms error", "in 95 %"] if with_truth else [])
     for heading in headings:

@@ -4,6 +4,7 @@ from typing import Any
 
 from rich.table import Table
 
+from bench.cli.output import plain_table
 from bench.identification.results import BlockedMap
 from bench.identification.tables.exertion_table import ExertionTable
 from bench.identification.tables.means import Mean
@@ -118,7 +119,7 @@ def _mean(mean: Mean) -> dict[str, float]:
 
 
 def _table(facts: Facts) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = plain_table()
     for place, heading in enumerate(facts.head):
         table.add_column(heading, justify="left" if place == 0 else "right")
     for row in facts.rows:

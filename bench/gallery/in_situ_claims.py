@@ -68,17 +68,7 @@ class Assembled:
     @cached_property
     def source_rad_s(self) -> FloatArray:
         """How the true actuator moves with nothing on its shaft."""
-        true = self.experiment.true
-        network = NortonNetwork(
-            torque_gain=true["torque_gain"],
-            amplifier_bandwidth_rad_s=true["amplifier_bandwidth"],
-            inertia_kgm2=true["inertia"],
-            viscous_damping_nms_rad=true["viscous_damping"],
-            coulomb_torque_nm=true["coulomb_torque"],
-            presliding_stiffness_nm_rad=true["presliding_stiffness"],
-            presliding_damping_nms_rad=true["presliding_damping"],
-            command_unit=self.experiment.rig.command.unit,
-        )
+        network = NortonNetwork.of_parameters(self.experiment.true, self.experiment.rig.command.unit)
         position, _, _ = network.free_motion(self.command, self._tick_s)
         return self._velocity(position)
 

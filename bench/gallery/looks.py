@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.errors import ExperimentError
+from bench.identification.tables.means import velocity_of
 from bench.records import Measured, SegmentInfo
 
 
@@ -36,10 +37,9 @@ def _look(measured: Measured, segment: SegmentInfo, look_s: float) -> Look:
     end = measured.between(max(segment.start_ns, segment.end_ns - round(look_s * 1e9)), segment.end_ns)
     if len(end.motion) < 3 or not len(end.torque) or not len(end.ticks):
         raise ExperimentError(f'the end of "{segment.procedure}: {segment.name}" was hardly recorded; run it again')
-    time_s = (end.motion["arrival_ns"] - segment.start_ns) * 1e-9
     return Look(
         label=tuple(segment.name.split()),
         command=float(np.mean(end.ticks["command"])),
-        velocity_rad_s=float(np.polyfit(time_s - time_s.mean(), end.motion["position_rad"], 1)[0]),
+        velocity_rad_s=velocity_of(end.motion),
         torque_nm=float(np.mean(end.torque["torque_nm"][end.torque["valid"]])),
     )

@@ -294,18 +294,9 @@ def _at_bound(solution: Solution, tick_s: float) -> set[str]:
 
 def network_of(estimates: Sequence[Estimate], command_unit: str, covariance: FloatArray | None = None) -> NortonNetwork:
     """The network with these values; ``covariance`` is that of PHYSICAL."""
-    value = {estimate.name: estimate.value for estimate in estimates}
-    return NortonNetwork(
-        torque_gain=value["torque_gain"],
-        amplifier_bandwidth_rad_s=value["amplifier_bandwidth"],
-        inertia_kgm2=value["inertia"],
-        viscous_damping_nms_rad=value["viscous_damping"],
-        coulomb_torque_nm=value["coulomb_torque"],
-        presliding_stiffness_nm_rad=value["presliding_stiffness"],
-        presliding_damping_nms_rad=value["presliding_damping"],
-        command_unit=command_unit,
-        torque_constant=value.get("torque_constant"),
-        amplifier_gain=value.get("amplifier_gain"),
+    return NortonNetwork.of_parameters(
+        {estimate.name: estimate.value for estimate in estimates},
+        command_unit,
         covariance_names=() if covariance is None else PHYSICAL,
         covariance=() if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance),
     )

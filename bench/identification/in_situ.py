@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.identification.trials import TrialFigures, diverge, in_band, settled
+from bench.identification.trials import TrialFigures, in_band, settled
 from bench.segments import FloatArray
 
 # The source is the mean of so many last driven trials.
@@ -63,11 +63,6 @@ def figures(trials: Sequence[Exerted]) -> tuple[TrialFigures, ...]:
         TrialFigures(each.number, float(np.sqrt(np.mean(each.torque_nm**2))), floor_nm, floor_nm, each.driven)
         for each in trials
     )
-
-
-def ended(found: Sequence[TrialFigures]) -> bool:
-    """Whether more trials would tell nothing new."""
-    return settled(found) or diverge(found)
 
 
 def source_motion(trials: Sequence[Exerted], command: FloatArray, tick_s: float) -> SourceMotion | None:

@@ -73,6 +73,12 @@ class NortonNetwork:
     covariance: tuple[tuple[float, ...], ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
 
+    @classmethod
+    def of_parameters(cls, values: Mapping[str, float], command_unit: str, **more: Any) -> "NortonNetwork":
+        """From values by the names of the table of parameters; ``more`` are other fields by their own names."""
+        named: dict[str, Any] = {field: values[name] for field, name in PARAMETER_OF_FIELD.items() if name in values}
+        return cls(**named, command_unit=command_unit, **more)
+
     @property
     def thresholds(self) -> tuple[float, float]:
         """The commands, lower and upper, between which the shaft stays at rest."""

@@ -86,15 +86,15 @@ class IterateProcedure:
             so_far = Iteration(self._command(known), _stands_rad(known))
         fault = _no_basis(known)
         if fault is not None:
-            return _done(known, so_far.ended(converged=False, reasons=(fault,)))
+            return _done(known, so_far.ended(fault))
         if so_far.settled:
-            return _done(known, so_far.ended(converged=True))
+            return _done(known, so_far.ended())
         if so_far.diverges:
             reason = "it does not converge: two trials in a row were worse than one before them"
-            return _done(known, so_far.ended(converged=False, reasons=(reason,)))
+            return _done(known, so_far.ended(reason))
         if len(so_far.trials) >= self.options.trials:
             reason = f"after {len(so_far.trials)} trials there was still more than noise"
-            return _done(known, so_far.ended(converged=False, reasons=(reason,)))
+            return _done(known, so_far.ended(reason))
         return _next(known, so_far)
 
     def _command(self, known: Knowledge) -> FloatArray:

@@ -1,6 +1,5 @@
 """How far a repeated movement has come: its trials, what they taught, and whether they converge."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from bench.identification.trials import TrialFigures, diverge, settled
@@ -13,7 +12,7 @@ class Iteration:
     """The state of one iteration over a movement.
 
     ``command`` (ticks,) is the actuator's, the same in every trial; ``start_rad`` is where the load stands when one
-    begins. ``reasons`` say, once ``finished``, why it was not ``converged``.
+    begins. ``reasons`` say, once ``finished``, why it has not converged.
     """
 
     command: FloatArray
@@ -21,11 +20,14 @@ class Iteration:
     trials: tuple[TrialFigures, ...] = ()
     lessons: tuple[Lesson, ...] = ()
     finished: bool = False
-    converged: bool = False
     reasons: tuple[str, ...] = ()
 
     def after(self, trial: TrialFigures, lesson: Lesson) -> "Iteration":
         return replace(self, trials=(*self.trials, trial), lessons=(*self.lessons, lesson))
+
+    @property
+    def converged(self) -> bool:
+        return self.finished and not self.reasons
 
     @property
     def settled(self) -> bool:
@@ -35,5 +37,5 @@ class Iteration:
     def diverges(self) -> bool:
         return diverge(self.trials)
 
-    def ended(self, *, converged: bool, reasons: Iterable[str] = ()) -> "Iteration":
-        return replace(self, finished=True, converged=converged, reasons=tuple(reasons))
+    def ended(self, *reasons: str) -> "Iteration":
+        return replace(self, finished=True, reasons=reasons)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.errors import ExperimentError
+from bench.identification.tables.means import velocity_of
 from bench.procedures.knowledge import Knowledge
 from bench.procedures.waves import hold, ramp
 from bench.records import Measured
@@ -15,6 +16,8 @@ MOVE_S = 0.5
 PIECE_S = 0.25
 # A shaft that reaches this share of the velocity limit does not come to rest.
 RUNS_SHARE = 0.5
+# Fewer tell no velocity.
+LEAST_READINGS = 3
 
 # Makes a segment of a name, a use and commands (ticks,).
 Maker = Callable[[str, Use, FloatArray], Segment]
@@ -39,7 +42,8 @@ def settle(
     waited_s = 0.0
     while waited_s < patience.at_most_s:
         measured = yield from _watched(make("settle", Use.PREPARE, hold(stop, PIECE_S, known.tick_s)), known)
-        if abs(mean_velocity_rad_s(measured)) < patience.below_rad_s:
+        motion = measured.motion
+        if len(motion) >= LEAST_READINGS and abs(velocity_of(motion)) < patience.below_rad_s:
             return
         waited_s += PIECE_S
 
@@ -56,13 +60,3 @@ def _watched(segment: Segment, known: Knowledge) -> Generator[Segment, Measured,
             "measures; else narrow lowest and highest"
         )
     return measured
-
-
-def mean_velocity_rad_s(measured: Measured) -> float:
-    """Of the actuator's shaft, by its positions; infinite where there are too few."""
-    motion = measured.motion
-    if len(motion) < 3:
-        return float("inf")
-    time_s = (motion["arrival_ns"] - motion["arrival_ns"][0]) * 1e-9
-    time_s = time_s - np.mean(time_s)
-    return float(time_s @ motion["position_rad"] / (time_s @ time_s))

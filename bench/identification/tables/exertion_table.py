@@ -10,7 +10,7 @@ from scipy.stats import t as t_distribution
 from bench.errors import ExperimentError
 from bench.identification.load import LoadFit, fit_load
 from bench.identification.quantisation import resolution_rad
-from bench.identification.tables.means import T_95, Mean, inside, mean_of, torque_in
+from bench.identification.tables.means import T_95, Mean, command_in, inside, mean_of, torque_in
 from bench.identification.tables.sines import line_amplitudes
 from bench.identification.tables.source_table import COMMAND_DECIMALS
 from bench.records import Measured, SegmentInfo
@@ -162,7 +162,7 @@ def exertion_table(measured: Measured, tick_s: float) -> ExertionTable:
     for segment in measured.segments:
         if segment.procedure != PROCEDURE:
             continue
-        command = round(_command(measured, segment), COMMAND_DECIMALS)
+        command = round(command_in(measured, segment), COMMAND_DECIMALS)
         position = mean_of(inside(measured.motion, segment)["position_rad"], count_rad / 2)
         if segment.name == READ:
             sources[command] = position
@@ -177,10 +177,6 @@ def _load(measured: Measured, tick_s: float) -> LoadFit | None:
     if not any(segment.use is Use.CALIBRATE for segment in measured.segments):
         return None
     return fit_load(measured, tick_s)
-
-
-def _command(measured: Measured, segment: SegmentInfo) -> float:
-    return float(np.median(inside(measured.ticks, segment, "tick_ns")["command"]))
 
 
 def _held(measured: Measured, segment: SegmentInfo, command: float, source_rad: float) -> Held:

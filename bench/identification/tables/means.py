@@ -41,6 +41,18 @@ def inside(table: Table, segment: SegmentInfo, stamp: str = "arrival_ns") -> Tab
     return table[first:last]
 
 
+def command_in(measured: Measured, segment: SegmentInfo) -> float:
+    """The command under which a segment stood."""
+    return float(np.median(inside(measured.ticks, segment, "tick_ns")["command"]))
+
+
+def velocity_of(motion: Table) -> float:
+    """Mean velocity [rad/s], as the slope of positions over their arrivals; there must be two of them."""
+    time_s = (motion["arrival_ns"] - motion["arrival_ns"][0]) * 1e-9
+    time_s = time_s - np.mean(time_s)
+    return float(time_s @ motion["position_rad"] / (time_s @ time_s))
+
+
 def torque_in(measured: Measured, segment: SegmentInfo, resolution_nm: float = 0.0) -> Mean:
     """Port torque in a segment, less the sensor's zero as the bench knew it then."""
     torque_nm = inside(measured.ticks, segment, "tick_ns")["torque_nm"]

@@ -8,8 +8,8 @@ import numpy as np
 
 from bench.errors import ExperimentError
 from bench.identification.quantisation import resolution_rad
-from bench.identification.tables.means import Mean, inside, mean_of, torque_in
-from bench.records import Measured, SegmentInfo, Table
+from bench.identification.tables.means import Mean, command_in, inside, mean_of, torque_in, velocity_of
+from bench.records import Measured, SegmentInfo
 
 # The names of the procedure that measures it, and of its segments: "read actuator", "read external".
 PROCEDURE, READ = "tabulate_source", "read"
@@ -115,7 +115,7 @@ def _readings(measured: Measured, count_rad: float) -> Iterator[_Reading]:
         if segment.procedure == PROCEDURE and segment.name == "move":
             began_ns = segment.end_ns
         if segment.procedure == PROCEDURE and segment.name.startswith(READ):
-            command = float(np.median(inside(measured.ticks, segment, "tick_ns")["command"]))
+            command = command_in(measured, segment)
             position = mean_of(inside(measured.motion, segment)["position_rad"], count_rad / 2)
             yield _Reading(segment, began_ns, command, command >= before, position)
             before = command
@@ -123,7 +123,7 @@ def _readings(measured: Measured, count_rad: float) -> Iterator[_Reading]:
 
 def _level(measured: Measured, reading: _Reading, count_rad: float, span_rad: float) -> SourceLevel:
     motion = inside(measured.motion, reading.segment)
-    velocity_rad_s = slope(motion)
+    velocity_rad_s = velocity_of(motion)
     drift_rad = velocity_rad_s * float(motion["arrival_ns"][-1] - motion["arrival_ns"][0]) * 1e-9
     return SourceLevel(
         reading.segment.name.removeprefix(f"{READ} "),
@@ -135,13 +135,6 @@ def _level(measured: Measured, reading: _Reading, count_rad: float, span_rad: fl
         abs(drift_rad) <= max(DRIFT_SHARE * span_rad, DRIFT_COUNTS * count_rad),
         _settling_s(measured, reading, count_rad),
     )
-
-
-def slope(motion: Table) -> float:
-    """Mean velocity [rad/s] by positions."""
-    time_s = (motion["arrival_ns"] - motion["arrival_ns"][0]) * 1e-9
-    time_s = time_s - np.mean(time_s)
-    return float(time_s @ motion["position_rad"] / (time_s @ time_s))
 
 
 def _settling_s(measured: Measured, reading: _Reading, count_rad: float) -> float:
