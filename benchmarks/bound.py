@@ -79,7 +79,7 @@ class PathResponse:
         held = network.presliding_damping_nms_rad * np.abs(velocity) - network.coulomb_torque_nm
         rate, acceleration = (_derivative(rows, order, count) for order in (1, 2))
         direct = -network.inertia_kgm2 * acceleration - sparse.diags_array(damping) @ rate
-        used = np.flatnonzero(rows.usable)
+        used = rows.usable
         return cls(
             direct.tocsr()[used],
             sparse.diags_array(held).tocsr()[used],
@@ -117,7 +117,7 @@ def information(stretches: tuple[Signals, ...], at: Linearised, noise: Noise) ->
     columns = np.concatenate([slopes.wanted, slopes.others, slopes.memory.columns()])
     products, first = np.zeros((len(columns),) * 2), 0
     for rows in slopes.regression.rows:
-        last = first + np.count_nonzero(rows.usable)
+        last = first + rows.usable.size
         of_stretch = columns[:, first:last]
         products += of_stretch @ PathResponse.along(rows, at).weighed(noise.a_tick(rows.signals), of_stretch).T
         first = last

@@ -23,23 +23,23 @@ def resample(
     ``table`` holds the kernel at ``per_unit`` points a period. Sums run over differences from the nearest reading, so
     that a position far from zero loses no digits.
     """
-    reach = (table.size - 2) / per_unit
+    points_s = per_unit / period
+    reach_s = (table.size - 2) / points_s
     output = np.empty(grid.size)
-    first = 0
+    first, after = 0, 0
     for k in range(grid.size):
-        while first < times.size - 1 and times[first] < grid[k] - reach * period:
+        while first < times.size - 1 and times[first] < grid[k] - reach_s:
             first += 1
-        reference = values[min(first, times.size - 1)]
+        while after < times.size and times[after] <= grid[k] + reach_s:
+            after += 1
+        reference = values[first]
         total, weighted = 0.0, 0.0
-        i = first
-        while i < times.size and times[i] <= grid[k] + reach * period:
-            at = abs(times[i] - grid[k]) / period * per_unit
+        for i in range(first, after):
+            at = min(abs(times[i] - grid[k]) * points_s, table.size - 2.0)
             index = int(at)
-            if index < table.size - 1:
-                weight = table[index] + (at - index) * (table[index + 1] - table[index])
-                total += weight
-                weighted += weight * (values[i] - reference)
-            i += 1
+            weight = table[index] + (at - index) * (table[index + 1] - table[index])
+            total += weight
+            weighted += weight * (values[i] - reference)
         output[k] = reference + weighted / total if total > 0.2 else np.nan
     return output
 
@@ -121,6 +121,35 @@ def mean_lag_of_held(
     return output
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _kept(way: float) -> tuple[float, float]:
+    """What is left of a difference after a ``way``, and its mean on the way."""
+    kept = exp(-way)
+    return kept, (1.0 - kept) / way if way > 1e-6 else 1.0 - 0.5 * way
+
+
+@njit(cache=True, nogil=True)
+def _turning(
+    output: FloatArray, k: int, way: float, bend: float, s: float, h: float, left: float
+) -> tuple[float, float]:
+    """A step within which the path turns round: its halves parted once more, before and behind the turn."""
+    turn = 0.5 - way / bend
+    first, second = min(turn, 0.5), max(turn, 0.5)
+    u = 0.0
+    for v in (first, second, 1.0):
+        if v <= u:
+            continue
+        displacement = way * (v - u) + 0.5 * bend * ((v * v - v) - (u * u - u))
+        kept, mean = _kept(s * abs(displacement))
+        side = 1.0 if displacement > 0.0 else -1.0
+        cell = k - 1 if u < 0.5 else k
+        output[0, cell] += (v - u) * (side + (h - side) * mean)
+        output[1, cell] += (v - u) * left * mean
+        h, left = side + (h - side) * kept, left * kept
+        u = v
+    return h, left
+
+
 @njit(cache=True, nogil=True)
 def friction_path(position: FloatArray, s: float, starts: IntArray) -> FloatArray:
     """The sliding share h = s·φ of the Dahl friction along a path, shape (2, n), each in -1 .. 1.
@@ -137,23 +166,16 @@ def friction_path(position: FloatArray, s: float, starts: IntArray) -> FloatArra
             bend = 0.0
             if 1 < k < position.size - 1:
                 bend = 0.5 * (position[k + 1] - position[k] - position[k - 1] + position[k - 2])
-            # Parts of the step: its halves, for the cells on either side, and what lies before and behind the turn.
-            turn = 0.5 - way / bend if abs(way) < 0.5 * abs(bend) else 0.5
-            first, second = min(turn, 0.5), max(turn, 0.5)
-            u = 0.0
-            for v in (first, second, 1.0):
-                if v <= u:
-                    continue
-                displacement = way * (v - u)
-                if turn != 0.5:
-                    displacement += 0.5 * bend * ((v * v - v) - (u * u - u))
-                kept, mean = _kept(s * abs(displacement))
-                side = 1.0 if displacement > 0.0 else -1.0
-                cell = k - 1 if u < 0.5 else k
-                output[0, cell] += (v - u) * (side + (h - side) * mean)
-                output[1, cell] += (v - u) * left * mean
-                h, left = side + (h - side) * kept, left * kept
-                u = v
+            if abs(way) >= 0.5 * abs(bend):
+                # Its halves, for the cells on either side.
+                kept, mean = _kept(0.5 * s * abs(way))
+                side = 1.0 if way > 0.0 else -1.0
+                for cell in (k - 1, k):
+                    output[0, cell] += 0.5 * (side + (h - side) * mean)
+                    output[1, cell] += 0.5 * left * mean
+                    h, left = side + (h - side) * kept, left * kept
+            else:
+                h, left = _turning(output, k, way, bend, s, h, left)
         if event < starts.size and starts[event] == k:
             output[1, k], left = 0.5, 1.0
             event += 1
@@ -163,11 +185,19 @@ def friction_path(position: FloatArray, s: float, starts: IntArray) -> FloatArra
     return output
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _kept(way: float) -> tuple[float, float]:
-    """What is left of a difference after a ``way``, and its mean on the way."""
-    kept = exp(-way)
-    return kept, (1.0 - kept) / way if way > 1e-6 else 1.0 - 0.5 * way
+@njit(cache=True, nogil=True, fastmath=SUM_IN_ANY_ORDER)
+def without_memory(values: FloatArray, left: FloatArray, edges: IntArray, power: FloatArray) -> FloatArray:
+    """What no multiple of ``left`` could have made of ``values`` (rows, n) between each two of ``edges``."""
+    output = np.empty_like(values)
+    for row in range(values.shape[0]):
+        for rest in range(power.size):
+            total = 0.0
+            for k in range(edges[rest], edges[rest + 1]):
+                total += values[row, k] * left[k]
+            factor = total / power[rest]
+            for k in range(edges[rest], edges[rest + 1]):
+                output[row, k] = values[row, k] - factor * left[k]
+    return output
 
 
 @njit(cache=True, nogil=True)

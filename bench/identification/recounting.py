@@ -8,7 +8,6 @@ bias: of the right sign, and mostly within half of its size).
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -24,21 +23,25 @@ DRAWS = 4
 # of the counts, and no motion that repeats itself always the same; for friction that is no motion.
 WANDERS_COUNTS_S = 10.0
 SWAYS_COUNTS = 3.0
+NO_RESTS = np.empty(0, dtype=np.int64)
 
 
 def friction_error(signals: Signals, s_per_rad: float) -> FloatArray | None:
     """How much too great the friction's share h is along ``path_rad``, shape (n · FINE,); None without counts."""
     if signals.smoothed is None or signals.count_rad == 0.0 or signals.smoothed.value.size <= 2 * REACH:
         return None
+    smoothed = signals.smoothed
+    own, *again = (
+        loops.friction_path(path, s_per_rad, NO_RESTS)[0]
+        for path in (smoothed.value, *_counted_again(smoothed, signals.count_rad))
+    )
     fine_s = signals.time_s[0] + np.arange(signals.path_rad.size) * (signals.tick_s / FINE)
-    paths = (signals.path_rad, *(path.at(fine_s) for path in _counted_again(signals.smoothed, signals.count_rad)))
-    own, *again = (loops.friction_path(path, s_per_rad, signals.rests * FINE)[0] for path in paths)
-    return np.asarray(np.mean(again, axis=0) - own)
+    return np.asarray(np.interp(fine_s, smoothed.time_s, np.mean(again, axis=0) - own))
 
 
-def _counted_again(smoothed: Stream, count_rad: float) -> Iterator[Stream]:
+def _counted_again(smoothed: Stream, count_rad: float) -> Iterator[FloatArray]:
     wander = WANDERS_COUNTS_S * smoothed.time_s + SWAYS_COUNTS * np.sin(smoothed.time_s)
     for draw in range(DRAWS):
         zero_rad = count_rad * (wander + draw / DRAWS)
         read_rad = np.round((smoothed.value + zero_rad) / count_rad) * count_rad
-        yield replace(smoothed, value=unquantised(read_rad, count_rad) - zero_rad)
+        yield unquantised(read_rad, count_rad) - zero_rad

@@ -52,7 +52,7 @@ class Shape:
         return cls(float(np.exp(array[0])), float(np.exp(array[1])), float(array[2]), float(array[3]))
 
 
-MOST_RECENT = 4
+MOST_RECENT = 6
 
 # Only its delays matter, and they are nil.
 STILL = Shape(1.0, 1.0, 0.0, 0.0)
@@ -87,13 +87,14 @@ class Rows:
     def _grid(self, motion: FloatArray) -> FloatArray:
         return motion if self.fine == FINE else np.ascontiguousarray(motion[::FINE])
 
-    @property
-    def usable(self) -> npt.NDArray[np.bool_]:
-        return self.signals.usable[:: self.stride]
+    @cached_property
+    def usable(self) -> npt.NDArray[np.int64]:
+        """Which of the rows may be fitted."""
+        return np.flatnonzero(self.signals.usable[:: self.stride])
 
     @property
     def count(self) -> int:
-        return len(self.usable)
+        return -(-self.signals.usable.size // self.stride)
 
     @cached_property
     def averaging(self) -> Kernel:
@@ -133,7 +134,10 @@ class Rows:
 
     def kinematics(self, shape: Shape) -> FloatArray:
         """ω and ω̇, shape (2, count)."""
-        return self.of_fine_signal(self._grid(self.signals.position_rad), (1, 2), shape.motion_delay_s)
+        return self._recent.once(
+            ("kinematics", shape.motion_delay_s),
+            lambda: self.of_fine_signal(self._grid(self.signals.position_rad), (1, 2), shape.motion_delay_s),
+        )
 
     def position(self, shape: Shape) -> FloatArray:
         """θ and ω, shape (2, count)."""
@@ -207,32 +211,31 @@ def _fine_taps(
 class Memory:
     """What is left of unknown states of the friction, one a rest, each with an unknown factor: all solved for at once.
 
-    ``left`` (samples,) in order of time, ``first`` where each rest's samples begin, ``rest`` the number of each
-    sample's, ``power`` the sum of squares of ``left`` over each.
+    ``left`` (samples,) in order of time, ``edges`` where each rest's samples begin and the last one's end, ``power``
+    the sum of squares of ``left`` over each.
     """
 
     left: FloatArray
-    first: npt.NDArray[np.int64]
-    rest: npt.NDArray[np.int64]
+    edges: npt.NDArray[np.int64]
     power: FloatArray
 
     @classmethod
     def of(cls, left: FloatArray, rest: npt.NDArray[np.int64]) -> "Memory":
-        first = np.flatnonzero(np.concatenate([[True], np.diff(rest) != 0]))
-        number = np.cumsum(np.concatenate([[0], np.diff(rest) != 0]))
-        power = np.add.reduceat(left**2, first)
-        return cls(left, first, number, np.where(power > 0, power, 1.0))
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(rest)) + 1, [rest.size]])
+        power = np.add.reduceat(left**2, edges[:-1])
+        return cls(left, edges, np.where(power > 0, power, 1.0))
 
     def columns(self) -> FloatArray:
         """What a state of 1 after each rest leaves, shape (rests, samples)."""
-        columns = np.zeros((self.first.size, self.left.size))
-        columns[self.rest, np.arange(self.left.size)] = self.left
+        columns = np.zeros((self.power.size, self.left.size))
+        for column, start, end in zip(columns, self.edges, self.edges[1:], strict=False):
+            column[start:end] = self.left[start:end]
         return columns
 
     def taken_off(self, values: FloatArray) -> FloatArray:
         """What no unknown state could have made of ``values``, shape (..., samples)."""
-        factors = np.add.reduceat(values * self.left, self.first, axis=-1) / self.power
-        return np.asarray(values - factors[..., self.rest] * self.left)
+        rows = np.ascontiguousarray(values).reshape(-1, self.left.size)
+        return loops.without_memory(rows, self.left, self.edges, self.power).reshape(values.shape)
 
 
 @dataclass(frozen=True)
@@ -272,7 +275,7 @@ class Regression:
 
     def chosen(self, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
         """Parts of shape (..., count), one a stretch, cut to their usable instants and joined."""
-        cut = [part[..., rows.usable] for part, rows in zip(parts, self.rows, strict=True)]
+        cut = [part.take(rows.usable, axis=-1) for part, rows in zip(parts, self.rows, strict=True)]
         return np.concatenate(cut, axis=-1)
 
     def target(self) -> FloatArray:
@@ -315,7 +318,7 @@ class Regression:
         """What readings' own errors add to the squares of the physical columns, shape (5,): expected sums."""
         total = np.zeros(5)
         for rows in self.rows:
-            torque, acceleration, velocity = rows.noise() * np.count_nonzero(rows.usable)
+            torque, acceleration, velocity = rows.noise() * rows.usable.size
             total[VISCOUS] += velocity
             total[INERTIA] += torque if self.free_motion else acceleration
         return total

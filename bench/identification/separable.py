@@ -6,6 +6,7 @@ in which delays are harmless, then in the full band.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +31,7 @@ START_BANDWIDTHS = (150.0, 500.0, 1500.0)
 LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 # Of each parameter: relative for the first two, seconds for the delays.
 CONVERGED_STEP = np.array([1e-4, 1e-4, 1e-7, 1e-7])
-# The low band only finds where to begin in the full one.
+# Enough to go on from: the low band finds where to begin in the full one, and that what else there is.
 ROUGH_STEP = np.array([0.03, 0.03, 2e-5, 2e-5])
 # From each start; a local minimum may look the better one after a few.
 LOW_STEPS = 15
@@ -78,7 +79,7 @@ def solve(
     ``cogging`` is what is known of it beforehand.
     """
     low = Regression.of(stretches, told(stretches, LOW_BAND), LOW_STRIDE, free_motion=free_motion, cogging=cogging)
-    ends = [_descend(low, start, most_steps=LOW_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
+    ends = [_descend(start, most_steps=LOW_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
     widest = told(stretches, FULL_BAND)
     full = Regression.of(stretches, widest, free_motion=free_motion, cogging=cogging)
     solution = _first_settled(full, sorted(ends, key=lambda at: at.cost))
@@ -87,16 +88,10 @@ def solve(
     band = worthwhile_band(full, solution)
     if band != widest:
         full = Regression.of(stretches, band, free_motion=free_motion, cogging=cogging)
-        solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
-    full = full.recounted(solution.shape)
-    solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
-    for _ in range(MOST_COGGINGS):
-        periods = strongest_period(full.position(), solution.residual, CORRELATED)
-        if periods is None or periods in full.cogging:
-            break
-        full = replace(full, cogging=(*full.cogging, periods))
-        solution = _iterate(full, solution.shape, most_steps=MOST_STEPS)
-    return solution
+        solution = _iterate(full, solution.shape, within=ROUGH_STEP)
+    solution = _with_cogging(solution, within=ROUGH_STEP)
+    recounted = solution.regression.recounted(solution.shape)
+    return _with_cogging(_iterate(recounted, solution.shape, within=CONVERGED_STEP), within=CONVERGED_STEP)
 
 
 def told(stretches: Sequence[Signals], band: Kernel) -> Kernel:
@@ -123,7 +118,7 @@ def worthwhile_band(regression: Regression, solution: Solution) -> Kernel:
     widest = told([rows.signals for rows in regression.rows], FULL_BAND)
     torque, position = 0.0, 0.0
     for rows in regression.rows:
-        count = int(np.count_nonzero(rows.usable))
+        count = rows.usable.size
         torque += count * rows.signals.torque_noise
         position += count * rows.signals.position_noise
     inertia = abs(float(solution.linear[INERTIA]))
@@ -152,10 +147,10 @@ def normal_solution(columns: FloatArray, right: FloatArray, contamination: Float
     ``contamination`` is what errors in the columns add to their squares. It is taken off again, or they would shrink
     what is estimated; columns beyond its length have none.
     """
-    scale = np.linalg.norm(columns, axis=1)
+    matrix = columns @ columns.T
+    scale = np.sqrt(np.diag(matrix))
     scale[scale == 0] = 1.0
-    scaled = columns / scale[:, None]
-    matrix = scaled @ scaled.T
+    matrix /= np.outer(scale, scale)
     if contamination is not None:
         at = np.arange(len(contamination))
         matrix[at, at] -= contamination / scale[: len(at)] ** 2
@@ -166,6 +161,7 @@ def normal_solution(columns: FloatArray, right: FloatArray, contamination: Float
 class _At:
     """The regression at one shape, solved for what is linear."""
 
+    regression: Regression
     shape: Shape
     columns: FloatArray
     memory: Memory
@@ -183,37 +179,38 @@ class _At:
         residual = target - linear @ seen
         # Errors in the columns add this to the squares of the residual.
         cost = float(residual @ residual - contamination @ linear[:5] ** 2)
-        return cls(shape, columns, memory, seen, linear, residual, cost)
+        return cls(regression, shape, columns, memory, seen, linear, residual, cost)
 
-    def solution(self, regression: Regression, *, converged: bool) -> Solution:
+    def solution(self, *, converged: bool) -> Solution:
         """What the search ends with."""
         return Solution(
             shape=self.shape,
             linear=self.linear,
             residual=self.residual,
-            jacobian=np.concatenate([self.seen, self.slopes(regression)]).T,
-            free=regression.free,
-            contamination=regression.contamination(),
+            jacobian=np.concatenate([self.seen, self.slopes]).T,
+            free=self.regression.free,
+            contamination=self.regression.contamination(),
             cost=self.cost,
-            regression=regression,
+            regression=self.regression,
             converged=converged,
         )
 
-    def slopes(self, regression: Regression) -> FloatArray:
+    @cached_property  # of the last step of a search, and of the solution
+    def slopes(self) -> FloatArray:
         """Change of the prediction with the free unknowns of the shape, shape (free, samples)."""
-        slopes = regression.jacobian(self.shape, self.columns, self.linear)[list(regression.free)]
+        slopes = self.regression.jacobian(self.shape, self.columns, self.linear)[list(self.regression.free)]
         return self.memory.taken_off(slopes)
 
-    def step(self, regression: Regression) -> tuple[FloatArray, float]:
+    def step(self) -> tuple[FloatArray, float]:
         """Of Gauss-Newton, shape (4,); zero for what is not free. And how far that is, in squared deviations."""
-        contamination = regression.contamination()
-        every = np.concatenate([self.seen, self.slopes(regression)])
+        contamination = self.regression.contamination()
+        every = np.concatenate([self.seen, self.slopes])
         right = every @ self.residual
         # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
         right[:5] += contamination * self.linear[:5]
         whole = normal_solution(every, right, contamination)
         step = np.zeros(4)
-        step[list(regression.free)] = whole[len(self.seen) :]
+        step[list(self.regression.free)] = whole[len(self.seen) :]
         variance = CORRELATED * max(self.cost, 0.0) / self.residual.size
         return step, float(right @ whole) / max(variance, 1e-300)
 
@@ -229,16 +226,28 @@ def _first_settled(regression: Regression, ends: list[_At]) -> Solution:
     """From the best end of the low band; from the next where that leads nowhere."""
     solutions = []
     for end in ends:
-        solutions.append(_iterate(regression, end.shape, most_steps=MOST_STEPS))
+        solutions.append(_iterate(regression, end.shape, within=ROUGH_STEP))
         if solutions[-1].converged:
             break
     return min(solutions, key=lambda solution: (not solution.converged, solution.cost))
 
 
-def _iterate(regression: Regression, shape: Shape, *, most_steps: int) -> Solution:
+def _with_cogging(solution: Solution, *, within: FloatArray) -> Solution:
+    """The same with every wave that stands out of what is left."""
+    for _ in range(MOST_COGGINGS - len(solution.regression.cogging)):
+        regression = solution.regression
+        periods = strongest_period(regression.position(), solution.residual, CORRELATED)
+        if periods is None or periods in regression.cogging:
+            break
+        more = replace(regression, cogging=(*regression.cogging, periods))
+        solution = _iterate(more, solution.shape, within=within)
+    return solution
+
+
+def _iterate(regression: Regression, shape: Shape, *, within: FloatArray) -> Solution:
     """To the minimum nearest to ``shape``."""
-    at, converged = _descend(regression, _At.of(regression, shape), most_steps=most_steps, within=CONVERGED_STEP)
-    return at.solution(regression, converged=converged)
+    at, converged = _descend(_At.of(regression, shape), most_steps=MOST_STEPS, within=within)
+    return at.solution(converged=converged)
 
 
 def shortened(step: FloatArray) -> Iterator[FloatArray]:
@@ -251,14 +260,15 @@ def shortened(step: FloatArray) -> Iterator[FloatArray]:
             yield share * direction
 
 
-def _descend(regression: Regression, at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool]:
+def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool]:
     """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that.
 
     Returns where it ended and whether it converged.
     """
+    regression = at.regression
     low, high = limits(regression.rows[0].signals.tick_s)
     for _ in range(most_steps):
-        step, squared_deviations = at.step(regression)
+        step, squared_deviations = at.step()
         # What the data hardly tell, such as a bandwidth far above theirs, may wander on for ever.
         if np.all(np.abs(step) < within) or abs(squared_deviations) < NOTHING_GAINED:
             return at, True
