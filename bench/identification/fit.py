@@ -42,10 +42,10 @@ PHYSICAL = (
 USUAL_COUNT = 0.025  # presliding lengths
 GROW_WITH_COUNTS = ("presliding_stiffness", "presliding_damping")
 MODEL_ERROR = {
-    "viscous_damping": 0.0002,
-    "coulomb_torque": 0.0002,
-    "presliding_stiffness": 0.002,
-    "presliding_damping": 0.004,
+    "viscous_damping": 0.0001,
+    "coulomb_torque": 0.0001,
+    "presliding_stiffness": 0.001,
+    "presliding_damping": 0.002,
 }
 # Of readings whose own age is not known, per second of it: an average over their ages is right on average only.
 HELD_ERROR_PER_S = {"amplifier_bandwidth": 15.0, "inertia": 2.0, "presliding_damping": 20.0}
@@ -97,7 +97,7 @@ def scale_evidence(solution: Solution) -> float:
     """
     lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
     alone = lag - linear_solution(others.T, lag) @ others.T
-    return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)) / np.sqrt(np.mean(solution.residual**2)))
+    return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)) / np.sqrt(np.mean(solution.innovation**2)))
 
 
 def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -105,7 +105,7 @@ def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatA
 
     From free motion they are per unit of torque gain, whose own value is then 1.
     """
-    covariance = sandwich(solution.jacobian, solution.residual, time_s, solution.contamination, solution.linear)
+    covariance = sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
     shape, columns = solution.shape, len(solution.linear)
     linear, to_linear = _linear_in_torque(solution)
     stiffness = linear[COULOMB] * shape.s_per_rad

@@ -201,6 +201,33 @@ def without_memory(values: FloatArray, left: FloatArray, edges: IntArray, power:
 
 
 @njit(cache=True, nogil=True)
+def kalman_gains(kept: FloatArray, kicks: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of a filter of one state behind rows with noise of variance 1: its gains, and 1 over the innovations' widths."""
+    gain, scale = np.empty(kept.size), np.empty(kept.size)
+    variance = 0.0
+    for k in range(kept.size):
+        variance = variance * kept[k] ** 2 + kicks[k]
+        gain[k] = variance / (variance + 1.0)
+        scale[k] = 1.0 / np.sqrt(variance + 1.0)
+        variance = gain[k]
+    return gain, scale
+
+
+@njit(cache=True, nogil=True)
+def innovations(values: FloatArray, kept: FloatArray, gain: FloatArray, scale: FloatArray) -> FloatArray:
+    """What such a filter does not foretell of each row of ``values`` (rows, n), scaled."""
+    output = np.empty_like(values)
+    state = np.zeros(values.shape[0])
+    for k in range(kept.size):
+        for row in range(values.shape[0]):
+            foretold = state[row] * kept[k]
+            error = values[row, k] - foretold
+            output[row, k] = error * scale[k]
+            state[row] = foretold + gain[k] * error
+    return output
+
+
+@njit(cache=True, nogil=True)
 def friction_bank(position: FloatArray, last: float, s: FloatArray, h: FloatArray) -> FloatArray:
     """The sliding shares of many frictions along one path, shape (members, n), going on from ``h``, in place."""
     output = np.empty((s.size, position.size))

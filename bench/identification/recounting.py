@@ -18,7 +18,7 @@ from bench.identification.signals import FINE, Signals, Stream
 
 FloatArray = npt.NDArray[np.float64]
 
-DRAWS = 4
+DRAWS = 2
 # The zero of such an encoder wanders at about this rate, now faster, now slower, so that what is slow meets all phases
 # of the counts, and no motion that repeats itself always the same; for friction that is no motion.
 WANDERS_COUNTS_S = 10.0

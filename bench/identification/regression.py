@@ -20,6 +20,7 @@ from bench.identification.friction.additive import hats
 from bench.identification.kernels import Kernel
 from bench.identification.recounting import friction_error
 from bench.identification.signals import FINE, Signals
+from bench.identification.turns import Turns, Whitening
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -250,6 +251,7 @@ class Regression:
     rows: tuple[Rows, ...]
     free_motion: bool = False
     cogging: tuple[float, ...] = ()  # periods a turn of torques that go with the position
+    whitening: Whitening | None = None  # of the rows, where turns have been counted
 
     @classmethod
     def of(
@@ -267,11 +269,35 @@ class Regression:
         """The same, corrected for what counts do to the friction on average."""
         return replace(self, rows=tuple(rows.recounted(shape) for rows in self.rows))
 
+    def whitened(self, shape: Shape, coulomb: float, residual: FloatArray) -> "Regression":
+        """The same, by what counts leave unknown at every turn of the path.
+
+        ``coulomb`` and ``residual`` (samples,) as found at ``shape``.
+        """
+        count_rad = max(rows.signals.count_rad for rows in self.rows)
+        if count_rad == 0.0:
+            return self
+        parts = [Turns.of(rows.signals, shape.s_per_rad).at(rows.usable) for rows in self.rows]
+        turns = Turns(np.concatenate([part.way_rad for part in parts]), np.concatenate([part.kicks for part in parts]))
+        known_again = np.flatnonzero(np.diff(self._rest, prepend=-1))
+        width = abs(coulomb) * count_rad / np.sqrt(self.alike * np.mean(residual**2))
+        return replace(self, whitening=Whitening.likeliest(turns, known_again, shape.s_per_rad, residual, width))
+
+    def white(self, values: FloatArray) -> FloatArray:
+        """``values`` (k, samples) as least squares should see them."""
+        return values if self.whitening is None else self.whitening.of(values)
+
     @property
     def free(self) -> tuple[int, ...]:
         """Which of (log β, log s, d_c, d_m) can be estimated: without torque only one delay has a meaning."""
         measured = all(rows.signals.torque_nm is not None for rows in self.rows)
         return (0, 1, 2, 3) if measured else (0, 1, 2)
+
+    @property
+    def alike(self) -> float:
+        """So many neighbouring rows, made alike by the low-pass, count as one."""
+        rows = self.rows[0]
+        return max(1.0, 0.5 / (rows.kernel.cutoff * rows.stride))
 
     def chosen(self, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
         """Parts of shape (..., count), one a stretch, cut to their usable instants and joined."""
@@ -321,7 +347,7 @@ class Regression:
             torque, acceleration, velocity = rows.noise() * rows.usable.size
             total[VISCOUS] += velocity
             total[INERTIA] += torque if self.free_motion else acceleration
-        return total
+        return total if self.whitening is None else total * self.whitening.energy
 
     def position(self) -> FloatArray:
         """Of the shaft, shape (samples,)."""

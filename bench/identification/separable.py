@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from bench.identification.cogging import strongest_period
 from bench.identification.kernels import FULL_BAND, Kernel
-from bench.identification.regression import INERTIA, Memory, Regression, Shape
+from bench.identification.regression import COULOMB, INERTIA, Memory, Regression, Shape
 from bench.identification.signals import Signals
 
 FloatArray = npt.NDArray[np.float64]
@@ -40,21 +40,24 @@ MOST_STEPS = 40
 NARROWED_BELOW = 0.7
 NARROWEST_CUTOFF = 0.02
 MOST_COGGINGS = 4
-# Of residuals filtered to the full band, so many neighbours count as one.
-CORRELATED = 3.0
-# A step of a hundredth, and of a tenth, of a deviation.
+# A step of a hundredth, and of a fifth, of a deviation.
 NOTHING_GAINED = 1e-4
-LITTLE_GAINED = 1e-2
+LITTLE_GAINED = 4e-2
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Where the iteration ended. ``jacobian`` (samples, parameters): the linear columns, then log β, log s, delays."""
+    """Where the iteration ended.
+
+    ``residual`` (samples,) is in the target's unit; ``innovation`` (samples,) is what of it least squares saw, and
+    ``jacobian`` (samples, parameters) its change, negative, with the linear unknowns, then log β, log s, delays.
+    """
 
     shape: Shape
     linear: FloatArray
     residual: FloatArray
+    innovation: FloatArray
     jacobian: FloatArray
     free: tuple[int, ...]
     contamination: FloatArray  # of the five physical columns, as in Regression
@@ -90,8 +93,10 @@ def solve(
         full = Regression.of(stretches, band, free_motion=free_motion, cogging=cogging)
         solution = _iterate(full, solution.shape, within=ROUGH_STEP)
     solution = _with_cogging(solution, within=ROUGH_STEP)
-    recounted = solution.regression.recounted(solution.shape)
-    return _with_cogging(_iterate(recounted, solution.shape, within=CONVERGED_STEP), within=CONVERGED_STEP)
+    counted = solution.regression.recounted(solution.shape).whitened(
+        solution.shape, float(solution.linear[COULOMB]), solution.residual
+    )
+    return _with_cogging(_iterate(counted, solution.shape, within=CONVERGED_STEP), within=CONVERGED_STEP)
 
 
 def told(stretches: Sequence[Signals], band: Kernel) -> Kernel:
@@ -165,21 +170,25 @@ class _At:
     shape: Shape
     columns: FloatArray
     memory: Memory
-    seen: FloatArray  # of the columns, what friction's memory leaves
+    seen: FloatArray  # of the columns, what least squares sees
     linear: FloatArray
     residual: FloatArray
+    innovation: FloatArray
     cost: float
 
     @classmethod
     def of(cls, regression: Regression, shape: Shape) -> "_At":
         columns, memory = regression.columns(shape)
         contamination = regression.contamination()
-        target, seen = memory.taken_off(regression.target()), memory.taken_off(columns)
-        linear = normal_solution(seen, seen @ target, contamination)
-        residual = target - linear @ seen
-        # Errors in the columns add this to the squares of the residual.
-        cost = float(residual @ residual - contamination @ linear[:5] ** 2)
-        return cls(regression, shape, columns, memory, seen, linear, residual, cost)
+        left = memory.taken_off(np.concatenate([columns, regression.target()[None, :]]))
+        white = regression.white(left)
+        seen, wanted = white[:-1], white[-1]
+        linear = normal_solution(seen, seen @ wanted, contamination)
+        innovation = wanted - linear @ seen
+        residual = innovation if white is left else left[-1] - linear @ left[:-1]
+        # Errors in the columns add this to the squares of the innovations.
+        cost = float(innovation @ innovation - contamination @ linear[:5] ** 2)
+        return cls(regression, shape, columns, memory, seen, linear, residual, innovation, cost)
 
     def solution(self, *, converged: bool) -> Solution:
         """What the search ends with."""
@@ -187,6 +196,7 @@ class _At:
             shape=self.shape,
             linear=self.linear,
             residual=self.residual,
+            innovation=self.innovation,
             jacobian=np.concatenate([self.seen, self.slopes]).T,
             free=self.regression.free,
             contamination=self.regression.contamination(),
@@ -199,19 +209,19 @@ class _At:
     def slopes(self) -> FloatArray:
         """Change of the prediction with the free unknowns of the shape, shape (free, samples)."""
         slopes = self.regression.jacobian(self.shape, self.columns, self.linear)[list(self.regression.free)]
-        return self.memory.taken_off(slopes)
+        return self.regression.white(self.memory.taken_off(slopes))
 
     def step(self) -> tuple[FloatArray, float]:
         """Of Gauss-Newton, shape (4,); zero for what is not free. And how far that is, in squared deviations."""
         contamination = self.regression.contamination()
         every = np.concatenate([self.seen, self.slopes])
-        right = every @ self.residual
+        right = every @ self.innovation
         # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
         right[:5] += contamination * self.linear[:5]
         whole = normal_solution(every, right, contamination)
         step = np.zeros(4)
         step[list(self.regression.free)] = whole[len(self.seen) :]
-        variance = CORRELATED * max(self.cost, 0.0) / self.residual.size
+        variance = self.regression.alike * max(self.cost, 0.0) / self.innovation.size
         return step, float(right @ whole) / max(variance, 1e-300)
 
 
@@ -236,7 +246,7 @@ def _with_cogging(solution: Solution, *, within: FloatArray) -> Solution:
     """The same with every wave that stands out of what is left."""
     for _ in range(MOST_COGGINGS - len(solution.regression.cogging)):
         regression = solution.regression
-        periods = strongest_period(regression.position(), solution.residual, CORRELATED)
+        periods = strongest_period(regression.position(), solution.residual, regression.alike)
         if periods is None or periods in regression.cogging:
             break
         more = replace(regression, cogging=(*regression.cogging, periods))

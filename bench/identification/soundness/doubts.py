@@ -123,7 +123,7 @@ def _changing(solution: Solution, tick_s: float) -> Iterator[Doubt]:
     count = len(solution.residual) // BLOCK_ROWS
     if count < FEWEST_BLOCKS:
         return
-    blocks = _Blocks.of(solution.jacobian, solution.residual, count)
+    blocks = _Blocks.of(solution.jacobian, solution.innovation, count)
     splits = np.unique(np.linspace(0, count, SPLITS + 2)[1:-1].astype(np.int64))
     best: tuple[float, str, int] | None = None
     for column, name, least, unit in _judged(solution, tick_s):

@@ -72,7 +72,7 @@ def test_coarse_counts_widen_the_intervals_of_friction():
     measured = synthetic.experiment(1, bench=Bench(counts=18_000.0))
     coarse = fit(measured, command_unit="N*m", tick_s=TICK_S)
     assert np.all(np.abs(deviates(coarse, Truth())) < 3)
-    for name, least in (("presliding_stiffness", 0.014), ("presliding_damping", 0.028)):
+    for name, least in (("presliding_stiffness", 0.007), ("presliding_damping", 0.014)):
         assert coarse.estimate(name).std > least * coarse.estimate(name).value
 
 
