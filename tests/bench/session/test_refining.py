@@ -9,7 +9,9 @@ import pytest
 
 from bench.cli.results import until_figures, until_sentences
 from bench.errors import RigError, UsageError
+from bench.identification.fit import fit
 from bench.models.parameters import Status
+from bench.procedures import refine
 from bench.procedures.options import CalibrateOptions, ImposedOptions, RefineOptions, TareOptions
 from bench.procedures.refine import RefineProcedure, travel_left_rad
 from bench.procedures.refinement import half_width
@@ -124,21 +126,17 @@ def test_it_stops_honestly_when_time_is_up(refined: Refined) -> None:
     assert log.reasons[0].startswith("time is up; still wide: ")
 
 
-def test_a_fit_that_does_not_converge_is_given_something_better(refined: Refined) -> None:
+def test_a_fit_that_does_not_converge_is_given_something_better(
+    refined: Refined, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The calibration's own fit of the actuator is there to choose by; without it there is nothing."""
-    known = refined.result.knowledge
-    tare, calibrate, imposed = known.records[:3]
-    poor = replace(known, records=(tare, calibrate, without_multisine(imposed)), refinement=None)
+    monkeypatch.setattr(refine, "fit", lambda *given, **more: replace(fit(*given, **more), converged=False))
+    known = replace(refined.result.knowledge, refinement=None)
     procedure = RefineProcedure(RefineOptions(0.001, 100.0))
-    assert procedure.following(poor).procedure is not None
-    decision = procedure.following(replace(poor, actuator=None))
+    assert procedure.following(known).procedure is not None
+    decision = procedure.following(replace(known, actuator=None))
     assert decision.procedure is None
     assert "did not converge" in decision.said
-
-
-def without_multisine(measured: Measured) -> Measured:
-    multisine = next(segment for segment in measured.segments if segment.name == "multisine")
-    return measured.between(measured.segments[0].start_ns, multisine.start_ns)
 
 
 def test_nothing_is_offered_where_the_load_can_do_nothing(refined: Refined) -> None:
