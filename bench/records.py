@@ -3,6 +3,7 @@ the recorder, the identifier and the screen, and in which a recording is read ba
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +41,10 @@ TICK = np.dtype(
         ("guard_ns", "i8"),  # the drives' health and the last word,
         ("send_ns", "i8"),  # writing to all ports,
         ("put_ns", "i8"),  # and, in the tick before, putting it all away
+        ("modulation", "f8"),  # the modulator's command as it was sent; NaN where there is none
+        ("modulator_position_rad", "f8"),
+        ("modulator_motion_age_ns", "i8"),
+        ("modulator_transistor_temperature_c", "f8"),
     ]
 )
 MOTION = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("position_rad", "f8"), ("velocity_rad_s", "f8")])
@@ -48,6 +53,8 @@ TORQUE = np.dtype(
     [("arrival_ns", "i8"), ("device_ns", "i8"), ("sequence", "i8"), ("torque_nm", "f8"), ("valid", "?")]
 )  # device_ns is NO_DEVICE_TIME where the sensor sends none
 NO_DEVICE_TIME = np.iinfo(np.int64).min
+# The tables of readings in Measured, each with the arrivals of its own device.
+READINGS = ("motion", "load_motion", "torque", "current", "load_current", "modulator_motion", "modulator_current")
 
 
 @dataclass(frozen=True)
@@ -87,13 +94,14 @@ class Measured:
     frames: tuple[RawFrame, ...] = ()
     load_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
     torque_averaging_s: float = 0.0  # over which the torque sensor itself averages
+    modulator_motion: Table = field(default_factory=lambda: np.empty(0, MOTION))  # the encoder of the second drive
+    modulator_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
 
     @property
     def empty(self) -> bool:
         """Whether nothing was measured, and nothing happened."""
-        readings = (self.motion, self.load_motion, self.torque, self.current, self.load_current)
         told = bool(self.segments or self.events or self.frames)
-        return not told and not any(len(table) for table in (self.ticks, *readings))
+        return not told and not any(len(table) for table in (self.ticks, *(getattr(self, name) for name in READINGS)))
 
     def between(self, start_ns: int, end_ns: int) -> "Measured":
         """The part with ``start_ns <= stamp < end_ns`` (by tick or arrival); frames and events too."""
@@ -102,13 +110,10 @@ class Measured:
             first, last = np.searchsorted(table[key], [start_ns, end_ns])
             return table[first:last]
 
+        tables: dict[str, Any] = {name: cut(getattr(self, name), "arrival_ns") for name in READINGS}
         return Measured(
             ticks=cut(self.ticks, "tick_ns"),
-            motion=cut(self.motion, "arrival_ns"),
-            load_motion=cut(self.load_motion, "arrival_ns"),
-            torque=cut(self.torque, "arrival_ns"),
-            current=cut(self.current, "arrival_ns"),
-            load_current=cut(self.load_current, "arrival_ns"),
+            **tables,
             segments=tuple(s for s in self.segments if s.start_ns < end_ns and s.end_ns > start_ns),
             events=tuple(e for e in self.events if start_ns <= e.stamp_ns < end_ns),
             frames=tuple(f for f in self.frames if start_ns <= f.stamp_ns < end_ns),

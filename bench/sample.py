@@ -34,6 +34,8 @@ class Sample(NamedTuple):
     torque_count: int = 0
     motion_count: int = 0
     load_motion_count: int = 0
+    modulator_position_rad: float = NAN
+    modulator_motion_age_ns: int = -1
 
     def counted_from(self, tick_ns: int) -> "Sample":
         """The same readings, with ages as of ``tick_ns``: negative for what arrived only after that."""
@@ -45,6 +47,7 @@ class Sample(NamedTuple):
             load_motion_age_ns=self.load_motion_age_ns + later_ns,
             current_age_ns=self.current_age_ns + later_ns,
             load_current_age_ns=self.load_current_age_ns + later_ns,
+            modulator_motion_age_ns=self.modulator_motion_age_ns + later_ns,
         )
 
 

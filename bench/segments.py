@@ -66,6 +66,7 @@ class Segment:
     load_torque_nm: FloatArray = field(default_factory=lambda: np.empty(0))
     preview: bool = False
     trusted: bool = False
+    modulation: FloatArray = field(default_factory=lambda: np.empty(0))  # of the modulator; empty: zero throughout
     stop_at_velocity_rad_s: float = float("inf")  # end early, without alarm, once |actuator velocity| reaches this
 
     @property

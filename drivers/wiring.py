@@ -24,7 +24,7 @@ class DeviceSettings:
     (the actuator's positive rotation, seen at the port; positive torque accelerates the load that way).
     """
 
-    role: str  # "actuator", "load" or "torque_sensor"
+    role: str  # "actuator", "load", "torque_sensor" or "modulator"
     driver: str
     bus: str | None = None  # the name of a CAN bus
     port: str | None = None  # a serial port: a path or any pyserial URL
@@ -44,8 +44,10 @@ class Wiring:
     load: DeviceSettings | None = None
     shaft: str = "free"  # where there is no load drive: "free" or "clamped"
     command_unit: str = "N*m"  # of the actuator's command
+    modulator: DeviceSettings | None = None  # the actuator's second drive, which sets its impedance
+    modulation_unit: str = ""  # of its command
 
     def devices(self) -> tuple[DeviceSettings, ...]:
         """The devices that are there, the actuator first."""
-        present = (self.actuator, self.load, self.torque_sensor)
+        present = (self.actuator, self.load, self.torque_sensor, self.modulator)
         return tuple(device for device in present if device is not None)

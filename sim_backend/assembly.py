@@ -10,6 +10,7 @@ from sim_backend.firmware import FIRMWARE
 from sim_backend.firmware.site import CRYSTAL_PPM, Site, Wires
 from sim_backend.hookup import Hookup, really
 from sim_backend.plant import Plant
+from sim_backend.plants.assembled import Assembled
 from sim_backend.truth import Truth
 from sim_backend.world import World
 
@@ -17,13 +18,30 @@ from sim_backend.world import World
 def build_world(wiring: Wiring, truth: Truth, place: str) -> World:
     """The plant that ``wiring`` has devices for: a load that is described but not wired is not coupled.
 
-    Raises WiringError for a wired load whose true values are missing.
+    Raises WiringError for a wired load or modulator whose true values are missing, or which has nothing to modulate.
     """
     if wiring.load is not None and truth.load is None:
         raise WiringError(f"{place}: [load] is wired but [simulated.load] is missing; describe the load machine there")
     if wiring.load is None:
         truth = truth.model_copy(update={"load": None})
+    _check_modulator(wiring, truth, place)
+    if wiring.modulator is None:
+        truth = truth.model_copy(update={"modulator": None})
     return World(Plant(truth, truth.seed, wiring.shaft))
+
+
+def _check_modulator(wiring: Wiring, truth: Truth, place: str) -> None:
+    if wiring.modulator is None:
+        return
+    if truth.modulator is None:
+        raise WiringError(
+            f"{place}: [modulator] is wired but [simulated.modulator] is missing; describe the second drive there"
+        )
+    if not (isinstance(truth.actuator, Assembled) and truth.actuator.modulated):
+        raise WiringError(
+            f"{place}: [modulator] is wired but [simulated.actuator] has nothing that it could set; write "
+            'model = "variable_stiffness" there'
+        )
 
 
 def mount(world: World, wiring: Wiring, truth: Truth, wires: Wires, place: str) -> None:
@@ -48,7 +66,12 @@ def mount(world: World, wiring: Wiring, truth: Truth, wires: Wires, place: str) 
 
 
 def _device_truth(truth: Truth, role: str) -> Mapping[str, Any]:
-    described = {"actuator": truth.actuator, "load": truth.load, "torque_sensor": truth.torque_sensor}[role]
+    described = {
+        "actuator": truth.actuator,
+        "load": truth.load,
+        "torque_sensor": truth.torque_sensor,
+        "modulator": truth.modulator,
+    }[role]
     return {} if described is None else described.device
 
 

@@ -139,7 +139,13 @@ def open_backend(wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | No
 
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
-    truth = read_truth(simulated, seed=seed, place=place, command_unit=wiring.command_unit)
+    truth = read_truth(
+        simulated,
+        seed=seed,
+        place=place,
+        command_unit=wiring.command_unit,
+        modulation_unit=wiring.modulation_unit,
+    )
     backend = SimulatedBackend(wiring, truth, place)
     backend.inject(*read_faults(simulated.get(FAULTS, ()), wiring, place=place, section=f"simulated.{FAULTS}"))
     return backend

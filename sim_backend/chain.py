@@ -37,6 +37,7 @@ from sim_backend.plants.link import (
     DAMPER,
     DRIVE,
     HALF_GAP,
+    HARDENING,
     LOAD_FRICTION,
     MOVEMENT,
     MUSCLE,
@@ -45,10 +46,12 @@ from sim_backend.plants.link import (
     SERVO_DAMPING,
     SERVO_STIFFNESS,
     SPRING,
+    STIFFENING,
 )
 from sim_backend.plants.pneumatic_muscle import pull
+from sim_backend.plants.variable_stiffness import modulate, pulled
 
-SOURCE = 2
+SOURCE, MODULATOR = 2, 3
 
 
 @njit(cache=True, nogil=True)
@@ -65,8 +68,8 @@ def advance(
     """Move ``state`` from ``now_ns`` to ``to_ns`` in place.
 
     Shapes: ``state`` (3, STATE_COLUMNS), ``machines`` (3, MACHINE_COLUMNS), ``link`` (LINK_COLUMNS,), ``reach``
-    (REACH_COLUMNS,); ``joint`` is the torque sensor's stiffness [N m/rad] and damping [N m s/rad]. Substeps and
-    encoders as in :func:`sim_backend.integrator.advance`.
+    (REACH_COLUMNS,); with a modulator both have a fourth row. ``joint`` is the torque sensor's stiffness [N m/rad] and
+    damping [N m s/rad]. Substeps and encoders as in :func:`sim_backend.integrator.advance`.
     """
     if link[DRIVE] == REACH and state[ACTUATOR, POWERED] != 0.0:
         target = link[COMMAND_PER_AMPERE] * state[ACTUATOR, CURRENT_TARGET]
@@ -79,6 +82,8 @@ def advance(
         if stop_ns == sample_ns:
             track(state[ACTUATOR], machines[ACTUATOR])
             track(state[LOAD], machines[LOAD])
+            if link[STIFFENING] != 0.0:
+                track(state[MODULATOR], machines[MODULATOR])
         now_ns = stop_ns
 
 
@@ -142,7 +147,8 @@ def _kick(
     """Velocities over ``h`` at constant angles: (1 + A) ω⁺ = (1 − A) ω + h W τ, with A = h/2 · W C."""
     current = mean_current(state[ACTUATOR], h)
     command = link[COMMAND_PER_AMPERE] * current
-    exertion, damper = _connection(state, link, reach, command, now_s)
+    spring = stiffness(reach, now_s, link) if link[STIFFENING] == 0.0 else modulate(state[MODULATOR], link, h)
+    exertion, damper = _connection(state, link, spring, command)
     powered = link[DRIVE] == SERVO and state[ACTUATOR, POWERED] != 0.0
     drive = link[SERVO_STIFFNESS] * (command - state[SOURCE, ANGLE]) if powered else 0.0
     servo_damping = link[SERVO_DAMPING] if powered else 0.0
@@ -180,11 +186,12 @@ def _kick(
 
 @njit(cache=True, nogil=True, inline="always")
 def _connection(
-    state: NDArray[np.float64], link: NDArray[np.float64], reach: NDArray[np.float64], command: float, now_s: float
+    state: NDArray[np.float64], link: NDArray[np.float64], spring: float, command: float
 ) -> tuple[float, float]:
     """What the port's body is turned with at these angles [N m], and what damps it against the source [N m s/rad]."""
     if link[DRIVE] == MUSCLE:
         return pull(state[ACTUATOR, ANGLE], command, link), 0.0
     deflection = stretch(state[SOURCE, ANGLE] - state[ACTUATOR, ANGLE], link)
     holds = link[HALF_GAP] == 0.0 or deflection != 0.0
-    return stiffness(reach, now_s, link) * deflection, link[DAMPER] if holds else 0.0
+    exertion = spring * deflection if link[HARDENING] == 0.0 else pulled(spring, deflection, link)
+    return exertion, link[DAMPER] if holds else 0.0

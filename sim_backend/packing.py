@@ -11,18 +11,21 @@ from sim_backend.machines import Body, Drive, Gravity
 from sim_backend.plants import link as link_columns
 from sim_backend.plants.assembled import Assembled
 from sim_backend.plants.link import Link
-from sim_backend.truth import LoadTruth, MotorTruth, Truth
+from sim_backend.truth import LoadTruth, ModulatorTruth, MotorTruth, Truth
 
 # The longest substep; stiffer benches take shorter ones, so that the fastest rate turns less than this in each.
 LONGEST_SUBSTEP_S = 20e-6
 LARGEST_TURN_RAD = 0.1
+# A spring that hardens is taken to be deflected no further than this.
+HARDENED_RAD = 0.5
 
 
 @dataclass(frozen=True)
 class PackedBench:
     """``machines`` has shape (2, MACHINE_COLUMNS); the joining spring is in N m/rad and N m s/rad.
 
-    With a ``link`` (LINK_COLUMNS,) behind the actuator's body there is a third machine, its source.
+    With a ``link`` (LINK_COLUMNS,) behind the actuator's body there is a third machine, its source, and where that
+    has a modulator, a fourth: the modulator's motor.
     """
 
     machines: NDArray[np.float64]
@@ -46,8 +49,10 @@ def pack(truth: Truth, shaft: str) -> PackedBench:
         machines = np.vstack([machines, _source(link)])
     stiffness = truth.torque_sensor.stiffness_nm_rad if joined else 0.0
     damping = truth.torque_sensor.damping_nm_s_rad if joined else 0.0
-    row = None if link is None else link.row
+    row = None if link is None else _modulated(link.row, truth.modulator)
     longest_s = LARGEST_TURN_RAD / _fastest_rate_rad_s(machines, stiffness, damping, row)
+    if truth.modulator is not None:
+        machines = np.vstack([machines, _modulator(truth.modulator)])
     return PackedBench(machines, stiffness, damping, min(LONGEST_SUBSTEP_S, longest_s), row)
 
 
@@ -97,6 +102,22 @@ def _source(link: Link) -> NDArray[np.float64]:
     return row
 
 
+def _modulated(row: NDArray[np.float64], modulator: ModulatorTruth | None) -> NDArray[np.float64]:
+    """A link's row with what its modulator does; nothing is modulated where there is none."""
+    if modulator is None:
+        row[link_columns.STIFFENING] = 0.0
+    else:
+        row[link_columns.MODULATOR_TRAVEL] = modulator.mounted * modulator.travel / modulator.amplifier_gain
+        row[link_columns.MODULATOR_BANDWIDTH] = modulator.bandwidth_rad_s
+    return row
+
+
+def _modulator(modulator: ModulatorTruth) -> NDArray[np.float64]:
+    row = _ground()
+    _encode(row, modulator)
+    return row
+
+
 def _hang(row: NDArray[np.float64], gravity: Gravity | None) -> None:
     if gravity is not None:
         row[columns.GRAVITY_AMPLITUDE] = gravity.amplitude_nm
@@ -126,7 +147,7 @@ def _fastest_rate_rad_s(
     dampers = np.diag(2.0 * machines[:, columns.DAMPING] + machines[:, columns.VISCOUS])
     dampers += _joined(len(machines), 0, 1, damping)
     if link is not None:
-        springs += _joined(3, 0, 2, link[link_columns.SPRING] + link[link_columns.MOVING_SPRING])
+        springs += _joined(3, 0, 2, _stiffest(link))
         dampers += _joined(3, 0, 2, link[link_columns.DAMPER])
         springs[2, 2] += link[link_columns.SERVO_STIFFNESS]
         dampers[2, 2] += link[link_columns.SERVO_DAMPING]
@@ -135,6 +156,13 @@ def _fastest_rate_rad_s(
     natural = math.sqrt(np.linalg.eigvalsh(weights * springs)[-1])
     damped = np.linalg.eigvalsh(weights * dampers)[-1]
     return max(natural, float(damped))
+
+
+def _stiffest(link: NDArray[np.float64]) -> float:
+    """The greatest stiffness that a connection can have."""
+    hardened = 3 * link[link_columns.HARDENING] * HARDENED_RAD**2
+    modulated = link[link_columns.STIFFENING] * link[link_columns.MODULATOR_STOP]
+    return float(link[link_columns.SPRING] + link[link_columns.MOVING_SPRING] + modulated + hardened)
 
 
 def _joined(bodies: int, first: int, second: int, value: float) -> NDArray[np.float64]:

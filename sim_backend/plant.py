@@ -31,12 +31,12 @@ from sim_backend.packing import pack
 from sim_backend.plants.arm import BEGAN, REACH_COLUMNS
 from sim_backend.truth import Truth
 
-Machine = Literal["actuator", "load"]
+Machine = Literal["actuator", "load", "modulator"]
 
 # An open half-bridge: the winding's inductance empties within a fraction of a millisecond.
 RELEASED_RATE_RAD_S = 10_000.0
 
-_ROWS: dict[Machine, int] = {"actuator": ACTUATOR, "load": LOAD}
+_ROWS: dict[Machine, int] = {"actuator": ACTUATOR, "load": LOAD, "modulator": chain.MODULATOR}
 _NOISE_AT_A_TIME = 256
 
 # What a sensor gives for a value that it should give.
@@ -60,7 +60,7 @@ class _Machine:
 
 
 class Plant:
-    """Actuator, torque sensor and load from standstill at ``now_ns`` = 0.
+    """Actuator with its modulator, torque sensor and load from standstill at ``now_ns`` = 0.
 
     Parameters: the true values; the seed of all noise; ``shaft``, "free" or "clamped", for a bench without a load;
     ``substep_s``, to integrate with shorter substeps than the bench needs. The same seed and the same calls give the
@@ -76,7 +76,7 @@ class Plant:
         self._state[:, CURRENT_RATE] = RELEASED_RATE_RAD_S
         # One stream for each signal, so that reading one leaves the others' noise as it is.
         self._noise = {name: _normal(np.random.default_rng([seed, k])) for k, name in enumerate(("sensor", *_ROWS))}
-        self._machines = {machine: self._machine(machine) for machine in _ROWS}
+        self._machines = {machine: self._machine(machine) for machine, row in _ROWS.items() if row < len(self._state)}
         self._distortions: tuple[Distortion, ...] = ()  # of the torque sensor
         self._reach = np.zeros(REACH_COLUMNS)
         self._reach[BEGAN] = -math.inf
@@ -154,6 +154,10 @@ class Plant:
         slip_rad_s = actuator[VELOCITY] - load[VELOCITY]
         return self._bench.stiffness * twist_rad + self._bench.damping * slip_rad_s
 
+    def has(self, machine: Machine) -> bool:
+        """Whether there is such a machine, were it one that stands still."""
+        return machine in self._machines
+
     def drives(self, machine: Machine) -> bool:
         """Whether the machine's amplifier heads for a current other than zero."""
         return self._machines[machine].state[CURRENT_TARGET] != 0.0
@@ -213,14 +217,14 @@ class Plant:
         self._bench = replace(self._bench, stiffness=0.0, damping=0.0)
 
     def _machine(self, name: Machine) -> _Machine:
-        truth = self._truth.actuator if name == "actuator" else self._truth.load
         row = _ROWS[name]
         # The same memory as the integrator's: Python reads a number of it at a third of what numpy asks.
         state, parameters = (
             memoryview(table[row]).cast("B").cast("d") for table in (self._state, self._bench.machines)
         )
         machine = _Machine(state, parameters, parameters[COUNTS_PER_RAD], parameters[INVERSE_INERTIA])
-        if truth is not None:
+        if name != "load" or self._truth.load is not None:
+            truth = self._truth.driven(name)
             machine.torque_constant_nm_a = truth.torque_constant_nm_a
             machine.amplifier_gain = truth.amplifier_gain
             machine.amplifier_rate_rad_s = truth.amplifier_bandwidth_rad_s

@@ -227,7 +227,13 @@ def serve(
     takes everything down too and goes on to the caller as KeyboardInterrupt; so does SIGTERM. Raises WiringError for
     wrong true values or faults, ConnectionFailedError where an interface or a port cannot be opened.
     """
-    truth = read_truth(simulated, seed=seed, place=place, command_unit=wiring.command_unit)
+    truth = read_truth(
+        simulated,
+        seed=seed,
+        place=place,
+        command_unit=wiring.command_unit,
+        modulation_unit=wiring.modulation_unit,
+    )
     faults = read_faults(simulated.get(FAULTS, ()), wiring, place=place, section=f"simulated.{FAULTS}")
     world = build_world(wiring, truth, place)
     with _termination_interrupts(), ExitStack() as open_wires:

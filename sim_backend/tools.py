@@ -7,12 +7,18 @@ from sim_backend import truth
 
 
 def true_parameters(
-    simulated: Mapping[str, Any], *, seed: int | None, place: str, command_unit: str = "N*m"
+    simulated: Mapping[str, Any],
+    *,
+    seed: int | None,
+    place: str,
+    command_unit: str = "N*m",
+    modulation_unit: str = "N*m/rad",
 ) -> dict[str, tuple[float, str]]:
     """The simulated actuator's true parameters, ``{name: (value, unit)}``, under the names the identifier uses.
 
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
-    return truth.true_parameters(
-        truth.read_truth(simulated, seed=seed, place=place, command_unit=command_unit), command_unit
+    found = truth.read_truth(
+        simulated, seed=seed, place=place, command_unit=command_unit, modulation_unit=modulation_unit
     )
+    return truth.true_parameters(found, command_unit, modulation_unit)

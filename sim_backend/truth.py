@@ -8,22 +8,25 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, Literal, cast
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, ValidationError, ValidationInfo, create_model, field_validator
 
 from bench.models.dahl_motor import DahlMotor
 from bench.models.parameters import BY_NAME
+from bench.units import parse_quantity
 from drivers.errors import WiringError
-from sim_backend.machines import Commanded, Machine
+from sim_backend.machines import Commanded, Drive, Machine
 from sim_backend.plants.arm import ArmTruth
 from sim_backend.plants.assembled import Assembled
 from sim_backend.plants.gear_train import GearTrainTruth
 from sim_backend.plants.pneumatic_muscle import PneumaticMuscleTruth
 from sim_backend.plants.series_elastic import SeriesElasticTruth
+from sim_backend.plants.variable_stiffness import VariableStiffnessTruth
 from sim_backend.quantities import (
     Damping,
     Device,
     Nanoseconds,
     Number,
+    Rate,
     Sign,
     Stiffness,
     Table,
@@ -64,6 +67,29 @@ class LoadTruth(Machine):
         return self._motor(self.torque_constant_nm_a, self.amplifier_gain)
 
 
+class ModulatorTruth(Drive):
+    """The actuator's second drive: ``travel`` is where its motor goes for each unit of its command [rad].
+
+    Its amplifier's current stands for the command, i = amplifier_gain · π once it has settled; the motor follows that
+    with a lag of ``bandwidth``.
+    """
+
+    amplifier_gain: float = Field(gt=0, examples=["2 A/(N*m/rad)"])
+    travel: float = Field(gt=0, examples=["0.25 rad/(N*m/rad)"])
+    bandwidth_rad_s: Rate = Field(alias="bandwidth", gt=0, examples=["40 rad/s"])
+    torque_constant_nm_a: TorqueConstant = Field(alias="torque_constant", default=0.05, gt=0)
+
+    @field_validator("amplifier_gain", "travel", mode="before")
+    @classmethod
+    def _per_unit_of_modulation(cls, text: object, info: ValidationInfo) -> float:
+        unit = info.context["modulation_unit"] if info.context else "N*m/rad"
+        return parse_quantity(text, f"{'A' if info.field_name == 'amplifier_gain' else 'rad'}/({unit})")
+
+    def angle_rad(self, modulation: float) -> float:
+        """Where its motor goes, but for its stops."""
+        return self.travel * modulation
+
+
 class TorqueSensorTruth(Table):
     """The torque sensor: a damped spring between actuator and load, and what it reports of its own torque."""
 
@@ -92,20 +118,40 @@ ACTUATORS: Mapping[str, type[Table]] = {
     "series_elastic": SeriesElasticTruth,
     "gear_train": GearTrainTruth,
     "arm": ArmTruth,
+    "variable_stiffness": VariableStiffnessTruth,
 }
 
 
 class Truth(Table):
-    """Everything a simulated bench is made of. ``load`` is None where nothing is coupled to the actuator."""
+    """Everything a simulated bench is made of.
+
+    ``load`` is None where nothing is coupled to the actuator, ``modulator`` where that has no second drive.
+    """
 
     seed: int = Field(default=0, ge=0)
     actuator: MotorTruth | Assembled
     load: LoadTruth | None = None
     torque_sensor: TorqueSensorTruth = TorqueSensorTruth()
+    modulator: ModulatorTruth | None = None
     transport: TransportTruth = TransportTruth()
 
+    def driven(self, role: str) -> MotorTruth | Assembled | LoadTruth | ModulatorTruth:
+        """What the drive in that role drives. Raises ValueError where nothing of it is known."""
+        machines = {"actuator": self.actuator, "load": self.load, "modulator": self.modulator}
+        machine = machines[role]
+        if machine is None:
+            raise ValueError(f"a {role} drive without a machine")
+        return machine
 
-def read_truth(simulated: Mapping[str, Any], *, seed: int | None, place: str, command_unit: str = "N*m") -> Truth:
+
+def read_truth(
+    simulated: Mapping[str, Any],
+    *,
+    seed: int | None,
+    place: str,
+    command_unit: str = "N*m",
+    modulation_unit: str = "N*m/rad",
+) -> Truth:
     """The true values written in ``simulated``, the rig file's table of that name; ``seed`` overrides its seed.
 
     Raises WiringError, one sentence for each mistake with its place (``place`` names the rig file) and the mend.
@@ -115,16 +161,18 @@ def read_truth(simulated: Mapping[str, Any], *, seed: int | None, place: str, co
         written["seed"] = seed
     table = _table_for(_model(written, place))
     try:
-        return table.model_validate(written, context={"command_unit": command_unit})
+        return table.model_validate(written, context={"command_unit": command_unit, "modulation_unit": modulation_unit})
     except ValidationError as error:
         raise WiringError("\n".join(complaints(error, table, written, place=place, name="simulated"))) from error
 
 
-def true_parameters(truth: Truth, command_unit: str = "N*m") -> dict[str, tuple[float, str]]:
+def true_parameters(
+    truth: Truth, command_unit: str = "N*m", modulation_unit: str = "N*m/rad"
+) -> dict[str, tuple[float, str]]:
     """The actuator's true parameters, ``{name: (value, unit)}``: for the motor under the identifier's names."""
     if not isinstance(truth.actuator, MotorTruth):
         gain = ("amplifier_gain", (truth.actuator.amplifier_gain, f"A/({command_unit})"))
-        return dict([*_quantities(truth.actuator), gain])
+        return dict([*_quantities(truth.actuator), gain, *_of_modulator(truth.modulator, modulation_unit)])
     motor = truth.actuator.motor
     values = {
         "torque_gain": motor.Km * motor.Ka,
@@ -139,6 +187,13 @@ def true_parameters(truth: Truth, command_unit: str = "N*m") -> dict[str, tuple[
     }
     named = {name: (value, BY_NAME[name].unit_for(command_unit)) for name, value in values.items()}
     return {**named, **_hanging(truth)}
+
+
+def _of_modulator(modulator: ModulatorTruth | None, unit: str) -> Iterator[tuple[str, tuple[float, str]]]:
+    if modulator is not None:
+        yield from _quantities(modulator, "modulator_")
+        yield "modulator_amplifier_gain", (modulator.amplifier_gain, f"A/({unit})")
+        yield "modulator_travel", (modulator.travel, f"rad/({unit})")
 
 
 def _hanging(truth: Truth) -> dict[str, tuple[float, str]]:

@@ -11,7 +11,7 @@ PERIOD_NS = 250_000
 FILE_PERIOD_NS = 1_000_000
 LINES_AT_A_TIME = 10
 
-MACHINES: tuple[Machine, ...] = ("actuator", "load")
+MACHINES: tuple[Machine, ...] = ("actuator", "load", "modulator")
 
 
 def true_state(world: World) -> TrueState:
@@ -22,7 +22,7 @@ def true_state(world: World) -> TrueState:
         plant.true_port_torque_nm(),
         plant.true_velocity_rad_s("actuator"),
         plant.true_velocity_rad_s("load"),
-        tuple([machine for machine in MACHINES if plant.drives(machine)]),
+        tuple([machine for machine in MACHINES if plant.has(machine) and plant.drives(machine)]),
         tuple([machine for machine in MACHINES if getattr(world.devices.get(machine), "armed", False)]),
     )
 

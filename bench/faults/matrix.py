@@ -7,8 +7,9 @@ from bench.faults.case import Case, Expected
 from bench.rig.rig import Rig
 
 RIDE = Expected.RIDE
-DRIVES = ("actuator", "load")
+DRIVES = ("actuator", "load")  # those that turn the shaft
 SENSOR = "torque_sensor"
+MODULATOR = "modulator"
 
 
 def cases(rig: Rig) -> tuple[Case, ...]:
@@ -27,7 +28,7 @@ def host_losses() -> tuple[Case, ...]:
 
 
 def _carried(rig: Rig) -> Iterator[Case]:
-    for role in (*DRIVES, SENSOR):
+    for role in _devices(rig):
         # What comes from a device is its own; what goes to it is all that the host sends on its bus.
         yield _case("one frame lost", "drop", role, RIDE, count=1, towards="host", quick=role == "actuator")
         yield _case("frames doubled", "duplicate", role, RIDE, count=20, towards="host")
@@ -56,7 +57,7 @@ def _connected(rig: Rig) -> Iterator[Case]:
         yield _case("a node babbles, all of the bus", "babbling-node", bus, quick=True)
         yield _case("bus-off of the host", "bus-off", bus, quick=True)
         yield _case("adapter unplugged", "unplugged", bus)
-    for role in (*DRIVES, SENSOR):
+    for role in _devices(rig):
         if _bus_of(rig, role):
             yield _case("bus-off of the device", "bus-off", role)
         else:
@@ -79,10 +80,12 @@ def _read(rig: Rig) -> Iterator[Case]:
 
 
 def _driven(rig: Rig) -> Iterator[Case]:
+    for role in _devices(rig):
+        if role != SENSOR:
+            yield _case("drive error", "drive-error", role, quick=role == "actuator")
+            yield _case("undervoltage", "undervoltage", role)
+            yield _case("over-temperature", "over-temperature", role)
     for role in DRIVES:
-        yield _case("drive error", "drive-error", role, quick=role == "actuator")
-        yield _case("undervoltage", "undervoltage", role)
-        yield _case("over-temperature", "over-temperature", role)
         runaway = f"{0.4 * rig.limits.torque_nm:g} N*m"
         yield _case("command runs away", "runaway", role, torque=runaway, quick=role == "actuator")
         yield _case("shaft stuck", "stuck", role, quick=role == "load")
@@ -108,6 +111,10 @@ def _case(
 ) -> Case:
     for_a_while = {} if lasts is None else {"for": lasts}
     return Case(name, {"kind": kind, "on": on, **options, **for_a_while}, expected, quick)
+
+
+def _devices(rig: Rig) -> tuple[str, ...]:
+    return (*DRIVES, SENSOR) if rig.wiring.modulator is None else (*DRIVES, SENSOR, MODULATOR)
 
 
 def _buses(rig: Rig) -> list[str]:

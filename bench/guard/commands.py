@@ -12,14 +12,19 @@ class Limited(IntFlag):
     COMMAND = 1
     COMMAND_RATE = 2
     LOAD_TORQUE = 4
+    MODULATION = 8
 
 
 class Commands(NamedTuple):
-    """What goes to the drives: the actuator's command in its own unit, the load's torque, and what was clipped."""
+    """What goes to the drives: the actuator's command in its own unit, the load's torque, and what was clipped.
+
+    ``modulation`` is the modulator's command in its own unit; NaN once sent where there is none.
+    """
 
     command: float
     load_torque_nm: float
     limited: int = 0
+    modulation: float = 0.0
 
 
 class DriveHealth(NamedTuple):

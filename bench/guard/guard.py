@@ -18,7 +18,8 @@ class Guard:
     """Holds the limits of one rig.
 
     ``has_load`` and ``has_torque_sensor`` say which signals must be there; ``command_limit`` is the greatest actuator
-    command, in its own unit. ``checks`` are asked in their order, after all limits: a limit is the clearer word.
+    command, in its own unit, ``modulation_limit`` that of a modulator, None where there is none. ``checks`` are asked
+    in their order, after all limits: a limit is the clearer word.
     """
 
     limits: Limits
@@ -27,6 +28,7 @@ class Guard:
     has_load: bool
     has_torque_sensor: bool
     checks: tuple[Check, ...] = ()
+    modulation_limit: float | None = None
     tripped: SafetyStopError | None = field(default=None, init=False)
     _sent: Commands = field(default=NOTHING, init=False)
     _home_rad: float | None = field(default=None, init=False)
@@ -86,6 +88,8 @@ class Guard:
                 "not a number, so nothing was sent",
                 "wish",
             )
+        if not isfinite(wished.modulation):
+            raise self.trip(f"the procedure asked for modulation {wished.modulation}: not a number", "wish")
 
     def _check_freshness(self, sample: Sample) -> None:
         self._check_age("actuator encoder", sample.motion_age_ns)
@@ -93,6 +97,8 @@ class Guard:
             self._check_age("load encoder", sample.load_motion_age_ns)
         if self.has_torque_sensor:
             self._check_age("torque sensor", sample.torque_age_ns)
+        if self.modulation_limit is not None:
+            self._check_age("modulator encoder", sample.modulator_motion_age_ns)
 
     def _check_age(self, name: str, age_ns: int) -> None:
         if age_ns < 0:
@@ -159,7 +165,12 @@ class Guard:
         load_nm = min(max(wished.load_torque_nm, -self.limits.load_torque_nm), self.limits.load_torque_nm)
         if load_nm != wished.load_torque_nm:
             limited |= Limited.LOAD_TORQUE
-        self._sent = Commands(slewed, load_nm, int(limited))
+        modulation = wished.modulation
+        if self.modulation_limit is not None:
+            modulation = min(max(modulation, -self.modulation_limit), self.modulation_limit)
+            if modulation != wished.modulation:
+                limited |= Limited.MODULATION
+        self._sent = Commands(slewed, load_nm, int(limited), modulation)
         return self._sent
 
 

@@ -17,6 +17,7 @@ class Alignment:
     _torque: TorqueReading | None = field(default=None, init=False)
     _current: CurrentReading | None = field(default=None, init=False)
     _load_current: CurrentReading | None = field(default=None, init=False)
+    _modulator: MotionReading | None = field(default=None, init=False)
 
     def update(
         self,
@@ -26,6 +27,7 @@ class Alignment:
         torque: Sequence[TorqueReading],
         current: Sequence[CurrentReading] = (),
         load_current: Sequence[CurrentReading] = (),
+        modulator: Sequence[MotionReading] = (),
     ) -> Sample:
         """The sample at ``tick_ns`` given what arrived since the last one (oldest first)."""
         if motion:
@@ -38,7 +40,10 @@ class Alignment:
             self._current = current[-1]
         if load_current:
             self._load_current = load_current[-1]
+        if modulator:
+            self._modulator = modulator[-1]
         m, ld, tq, i, il = self._motion, self._load, self._torque, self._current, self._load_current
+        md = self._modulator
         nan = float("nan")
         # What arrives while the tick is reading its ports has an age of 0, not a negative one.
         return Sample(
@@ -63,4 +68,6 @@ class Alignment:
             len(torque),
             len(motion),
             len(load),
+            nan if md is None else md.position_rad,
+            -1 if md is None else max(0, tick_ns - md.arrival_ns),
         )

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import nan
 
 from bench.errors import ExperimentError, RigError
 from bench.guard.commands import Commands, DriveHealth
 from bench.loop.watchdogs import WatchdogFinding, fall_silent, has_none
-from bench.rig.rig import Rig
+from bench.rig.rig import Command, Rig
 from bench.units import conversion
 from drivers.backend import Backend
 from drivers.clock import Clock
@@ -16,6 +17,7 @@ from drivers.devices import Amplifier, Device, TorqueSensor
 from drivers.link import Link
 from drivers.readings import CurrentReading, DeviceIdentity, DriveState, MotionReading, TorqueReading
 from drivers.registry import open_amplifier, open_torque_sensor
+from drivers.wiring import DeviceSettings
 
 # A drive that was told to idle says so with its next heartbeat; waiting longer than this is pointless.
 IDLE_WITHIN_NS = 500_000_000
@@ -34,6 +36,8 @@ class Arrivals:
     torque: list[TorqueReading] = field(default_factory=list)
     current: list[CurrentReading] = field(default_factory=list)
     load_current: list[CurrentReading] = field(default_factory=list)
+    modulator_motion: list[MotionReading] = field(default_factory=list)
+    modulator_current: list[CurrentReading] = field(default_factory=list)
 
     def add(self, later: "Arrivals") -> None:
         """What arrived after these."""
@@ -42,16 +46,19 @@ class Arrivals:
         self.torque += later.torque
         self.current += later.current
         self.load_current += later.load_current
+        self.modulator_motion += later.modulator_motion
+        self.modulator_current += later.modulator_current
 
 
 @dataclass(frozen=True)
 class Devices:
-    """The actuator's amplifier and, where the rig has them, load drive and torque sensor."""
+    """The actuator's amplifier and, where the rig has them, load drive, torque sensor and the actuator's modulator."""
 
     link: Link
     actuator: Amplifier
     load: Amplifier | None = None
     torque_sensor: TorqueSensor | None = None
+    modulator: Amplifier | None = None
 
     @property
     def clock(self) -> Clock:
@@ -59,7 +66,7 @@ class Devices:
 
     @cached_property
     def drives(self) -> tuple[Amplifier, ...]:
-        return (self.actuator,) if self.load is None else (self.actuator, self.load)
+        return tuple(drive for drive in (self.actuator, self.load, self.modulator) if drive is not None)
 
     def all(self) -> tuple[Device, ...]:
         """Every device that is there."""
@@ -68,13 +75,15 @@ class Devices:
     def receive(self) -> Arrivals:
         """Everything that has arrived. Raises ConnectionFailedError where a port is lost."""
         self.link.poll()
-        load, sensor = self.load, self.torque_sensor
+        load, sensor, modulator = self.load, self.torque_sensor, self.modulator
         return Arrivals(
             self.actuator.take_motion(),
             [] if load is None else load.take_motion(),
             [] if sensor is None else sensor.take_torque(),
             self.actuator.take_current(),
             [] if load is None else load.take_current(),
+            [] if modulator is None else modulator.take_motion(),
+            [] if modulator is None else modulator.take_current(),
         )
 
     def send(self, commands: Commands) -> Commands:
@@ -84,7 +93,8 @@ class Devices:
         """
         command = self.actuator.command(commands.command)
         load_nm = commands.load_torque_nm if self.load is None else self.load.command(commands.load_torque_nm)
-        return Commands(command, load_nm, commands.limited)
+        modulation = nan if self.modulator is None else self.modulator.command(commands.modulation)
+        return Commands(command, load_nm, commands.limited, modulation)
 
     def health(self) -> tuple[DriveHealth, ...]:
         """The last word of every drive."""
@@ -197,6 +207,7 @@ class Devices:
             ("actuator encoder", True, arrived.motion),
             ("load encoder", self.load is not None, arrived.load_motion),
             ("torque sensor", self.torque_sensor is not None, arrived.torque),
+            ("modulator encoder", self.modulator is not None, arrived.modulator_motion),
         )
         return [name for name, expected, readings in streams if expected and not readings]
 
@@ -211,6 +222,7 @@ def open_devices(rig: Rig, backend: Backend) -> Devices:
             open_amplifier(wiring.actuator, link),
             open_amplifier(wiring.load, link) if wiring.load is not None else None,
             open_torque_sensor(wiring.torque_sensor, link) if wiring.torque_sensor is not None else None,
+            open_amplifier(wiring.modulator, link) if wiring.modulator is not None else None,
         )
         check_command_units(rig, devices)
     except BaseException:
@@ -221,18 +233,24 @@ def open_devices(rig: Rig, backend: Backend) -> Devices:
 
 def check_command_units(rig: Rig, devices: Devices) -> None:
     """Whether each drive takes commands in the unit it is given them. Raises RigError."""
-    actuator, load = devices.actuator, devices.load
-    key, sent_as = ("unit", rig.command.unit) if rig.command.sent_as is None else ("sent_as", rig.command.sent_as)
-    if not _same_unit(sent_as, actuator.command_unit):
-        raise RigError(
-            f'{rig.place}: [actuator.command] {key} = "{sent_as}", but driver = '
-            f'"{rig.wiring.actuator.driver}" as it is set here takes commands in "{actuator.command_unit}"'
-        )
+    _check_unit(rig.place, rig.command, devices.actuator, rig.wiring.actuator)
+    if devices.modulator is not None and rig.modulation is not None and rig.wiring.modulator is not None:
+        _check_unit(rig.place, rig.modulation, devices.modulator, rig.wiring.modulator)
+    load = devices.load
     if load is not None and not _same_unit(load.command_unit, "N*m"):
         driver = rig.wiring.load.driver if rig.wiring.load else ""
         raise RigError(
             f'{rig.place}: [load] driver = "{driver}" as it is set here takes commands in "{load.command_unit}", but a '
             "load is commanded in newton metres; set its torque mode"
+        )
+
+
+def _check_unit(place: str, command: Command, drive: Amplifier, settings: DeviceSettings) -> None:
+    key, sent_as = ("unit", command.unit) if command.sent_as is None else ("sent_as", command.sent_as)
+    if not _same_unit(sent_as, drive.command_unit):
+        raise RigError(
+            f'{place}: [{settings.role}.command] {key} = "{sent_as}", but driver = "{settings.driver}" as it is set '
+            f'here takes commands in "{drive.command_unit}"'
         )
 
 

@@ -20,4 +20,5 @@ def guard_for(rig: Rig, devices: Devices) -> Guard:
         load_resolution_rad=0.0 if load is None else load.position_resolution_rad,
     )
     checks = checks_for(rig.limits, rig.command, rig.tick_s, fitted, rig.supervision.leave_out)
-    return Guard(rig.limits, rig.command.limit, rig.tick_s, fitted.load, fitted.torque_sensor, checks)
+    modulation_limit = None if rig.modulation is None else rig.modulation.limit
+    return Guard(rig.limits, rig.command.limit, rig.tick_s, fitted.load, fitted.torque_sensor, checks, modulation_limit)

@@ -147,6 +147,7 @@ class Loop:
         strategy = strategy_for(segment, self.controller, base_rad)
         self._obey_time(strategy)
         commands, stop_at_rad_s = segment.command.astype(float).tolist(), segment.stop_at_velocity_rad_s
+        modulations = segment.modulation.astype(float).tolist() or [0.0] * len(commands)
         start_ns, index, done = self._next_ns, 0, False
         self._begun = False
         parts: list[Measured] = []
@@ -156,7 +157,7 @@ class Loop:
                 self._clock.wait_until_ns(self._next_ns, self.devices.link.poll)
                 begun_ns, arrivals = self._clock.now_ns(), self.devices.receive()
                 index = min(index + self._obey_time(strategy), len(commands) - 1)
-                sample, full = self._tick(commands[index], strategy, index, begun_ns, arrivals)
+                sample, full = self._tick(commands[index], modulations[index], strategy, index, begun_ns, arrivals)
                 done = abs(sample.velocity_rad_s) >= stop_at_rad_s
                 index += 1
                 self._troubles.look(begun_ns)
@@ -178,7 +179,13 @@ class Loop:
         self._next_ns = now_ns + self.tick_ns
 
     def _tick(
-        self, command: float, strategy: LoadStrategy, index: int, begun_ns: int, arrivals: Arrivals
+        self,
+        command: float,
+        modulation: float,
+        strategy: LoadStrategy,
+        index: int,
+        begun_ns: int,
+        arrivals: Arrivals,
     ) -> tuple[Sample, bool]:
         clock, deadline_ns = self._clock, self._next_ns
         now_ns = clock.now_ns()
@@ -188,7 +195,7 @@ class Loop:
         if not self._begun:
             strategy.begin(seen)
             self._begun = True
-        wish = Commands(command, strategy.wish(seen, index))
+        wish = Commands(command, strategy.wish(seen, index), 0, modulation)
         controlled_ns = clock.now_ns()
         self._obey_operator()
         drives = self.devices.health()
@@ -207,7 +214,13 @@ class Loop:
 
     def _sample(self, now_ns: int, arrivals: Arrivals) -> Sample:
         return self.alignment.update(
-            now_ns, arrivals.motion, arrivals.load_motion, arrivals.torque, arrivals.current, arrivals.load_current
+            now_ns,
+            arrivals.motion,
+            arrivals.load_motion,
+            arrivals.torque,
+            arrivals.current,
+            arrivals.load_current,
+            arrivals.modulator_motion,
         )
 
     def _obey_operator(self) -> None:
@@ -249,6 +262,7 @@ class Loop:
         target: Target,
         drives: tuple[DriveHealth, ...],
     ) -> tuple[float, ...]:
+        devices = self.devices
         return (
             deadline_ns,
             stages.begun_ns - deadline_ns,
@@ -268,11 +282,15 @@ class Loop:
             target.position_rad,
             target.velocity_rad_s,
             drives[0].status.transistor_temperature_c,
-            drives[1].status.transistor_temperature_c if len(drives) > 1 else nan,
+            nan if devices.load is None else drives[1].status.transistor_temperature_c,
             commands.limited,
             max(stages.received_ns - stages.begun_ns, 0),
             stages.controlled_ns - stages.received_ns,
             stages.guarded_ns - stages.controlled_ns,
             stages.sent_ns - stages.guarded_ns,
             self._put_ns,
+            commands.modulation,
+            sample.modulator_position_rad,
+            sample.modulator_motion_age_ns,
+            nan if devices.modulator is None else drives[-1].status.transistor_temperature_c,
         )

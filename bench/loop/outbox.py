@@ -66,6 +66,8 @@ class Outbox:
             torque=_torque_table(self._arrivals.torque),
             current=_table(self._arrivals.current, CURRENT),
             load_current=_table(self._arrivals.load_current, CURRENT),
+            modulator_motion=_table(self._arrivals.modulator_motion, MOTION),
+            modulator_current=_table(self._arrivals.modulator_current, CURRENT),
             segments=() if segment is None else (segment,),
             events=tuple(self._events),
             frames=tuple(self._frames),

@@ -30,6 +30,8 @@ TABLES = {
     "torque": TORQUE,
     "current": CURRENT,
     "load_current": CURRENT,
+    "modulator_motion": MOTION,
+    "modulator_current": CURRENT,
 }
 # A frame's stamp, identifier, channel by its place, marks, count of bytes, bytes. Longer chunks take several records.
 FRAME = Struct("<qiBBB64s")
@@ -98,6 +100,10 @@ class SharedOutbox:
             rings["current"].put(current.pack(c.arrival_ns, c.sequence, c.current_a))
         for c in arrivals.load_current:
             rings["load_current"].put(current.pack(c.arrival_ns, c.sequence, c.current_a))
+        for m in arrivals.modulator_motion:
+            rings["modulator_motion"].put(motion.pack(m.arrival_ns, m.sequence, m.position_rad, m.velocity_rad_s))
+        for c in arrivals.modulator_current:
+            rings["modulator_current"].put(current.pack(c.arrival_ns, c.sequence, c.current_a))
 
     def _put_frames(self) -> None:
         put, places, pack = self._frame_ring.put, self._places, FRAME.pack

@@ -33,6 +33,8 @@ STREAMS = (
     Stream("torque", "/torque", "Torque", TORQUE, "arrival_ns"),
     Stream("current", "/actuator/current", "Current", CURRENT, "arrival_ns"),
     Stream("load_current", "/load/current", "Current", CURRENT, "arrival_ns"),
+    Stream("modulator_motion", "/modulator/motion", "Motion", MOTION, "arrival_ns"),
+    Stream("modulator_current", "/modulator/current", "Current", CURRENT, "arrival_ns"),
 )
 
 EVENTS = "/events"

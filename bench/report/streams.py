@@ -42,6 +42,13 @@ def stream_qualities(measured: Measured) -> list[StreamQuality]:
         ("port torque", measured.torque, ("torque_nm",), ticks["torque_age_ns"]),
         ("actuator current", measured.current, ("current_a",), np.empty(0, np.int64)),
         ("load current", measured.load_current, ("current_a",), np.empty(0, np.int64)),
+        (
+            "modulator motion",
+            measured.modulator_motion,
+            ("position_rad", "velocity_rad_s"),
+            ticks["modulator_motion_age_ns"],
+        ),
+        ("modulator current", measured.modulator_current, ("current_a",), np.empty(0, np.int64)),
     ]
     return [_quality(name, table, values, ages, pauses_ns) for name, table, values, ages in streams if len(table) > 1]
 

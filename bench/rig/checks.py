@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from math import inf, isfinite
 
-from bench.rig.draft import Draft
+from bench.rig.draft import DEVICES, Draft
 from bench.rig.mistakes import Mistakes, nearest
 from drivers import registry
 from drivers.wiring import CanBusSettings
@@ -51,7 +51,7 @@ def _connections(draft: Draft) -> Found:
 
 
 def _unused_buses(draft: Draft) -> Found:
-    written = (draft.written.get(role) for role in ("actuator", "load", "torque_sensor"))
+    written = (draft.written.get(role) for role in DEVICES)
     used = [table.get("bus") for table in written if isinstance(table, dict)]
     for name in draft.buses:
         if name not in used:

@@ -14,13 +14,15 @@ from bench.rig.schema import (
     GuardSection,
     LimitsSection,
     LoadSection,
+    ModulatorSection,
     RecordingSection,
     RigSection,
 )
 from drivers import registry
 from drivers.errors import WiringError
 
-SECTIONS = ("rig", "bus", "actuator", "load", "torque_sensor", "limits", "guard", "recording", "simulated")
+DEVICES = ("actuator", "load", "torque_sensor", "modulator")
+SECTIONS = ("rig", "bus", *DEVICES, "limits", "guard", "recording", "simulated")
 MENDS = {
     "rig": 'add [rig] with name = "my-bench", rate = "1 kHz" and backend = "hardware"',
     "actuator": 'add [actuator] with driver = "odrive", bus = "can0", node = 1 and command = { unit = "N*m", '
@@ -40,6 +42,7 @@ class Draft:
     actuator: ActuatorSection | None
     load: LoadSection | None
     torque_sensor: DeviceSection | None
+    modulator: ModulatorSection | None
     limits: LimitsSection | None
     guard: GuardSection | None
     recording: RecordingSection | None
@@ -47,7 +50,7 @@ class Draft:
 
     def devices(self) -> dict[str, DeviceSection]:
         """The devices that could be read, by role."""
-        found = {"actuator": self.actuator, "load": self.load, "torque_sensor": self.torque_sensor}
+        found: dict[str, DeviceSection | None] = {role: getattr(self, role) for role in DEVICES}
         return {role: device for role, device in found.items() if device is not None}
 
     def has(self, section: str) -> bool:
@@ -75,6 +78,7 @@ def read_draft(written: Mapping[str, Any], folder: Path, mistakes: Mistakes) -> 
         actuator=actuator,
         load=_section(LoadSection, written, "load", mistakes),
         torque_sensor=_section(DeviceSection, written, "torque_sensor", mistakes),
+        modulator=_section(ModulatorSection, written, "modulator", mistakes),
         limits=_section(LimitsSection, written, "limits", mistakes, context),
         guard=_section(GuardSection, {"guard": {}, **written}, "guard", mistakes),
         recording=_section(RecordingSection, {"recording": {}, **written}, "recording", mistakes),

@@ -48,6 +48,7 @@ def _assemble(draft: Draft, backend: str | None, text: str) -> Rig:
         backend=backend,
         wiring=_wiring(draft, rig, actuator),
         command=_command(actuator.command),
+        modulation=_command(draft.modulator.command) if draft.modulator else None,
         model=actuator.model,
         limits=_limits(limits, draft.load.torque_limit_nm if draft.load else None),
         supervision=Supervision(tuple(guard.leave_out), guard.verify_watchdogs),
@@ -78,6 +79,8 @@ def _wiring(draft: Draft, rig: RigSection, actuator: ActuatorSection) -> Wiring:
         load=_device("load", draft.load, draft.options["load"]) if draft.load else None,
         shaft=rig.shaft,
         command_unit=actuator.command.unit,
+        modulator=_device("modulator", draft.modulator, draft.options["modulator"]) if draft.modulator else None,
+        modulation_unit=draft.modulator.command.unit if draft.modulator else "",
     )
 
 

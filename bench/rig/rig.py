@@ -12,7 +12,7 @@ NO_MODEL = "none"  # what a rig calls an actuator that is identified by tables a
 
 @dataclass(frozen=True)
 class Command:
-    """The actuator's command: its unit as written in the rig file, and the greatest magnitude allowed.
+    """A drive's command: its unit as written in the rig file, and the greatest magnitude allowed.
 
     ``lowest`` is the least that procedures choose; ``sent_as`` the unit in which the drive takes the same number.
     """
@@ -56,6 +56,7 @@ class Supervision:
 class Rig:
     """One bench. ``place`` is the file it came from, ``text`` that file's content, for provenance.
 
+    ``modulation`` is the command of the actuator's second drive, which sets its impedance; None where it has none.
     ``candump`` says whether CAN frames go into a log of their own beside the recording.
     """
 
@@ -65,6 +66,7 @@ class Rig:
     command: Command
     limits: Limits
     supervision: Supervision = Supervision()
+    modulation: Command | None = None
     model: str = "dahl_motor"  # what the actuator is identified as; "none": tables alone
     candump: bool = True
     simulated: Mapping[str, Any] = field(default_factory=dict)

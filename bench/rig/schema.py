@@ -131,6 +131,12 @@ class LoadSection(DeviceSection):
     torque_limit_nm: Annotated[float, _or_unlimited("N*m")] = Field(inf, alias="torque_limit", gt=0, examples=["1 N*m"])
 
 
+class ModulatorSection(DeviceSection):
+    """``[modulator]``: the second drive of the device under test, which sets its impedance and not its source."""
+
+    command: CommandSection = Field(examples=[{"unit": "N*m/rad", "limit": "4 N*m/rad", "lowest": "0 N*m/rad"}])
+
+
 class LimitsSection(SectionModel):
     """``[limits]``: what the guard holds."""
 

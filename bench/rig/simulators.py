@@ -19,6 +19,10 @@ def true_parameters(rig: Rig, seed: int | None = None) -> dict[str, tuple[float,
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
     found: dict[str, tuple[float, str]] = simulator("true_parameters")(
-        rig.simulated, seed=seed, place=rig.place, command_unit=rig.command.unit
+        rig.simulated,
+        seed=seed,
+        place=rig.place,
+        command_unit=rig.command.unit,
+        modulation_unit=rig.wiring.modulation_unit,
     )
     return found

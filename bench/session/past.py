@@ -11,7 +11,7 @@ import numpy as np
 from bench.errors import UsageError
 from bench.recording.contents import Recording
 from bench.recording.reader import read_recording
-from bench.records import NO_DEVICE_TIME, Event, Measured, Table, join
+from bench.records import NO_DEVICE_TIME, READINGS, Event, Measured, Table, join
 from bench.rig.rig import Rig
 
 # Kinds of events that a session leaves for the one that resumes it.
@@ -22,7 +22,6 @@ RESUMES = "resumes"
 PAUSE_NS = 2_000_000_000
 # So many readings on either side tell how two clocks differ.
 ABOUT_THE_PAUSE = 500
-READINGS = ("motion", "load_motion", "torque", "current", "load_current")
 
 
 @dataclass

@@ -13,8 +13,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationIn
 from bench.units import parse_quantity
 from drivers.wiring import Wiring
 
-Place = Literal["drive", "sensor", "bus"]
+Place = Literal["drive", "shaft", "sensor", "bus"]
 DRIVE: frozenset[Place] = frozenset({"drive"})
+SHAFT: frozenset[Place] = frozenset({"shaft"})  # the drives that turn it
 SENSOR: frozenset[Place] = frozenset({"sensor"})
 BUS: frozenset[Place] = frozenset({"bus"})
 DEVICE = DRIVE | SENSOR
@@ -271,7 +272,7 @@ class Runaway(_Lasting, _Placed):
     """A drive gives its motor this torque whatever it is commanded, for as long as it is armed."""
 
     kind = "runaway"
-    places = DRIVE
+    places = SHAFT
     torque_nm: Torque = Field(alias="torque", examples=["0.3 N*m"])
 
 
@@ -282,7 +283,7 @@ class Stuck(_Lasting, _Placed):
     """A machine stands at once, and nothing turns it."""
 
     kind = "stuck"
-    places = DRIVE
+    places = SHAFT
 
 
 class BrokenCoupling(Fault):
@@ -345,6 +346,7 @@ def _names(wiring: Wiring, places: frozenset[Place]) -> list[str]:
     roles = [device.role for device in wiring.devices()]
     sensors = [role for role in roles if role == "torque_sensor" and "sensor" in places]
     drives = [role for role in roles if role != "torque_sensor" and "drive" in places]
+    drives += [role for role in roles if role in ("actuator", "load") and "shaft" in places]
     return [*drives, *sensors, *(bus.name for bus in wiring.buses if "bus" in places)]
 
 

@@ -43,7 +43,7 @@ _MODES = (0, Mode.PROFILE_TORQUE, Mode.CYCLIC_SYNCHRONOUS_TORQUE)
 
 
 class Cia402Drive:
-    """The drive, and the machine it drives: the rig's actuator or its load. ``error`` is its error code (603Fh)."""
+    """The drive, and the machine it drives, by its role. ``error`` is its error code (603Fh)."""
 
     def __init__(self, site: Site) -> None:
         self.options = parse_options(Cia402Options, site.settings)
@@ -293,7 +293,4 @@ def _clipped(value: float, size: int) -> int:
 
 def _amperes_per_nm(site: Site) -> float:
     """The drive's own idea of its motor: the current that it sets for each newton metre of its target."""
-    machine = site.truth.actuator if site.settings.role == "actuator" else site.truth.load
-    if machine is None:
-        raise ValueError("a drive without a machine")
-    return machine.amplifier_gain
+    return site.truth.driven(site.settings.role).amplifier_gain

@@ -36,9 +36,7 @@ class MitMotor:
         self._world = site.world
         self._plant = site.world.plant
         self._machine = cast(Machine, site.settings.role)
-        truth = site.truth.actuator if self._machine == "actuator" else site.truth.load
-        assert truth is not None  # a device without a machine is refused before
-        self._amperes_per_nm = truth.amplifier_gain
+        self._amperes_per_nm = site.truth.driven(self._machine).amplifier_gain
         self._armed = False
         self._zero_rad = 0.0
         self._command_nm = 0.0

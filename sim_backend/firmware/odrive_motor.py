@@ -1,6 +1,6 @@
 """What of an ODrive axis has nothing to do with CAN: its motor in torque control, and what is measured of it."""
 
-from math import inf, nan, tau
+from math import inf, tau
 from typing import cast
 
 from drivers.codecs.odrive import ControlMode, InputMode
@@ -95,5 +95,4 @@ class Motor:
 
 def _amperes_per_nm(site: Site) -> float:
     """The drive's own idea of its motor: the current that it sets for each newton metre of input."""
-    machine = site.truth.actuator if site.settings.role == "actuator" else site.truth.load
-    return machine.amplifier_gain if machine is not None else nan
+    return site.truth.driven(site.settings.role).amplifier_gain

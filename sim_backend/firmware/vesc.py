@@ -46,7 +46,7 @@ FAULTS = {DriveFault.FAULT: 3, DriveFault.UNDERVOLTAGE: 2, DriveFault.OVER_TEMPE
 
 
 class VescController:
-    """One motor: the rig's actuator or its load. ``fault`` is its fault code."""
+    """One motor. ``fault`` is its fault code."""
 
     def __init__(self, site: Site) -> None:
         self.fault = 0
@@ -55,8 +55,7 @@ class VescController:
         self._world = site.world
         self._plant = site.world.plant
         self._machine = cast(Machine, site.settings.role)
-        truth = site.truth.actuator if self._machine == "actuator" else site.truth.load
-        assert truth is not None  # a device without a machine is refused before
+        truth = site.truth.driven(self._machine)
         self._amplifier_gain = truth.amplifier_gain
         self._volt_s_rad = AMPLITUDE_PER_TORQUE_CURRENT * truth.torque_constant_nm_a
         self._running = False

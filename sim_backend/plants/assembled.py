@@ -1,6 +1,7 @@
 """What all plants beside the torque motor have in common."""
 
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 from pydantic import Field
 
@@ -12,9 +13,11 @@ from sim_backend.quantities import Angle, Damping, Stiffness, Table, TorqueConst
 class Assembled(Drive, Commanded, ABC):
     """An amplifier whose current stands for the command c (i = Ka c once it has settled), and a body at the port.
 
-    The encoder is on the port's body. Everything begins at rest at θ = 0, with c = 0.
+    The encoder is on the port's body. Everything begins at rest at θ = 0, with c = 0. ``modulated`` says whether a
+    second drive sets its impedance.
     """
 
+    modulated: ClassVar[bool] = False
     output: Body
 
     @property

@@ -22,7 +22,12 @@ SERVO_STIFFNESS = 6  # N m/rad
 SERVO_DAMPING = 7  # N m s/rad
 MOVEMENT = 8  # s, how long a reach takes
 MOVING_SPRING = 9  # N m/rad, what the spring has more in the middle of a reach
-LINK_COLUMNS = 10
+STIFFENING = 10  # N m/rad that the spring has more for each radian of the modulator's motor; 0: there is none
+MODULATOR_STOP = 11  # rad, where that meets its upper stop
+MODULATOR_TRAVEL = 12  # rad/A, where it is sent
+MODULATOR_BANDWIDTH = 13  # rad/s, how fast it goes there
+HARDENING = 14  # N m/rad³
+LINK_COLUMNS = 15
 
 # Values of DRIVE.
 MUSCLE, TORQUE, SERVO, REACH = 0.0, 1.0, 2.0, 3.0

@@ -18,6 +18,7 @@ STREAMS = {
     "actuator": ("motion", "motion_age_ns", "transistor_temperature_c"),
     "load": ("load_motion", "load_motion_age_ns", "load_transistor_temperature_c"),
     "torque_sensor": ("torque", "torque_age_ns", None),
+    "modulator": ("modulator_motion", "modulator_motion_age_ns", "modulator_transistor_temperature_c"),
 }
 TROUBLES = ("bus", "device")
 

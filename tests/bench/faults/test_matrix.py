@@ -14,7 +14,7 @@ from sim_backend.faults.schema import KINDS
 RIGS = Path(__file__).parents[3] / "rigs"
 
 
-@pytest.mark.parametrize("name", ["sim-odrive", "sim-dbc"])
+@pytest.mark.parametrize("name", ["sim-odrive", "sim-dbc", "sim-variable-stiffness"])
 def test_every_case_has_a_place_on_the_rig_and_a_name_of_its_own(name: str) -> None:
     rig = load_rig(RIGS / f"{name}.toml")
     found = cases(rig)

@@ -109,7 +109,10 @@ def test_each_drive_is_watched(name: str, status: DriveStatus, words: str) -> No
         guard().limit(WISH, SAMPLE, drives)
 
 
-@pytest.mark.parametrize("wish", [Commands(nan, 0.0), Commands(0.0, nan), Commands(inf, 0.0), Commands(0.0, -inf)])
+@pytest.mark.parametrize(
+    "wish",
+    [Commands(nan, 0.0), Commands(0.0, nan), Commands(inf, 0.0), Commands(0.0, -inf), Commands(0.0, 0.0, 0, nan)],
+)
 def test_a_wish_that_is_no_number_is_never_sent(wish: Commands) -> None:
     with pytest.raises(SafetyStopError, match="not a number"):
         guard().limit(wish, SAMPLE, (ACTUATOR, LOAD))
@@ -190,6 +193,18 @@ def test_what_the_rig_lacks_is_not_missed() -> None:
     bare = Sample(NOW_NS, position_rad=2.0, velocity_rad_s=1.0, motion_age_ns=0)
     gate = guard(has_load=False, has_torque_sensor=False)
     assert gate.limit(Commands(0.05, 0.0), bare, (ACTUATOR,)) == Commands(0.05, 0.0)
+
+
+def test_a_modulator_must_be_heard_and_is_held_within_its_limit() -> None:
+    gate = Guard(LIMITS, 0.5, 1e-3, True, True, modulation_limit=2.0)
+    heard = SAMPLE._replace(modulator_position_rad=0.1, modulator_motion_age_ns=500_000)
+    gate.begin(heard)
+    for wished, passed in ((1.5, 1.5), (3.0, 2.0), (-3.0, -2.0)):
+        found = gate.limit(WISH._replace(modulation=wished), heard, (ACTUATOR, LOAD))
+        assert found.modulation == passed
+        assert bool(found.limited & Limited.MODULATION) == (passed != wished)
+    with pytest.raises(SafetyStopError, match=r"modulator encoder: silent for 6\.0 ms"):
+        gate.limit(WISH, heard._replace(modulator_motion_age_ns=6_000_000), (ACTUATOR, LOAD))
 
 
 number = st.floats(-1e6, 1e6)

@@ -33,11 +33,17 @@ def test_the_rig_shown_is_right() -> None:
 
 def test_the_set_ups_shown_are_right() -> None:
     """Beside the rig that the document shows, in the true values of a rig that has some."""
-    (tables,) = [tomllib.loads(block)["simulated"] for block in all_shown_in("rig-file.md")[1:]]
+    written = [tomllib.loads(block) for block in all_shown_in("rig-file.md")[1:]]
+    (tables,) = [table["simulated"] for table in written if "simulated" in table]
     simulated = tomllib.loads((DOCS.parent / "rigs" / "sim-odrive.toml").read_text())["simulated"]
     merged = {**simulated, **{role: {**simulated[role], **table} for role, table in tables.items()}}
     rig = parse_rig((DOCS.parent / "rigs" / "sim-odrive.toml").read_text(), place="docs")
     registry.load_backend("simulated")(rig.wiring, merged, seed=1, place="docs").close()
+
+
+def test_the_second_drive_shown_fits_the_rig_shown() -> None:
+    (modulator,) = [block for block in all_shown_in("rig-file.md")[1:] if block.startswith("[modulator]")]
+    assert parse_rig(shown_in("rig-file.md") + modulator, place="docs").wiring.modulator is not None
 
 
 def test_the_buses_shown_are_right() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bench.errors import ExitCode, RigError
 from bench.rig.load import load_rig, parse_rig
 from bench.rig.mistakes import toml
-from bench.rig.rig import Supervision
+from bench.rig.rig import Command, Supervision
 
 RIGS = Path(__file__).parents[3] / "rigs"
 GOOD = """\
@@ -104,6 +104,44 @@ def test_wiring_carries_buses_devices_and_their_options() -> None:
     assert wiring.load.direction == -1
     assert wiring.torque_sensor is not None
     assert (wiring.torque_sensor.port, wiring.torque_sensor.options) == ("/dev/ttyUSB0", {"axis": "z", "range": 2.0})
+
+
+MODULATOR = """
+[modulator]
+driver = "odrive"
+bus = "can0"
+node = 3
+command = { unit = "N*m/rad", limit = "4 N*m/rad", lowest = "1 N*m/rad", sent_as = "N*m" }
+"""
+
+
+def test_a_second_drive_of_the_actuator_has_a_command_of_its_own() -> None:
+    rig = parse_rig(GOOD + MODULATOR, place="r.toml")
+    assert parse_rig(GOOD, place="r.toml").modulation is None
+    assert rig.modulation == Command("N*m/rad", 4.0, 1.0, "N*m")
+    assert rig.modulation.span == (1.0, 4.0)
+    assert [device.role for device in rig.wiring.devices()] == ["actuator", "load", "torque_sensor", "modulator"]
+    assert rig.wiring.modulator is not None
+    assert rig.wiring.modulator.options == {"node": 3}
+    assert rig.wiring.modulation_unit == "N*m/rad"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("node = 3", "node = 2", "r.toml: [modulator]: node 2 of bus can0 belongs to [load] already; every device "),
+        ('"odrive"', '"odriv"', 'r.toml: [modulator] driver: "odriv" is not installed; did you mean "odrive"?'),
+        ('bus = "can0"\n', "", "r.toml: [modulator]: is not connected; add bus = "),
+        ("command = ", "commands = ", "r.toml: [modulator] command: is missing; add command = "),
+        ("4 N*m/rad", "0.5 N*m/rad", "r.toml: [modulator] command: lowest = 1 N*m/rad is not below limit"),
+        ("4 N*m/rad", "4 N*m", 'r.toml: [modulator.command] limit: "4 N*m" is not in N*m/rad'),
+        ("node = 3", 'node = 3\nwatchdog = "3 ms"', "r.toml: [modulator] watchdog: 3 ms is less than two ticks"),
+        ("[modulator]", "[modulater]", 'r.toml: [modulater]: unknown section; did you mean "modulator"?'),
+    ],
+)
+def test_what_is_wrong_with_a_modulator_is_told(old: str, new: str, sentence: str) -> None:
+    said = mistakes_in(GOOD + MODULATOR.replace(old, new, 1))
+    assert any(each.startswith(sentence) for each in said), said
 
 
 def test_what_is_unlimited_or_left_out_is_infinite() -> None:

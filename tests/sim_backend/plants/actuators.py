@@ -37,6 +37,22 @@ ACTUATORS: dict[str, tuple[str, dict[str, Any]]] = {
             "output": OUTPUT,
         },
     ),
+    "variable_stiffness": (
+        "rad",
+        {
+            "amplifier_gain": "10 A/rad",
+            "motor": MOTOR,
+            "servo": SERVO,
+            "spring": {
+                "stiffness": "1 N*m/rad",
+                "stiffening": "5 N*m/rad^2",
+                "stiffest": "6 N*m/rad",
+                "hardening": "4 N*m/rad^3",
+                "damping": "5 mN*m*s/rad",
+            },
+            "output": OUTPUT,
+        },
+    ),
     "arm": (
         "rad",
         {
@@ -48,6 +64,12 @@ ACTUATORS: dict[str, tuple[str, dict[str, Any]]] = {
             "output": {"inertia": "4e-4 kg*m^2"},
         },
     ),
+}
+MODULATOR = {
+    "amplifier_gain": "2 A/(N*m/rad)",
+    "travel": "0.2 rad/(N*m/rad)",
+    "amplifier_bandwidth": "600 rad/s",
+    "bandwidth": "40 rad/s",
 }
 LOAD = {
     "torque_gain": "0.95",
@@ -65,8 +87,10 @@ def table_of(model: str, **changes: Any) -> dict[str, Any]:
     return {key: value for key, value in table.items() if value is not None}
 
 
-def truth_of(model: str, *, load: dict[str, Any] | None = LOAD, **changes: Any) -> Truth:
+def truth_of(
+    model: str, *, load: dict[str, Any] | None = LOAD, modulator: dict[str, Any] | None = None, **changes: Any
+) -> Truth:
     """The bench, with keys of the actuator changed, or left out where None."""
-    written = {"actuator": table_of(model, **changes), "load": load}
+    written = {"actuator": table_of(model, **changes), "load": load, "modulator": modulator}
     given = {key: value for key, value in written.items() if value is not None}
     return read_truth(given, seed=None, place="rig.toml", command_unit=ACTUATORS[model][0])

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sim_backend.plant import Plant
-from tests.sim_backend.plants.actuators import truth_of
+from tests.sim_backend.plants.actuators import MODULATOR, truth_of
 
 MS = 1_000_000
 TICKS = 60
@@ -174,3 +174,45 @@ def test_an_arm_follows_the_path_of_least_jerk_as_radau_does():
         return 0.0, stiffness * (place - x[0]) + arm.damping_nm_s_rad * (speed - x[1])
 
     assert worst(simulated(truth, wanted)[:, :4], radau(truth, joined, wanted)[:, :4]) < 1e-3
+
+
+def test_a_variable_spring_follows_its_modulator_as_radau_does():
+    """Two more states: the modulator's amplifier, in its command's unit, and the angle of its motor."""
+    truth = truth_of("variable_stiffness", modulator=MODULATOR)
+    actuator, modulator, wanted = truth.actuator, truth.modulator, targets(0.3)
+    modulations = np.repeat([1.0, 6.0, 2.0], TICKS // 3)  # the second one is beyond the stop
+
+    def joined(_t, x, c):
+        delta, slip = x[6] - x[0], x[7] - x[1]
+        k = actuator.spring.stiffness_nm_rad + actuator.spring.stiffening_nm_rad2 * x[12]
+        torque = k * delta + actuator.spring.hardening_nm_rad3 * delta**3 + actuator.spring.damping_nm_s_rad * slip
+        drive = actuator.servo.stiffness_nm_rad * (c - x[6]) - actuator.servo.damping_nm_s_rad * x[7]
+        return drive - torque, torque
+
+    x, rows = np.zeros(13), []
+    for tick, (target, modulation) in enumerate(zip(wanted, modulations, strict=True)):
+        mechanics = rates(truth, joined, target)
+
+        def f(t, x, mechanics=mechanics, modulation=modulation):
+            moves = modulator.bandwidth_rad_s * (modulator.travel * x[11] - x[12])
+            stopped = x[12] >= actuator.spring.stop_rad and moves > 0
+            lag = modulator.amplifier_bandwidth_rad_s * (modulation - x[11])
+            return [*mechanics(t, x), lag, 0.0 if stopped else moves]
+
+        span = (tick * 1e-3, (tick + 1) * 1e-3)
+        x = solve_ivp(f, span, x, method="Radau", rtol=1e-9, atol=1e-12).y[:, -1]
+        rows.append([*x[[0, 1, 3, 4, 6]], x[12]])
+
+    plant, found = Plant(truth, 0), []
+    for tick, ((command, load_nm), modulation) in enumerate(zip(wanted, modulations, strict=True), start=1):
+        plant.command("actuator", command)
+        plant.command("load", load_nm)
+        plant.command("modulator", modulation)
+        plant.advance(tick * MS)
+        moved = [
+            value(machine)
+            for machine in ("actuator", "load")
+            for value in (plant.true_position_rad, plant.true_velocity_rad_s)
+        ]
+        found.append([*moved, plant._state[2, 0], plant.true_position_rad("modulator")])
+    assert worst(np.array(found), np.array(rows)) < 4e-3

@@ -9,7 +9,7 @@ from drivers.errors import WiringError
 from sim_backend.plant import Plant
 from sim_backend.plants.arm import BEGAN, REACH_COLUMNS, begin_reach, place
 from sim_backend.truth import read_truth, true_parameters
-from tests.sim_backend.plants.actuators import ACTUATORS, LOAD, MOTOR, table_of, truth_of
+from tests.sim_backend.plants.actuators import ACTUATORS, LOAD, MODULATOR, MOTOR, table_of, truth_of
 
 MS = 1_000_000
 
@@ -101,6 +101,35 @@ def test_a_reach_that_is_redirected_goes_on_smoothly_to_the_new_place():
     assert speeds == pytest.approx([place(reach, t + 5e-5, 0.5)[1] for t in np.arange(0.2, 0.6999, 1e-4)], abs=1e-3)
 
 
+@pytest.mark.parametrize("modulation", [0.0, 2.0, 9.0])
+def test_a_variable_spring_exerts_what_the_closed_form_says_and_rests_at_one_source(modulation):
+    """9 is beyond its stop. The motor hardly rubs, or friction would hold it beside the closed form."""
+    motor = {**MOTOR, "coulomb_torque": "0.01 mN*m", "presliding_stiffness": "0.1 N*m/rad"}
+    truth = truth_of("variable_stiffness", load=None, modulator=MODULATOR, motor=motor)
+    for shaft in ("clamped", "free"):
+        plant = Plant(truth, 0, shaft)
+        plant.command("modulator", modulation)
+        place_rad = settled(plant, 0.2).true_position_rad("actuator")
+        stiffness_motor_rad = truth.modulator.angle_rad(modulation)
+        expected_nm = truth.actuator.exertion_nm(0.2, place_rad, stiffness_motor_rad)
+        assert plant.true_port_torque_nm() == pytest.approx(expected_nm, abs=3e-5)
+    assert place_rad == pytest.approx(truth.actuator.source_rad(0.2), abs=1e-5)
+    assert plant.encoder_position_rad("modulator") == pytest.approx(
+        min(stiffness_motor_rad, truth.actuator.spring.stop_rad), abs=1e-3
+    )
+
+
+def test_a_modulator_without_power_lets_go_at_its_own_pace():
+    plant = Plant(truth_of("variable_stiffness", modulator=MODULATOR), 0)
+    plant.command("modulator", 4.0)
+    plant.advance(1000 * MS)
+    plant.release("modulator")
+    plant.advance(1025 * MS)
+    assert 0.2 < plant.true_position_rad("modulator") / 0.8 < 0.5
+    plant.advance(2000 * MS)
+    assert plant.true_position_rad("modulator") == pytest.approx(0.0, abs=1e-6)
+
+
 def test_an_arm_without_power_stays_where_it_was_going():
     plant = settled(Plant(truth_of("arm", load=None), 0), 0.3)
     plant.release("actuator")
@@ -179,3 +208,19 @@ def test_a_mistake_is_told_with_place_and_mend(changes, sentence):
     with pytest.raises(WiringError) as refused:
         read_truth(written, seed=None, place="rig.toml", command_unit="N*m/rad")
     assert str(refused.value).startswith(f"rig.toml: {sentence}")
+
+
+def test_a_spring_that_cannot_stiffen_is_refused():
+    spring = {"stiffness": "3 N*m/rad", "stiffening": "5 N*m/rad^2", "stiffest": "2 N*m/rad"}
+    written = {"actuator": table_of("variable_stiffness", spring=spring)}
+    with pytest.raises(WiringError, match="stiffest must be above stiffness = 3 N\\*m/rad; raise it"):
+        read_truth(written, seed=None, place="rig.toml", command_unit="rad")
+
+
+def test_what_a_modulator_is_told_is_in_the_rigs_unit():
+    written = {"actuator": table_of("variable_stiffness"), "modulator": {**MODULATOR, "travel": "1 rad/N"}}
+    with pytest.raises(WiringError, match=r'\[simulated.modulator\] travel: "1 rad/N" is not in rad/\(N\*m/rad\)'):
+        read_truth(written, seed=None, place="rig.toml", command_unit="rad", modulation_unit="N*m/rad")
+    told = true_parameters(truth_of("variable_stiffness", modulator=MODULATOR), "rad")
+    assert told["modulator_travel"] == (0.2, "rad/(N*m/rad)")
+    assert told["spring_stiffening"] == (5.0, "N*m/rad^2")
