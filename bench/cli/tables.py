@@ -2,16 +2,18 @@
 
 from typing import Any
 
+from rich.console import RenderableType
 from rich.table import Table
 
 from bench.cli.output import plain_table
 from bench.identification.results import BlockedMap
 from bench.identification.tables.exertion_table import ExertionTable
-from bench.identification.tables.means import Mean
+from bench.identification.tables.means import Mean, Setting
+from bench.identification.tables.modulation import Modulated, modulated
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.two_ports import two_ports
 from bench.report.section import Facts
-from bench.report.sections_tables import line_facts, ports_facts, source_facts
+from bench.report.sections_tables import line_facts, modulation_sentences, ports_facts, source_facts
 from bench.session.conclusion import Conclusion
 
 
@@ -22,7 +24,7 @@ def tables_data(found: Conclusion) -> dict[str, Any]:
         "exertion": None if found.exertion is None else _exertion(found.exertion),
         "two_ports": [
             {
-                "command": row.command,
+                **_setting(row.setting),
                 "external_rad": _mean(row.external),
                 "actuator_rad": _mean(row.actuator),
                 "apart_rad": row.apart_rad,
@@ -31,20 +33,24 @@ def tables_data(found: Conclusion) -> dict[str, Any]:
             }
             for row in two_ports(found.source, found.exertion)
         ],
+        "modulation": _modulated(modulated(found.source, found.exertion)),
         "blocked": None if found.blocked_map is None else _blocked(found.blocked_map),
     }
 
 
-def tables_view(found: Conclusion) -> list[Table]:
+def tables_view(found: Conclusion) -> list[RenderableType]:
     """The same for a terminal, without every single reading."""
-    views = []
+    views: list[RenderableType] = []
     if found.source is not None:
-        views.append(_table(source_facts(found.source, found.command_unit)))
+        views.append(_table(source_facts(found.source, found.units)))
     if found.exertion is not None:
-        views.append(_table(line_facts(found.exertion, found.command_unit)))
+        views.append(_table(line_facts(found.exertion, found.units)))
     rows = two_ports(found.source, found.exertion)
     if rows:
-        views.append(_table(ports_facts(rows, found.command_unit)))
+        views.append(_table(ports_facts(rows, found.units)))
+    effect = modulated(found.source, found.exertion)
+    if effect is not None:
+        views += modulation_sentences(effect, found.units)
     return views
 
 
@@ -52,7 +58,7 @@ def _source(table: SourceTable) -> list[dict[str, Any]]:
     return [
         {
             "port": level.port,
-            "command": level.command,
+            **_setting(level.setting),
             "rising": level.rising,
             "position_rad": _mean(level.position),
             "torque_nm": _mean(level.torque),
@@ -68,7 +74,7 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
     return {
         "commands": [
             {
-                "command": line.command,
+                **_setting(line.setting),
                 "source_rad": _mean(line.source),
                 "stiffness_nm_rad": _mean(line.stiffness),
                 "hysteresis_nm": line.hysteresis_nm,
@@ -78,7 +84,7 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
         ],
         "held": [
             {
-                "command": held.command,
+                **_setting(held.setting),
                 "displacement_rad": held.displacement_rad,
                 "rising": held.rising,
                 "torque_nm": _mean(held.torque),
@@ -87,7 +93,7 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
         ],
         "shaken": [
             {
-                "command": row.command,
+                **_setting(row.setting),
                 "displacement_rad": row.displacement_rad,
                 "frequency_hz": row.frequency_hz,
                 "real_nm_rad": row.stiffness_nm_rad.real,
@@ -96,6 +102,22 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
             }
             for row in table.shaken
         ],
+    }
+
+
+def _modulated(found: Modulated | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    shift = found.shift
+    return {
+        "stiffness": [
+            {"modulation": row.modulation, "stiffness_nm_rad": _mean(row.stiffness)} for row in found.stiffness
+        ],
+        "stiffens": found.stiffens,
+        "source_shift": None
+        if shift is None
+        else {"command": shift.command, "low": shift.low, "high": shift.high, "shift_rad": _mean(shift.shift)},
+        "source_shifts": None if shift is None else shift.shows,
     }
 
 
@@ -112,6 +134,10 @@ def _blocked(found: BlockedMap) -> list[dict[str, Any]]:
         }
         for command, torque, std, above, history in zip(*columns, strict=True)
     ]
+
+
+def _setting(setting: Setting) -> dict[str, float | None]:
+    return {"command": setting.command, "modulation": setting.modulation}
 
 
 def _mean(mean: Mean) -> dict[str, float]:

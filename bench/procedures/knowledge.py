@@ -2,7 +2,7 @@
 
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from bench.control.calibration import LoadCalibration
 from bench.errors import RigError
@@ -61,7 +61,8 @@ Plan = Generator[Segment, Measured, None]
 class Procedure(Protocol):
     """One step of an experiment: refuses what the rig cannot do, asks for segments, and concludes from what came."""
 
-    name: ClassVar[str]
+    @property
+    def name(self) -> str: ...
 
     def require(self, rig: Rig) -> None:
         """Raises RigError, with the reason, before anything moves."""
@@ -93,7 +94,8 @@ class Decision:
 class Adaptive(Protocol):
     """A step that is decided as it goes: procedure after procedure, each chosen from what is known by then."""
 
-    name: ClassVar[str]
+    @property
+    def name(self) -> str: ...
 
     def require(self, rig: Rig) -> None:
         """Raises RigError, with the reason, before anything moves."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from bench.errors import RigError
-from bench.identification.tables.source_table import PROCEDURE, READ
+from bench.identification.tables.source_table import LEAVE, PROCEDURE, READ
 from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import coasting, zero_torque
 from bench.procedures.options import TabulateSourceOptions
@@ -49,7 +49,7 @@ class TabulateSourceProcedure:
             yield from settle(make, known, before, level, patience)
             yield make(f"{READ} {options.port}", Use.IDENTIFY, hold(level, options.read_s, known.tick_s))
             before = level
-        yield make("leave", Use.PREPARE, ramp(before, 0.0, MOVE_S, known.tick_s))
+        yield make(LEAVE, Use.PREPARE, ramp(before, 0.0, MOVE_S, known.tick_s))
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known

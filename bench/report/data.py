@@ -15,6 +15,7 @@ from bench.identification.trials import TrialFigures
 from bench.models.network import NortonNetwork
 from bench.recording.contents import RecordedEstimates
 from bench.records import Measured
+from bench.report.words import Units
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,10 @@ class ReportData:
     @property
     def command_unit(self) -> str:
         return self.metadata.get("command_unit", "")
+
+    @property
+    def units(self) -> Units:
+        return Units(self.command_unit, self.metadata.get("modulation_unit", ""))
 
     @property
     def network(self) -> NortonNetwork | None:

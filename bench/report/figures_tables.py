@@ -1,82 +1,114 @@
 """Tables of an actuator without a model, in pictures: its source, its exertion, its answer to being shaken."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.identification.tables.exertion_table import ExertionTable, Shaken
+from bench.identification.tables.means import Setting
 from bench.identification.tables.source_table import SourceTable
 from bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
-from bench.report.words import number, pretty_unit
+from bench.report.words import Units, number, pretty_unit
 
 COLOURS = (MEASURED, PREDICTED, ACCENT, INK, MUTED)
 MARKERS = ("o", "s", "^", "v", "D")
 
 
-def source_table_figure(table: SourceTable, command_unit: str) -> Figure:
-    """Where the port rests against command, at each port, from both sides."""
+def source_table_figure(table: SourceTable, units: Units) -> Figure:
+    """Where the port rests against command, at each port and modulation, from both sides."""
     picture = figure(3.6)
     axes = picture.subplots()
-    for place, port in enumerate(table.ports):
+    for place, (port, modulation) in enumerate(product(table.ports, table.modulations)):
+        at = "" if modulation is None else f", {number(modulation, 3)} {pretty_unit(units.modulation)}"
+        colour = COLOURS[place % len(COLOURS)]
         for rising, fill in ((True, None), (False, "none")):
-            levels = table.branch(port, rising)
+            levels = table.branch(port, rising, modulation)
             axes.errorbar(
-                [level.command for level in levels],
+                [level.setting.command for level in levels],
                 [level.position.value for level in levels],
                 [level.position.half_width for level in levels],
-                color=COLOURS[place],
+                color=colour,
                 marker="^" if rising else "v",
                 markersize=4.5,
-                markerfacecolor=fill or COLOURS[place],
+                markerfacecolor=fill or colour,
                 linewidth=0.7,
                 capsize=2,
-                label=f"{port} port, command {'rising' if rising else 'falling'}",
+                label=f"{port} port{at}, command {'rising' if rising else 'falling'}",
             )
-    axes.set_xlabel(f"command [{pretty_unit(command_unit)}]")
+    axes.set_xlabel(f"command [{pretty_unit(units.command)}]")
     axes.set_ylabel("where the port rests [rad]")
     axes.legend(labelcolor=INK)
     return picture
 
 
-def exertion_figure(table: ExertionTable, command_unit: str) -> Figure:
-    """Torque against displacement from the source, a colour for each command, in both directions."""
+@dataclass(frozen=True)
+class _Shade:
+    """How a setting is drawn: its place among the colours, and its name in the legend, if it is the first of those."""
+
+    place: int
+    label: str | None
+
+    @property
+    def colour(self) -> str:
+        return COLOURS[self.place % len(COLOURS)]
+
+
+def _shades(table: ExertionTable, units: Units) -> tuple[str, dict[Setting, _Shade]]:
+    """What the legend tells apart: modulations where there are several, else commands; and each setting's shade."""
+    title, unit, key = "command", units.command, 0
+    if len(table.modulations) > 1:
+        title, unit, key = "modulation", units.modulation, 1
+    values = sorted({setting[key] or 0.0 for setting in table.settings})
+    shades, named = {}, set[float]()
+    for setting in table.settings:
+        value = setting[key] or 0.0
+        label = None if value in named else f"{number(value, 3)} {pretty_unit(unit)}"
+        named.add(value)
+        shades[setting] = _Shade(values.index(value), label)
+    return title, shades
+
+
+def exertion_figure(table: ExertionTable, units: Units) -> Figure:
+    """Torque against displacement from the source, in both directions; a colour for each command, or modulation."""
     picture = figure(3.8)
     axes = picture.subplots()
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     axes.axvline(0.0, color=MUTED, linewidth=0.6)
-    for place, command in enumerate(table.commands):
-        colour, label = COLOURS[place % len(COLOURS)], f"{number(command, 3)} {pretty_unit(command_unit)}"
+    title, shades = _shades(table, units)
+    for setting, shade in shades.items():
         for rising in (True, False):
-            displacement, torque, half = table.branch(command, rising)
+            displacement, torque, half = table.branch(setting, rising)
             axes.errorbar(
                 displacement,
                 torque,
                 half,
-                color=colour,
+                color=shade.colour,
                 marker="^" if rising else "v",
                 markersize=4,
-                markerfacecolor=colour if rising else "none",
+                markerfacecolor=shade.colour if rising else "none",
                 linewidth=0.8,
                 capsize=2,
-                label=label if rising else None,
+                label=shade.label if rising else None,
             )
     axes.set_xlabel("displacement from the source, θ − θ_N [rad]")
     axes.set_ylabel("port torque [N·m]")
-    axes.legend(labelcolor=INK, title="command", title_fontsize=8.5)
+    axes.legend(labelcolor=INK, title=title, title_fontsize=8.5)
     return picture
 
 
-def shaken_figure(table: ExertionTable, command_unit: str) -> Figure:
-    """Both parts of the dynamic stiffness at the source against frequency, a colour for each command."""
+def shaken_figure(table: ExertionTable, units: Units) -> Figure:
+    """Both parts of the dynamic stiffness at the source against frequency, coloured as the exertion is."""
     picture = figure(3.4)
     real, imaginary = picture.subplots(1, 2)
-    for place, command in enumerate(table.commands):
-        rows = at_the_source(table, command)
-        label = f"{number(command, 3)} {pretty_unit(command_unit)}"
-        _points(real, rows, [row.stiffness_nm_rad.real for row in rows], place, label)
-        _points(imaginary, rows, [row.stiffness_nm_rad.imag for row in rows], place, label)
+    title, shades = _shades(table, units)
+    for setting, shade in shades.items():
+        rows = at_the_source(table, setting)
+        _points(real, rows, [row.stiffness_nm_rad.real for row in rows], shade)
+        _points(imaginary, rows, [row.stiffness_nm_rad.imag for row in rows], shade)
     real.set_title("In phase with the displacement")
     imaginary.set_title("In phase with its velocity")
     real.set_ylabel("stiffness [N·m/rad]")
@@ -88,13 +120,13 @@ def shaken_figure(table: ExertionTable, command_unit: str) -> Figure:
         axes.set_yscale("symlog", linthresh=1.0)
         axes.set_xlabel("frequency [Hz]")
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    real.legend(labelcolor=INK, title="command", title_fontsize=8.5)
+    real.legend(labelcolor=INK, title=title, title_fontsize=8.5)
     return picture
 
 
-def at_the_source(table: ExertionTable, command: float) -> tuple[Shaken, ...]:
-    """What was measured by shaking nearest to the source of a command, by frequency."""
-    own = [row for row in table.shaken if row.command == command]
+def at_the_source(table: ExertionTable, setting: Setting) -> tuple[Shaken, ...]:
+    """What was measured by shaking nearest to the source of a setting, by frequency."""
+    own = [row for row in table.shaken if row.setting == setting]
     if not own:
         return ()
     nearest = min(abs(row.displacement_rad) for row in own)
@@ -102,15 +134,15 @@ def at_the_source(table: ExertionTable, command: float) -> tuple[Shaken, ...]:
     return tuple(sorted(chosen, key=lambda row: row.frequency_hz))
 
 
-def _points(axes: Axes, rows: Sequence[Shaken], values: Sequence[float], place: int, label: str) -> None:
+def _points(axes: Axes, rows: Sequence[Shaken], values: Sequence[float], shade: _Shade) -> None:
     axes.errorbar(
         [row.frequency_hz for row in rows],
         np.array(values),
         [row.half_width_nm_rad for row in rows],
-        color=COLOURS[place % len(COLOURS)],
-        marker=MARKERS[place % len(MARKERS)],
+        color=shade.colour,
+        marker=MARKERS[shade.place % len(MARKERS)],
         markersize=4,
         linewidth=0.8,
         capsize=2,
-        label=label,
+        label=shade.label,
     )

@@ -13,7 +13,12 @@ from bench.report.figures_network import blocked_figure, impedance_figure, sourc
 from bench.report.figures_timing import timing_figure
 from bench.report.loops import bench_time_s, presliding_loops, sliding_samples
 from bench.report.section import Facts, Section
-from bench.report.sections_tables import exertion_section, tabulated_source_section, two_ports_section
+from bench.report.sections_tables import (
+    exertion_section,
+    modulation_section,
+    tabulated_source_section,
+    two_ports_section,
+)
 from bench.report.sections_trials import in_situ_section, trials_section
 from bench.report.sections_without_model import residuals_section, source_sentences, without_model_section
 from bench.report.streams import StreamQuality, stream_qualities
@@ -245,6 +250,7 @@ MAKERS: tuple[Callable[[ReportData], Section | None], ...] = (
     conditions_section,
     tabulated_source_section,
     exertion_section,
+    modulation_section,
     two_ports_section,
     source_section,
     impedance_section,

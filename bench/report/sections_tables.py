@@ -3,14 +3,15 @@
 from math import isfinite
 
 from bench.identification.tables.exertion_table import ExertionTable, Line
-from bench.identification.tables.means import Mean
+from bench.identification.tables.means import Mean, Setting
+from bench.identification.tables.modulation import Modulated, modulated
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.two_ports import PortsRow, two_ports
 from bench.report.data import ReportData
 from bench.report.figures_tables import exertion_figure, shaken_figure, source_table_figure
 from bench.report.section import Facts, Section
 from bench.report.svg import svg
-from bench.report.words import number, pretty_unit, within
+from bench.report.words import Units, number, pretty_unit, within
 
 
 def tabulated_source_section(data: ReportData) -> Section | None:
@@ -20,14 +21,14 @@ def tabulated_source_section(data: ReportData) -> Section | None:
         "Where the port rests with nothing pulling at it, under each command, reached from both sides. Bars are 95 % "
         "intervals of the mean. In the table ± is half of a 95 % interval, half of the gap between the sides in it."
     )
-    picture = svg(source_table_figure(data.source, data.command_unit), "tabulated-source", caption)
+    picture = svg(source_table_figure(data.source, data.units), "tabulated-source", caption)
     sentences = (*_unsettled(data.source), _settling(data.source))
     return Section(
         "tabulated-source",
         "The source, tabulated",
         sentences,
         ((picture, caption),),
-        (source_facts(data.source, data.command_unit),),
+        (source_facts(data.source, data.units),),
     )
 
 
@@ -48,14 +49,27 @@ def _settling(table: SourceTable) -> str:
     return f"The slowest took {number(longest, 2)} s to come within 2\u00a0% of its way."
 
 
-def source_facts(table: SourceTable, command_unit: str) -> Facts:
-    """A row for each command at each port."""
-    unit = pretty_unit(command_unit)
-    head = ("port", f"command [{unit}]", "rests at [rad]", "gap [rad]", "torque [mN·m]")
+def setting_head(units: Units) -> tuple[str, ...]:
+    """Over the columns that :func:`setting_cells` fills."""
+    head = (f"command [{pretty_unit(units.command)}]",)
+    return (*head, f"modulation [{pretty_unit(units.modulation)}]") if units.modulation else head
+
+
+def setting_cells(setting: Setting, units: Units) -> tuple[str, ...]:
+    """The command, and on a bench with a modulator the modulation."""
+    cells = (number(setting.command, 4),)
+    if not units.modulation:
+        return cells
+    return (*cells, "–" if setting.modulation is None else number(setting.modulation, 4))
+
+
+def source_facts(table: SourceTable, units: Units) -> Facts:
+    """A row for each setting at each port."""
+    head = ("port", *setting_head(units), "rests at [rad]", "gap [rad]", "torque [mN·m]")
     rows = tuple(
         (
             port,
-            number(row.command, 4),
+            *setting_cells(row.setting, units),
             within(row.position.value, row.position.half_width),
             number(row.gap_rad, 2) if isfinite(row.gap_rad) else "one side",
             within(1e3 * row.torque.value, 1e3 * row.torque.half_width),
@@ -74,29 +88,23 @@ def exertion_section(data: ReportData) -> Section | None:
         "Torque at the port, held away from where it rests. Triangles point the way in which the place was reached; "
         "bars are 95 % intervals of the mean."
     )
-    figures = [(svg(exertion_figure(table, data.command_unit), "exertion", caption), caption)]
+    figures = [(svg(exertion_figure(table, data.units), "exertion", caption), caption)]
     if table.shaken:
         told = "How the port answers to being shaken about its source: spring and inertia left, damping right."
-        figures.append((svg(shaken_figure(table, data.command_unit), "shaken", told), told))
-    return Section("exertion", "The impedance, tabulated", (), tuple(figures), (line_facts(table, data.command_unit),))
+        figures.append((svg(shaken_figure(table, data.units), "shaken", told), told))
+    return Section("exertion", "The impedance, tabulated", (), tuple(figures), (line_facts(table, data.units),))
 
 
-def line_facts(table: ExertionTable, command_unit: str) -> Facts:
-    """A row for each command."""
-    head = (
-        f"command [{pretty_unit(command_unit)}]",
-        "source [rad]",
-        "stiffness [N·m/rad]",
-        "hysteresis [mN·m]",
-        "no torque [mrad]",
-    )
-    return Facts(head, tuple(_line(line) for line in table.lines()))
+def line_facts(table: ExertionTable, units: Units) -> Facts:
+    """A row for each setting."""
+    head = (*setting_head(units), "source [rad]", "stiffness [N·m/rad]", "hysteresis [mN·m]", "no torque [mrad]")
+    return Facts(head, tuple(_line(line, units) for line in table.lines()))
 
 
-def _line(line: Line) -> tuple[str, ...]:
+def _line(line: Line, units: Units) -> tuple[str, ...]:
     width = Mean(float("nan"), float("nan")) if line.zeros is None else line.zeros.width
     return (
-        number(line.command, 4),
+        *setting_cells(line.setting, units),
         within(line.source.value, line.source.half_width),
         within(line.stiffness.value, line.stiffness.half_width),
         number(1e3 * line.hysteresis_nm, 2),
@@ -113,13 +121,13 @@ def two_ports_section(data: ReportData) -> Section | None:
         "than with nothing pulling at its own port. What the body asks there was read by the torque sensor; what the "
         "actuator exerts so far from its own source stands in its table: the two should agree."
     )
-    return Section("two-ports", "Two ports", (sentence,), tables=(ports_facts(rows, data.command_unit),))
+    return Section("two-ports", "Two ports", (sentence,), tables=(ports_facts(rows, data.units),))
 
 
-def ports_facts(rows: tuple[PortsRow, ...], command_unit: str) -> Facts:
-    """A row for each command."""
+def ports_facts(rows: tuple[PortsRow, ...], units: Units) -> Facts:
+    """A row for each setting."""
     head = (
-        f"command [{pretty_unit(command_unit)}]",
+        *setting_head(units),
         "external [rad]",
         "actuator [rad]",
         "asked [mN·m]",
@@ -127,7 +135,7 @@ def ports_facts(rows: tuple[PortsRow, ...], command_unit: str) -> Facts:
     )
     facts = tuple(
         (
-            number(row.command, 4),
+            *setting_cells(row.setting, units),
             within(row.external.value, row.external.half_width),
             within(row.actuator.value, row.actuator.half_width),
             within(1e3 * row.load.value, 1e3 * row.load.half_width),
@@ -136,3 +144,51 @@ def ports_facts(rows: tuple[PortsRow, ...], command_unit: str) -> Facts:
         for row in rows
     )
     return Facts(head, facts)
+
+
+def modulation_section(data: ReportData) -> Section | None:
+    found = modulated(data.source, data.exertion)
+    if found is None:
+        return None
+    tables = (stiffness_facts(found, data.units),) if found.stiffness else ()
+    return Section("modulation", "What the modulation changes", modulation_sentences(found, data.units), tables=tables)
+
+
+def modulation_sentences(found: Modulated, units: Units) -> tuple[str, ...]:
+    """What it changes, and what it leaves alone."""
+    return tuple(filter(None, (_stiffens(found, pretty_unit(units.modulation)), _shifts(found, units))))
+
+
+def _stiffens(found: Modulated, unit: str) -> str:
+    if len(found.stiffness) < 2:
+        return ""
+    first, last = found.stiffness[0], found.stiffness[-1]
+    ends = [within(row.stiffness.value, row.stiffness.half_width) for row in (first, last)]
+    span = f"from {number(first.modulation, 3)} to {number(last.modulation, 3)} {unit}"
+    if found.stiffens:
+        goes = f"goes from {ends[0]} to {ends[1]} N·m/rad"
+        return f"The modulation changes the impedance: {span} the stiffness at the source {goes}."
+    return f"The modulation does not show in the impedance: {span} the stiffness at the source stays {ends[0]} N·m/rad."
+
+
+def _shifts(found: Modulated, units: Units) -> str:
+    shift = found.shift
+    if shift is None:
+        return ""
+    span = f"from {number(shift.low, 3)} to {number(shift.high, 3)} {pretty_unit(units.modulation)}"
+    moved = within(1e3 * shift.shift.value, 1e3 * shift.shift.half_width)
+    where = f"at a command of {number(shift.command, 3)} {pretty_unit(units.command)} by {moved} mrad, {span}"
+    if shift.shows:
+        return f"The modulation does not leave the source alone, which moves the most {where}: the two are coupled."
+    return (
+        f"The modulation leaves the source alone, which moves the most {where}: no more than the intervals leave open."
+    )
+
+
+def stiffness_facts(found: Modulated, units: Units) -> Facts:
+    """A row for each modulation."""
+    head = (f"modulation [{pretty_unit(units.modulation)}]", "stiffness at the source [N·m/rad]")
+    rows = tuple(
+        (number(row.modulation, 4), within(row.stiffness.value, row.stiffness.half_width)) for row in found.stiffness
+    )
+    return Facts(head, rows)

@@ -30,6 +30,7 @@ from bench.recording.contents import RecordedEstimates, Recording
 from bench.recording.reader import read_recording
 from bench.records import Measured
 from bench.report.render import ReportData, write_report
+from bench.report.words import NO_UNITS, Units
 from bench.rig.rig import NO_MODEL
 from bench.segments import Use
 from bench.session.past import with_past
@@ -45,7 +46,7 @@ NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predic
 
 @dataclass(frozen=True)
 class Conclusion:
-    """None where the session measured nothing that could tell. ``command_unit`` is that of the tables."""
+    """None where the session measured nothing that could tell. ``units`` are those of the tables."""
 
     fit: FitResult | None = None
     validation: Validation | None = None
@@ -62,7 +63,7 @@ class Conclusion:
     report: Path | None = None
     source: SourceTable | None = None
     exertion: ExertionTable | None = None
-    command_unit: str = ""
+    units: Units = NO_UNITS
 
     @property
     def empty(self) -> bool:
@@ -90,7 +91,8 @@ def conclude(
     if Use.IDENTIFY not in uses and in_situ is None:
         return Conclusion()
     about = {**metadata, "recording": recording.name}
-    found = Conclusion(in_situ=in_situ, command_unit=metadata["command_unit"])
+    units = Units(metadata["command_unit"], metadata.get("modulation_unit", ""))
+    found = Conclusion(in_situ=in_situ, units=units)
     if in_situ is not None:
         found = replace(found, motion_file=_source_saved(in_situ, out / f"{recording.stem}.source.csv"))
     if Use.IDENTIFY in uses:

@@ -120,6 +120,7 @@ def pretended(segment: Segment, tick_s: float) -> Measured:
     ticks = np.zeros(segment.ticks, TICK)
     ticks["tick_ns"] = np.round(np.arange(segment.ticks) * tick_s * 1e9)
     ticks["command"] = segment.command
+    ticks["modulation"] = segment.modulation if len(segment.modulation) else 0.0
     load_nm = segment.load_torque_nm if len(segment.load_torque_nm) else np.zeros(segment.ticks)
     ticks["load_torque_nm"] = load_nm
     pushed = segment.stop_at_velocity_rad_s < inf

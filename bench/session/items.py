@@ -23,6 +23,7 @@ class Step:
     """One procedure to run, or a prompt: its name and its options.
 
     It runs ``when`` that holds. ``label`` tells it from its like, and ``where`` is its place in the file.
+    ``modulations`` are those it runs under, one after the other, as quantities in the unit of the rig's modulator.
     """
 
     do: str
@@ -30,6 +31,7 @@ class Step:
     when: Condition | None = None
     label: str = ""
     where: str = ""
+    modulations: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

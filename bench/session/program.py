@@ -6,12 +6,14 @@ from dataclasses import dataclass, field, replace
 from bench.errors import UsageError
 from bench.procedures.catalogue import make_procedure
 from bench.procedures.knowledge import Adaptive, Procedure
+from bench.procedures.modulated import modulated
 from bench.rig.rig import Rig
 from bench.session.conditions import Condition
 from bench.session.expectations import check_expectation
 from bench.session.items import AskOptions, Block, Item, Session, Step, flat
 from bench.session.progress import PlannedStep
 from bench.session.script import Action, Ask, Experiment, Remark, Script, SoFar, Turn
+from bench.units import parse_quantity
 
 # What measures the bench alone: an end that must be possible however far the session came.
 ALWAYS_POSSIBLE = ("tare", "rest", "ask")
@@ -83,7 +85,7 @@ class _Maker:
         index, action = len(self.plan), self._action(step, before)
         certain = certain and step.when is None
         duration_s = 0.0 if isinstance(action, Ask) else action.duration_s(self.rig)
-        self.plan.append(PlannedStep(step.do, duration_s, step.label, certain))
+        self.plan.append(PlannedStep(step.do, duration_s, _label(step), certain))
         if certain:
             before.add(step.do)
         return Made(step, action, index)
@@ -105,7 +107,12 @@ class _Maker:
             self.asked.add(step.options.name)
             return Ask(step.options.name, step.options.text, step.options.choices)
         place = f"{self.session.place}: [{step.where}]" if step.where else f"{self.session.place}: step"
-        return make_procedure(step.do, step.options, self.rig, before, place=place)
+        action = make_procedure(step.do, step.options, self.rig, before, place=place)
+        if not step.modulations:
+            return action
+        held = modulated(action, _in_units(step.modulations, self.rig, place))
+        held.require(self.rig)
+        return held
 
     def _check(self, condition: Condition | None, where: str) -> None:
         if condition is None:
@@ -116,6 +123,22 @@ class _Maker:
                 'put a step do = "ask" with that name there'
             )
         check_unit(condition, self.rig, f"{self.session.place}: [{where}]")
+
+
+def _label(step: Step) -> str:
+    """With the modulations that it runs under."""
+    under = f"modulation {', '.join(step.modulations)}" if step.modulations else ""
+    return ", ".join(filter(None, (step.label, under)))
+
+
+def _in_units(modulations: Sequence[str], rig: Rig, place: str) -> tuple[float, ...]:
+    """In the unit of the rig's modulator. Raises UsageError; one without a modulator is refused by the step itself."""
+    if rig.modulation is None:
+        return ()
+    try:
+        return tuple(parse_quantity(each, rig.modulation.unit) for each in modulations)
+    except ValueError as error:
+        raise UsageError(f"{place}: modulation: {error}") from None
 
 
 def _again(step: PlannedStep, turn: int) -> PlannedStep:

@@ -24,6 +24,7 @@ def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[D
         "parameters": ", ".join(f"{name} = {toml(value)}" for name, value in session.parameters.items()),
         "seed": "" if seed is None else str(seed),
         "command_unit": rig.command.unit,
+        "modulation_unit": "" if rig.modulation is None else rig.modulation.unit,
         "model": rig.model,
         "tick_s": repr(rig.tick_s),
         "torque_averaging_s": repr(rig.torque_averaging_s),

@@ -20,7 +20,7 @@ from bench.procedures.options import (
 from bench.procedures.refine import RefineProcedure
 from bench.rig.files import parse_toml, read_text
 from bench.rig.mistakes import Mistakes, nearest, toml
-from bench.rig.rig import Rig
+from bench.rig.rig import Command, Rig
 from bench.session.items import Expectation, Session, Step, WrittenFault, flat
 from bench.session.step_models import STEPS, ExpectModel
 from bench.session.unroll import Unroller
@@ -41,6 +41,8 @@ __all__ = [
 STANDARD = ("tare", "calibrate", "free", "blocked", "imposed", "validate")
 # And for an actuator without a model.
 TABLES = ("tare", "calibrate", "tabulate_source", "tabulate_impedance")
+# Run at several modulations where the rig has a modulator.
+MODULATED = ("tabulate_source", "tabulate_impedance")
 # Around a refinement, which does the rest: just enough for a first fit, and for commands to validate with.
 SHORT_FREE = FreeOptions(levels=5, dwell_s=0.3, duration_s=4.0)
 SHORT_IMPOSED = ImposedOptions(commands=1, duration_s=4.0)
@@ -144,7 +146,15 @@ def standard_session(rig: Rig | None = None) -> Session:
     else:
         wanted = STANDARD if rig.modelled else TABLES
         able = tuple(name for name in (*wanted, "in_situ") if _performs(rig, name))
-    return Session(tuple(Step(name, STEPS[name][1]()) for name in able), "the standard session")
+    modulations = () if rig is None or rig.modulation is None else _spread(rig.modulation)
+    steps = (Step(name, STEPS[name][1](), modulations=modulations if name in MODULATED else ()) for name in able)
+    return Session(tuple(steps), "the standard session")
+
+
+def _spread(modulation: Command) -> tuple[str, ...]:
+    """The lowest, the middle and the highest of what a modulator may be commanded."""
+    least, greatest = modulation.span
+    return tuple(f"{value:g} {modulation.unit}" for value in (least, (least + greatest) / 2, greatest))
 
 
 def refining_session(rig: Rig, until: float, at_most_s: float) -> Session:

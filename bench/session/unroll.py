@@ -7,11 +7,14 @@ from typing import Any
 from bench.rig.mistakes import Mistakes, nearest, toml
 from bench.session.conditions import Condition
 from bench.session.items import Block, Item, Step
-from bench.session.step_models import ASK, CONTROL, GROUP, MODELS, ControlModel
+from bench.session.step_models import ASK, CONTROL, GROUP, MODELS, STEPS, ControlModel
 from bench.session.values import Values, sweeps
 
 MOST_STEPS = 10_000
 KNOWN = (*MODELS, GROUP)
+# What any step but a prompt may have: under which modulations of the actuator's impedance it runs.
+MODULATION = "modulation"
+MODULATION_MEND = 'write it like "2 N*m/rad", or a list of such'
 
 
 @dataclass
@@ -97,11 +100,23 @@ class Unroller:
         if do == GROUP:
             return self._group(rest, where, number, values, label)
         written = self._put_in(rest, where, values)
+        if written is None:
+            return []
+        modulations = self._modulations(written.pop(MODULATION, []), where) if do in STEPS else ()
         model, options = MODELS[do]
-        section = None if written is None else self.mistakes.read(model, written, where)
+        section = self.mistakes.read(model, written, where)
         if section is None:
             return []
-        return [Step(do, options(**section.model_dump(exclude_unset=True)), label=label, where=where)]
+        made = options(**section.model_dump(exclude_unset=True))
+        return [Step(do, made, label=label, where=where, modulations=modulations)]
+
+    def _modulations(self, written: object, where: str) -> tuple[str, ...]:
+        """Quantities whose unit only the rig knows."""
+        quantities = written if isinstance(written, list) else [written]
+        if not all(isinstance(each, str) for each in quantities):
+            self.mistakes.add(f"[{where}] {MODULATION}", f"{toml(written)} is no quantity; {MODULATION_MEND}")
+            return ()
+        return tuple(quantities)
 
     def _group(self, rest: Mapping[str, Any], where: str, number: str, values: Values, label: str) -> list[Item]:
         tables = rest.get("step")

@@ -10,9 +10,17 @@ from scipy.stats import t as t_distribution
 from bench.errors import ExperimentError
 from bench.identification.load import LoadFit, fit_load
 from bench.identification.quantisation import resolution_rad
-from bench.identification.tables.means import T_95, Mean, command_in, inside, mean_of, torque_in
+from bench.identification.tables.means import (
+    T_95,
+    Mean,
+    Setting,
+    inside,
+    mean_of,
+    modulations_of,
+    setting_in,
+    torque_in,
+)
 from bench.identification.tables.sines import line_amplitudes
-from bench.identification.tables.source_table import COMMAND_DECIMALS
 from bench.records import Measured, SegmentInfo
 from bench.segments import Use
 
@@ -39,9 +47,9 @@ DRAWS = 400
 
 @dataclass(frozen=True)
 class Held:
-    """The port held at ``displacement_rad`` (θ − θ_N) from the source of its command, reached ``rising`` or falling."""
+    """The port held at ``displacement_rad`` (θ − θ_N) from the source of its setting, reached ``rising`` or falling."""
 
-    command: float
+    setting: Setting
     displacement_rad: float
     rising: bool
     torque: Mean
@@ -51,7 +59,7 @@ class Held:
 class Shaken:
     """The port's dynamic stiffness −τ/θ [N m/rad] at a frequency, about a place; the half-width is of either part."""
 
-    command: float
+    setting: Setting
     displacement_rad: float
     frequency_hz: float
     stiffness_nm_rad: complex
@@ -75,7 +83,7 @@ class Line:
     the greatest difference between the two directions; ``zeros`` is None where one side was not reached.
     """
 
-    command: float
+    setting: Setting
     source: Mean
     stiffness: Mean
     hysteresis_nm: float
@@ -84,28 +92,33 @@ class Line:
 
 @dataclass(frozen=True)
 class ExertionTable:
-    """All that was read; ``sources`` are where the free port rested, by command (rounded)."""
+    """All that was read, by setting (rounded); ``sources`` are where the free port rested."""
 
     held: tuple[Held, ...]
     shaken: tuple[Shaken, ...]
-    sources: dict[float, Mean]
+    sources: dict[Setting, Mean]
 
     @property
-    def commands(self) -> tuple[float, ...]:
-        """In increasing order."""
+    def settings(self) -> tuple[Setting, ...]:
+        """By command, then by modulation."""
         return tuple(sorted(self.sources))
 
-    def branch(self, command: float, rising: bool) -> Branch:
+    @property
+    def modulations(self) -> tuple[float | None, ...]:
+        """In increasing order; (None,) without a modulator."""
+        return modulations_of(self.sources)
+
+    def branch(self, setting: Setting, rising: bool) -> Branch:
         """Displacement [rad], torque [N m] and its half-width in one direction, by displacement: (places,) each."""
-        own = [held for held in self.held if _same(held.command, command) and held.rising is rising]
+        own = [held for held in self.held if held.setting == setting.rounded and held.rising is rising]
         own.sort(key=lambda held: held.displacement_rad)
         rows = [(held.displacement_rad, held.torque.value, held.torque.half_width) for held in own]
         table = np.array(rows, dtype=float).reshape(-1, 3)
         return table[:, 0], table[:, 1], table[:, 2]
 
-    def curve(self, command: float) -> Branch:
+    def curve(self, setting: Setting) -> Branch:
         """The mean of both directions wherever either was held and both reach: displacement, torque, half-width."""
-        rising, falling = self.branch(command, True), self.branch(command, False)
+        rising, falling = self.branch(setting, True), self.branch(setting, False)
         if not (rising[0].size and falling[0].size):
             return rising if rising[0].size else falling
         places = _apart(np.concatenate([rising[0], falling[0]]))
@@ -116,29 +129,29 @@ class ExertionTable:
         means = [sum(np.interp(places, side[0], side[k]) for side in (rising, falling)) / 2 for k in (1, 2)]
         return places, np.asarray(means[0]), np.asarray(means[1])
 
-    def hysteresis_nm(self, command: float) -> float:
+    def hysteresis_nm(self, setting: Setting) -> float:
         """Half of the greatest difference between the directions; NaN where one is missing."""
-        places, _, _ = self.curve(command)
-        rising, falling = self.branch(command, True), self.branch(command, False)
+        places, _, _ = self.curve(setting)
+        rising, falling = self.branch(setting, True), self.branch(setting, False)
         if not (rising[0].size and falling[0].size and places.size):
             return float("nan")
         apart = np.interp(places, *rising[:2]) - np.interp(places, *falling[:2])
         return float(np.max(np.abs(apart))) / 2
 
-    def exertion_nm(self, command: float, displacement_rad: float) -> float:
+    def exertion_nm(self, setting: Setting, displacement_rad: float) -> float:
         """Mean torque at a displacement from the source, by straight lines; NaN beyond what was measured."""
-        displacement, torque, _ = self.curve(command)
+        displacement, torque, _ = self.curve(setting)
         return float(np.interp(displacement_rad, displacement, torque, left=np.nan, right=np.nan))
 
     def lines(self) -> tuple[Line, ...]:
-        """One for each command."""
-        return tuple(self._line(command) for command in self.commands)
+        """One for each setting."""
+        return tuple(self._line(setting) for setting in self.settings)
 
-    def _line(self, command: float) -> Line:
-        branches = [self.branch(command, rising) for rising in (True, False)]
+    def _line(self, setting: Setting) -> Line:
+        branches = [self.branch(setting, rising) for rising in (True, False)]
         zeros = _zeros(branches)
         stiffness = _slope(branches, zeros)
-        return Line(command, self.sources[command], stiffness, self.hysteresis_nm(command), zeros)
+        return Line(setting, self.sources[setting], stiffness, self.hysteresis_nm(setting), zeros)
 
 
 def shake_lines(tick_s: float) -> tuple[FloatArray, FloatArray]:
@@ -158,18 +171,18 @@ def exertion_table(measured: Measured, tick_s: float) -> ExertionTable:
         raise ExperimentError(f"no exertion was tabulated: run the step '{PROCEDURE}'")
     count_rad = resolution_rad(measured.motion["position_rad"])
     load = _load(measured, tick_s)
-    held, shaken, sources = list[Held](), list[Shaken](), dict[float, Mean]()
+    held, shaken, sources = list[Held](), list[Shaken](), dict[Setting, Mean]()
     for segment in measured.segments:
         if segment.procedure != PROCEDURE:
             continue
-        command = round(command_in(measured, segment), COMMAND_DECIMALS)
+        setting = setting_in(measured, segment).rounded
         position = mean_of(inside(measured.motion, segment)["position_rad"], count_rad / 2)
         if segment.name == READ:
-            sources[command] = position
+            sources[setting] = position
         elif segment.name.startswith(HOLD):
-            held.append(_held(measured, segment, command, sources[command].value))
+            held.append(_held(measured, segment, setting, sources[setting].value))
         elif segment.name == SHAKE and load is not None:
-            shaken += _shaken(measured, segment, load, command, position.value - sources[command].value, tick_s)
+            shaken += _shaken(measured, segment, load, setting, position.value - sources[setting].value, tick_s)
     return ExertionTable(tuple(held), tuple(shaken), sources)
 
 
@@ -179,15 +192,15 @@ def _load(measured: Measured, tick_s: float) -> LoadFit | None:
     return fit_load(measured, tick_s)
 
 
-def _held(measured: Measured, segment: SegmentInfo, command: float, source_rad: float) -> Held:
+def _held(measured: Measured, segment: SegmentInfo, setting: Setting, source_rad: float) -> Held:
     start_ns = round(segment.end_ns - HELD_SHARE * (segment.end_ns - segment.start_ns))
     late = measured.between(start_ns, segment.end_ns)
     position_rad = float(np.mean(late.motion["position_rad"]))
-    return Held(command, position_rad - source_rad, "rising" in segment.name, torque_in(late, segment))
+    return Held(setting, position_rad - source_rad, "rising" in segment.name, torque_in(late, segment))
 
 
 def _shaken(
-    measured: Measured, segment: SegmentInfo, load: LoadFit, command: float, displacement_rad: float, tick_s: float
+    measured: Measured, segment: SegmentInfo, load: LoadFit, setting: Setting, displacement_rad: float, tick_s: float
 ) -> Iterator[Shaken]:
     """At every line: torque over the angle on the actuator's side of the sensor, both in the torque's time."""
     start_ns = segment.start_ns + round(SHAKEN_FROM_S * 1e9)
@@ -201,11 +214,7 @@ def _shaken(
     angle_rad = angle_rad + torque_nm / (load.sensor_stiffness_nm_rad + 1j * omega * load.sensor_damping_nms_rad)
     for line, (exerted, angle) in enumerate(zip(torque_nm, angle_rad, strict=True)):
         half = 1.96 * deviation_nm / abs(angle)
-        yield Shaken(command, displacement_rad, float(frequency_hz[line]), complex(-exerted / angle), float(half))
-
-
-def _same(first: float, second: float) -> bool:
-    return abs(first - second) < 10.0**-COMMAND_DECIMALS
+        yield Shaken(setting, displacement_rad, float(frequency_hz[line]), complex(-exerted / angle), float(half))
 
 
 def _apart(places: FloatArray) -> FloatArray:

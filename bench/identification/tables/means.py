@@ -1,6 +1,9 @@
 """Means of what was read while nothing changed, with their 95 % intervals."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +15,8 @@ FloatArray = npt.NDArray[np.float64]
 
 # The scatter of the means of so many blocks is that of noise that lasts: control, drift, friction.
 BLOCKS = 6
+# Commands that agree to so many decimals are one: the wire rounds them.
+COMMAND_DECIMALS = 6
 T_95 = float(t_distribution.ppf(0.975, BLOCKS - 1))
 
 
@@ -41,9 +46,29 @@ def inside(table: Table, segment: SegmentInfo, stamp: str = "arrival_ns") -> Tab
     return table[first:last]
 
 
-def command_in(measured: Measured, segment: SegmentInfo) -> float:
-    """The command under which a segment stood."""
-    return float(np.median(inside(measured.ticks, segment, "tick_ns")["command"]))
+class Setting(NamedTuple):
+    """What acted while a segment was held: the actuator's command, and its modulator's, None where there is none."""
+
+    command: float
+    modulation: float | None = None
+
+    @property
+    def rounded(self) -> "Setting":
+        """As one and the same key, however the wire rounded it."""
+        modulation = None if self.modulation is None else round(self.modulation, COMMAND_DECIMALS)
+        return Setting(round(self.command, COMMAND_DECIMALS), modulation)
+
+
+def modulations_of(settings: Iterable[Setting]) -> tuple[float | None, ...]:
+    """Each once, in increasing order."""
+    return tuple(sorted({setting.rounded.modulation for setting in settings}, key=lambda each: each or 0.0))
+
+
+def setting_in(measured: Measured, segment: SegmentInfo) -> Setting:
+    """Under what a segment stood."""
+    ticks = inside(measured.ticks, segment, "tick_ns")
+    modulation = float(np.median(ticks["modulation"]))
+    return Setting(float(np.median(ticks["command"])), modulation if isfinite(modulation) else None)
 
 
 def velocity_of(motion: Table) -> float:

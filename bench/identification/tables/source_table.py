@@ -8,18 +8,25 @@ import numpy as np
 
 from bench.errors import ExperimentError
 from bench.identification.quantisation import resolution_rad
-from bench.identification.tables.means import Mean, command_in, inside, mean_of, torque_in, velocity_of
+from bench.identification.tables.means import (
+    Mean,
+    Setting,
+    inside,
+    mean_of,
+    modulations_of,
+    setting_in,
+    torque_in,
+    velocity_of,
+)
 from bench.records import Measured, SegmentInfo
 
-# The names of the procedure that measures it, and of its segments: "read actuator", "read external".
-PROCEDURE, READ = "tabulate_source", "read"
+# The names of the procedure that measures it, and of its segments: "read actuator", "read external", then "leave".
+PROCEDURE, READ, LEAVE = "tabulate_source", "read", "leave"
 # While it was read the shaft may have drifted by this share of the table's span, or by so many counts, to be at rest.
 DRIFT_SHARE = 0.01
 DRIFT_COUNTS = 4.0
 # And it is settled once it stays within this share of the way from where it was before.
 SETTLED_SHARE = 0.02
-# Commands that agree to so many decimals are one: the wire rounds them.
-COMMAND_DECIMALS = 6
 
 
 @dataclass(frozen=True)
@@ -32,7 +39,7 @@ class SourceLevel:
     """
 
     port: str
-    command: float
+    setting: Setting
     rising: bool
     position: Mean
     torque: Mean
@@ -43,14 +50,14 @@ class SourceLevel:
 
 @dataclass(frozen=True)
 class SourceRow:
-    """One command at one port: both branches taken together. ``gap_rad`` is rising less falling, NaN without both.
+    """One setting at one port: both branches taken together. ``gap_rad`` is rising less falling, NaN without both.
 
     The half-width has half of the gap in it: friction or backlash may leave the port anywhere between. A command that
     was reached from one side alone takes the widest gap of all.
     """
 
     port: str
-    command: float
+    setting: Setting
     position: Mean
     gap_rad: float
     torque: Mean
@@ -72,18 +79,27 @@ class SourceTable:
         """Those that were measured."""
         return tuple(dict.fromkeys(level.port for level in self.levels))
 
-    def branch(self, port: str, rising: bool) -> tuple[SourceLevel, ...]:
+    @property
+    def modulations(self) -> tuple[float | None, ...]:
+        """Those that were measured, in increasing order; (None,) without a modulator."""
+        return modulations_of(level.setting for level in self.levels)
+
+    def branch(self, port: str, rising: bool, modulation: float | None = None) -> tuple[SourceLevel, ...]:
         """By command."""
-        chosen = (level for level in self.levels if level.port == port and level.rising == rising)
-        return tuple(sorted(chosen, key=lambda level: level.command))
+        chosen = (
+            level
+            for level in self.levels
+            if (level.port, level.rising, level.setting.rounded.modulation) == (port, rising, modulation)
+        )
+        return tuple(sorted(chosen, key=lambda level: level.setting))
 
     def rows(self, port: str) -> tuple[SourceRow, ...]:
-        """One for each command, by command."""
-        by_command: dict[float, list[SourceLevel]] = {}
+        """One for each command and modulation, in their order."""
+        by_setting: dict[Setting, list[SourceLevel]] = {}
         for level in self.levels:
             if level.port == port:
-                by_command.setdefault(round(level.command, COMMAND_DECIMALS), []).append(level)
-        rows = tuple(_row(port, by_command[command]) for command in sorted(by_command))
+                by_setting.setdefault(level.setting.rounded, []).append(level)
+        rows = tuple(_row(port, by_setting[setting]) for setting in sorted(by_setting))
         widest_rad = max((abs(row.gap_rad) for row in rows if isfinite(row.gap_rad)), default=0.0)
         return tuple(row if isfinite(row.gap_rad) else row.loosened(widest_rad / 2) for row in rows)
 
@@ -94,7 +110,7 @@ class _Reading:
 
     segment: SegmentInfo
     began_ns: int
-    command: float
+    setting: Setting
     rising: bool
     position: Mean
 
@@ -115,10 +131,12 @@ def _readings(measured: Measured, count_rad: float) -> Iterator[_Reading]:
         if segment.procedure == PROCEDURE and segment.name == "move":
             began_ns = segment.end_ns
         if segment.procedure == PROCEDURE and segment.name.startswith(READ):
-            command = command_in(measured, segment)
+            setting = setting_in(measured, segment)
             position = mean_of(inside(measured.motion, segment)["position_rad"], count_rad / 2)
-            yield _Reading(segment, began_ns, command, command >= before, position)
-            before = command
+            yield _Reading(segment, began_ns, setting, setting.command >= before, position)
+            before = setting.command
+        if segment.procedure == PROCEDURE and segment.name == LEAVE:
+            before = 0.0
 
 
 def _level(measured: Measured, reading: _Reading, count_rad: float, span_rad: float) -> SourceLevel:
@@ -127,7 +145,7 @@ def _level(measured: Measured, reading: _Reading, count_rad: float, span_rad: fl
     drift_rad = velocity_rad_s * float(motion["arrival_ns"][-1] - motion["arrival_ns"][0]) * 1e-9
     return SourceLevel(
         reading.segment.name.removeprefix(f"{READ} "),
-        reading.command,
+        reading.setting,
         reading.rising,
         reading.position,
         torque_in(measured, reading.segment),
@@ -161,7 +179,7 @@ def _row(port: str, levels: Sequence[SourceLevel]) -> SourceRow:
     torque_nm = float(np.mean([level.torque.value for level in levels]))
     return SourceRow(
         port,
-        levels[0].command,
+        levels[0].setting,
         Mean(float(np.mean(list(ends.values()))), half_rad + (abs(gap_rad) / 2 if len(ends) == 2 else 0.0)),
         gap_rad,
         Mean(torque_nm, float(np.max([level.torque.half_width for level in levels]))),

@@ -4,20 +4,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bench.identification.tables.exertion_table import ExertionTable
-from bench.identification.tables.means import Mean
-from bench.identification.tables.source_table import COMMAND_DECIMALS, SourceTable
+from bench.identification.tables.means import Mean, Setting
+from bench.identification.tables.source_table import SourceTable
 
 
 @dataclass(frozen=True)
 class PortsRow:
-    """One command. ``external`` and ``actuator`` are the sources θ_N and θ̂_N at the two ports [rad].
+    """One setting. ``external`` and ``actuator`` are the sources θ_N and θ̂_N at the two ports [rad].
 
     ``load`` is what the load's body asked of the actuator at θ_N, read there [N m]: Z_G(θ_N). ``exertion`` is what the
     actuator's own table says that it exerts so far from θ̂_N, and it should be the same; NaN where the table does not
     reach.
     """
 
-    command: float
+    setting: Setting
     external: Mean
     actuator: Mean
     load: Mean
@@ -30,26 +30,26 @@ class PortsRow:
 
 
 def two_ports(source: SourceTable | None, exertion: ExertionTable | None) -> tuple[PortsRow, ...]:
-    """Every command that was tabulated at both ports; none without both."""
+    """Every setting that was tabulated at both ports; none without both."""
     if source is None or not {"actuator", "external"} <= set(source.ports):
         return ()
     return tuple(_rows(source, exertion))
 
 
 def _rows(source: SourceTable, exertion: ExertionTable | None) -> Iterator[PortsRow]:
-    actuator = {round(row.command, COMMAND_DECIMALS): row for row in source.rows("actuator")}
+    actuator = {row.setting.rounded: row for row in source.rows("actuator")}
     for row in source.rows("external"):
-        other = actuator.get(round(row.command, COMMAND_DECIMALS))
+        other = actuator.get(row.setting.rounded)
         if other is not None:
             away_rad = row.position.value - other.position.value
             yield PortsRow(
-                row.command, row.position, other.position, row.torque, _exerted(exertion, row.command, away_rad)
+                row.setting, row.position, other.position, row.torque, _exerted(exertion, row.setting, away_rad)
             )
 
 
-def _exerted(exertion: ExertionTable | None, command: float, displacement_rad: float) -> Mean:
+def _exerted(exertion: ExertionTable | None, setting: Setting, displacement_rad: float) -> Mean:
     """What the table says, and as much either way as friction leaves open there."""
-    if exertion is None or round(command, COMMAND_DECIMALS) not in exertion.sources:
+    if exertion is None or setting.rounded not in exertion.sources:
         return Mean(float("nan"), float("nan"))
-    _, _, half_nm = exertion.curve(command)
-    return Mean(exertion.exertion_nm(command, displacement_rad), float(max(half_nm)) + exertion.hysteresis_nm(command))
+    _, _, half_nm = exertion.curve(setting)
+    return Mean(exertion.exertion_nm(setting, displacement_rad), float(max(half_nm)) + exertion.hysteresis_nm(setting))

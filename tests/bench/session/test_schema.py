@@ -4,10 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import ExitCode, UsageError
+from bench.errors import ExitCode, RigError, UsageError
 from bench.procedures.catalogue import CATALOGUE
-from bench.procedures.options import FreeOptions, ImposedOptions, TareOptions
+from bench.procedures.modulated import ModulatedProcedure
+from bench.procedures.options import FreeOptions, ImposedOptions, RestOptions, TareOptions
+from bench.procedures.rest import RestProcedure
 from bench.rig.load import load_rig
+from bench.rig.rig import Rig
 from bench.session.program import make_experiment
 from bench.session.schema import STEPS, load_session, parse_session, standard_session
 
@@ -47,6 +50,60 @@ def test_what_a_file_leaves_out_is_as_the_procedure_has_it(name: str) -> None:
 
 def test_every_procedure_has_its_step() -> None:
     assert set(STEPS) == set(CATALOGUE)
+
+
+VARIABLE = load_rig(ROOT / "rigs" / "sim-variable-stiffness.toml")
+REST = '[[step]]\ndo = "rest"\nduration = "2 s"\n'
+
+
+@pytest.mark.parametrize(
+    ("written", "modulations"),
+    [
+        ('"2 N*m/rad"', (2.0,)),
+        ('["0 N*m/rad", "3 mN*m/mrad"]', (0.0, 3.0)),
+        ("[]", ()),
+    ],
+)
+def test_a_step_may_run_under_modulations(written: str, modulations: tuple[float, ...]) -> None:
+    session = parse_session(f"{REST}modulation = {written}\n", place="s.toml")
+    (step,) = make_experiment(session, VARIABLE).plan
+    held = ModulatedProcedure(RestProcedure(RestOptions(2.0)), modulations)
+    assert step.duration_s == (held.duration_s(VARIABLE) if modulations else 2.0)
+    assert ("modulation" in step.label) == bool(modulations)
+
+
+def test_a_modulation_may_be_swept() -> None:
+    text = REST + 'for = { k = ["0 N*m/rad", "2 N*m/rad"] }\nmodulation = "$k"\n'
+    assert [step.modulations for step in parse_session(text, place="s.toml").every_step()] == [
+        ("0 N*m/rad",),
+        ("2 N*m/rad",),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rig", "text", "said"),
+    [
+        (VARIABLE, "modulation = 2\n", "s.toml: [step 1, rest] modulation: 2 is no quantity; write it like"),
+        (VARIABLE, 'modulation = ["1 N*m/rad", 2]\n', 's.toml: [step 1, rest] modulation: ["1 N*m/rad", 2] is no quan'),
+        (VARIABLE, 'modulation = "2 rad"\n', 's.toml: [step 1, rest]: modulation: "2 rad" is not in N*m/rad'),
+        (
+            VARIABLE,
+            'modulation = "5 N*m/rad"\n',
+            "step 'rest' asks for a modulation of 5 N*m/rad, outside of [modulator",
+        ),
+        (None, 'modulation = "2 N*m/rad"\n', "step 'rest' names a modulation, but no drive sets the actuator's imped"),
+    ],
+)
+def test_a_modulation_that_cannot_be_is_told(rig: Rig | None, text: str, said: str) -> None:
+    with pytest.raises((UsageError, RigError)) as refused:
+        make_experiment(parse_session(REST + text, place="s.toml"), rig or load_rig(ROOT / "rigs" / "sim-odrive.toml"))
+    assert said in str(refused.value)
+
+
+def test_the_standard_session_tabulates_at_three_modulations() -> None:
+    steps = {step.do: step.modulations for step in standard_session(VARIABLE).every_step()}
+    three = ("0 N*m/rad", "2 N*m/rad", "4 N*m/rad")
+    assert steps == {"tare": (), "calibrate": (), "tabulate_source": three, "tabulate_impedance": three}
 
 
 @pytest.mark.parametrize("path", SESSIONS, ids=lambda path: path.stem)

@@ -70,7 +70,7 @@ def test_the_source_is_where_the_closed_form_says(name):
         assert row.settled
         # Once more as wide: intervals cover 95 %, and friction's gap was seen at some commands only.
         allowed = 2 * row.position.half_width + 1e-3
-        assert row.position.value == pytest.approx(actuator.source_rad(row.command), abs=allowed)
+        assert row.position.value == pytest.approx(actuator.source_rad(row.setting.command), abs=allowed)
 
 
 def test_a_series_elastic_port_is_a_spring_by_any_measure():
@@ -98,13 +98,13 @@ def test_backlash_shows_as_a_range_without_torque_and_as_a_gap_of_the_source():
 
 def test_a_muscles_exertion_bends_and_is_zero_at_its_source():
     found, muscle = result_of("sim-pneumatic").conclusion, truth_of("sim-pneumatic").actuator
-    command = found.exertion.commands[0]
-    displacement, torque, half = found.exertion.curve(command)
-    source = found.exertion.sources[command].value
+    setting = found.exertion.settings[0]
+    displacement, torque, half = found.exertion.curve(setting)
+    source = found.exertion.sources[setting].value
     left_nm = muscle.output.coulomb_torque_nm + 3 * half + 1e-3
-    expected = np.array([muscle.exertion_nm(command, source + away) for away in displacement])
+    expected = np.array([muscle.exertion_nm(setting.command, source + away) for away in displacement])
     assert np.all(np.abs(torque - expected) < left_nm)
-    assert abs(found.exertion.exertion_nm(command, 0.0)) < 2e-3
+    assert abs(found.exertion.exertion_nm(setting, 0.0)) < 2e-3
 
 
 def test_an_arm_answers_with_spring_damper_and_skeleton():

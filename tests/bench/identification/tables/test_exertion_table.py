@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.identification.tables.exertion_table import ExertionTable, Held, shake_lines
-from bench.identification.tables.means import BLOCKS, Mean, mean_of
+from bench.identification.tables.means import BLOCKS, Mean, Setting, mean_of
 from bench.identification.tables.sines import line_amplitudes
 
 NOISE_NM = 1e-3
-COMMAND = 0.2
+HELD = Setting(0.2)
 
 
 def table(exerted, friction_nm=0.0, reach_rad=0.05, seed=0) -> ExertionTable:
@@ -21,8 +21,8 @@ def table(exerted, friction_nm=0.0, reach_rad=0.05, seed=0) -> ExertionTable:
             away = place + random.uniform(-1e-4, 1e-4)
             torque_nm = exerted(away) - (friction_nm if rising else -friction_nm)
             half = 2.57 * NOISE_NM
-            held.append(Held(COMMAND, away, rising, Mean(torque_nm + NOISE_NM * random.standard_normal(), half)))
-    return ExertionTable(tuple(held), (), {COMMAND: Mean(0.5, 1e-5)})
+            held.append(Held(HELD, away, rising, Mean(torque_nm + NOISE_NM * random.standard_normal(), half)))
+    return ExertionTable(tuple(held), (), {HELD: Mean(0.5, 1e-5)})
 
 
 def backlash(stiffness, width):
@@ -54,8 +54,8 @@ def test_backlash_is_found_with_its_width_and_what_holds_beyond_it(width_rad):
 
 def test_beyond_what_was_held_nothing_is_claimed():
     held = table(lambda away: -3.0 * away)
-    assert held.exertion_nm(COMMAND, 0.02) == pytest.approx(-0.06, abs=3 * NOISE_NM)
-    assert np.isnan(held.exertion_nm(COMMAND, 0.2))
+    assert held.exertion_nm(HELD, 0.02) == pytest.approx(-0.06, abs=3 * NOISE_NM)
+    assert np.isnan(held.exertion_nm(HELD, 0.2))
 
 
 def test_one_direction_alone_tells_no_hysteresis():
@@ -67,7 +67,7 @@ def test_one_direction_alone_tells_no_hysteresis():
 
 
 def test_too_few_places_tell_no_stiffness():
-    few = ExertionTable((Held(COMMAND, 0.01, True, Mean(0.1, 1e-3)),), (), {COMMAND: Mean(0.5, 1e-5)})
+    few = ExertionTable((Held(HELD, 0.01, True, Mean(0.1, 1e-3)),), (), {HELD: Mean(0.5, 1e-5)})
     (line,) = few.lines()
     assert np.isnan(line.stiffness.value)
     assert line.zeros is None

@@ -7,16 +7,19 @@ import pytest
 
 from bench.errors import ExperimentError
 from bench.identification.tables.exertion_table import ExertionTable, Held
-from bench.identification.tables.means import Mean
+from bench.identification.tables.means import Mean, Setting
 from bench.identification.tables.source_table import SourceLevel, SourceTable, source_table
 from bench.identification.tables.two_ports import two_ports
-from bench.records import MOTION, TICK, Measured, SegmentInfo
+from bench.records import MOTION, TICK, Measured, SegmentInfo, join
 from bench.segments import Use
 
 MS = 1_000_000
+HELD = Setting(0.1)
 
 
-def recording(levels: list[tuple[float, float]], tau_s: float = 0.05, drift_rad_s: float = 0.0) -> Measured:
+def recording(
+    levels: list[tuple[float, float]], tau_s: float = 0.05, drift_rad_s: float = 0.0, modulation: float = np.nan
+) -> Measured:
     """For each (command, place): half a second of moving, then the shaft approaches its place, then a reading."""
     ticks, motion, segments, here = [], [], [], 0.0
     random = np.random.default_rng(0)
@@ -36,6 +39,7 @@ def recording(levels: list[tuple[float, float]], tau_s: float = 0.05, drift_rad_
             )
     tick_table, motion_table = np.zeros(len(ticks), TICK), np.zeros(len(motion), MOTION)
     tick_table["tick_ns"], tick_table["command"], tick_table["torque_nm"] = np.array(ticks).T
+    tick_table["modulation"] = modulation
     motion_table["arrival_ns"], motion_table["position_rad"] = np.array(motion).T
     return Measured(tick_table, motion_table, segments=tuple(segments))
 
@@ -57,12 +61,37 @@ def test_what_still_moves_is_not_called_settled():
 
 def test_both_sides_are_taken_together_and_one_alone_is_known_less_well():
     table = source_table(recording([(0.0, 0.0), (0.1, 1.0), (0.2, 2.0), (0.1, 1.1), (0.0, 0.02)]))
-    rows = {round(row.command, 3): row for row in table.rows("actuator")}
+    rows = {round(row.setting.command, 3): row for row in table.rows("actuator")}
     assert rows[0.1].position.value == pytest.approx(1.05, abs=2e-3)
     assert rows[0.1].gap_rad == pytest.approx(-0.1, abs=2e-3)
     assert rows[0.1].position.half_width == pytest.approx(0.05, abs=5e-3)
     assert np.isnan(rows[0.2].gap_rad)
     assert rows[0.2].position.half_width == pytest.approx(0.05, abs=5e-3)
+
+
+def test_levels_under_several_modulations_are_told_apart_and_each_begins_anew_at_rest():
+    """The first command of the second modulation is below the last of the first, and reached from zero."""
+    parts = [recording([(0.1, 1.0), (0.2, 2.0), (0.1, 1.1)], modulation=each) for each in (0.0, 3.0)]
+    leave = SegmentInfo(9, "tabulate_source", "leave", Use.PREPARE, "admittance", 4199 * MS, 4200 * MS)
+    table = source_table(join([replace(parts[0], segments=(*parts[0].segments, leave)), later(parts[1])]))
+    assert table.modulations == (0.0, 3.0)
+    assert [level.rising for level in table.levels] == [True, True, False] * 2
+    rows = table.rows("actuator")
+    assert [row.setting for row in rows] == [(0.1, 0.0), (0.1, 3.0), (0.2, 0.0), (0.2, 3.0)]
+    assert [level.position.value for level in table.branch("actuator", False, 3.0)] == pytest.approx([1.1], abs=1e-3)
+    assert source_table(recording([(0.1, 1.0)])).modulations == (None,)
+
+
+def later(measured: Measured) -> Measured:
+    """The same 4.2 s later."""
+    by_ns, ticks, motion = 4200 * MS, measured.ticks.copy(), measured.motion.copy()
+    ticks["tick_ns"] += by_ns
+    motion["arrival_ns"] += by_ns
+    segments = tuple(
+        replace(each, index=each.index + 10, start_ns=each.start_ns + by_ns, end_ns=each.end_ns + by_ns)
+        for each in measured.segments
+    )
+    return replace(measured, ticks=ticks, motion=motion, segments=segments)
 
 
 def test_without_readings_there_is_no_table():
@@ -72,7 +101,7 @@ def test_without_readings_there_is_no_table():
 
 
 def level(port: str, rising: bool, position: float, torque: float) -> SourceLevel:
-    return SourceLevel(port, 0.1, rising, Mean(position, 1e-3), Mean(torque, 1e-3), 0.0, True, 0.1)
+    return SourceLevel(port, HELD, rising, Mean(position, 1e-3), Mean(torque, 1e-3), 0.0, True, 0.1)
 
 
 def test_two_ports_agree_where_the_actuator_exerts_what_the_load_asks():
@@ -84,9 +113,9 @@ def test_two_ports_agree_where_the_actuator_exerts_what_the_load_asks():
         )
     )
     held = tuple(
-        Held(0.1, away, rising, Mean(-0.2 * away, 1e-4)) for away in (-0.2, 0.0, 0.2) for rising in (True, False)
+        Held(HELD, away, rising, Mean(-0.2 * away, 1e-4)) for away in (-0.2, 0.0, 0.2) for rising in (True, False)
     )
-    exertion = ExertionTable(held, (), {0.1: Mean(0.4, 1e-3)})
+    exertion = ExertionTable(held, (), {HELD: Mean(0.4, 1e-3)})
     (row,) = two_ports(source, exertion)
     assert row.apart_rad == pytest.approx(0.1)
     assert row.load.value == pytest.approx(0.02)

@@ -1,0 +1,98 @@
+"""A variable-stiffness actuator through its own rig file: whole sessions, short ones, against the closed forms."""
+
+import json
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pytest
+
+from bench.cli.output import to_json
+from bench.cli.results import identification
+from bench.identification.tables.modulation import Modulated, modulated
+from bench.procedures.options import CalibrateOptions, TabulateImpedanceOptions, TabulateSourceOptions, TareOptions
+from bench.rig.load import load_rig
+from bench.session.conclusion import conclude_recording
+from bench.session.engine import SessionResult, run_session
+from bench.session.schema import Session, Step
+from sim_backend.truth import Truth, read_truth
+
+RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-variable-stiffness.toml")
+ENDS = ("0 N*m/rad", "4 N*m/rad")
+SOURCE = TabulateSourceOptions(levels=2, lowest=-0.5, highest=0.5, read_s=0.2)
+IMPEDANCE = TabulateImpedanceOptions(commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0)
+STEPS = (
+    Step("tare", TareOptions(0.5)),
+    Step("calibrate", CalibrateOptions(4.0)),
+    Step("tabulate_impedance", IMPEDANCE, modulations=ENDS),
+)
+SEEDS = (1, 2)
+
+
+@cache
+def result_of(seed: int) -> SessionResult:
+    """The source is read on one seed alone: the impedance's tables begin at it, too."""
+    source = (Step("tabulate_source", SOURCE, modulations=ENDS),) if seed == SEEDS[0] else ()
+    return run_session(RIG, Session((*STEPS, *source), "short"), out=Path(mkdtemp()), seed=seed)
+
+
+def found_on(seed: int) -> Modulated:
+    conclusion = result_of(seed).conclusion
+    found = modulated(conclusion.source, conclusion.exertion)
+    assert found is not None
+    return found
+
+
+def truth() -> Truth:
+    return read_truth(
+        RIG.simulated,
+        seed=None,
+        place=RIG.place,
+        command_unit=RIG.command.unit,
+        modulation_unit=RIG.wiring.modulation_unit,
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_stiffness_goes_with_the_modulation_as_the_closed_form_says(seed):
+    true, found = truth(), found_on(seed)
+    assert found.stiffens
+    for row in found.stiffness:
+        expected = true.actuator.port_stiffness_nm_rad(true.modulator.angle_rad(row.modulation))
+        # Once more as wide: intervals cover 95 %, and these are from few places.
+        assert row.stiffness.value == pytest.approx(expected, abs=2 * row.stiffness.half_width)
+        assert row.stiffness.half_width < 0.1
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_source_stays_where_it_is(seed):
+    shift = found_on(seed).shift
+    assert shift is not None
+    assert abs(shift.shift.value) < 2 * shift.shift.half_width < 3e-3
+
+
+def test_exertion_is_told_by_command_modulation_and_displacement():
+    result, true = result_of(SEEDS[0]), truth()
+    told = json.loads(to_json(identification(result.conclusion, result.recording)))["tables"]
+    for held in told["exertion"]["held"]:
+        place_rad = true.actuator.source_rad(held["command"]) + held["displacement_rad"]
+        angle_rad = true.modulator.angle_rad(held["modulation"])
+        expected_nm = true.actuator.exertion_nm(held["command"], place_rad, angle_rad)
+        friction_nm = true.actuator.motor.coulomb_torque_nm
+        assert held["torque_nm"]["value"] == pytest.approx(expected_nm, abs=friction_nm + 2e-3)
+    assert {row["modulation"] for row in told["source"]} == {0.0, 4.0}
+    assert [row["modulation"] for row in told["modulation"]["stiffness"]] == [0.0, 4.0]
+    assert told["modulation"]["stiffens"]
+
+
+def test_a_recording_tells_the_same_again_and_the_report_says_it(tmp_path):
+    result = result_of(SEEDS[0])
+    _, again = conclude_recording(result.recording, tmp_path)
+    assert again.source == result.conclusion.source
+    assert again.exertion == result.conclusion.exertion
+    page = again.report.read_text()
+    assert "What the modulation changes" in page
+    assert "The modulation changes the impedance: from 0 to 4.00 N·m/rad the stiffness at the source goes from" in page
+    assert "The modulation leaves the source alone, which moves the most" in page
+    assert "modulation [N·m/rad]" in page
+    assert "modulator motion" in page
