@@ -14,11 +14,12 @@ from bench.networks.kinds import Form
 from bench.networks.linear import LinearNetwork
 from bench.networks.nonlinear import NonlinearNetwork
 from bench.networks.operator import FloatArray, Operator
-from bench.networks.settled import SETTLE_S, linearised, static_exertion, static_source
+from bench.networks.settled import SETTLE_S, linearised, middle, static_exertion, static_source
 
 SYMBOLS = {"x_N": "x_N", "v_N": "ω_N", "f_T": "f_T"}
 FILES = (".svg", ".png", ".pdf")
 LINES = 5
+STYLES = ("-", "--", ":")
 
 
 def plot(network: Network, *, span: float | None = None, settle_s: float = SETTLE_S) -> Figure:
@@ -85,18 +86,33 @@ def _has_map(network: NonlinearNetwork) -> bool:
 
 
 def _map(axes: Axes, network: NonlinearNetwork, commands: FloatArray, settle_s: float) -> None:
-    """Static exertion against place, for a few commands."""
+    """Static exertion against place, for a few commands of the source, each under those of the connection (π)."""
     place = np.linspace(*network.domain["x"], 201)
-    names = tuple(network.command_units)
-    for command in _few(commands):
-        held = {name: np.full_like(place, command if name == names[0] else 0.0) for name in names}
+    for number, held in enumerate(_shown(network, commands)):
+        everywhere = {name: np.full_like(place, value) for name, value in held.items()}
         axes.plot(
             place,
-            static_exertion(network, held, place, settle_s),
-            label=f"{names[0]} = {command:.3g}" if names else None,
+            static_exertion(network, everywhere, place, settle_s),
+            color=f"C{number % LINES}",
+            linestyle=STYLES[number // LINES],
+            label=", ".join(f"{name} = {value:.3g}" for name, value in held.items()) or None,
         )
     axes.axhline(0.0, color="k", linewidth=0.6)
     _labelled(axes, "x [rad]", "f [N m]", "impedance, static")
+
+
+def _shown(network: NonlinearNetwork, commands: FloatArray) -> list[dict[str, float]]:
+    """A few values of the first command; of the next that the connection takes in (π), ends and middle with each."""
+    usual = middle(network)
+    if not usual:
+        return [usual]
+    first, *others = usual
+    few = [{**usual, first: float(command)} for command in _few(commands)]
+    modulation = next((name for name in others if name in network.connection.inputs and name in network.domain), None)
+    if modulation is None:
+        return few
+    levels = np.linspace(*network.domain[modulation], len(STYLES))
+    return [{**held, modulation: float(level)} for level in levels for held in few]
 
 
 def _bode(axes: Sequence[Axes], network: Network, settle_s: float) -> None:
@@ -121,8 +137,7 @@ def _operator(network: Network, settle_s: float) -> Operator:
         return network.connection
     if isinstance(network, NortonNetwork):
         raise UsageError("the motor's impedance is drawn as a map")
-    middle = {name: float(np.mean(network.domain.get(name, (0.0, 0.0)))) for name in network.command_units}
-    return linearised(network, middle, settle_s=settle_s)
+    return linearised(network, middle(network), settle_s=settle_s)
 
 
 def _few(commands: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ class StaticSource:
 def static_source(
     network: Network, command: npt.ArrayLike, *, name: str | None = None, settle_s: float = SETTLE_S
 ) -> StaticSource:
-    """The source against the command ``name`` (the first, where none is named), the other commands at zero.
+    """The source against the command ``name`` (the first, where none is named), the others as :func:`middle` has them.
 
     A motion source that settles at a velocity is given as such. Raises UsageError where it does not settle.
     """
@@ -50,7 +50,7 @@ def static_source(
             return StaticSource(levels, network.source_velocity(levels), "v_N", "rad/s")
         case LinearNetwork():
             return _linear_source(network, levels, names.index(varied))
-    commands = {each: levels if each == varied else np.zeros_like(levels) for each in names}
+    commands = {name: np.full_like(levels, value) for name, value in middle(network).items()} | {varied: levels}
     states = settled(network, commands, 0.9 * settle_s)
     before = network.source_values(states, commands)
     after = network.source_values(settled(network, commands, 0.1 * settle_s, start=states), commands)
@@ -60,6 +60,11 @@ def static_source(
     if kind_of(network) is Kind.NORTON and np.any(np.abs(moved) > MOVES_ON * (np.ptp(value) + 1e-12)):
         return StaticSource(levels, moved / (0.1 * settle_s), "v_N", "rad/s")
     return StaticSource(levels, value, quantity, "rad" if quantity == "x_N" else "N m")
+
+
+def middle(network: NonlinearNetwork) -> dict[str, float]:
+    """Every command in the middle of its domain, or at zero where none is declared."""
+    return {name: float(np.mean(network.domain.get(name, (0.0, 0.0)))) for name in network.command_units}
 
 
 def _linear_source(network: LinearNetwork, levels: FloatArray, place: int) -> StaticSource:

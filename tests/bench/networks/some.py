@@ -42,6 +42,21 @@ def series_elastic(connection: str, **more: object) -> NonlinearNetwork:
     )
 
 
+# Section VI: a spring between a motion source and the port, which a second command p makes stiffer.
+VARIABLE = NonlinearNetwork(
+    Kind.NORTON,
+    Form.IMPEDANCE,
+    Equations(("c",), {"x_N": "place"}, {"place": "beta*(c - place)"}, parameters={"beta": 60.0}),
+    Equations(
+        ("x_N", "x", "v", "p"),
+        {"f": "(k + k1*q)*(x_N - x) + k3*(x_N - x)**3 - b*v"},
+        {"q": "lag*(p - q)"},
+        parameters={"k": 1.0, "k1": 0.95, "k3": 3.0, "b": 0.05, "lag": 40.0},
+    ),
+    {"c": "rad", "p": "N*m/rad"},
+    domain={"x": (-1.0, 1.0), "c": (-0.5, 0.5), "p": (0.0, 4.0)},
+)
+
 # Fig. 1: a pendulum with friction, an exertion source in admittance form.
 PENDULUM = NonlinearNetwork(
     Kind.THEVENIN,

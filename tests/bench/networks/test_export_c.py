@@ -19,7 +19,7 @@ from bench.networks.motor import as_equations
 from bench.networks.nonlinear import NonlinearNetwork
 from bench.networks.operator import Operator
 from bench.networks.tables import Table
-from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, series_elastic
+from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, VARIABLE, series_elastic
 
 CC = shutil.which("cc")
 pytestmark = pytest.mark.skipif(CC is None, reason="no C compiler here")
@@ -68,6 +68,7 @@ NETWORKS = {
     "pendulum": PENDULUM,
     "series elastic": series_elastic("K*dx + B*dv"),
     "measured": MEASURED,
+    "variable stiffness": VARIABLE,
 }
 
 MAIN = """

@@ -14,7 +14,7 @@ from bench.networks.kinds import Form, Kind
 from bench.networks.nonlinear import NonlinearNetwork
 from bench.networks.plots import plot, save_plot
 from bench.networks.tables import Table
-from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, linear_networks, series_elastic
+from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, VARIABLE, linear_networks, series_elastic
 
 MEASURED = NonlinearNetwork(
     Kind.NORTON,
@@ -33,6 +33,7 @@ NETWORKS = {
     "pendulum": PENDULUM,
     "spring": series_elastic("K*dx"),
     "measured": MEASURED,
+    "variable stiffness": VARIABLE,
 }
 
 

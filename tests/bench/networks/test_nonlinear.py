@@ -17,7 +17,7 @@ from bench.networks.kinds import Form, Kind, NoConversionError
 from bench.networks.motion import Load, Motion
 from bench.networks.nonlinear import NonlinearNetwork
 from bench.networks.settled import linearised, static_exertion, static_source
-from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, SPRING, series_elastic
+from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, SPRING, VARIABLE, series_elastic
 
 TICK_S = 1e-3
 
@@ -49,6 +49,39 @@ def test_the_pneumatic_muscle_with_a_load_is_scipys():
 
     expected = solve_ivp(rate, (0, 0.798), [start, 0.0], rtol=1e-10, atol=1e-12, t_eval=np.arange(799) * TICK_S).y[0]
     assert pushed.position_rad[1:] == pytest.approx(expected, abs=1e-8)
+
+
+@given(st.floats(-0.5, 0.5), st.floats(0.0, 4.0), st.floats(-1.0, 1.0))
+@settings(max_examples=20, deadline=None)
+def test_a_second_command_sets_the_impedance_and_leaves_the_source(c, p, x):
+    away = c - x
+    (torque,) = static_exertion(VARIABLE, {"c": c, "p": p}, [x])
+    assert torque == pytest.approx((1.0 + 0.95 * p) * away + 3.0 * away**3, abs=1e-9)
+    assert static_source(replace(VARIABLE, domain={"p": (p, p + 1.0)}), [c]).value == pytest.approx([c], abs=1e-9)
+    assert linearised(VARIABLE, {"c": c, "p": p}).response(0.0)[0, 0].real == pytest.approx(1.0 + 0.95 * p, rel=1e-6)
+
+
+def test_a_second_command_that_changes_on_the_way_is_scipys():
+    time_s = np.arange(600) * TICK_S
+    commands = np.column_stack([np.full(600, 0.3), np.where(time_s < 0.2, 0.0, 4.0)])
+    found = coupled(VARIABLE, commands, Load(inertia_kgm2=0.02, stiffness_nm_rad=2.0), TICK_S)
+
+    def rate(t, state):
+        x, v, place, q = state
+        away, p = place - x, 0.0 if t < 0.2 else 4.0
+        f = (1.0 + 0.95 * q) * away + 3.0 * away**3 - 0.05 * v
+        return [v, (f - 2.0 * x) / 0.02, 60.0 * (0.3 - place), 40.0 * (p - q)]
+
+    first = solve_ivp(rate, (0, 0.2), [0.0] * 4, rtol=1e-10, atol=1e-12, t_eval=time_s[:201]).y
+    later = solve_ivp(rate, (0.2, 0.6), first[:, -1], rtol=1e-10, atol=1e-12, t_eval=time_s[200:]).y
+    assert found.position_rad == pytest.approx(np.concatenate([first[0, :200], later[0]]), abs=1e-6)
+
+
+def test_the_conditions_hold_under_every_modulation():
+    assert all(found.holds for found in check(VARIABLE))
+    slack = replace(VARIABLE, connection=replace(VARIABLE.connection, outputs={"f": "q*(x_N - x) - b*v"}))
+    (unique,) = [each for each in check(slack) if each.condition == "unique zero"]
+    assert unique.holds is False  # with p = 0 the spring is none
 
 
 def test_the_pendulum_in_admittance_form_is_scipys():
