@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from bench.gallery import gravity_claims, in_situ_claims, motor_claims, muscle_claims
+from bench.gallery import gravity_claims, in_situ_claims, motor_claims, muscle_claims, spring_claims
 from bench.gallery.claim import Experiment, Shown
 from bench.gallery.gravity_experiments import TwoPorts
 from bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
@@ -28,5 +28,6 @@ CATALOGUE: Mapping[str, Entry] = {
     ),
     "muscle": Entry("sim-pneumatic", (MuscleSweeps(),), muscle_claims.claims),
     "arms": Entry("sim-gravity", (TwoPorts(),), gravity_claims.claims),
+    "spring": Entry("sim-variable-stiffness", (spring_claims.EXPERIMENT,), spring_claims.claims),
     "in situ": Entry("sim-odrive", (in_situ_claims.EXPERIMENT,), in_situ_claims.claims),
 }

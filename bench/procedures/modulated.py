@@ -16,6 +16,7 @@ from bench.rig.rig import Rig
 from bench.segments import Segment, Use
 
 RAMP_S = 1.0
+WAY = "modulate"  # the name of its own segments
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class ModulatedProcedure:
     def _way(self, command: float, start: float, stop: float, tick_s: float) -> Segment:
         """From one modulation to the next; the actuator's command goes from where it was to zero."""
         ways = ramp(command, 0.0, RAMP_S, tick_s), ramp(start, stop, RAMP_S, tick_s)
-        return Segment(self.name, "modulate", Use.PREPARE, ways[0], modulation=ways[1])
+        return Segment(self.name, WAY, Use.PREPARE, ways[0], modulation=ways[1])
 
 
 @dataclass(frozen=True)

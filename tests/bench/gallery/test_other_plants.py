@@ -1,4 +1,4 @@
-"""The claims about a muscle, about two ports under gravity, and in situ, from end to end; and what they are not."""
+"""The claims about a muscle, two ports under gravity, a variable spring, and in situ; and what they are not."""
 
 from dataclasses import replace
 
@@ -9,7 +9,12 @@ from tests.bench.gallery.experiments import measured
 
 SEED = 5
 # What the claims depend on, and the number of their rows.
-PLANTS = {"muscle": (("spring",), 8), "arms": (("gravity", "load_gravity"), 3), "in situ": (("torque_gain",), 2)}
+PLANTS = {
+    "muscle": (("spring",), 8),
+    "arms": (("gravity", "load_gravity"), 3),
+    "spring": (("spring_stiffness", "spring_stiffening"), 4),
+    "in situ": (("torque_gain",), 2),
+}
 
 
 @pytest.fixture(scope="module", params=sorted(PLANTS))
