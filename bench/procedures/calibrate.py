@@ -117,9 +117,10 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         sensor_stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
         sensor_damping_nms_rad=max(fit.sensor_damping_nms_rad, least_damping_nms_rad(fit, actuator)),
         torque_noise_nm=tare.torque_noise_nm,
-        torque_bias_nm=tare.torque_bias_nm if fit.hangs else fit.torque_bias_nm,
+        torque_bias_nm=tare.torque_bias_nm if fit.weight_nm else fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
         actuator_inertia_kgm2=first_inertia_kgm2(actuator),
+        weight_nm=fit.weight_nm,
     )
 
 
