@@ -27,7 +27,7 @@ def told_to_guard(known: Knowledge) -> Known:
         return NOTHING_KNOWN
     return Known(
         torque=torque_habits(_stretch(tared, "rest"), shaken),
-        moving_command=_moving_command(tared),
+        moving_command=tare.moving_command,
         amperes_per_command=amperes_per_command(tared.ticks, "command", tared.current),
         load_amperes_per_nm=amperes_per_command(tared.ticks, "load_torque_nm", tared.load_current),
         sensor_stiffness_nm_rad=None if calibration is None else calibration.sensor_stiffness_nm_rad,
@@ -46,12 +46,6 @@ def _record(known: Knowledge, use: Use) -> Measured | None:
 def _stretch(record: Measured, name: str) -> Measured:
     segment = next(segment for segment in record.segments if segment.name == name)
     return record.between(segment.start_ns, segment.end_ns)
-
-
-def _moving_command(tared: Measured) -> float | None:
-    """The last command of the push that set the shaft in motion; None where there was none."""
-    pushes = [segment for segment in tared.segments if segment.name == "actuator pushes"]
-    return float(_stretch(tared, "actuator pushes").ticks["command"][-1]) if pushes else None
 
 
 def _load(calibration: LoadCalibration) -> Machine:
