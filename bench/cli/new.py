@@ -143,12 +143,14 @@ def _proposed(path: Path | None) -> dict[str, str]:
 
 
 def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Every value by its dotted key, as it would be typed; a command by its limit, whose unit is the command's."""
+    """Every value by its dotted key, as it would be typed; a command by its limit, whose unit is the command's, and by
+    what else it says."""
     from bench.rig.mistakes import toml  # noqa: PLC0415
 
     for key, value in tables.items():
         if key == "command" and isinstance(value, dict) and "limit" in value:
             yield prefix + key, str(value["limit"])
+            yield from ((f"{prefix}{key}.{more}", str(value[more])) for more in ("lowest", "sent_as") if more in value)
         elif isinstance(value, dict) and prefix.count(".") < 2 and key != "options":
             yield from _flat(value, f"{prefix}{key}.")
         elif value != {}:

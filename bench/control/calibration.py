@@ -39,6 +39,7 @@ class LoadCalibration:
     position_resolution_rad: float
     motion_delay_s: float | None = None  # from a position to its reading's arrival; None: as the torque's
     actuator_inertia_kgm2: float | None = None  # a first estimate; None: the controller allows for a wide range
+    weight_nm: float = 0.0  # the greatest torque of an arm that hangs on the load
 
     def __post_init__(self) -> None:
         for field in fields(self):

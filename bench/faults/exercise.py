@@ -6,7 +6,7 @@ from typing import ClassVar
 from bench.procedures.free import command_multisine
 from bench.procedures.imposed import imposed_multisine
 from bench.procedures.knowledge import Knowledge, Plan, require_load
-from bench.procedures.makers import imposed
+from bench.procedures.makers import back, imposed
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import Use
@@ -14,11 +14,12 @@ from bench.segments import Use
 DURATION_S = 1.5
 MOTION_SHARE = 0.3
 COMMAND_SHARE = 0.5
+REST_S = 0.2
 
 
 @dataclass(frozen=True)
 class Exercise:
-    """A second and a half of it."""
+    """A second and a half of it; then both drives let go, slowly where the actuator may be a spring."""
 
     name: ClassVar[str] = "exercise"
 
@@ -26,13 +27,14 @@ class Exercise:
         require_load(rig, "faults", "so that there is motion to be disturbed")
 
     def duration_s(self, rig: Rig) -> float:
-        return DURATION_S
+        return DURATION_S + REST_S
 
     def plan(self, known: Knowledge) -> Plan:
         limit = COMMAND_SHARE * known.rig.command.limit
         motion = imposed_multisine(known, MOTION_SHARE, DURATION_S, seed=3)
         command = command_multisine(known, (-limit, limit), DURATION_S, seed=4)
-        yield imposed(self.name, "motion and command", Use.PREPARE, command, motion)
+        moved = yield imposed(self.name, "motion and command", Use.PREPARE, command, motion)
+        yield back(self.name, "rest", known.rig, moved, REST_S)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known

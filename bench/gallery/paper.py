@@ -10,7 +10,6 @@ from bench.errors import ExperimentError, UsageError
 from bench.gallery.catalogue import CATALOGUE
 from bench.gallery.claim import Experiment, Row, Shown
 from bench.procedures.calibrate import CalibrateProcedure
-from bench.procedures.options import CalibrateOptions
 from bench.procedures.tare import TareProcedure
 from bench.report.svg import style, svg
 from bench.rig.load import load_rig
@@ -18,9 +17,7 @@ from bench.rig.rig import Rig
 from bench.rig.simulators import true_parameters
 from bench.session.engine import record_script
 from bench.session.pool import process_pool
-from bench.session.script import Remark, Script, SoFar
-
-CALIBRATIONS_S = (8.0, 12.0, 16.0)
+from bench.session.script import Script, SoFar
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,7 @@ def measure(name: str, rig: Rig, seed: int) -> Experiment:
 
     def script(_so_far: SoFar) -> Script:
         yield TareProcedure()
-        yield from _calibrated()
+        yield CalibrateProcedure()
         yield from CATALOGUE[name].procedures
 
     with TemporaryDirectory(prefix="norton-bench-") as folder:
@@ -92,18 +89,6 @@ def measure(name: str, rig: Rig, seed: int) -> Experiment:
         raise ExperimentError(f"gallery, {name}: was not tared")
     true = {parameter: value for parameter, (value, _) in true_parameters(rig, seed).items()}
     return Experiment(rig, recorded.measured, true, tare.torque_bias_nm)
-
-
-def _calibrated() -> Script:
-    """Once more, and longer, where the load's fit does not converge: a pendulum lets the load hardly move."""
-    for duration_s in CALIBRATIONS_S[:-1]:
-        try:
-            yield CalibrateProcedure(CalibrateOptions(duration_s))
-        except ExperimentError as error:
-            yield Remark(str(error))
-        else:
-            return
-    yield CalibrateProcedure(CalibrateOptions(CALIBRATIONS_S[-1]))
 
 
 def _drawn(claim: Shown, seed: int) -> Proof:

@@ -3,7 +3,8 @@
 What the three leave of each other is friction, which is known within bounds. All of it is looked at through a low-pass
 of a fiftieth of a second, where delays of a few milliseconds, the sensor's resonance and the noise of a differentiated
 velocity no longer matter. A torque sensor that lost its zero, its sign or its scale leaves opposite rests at the two
-machines; a drive that does not give what it is told, or a shaft that is held, a rest at one.
+machines; a drive that does not give what it is told, or a shaft that is held, a rest at one. Where no law of the
+actuator is known, the load's balance stands alone: it needs none.
 """
 
 from bench.guard.commands import Commands
@@ -19,6 +20,8 @@ MENDING = 0.3  # of the time that all is well counts against it: what swings is 
 # The load is the bench's own machine; an actuator is there to be found out, and may obey another law than was fitted.
 FRICTION, SHARE = 1.5, 0.35
 FRICTION_OF_ACTUATOR, SHARE_OF_ACTUATOR = 3.0, 0.6
+# Where the load stands alone it has to tell all by itself: over whole sessions healthy benches needed no share at all.
+SHARE_ALONE = 0.1
 SHARE_OF_LIMIT = 0.02
 OPPOSITE = 0.3  # of the one rest: another of at least this, the other way round, is the torque sensor's doing
 
@@ -32,7 +35,7 @@ class _Side:
         self._machine = machine
         self._sign = sign
         self._share = share
-        self._least_nm = frictions * machine.coulomb_torque_nm + least_nm
+        self._least_nm = frictions * machine.coulomb_torque_nm + machine.weight_nm + least_nm
         self._damping_nms_rad = frictions * machine.viscous_damping_nms_rad
         self._torque_nm = self._size_nm = self._velocity_rad_s = 0.0  # low-passed
 
@@ -55,7 +58,7 @@ class _Side:
 
 
 class TorqueBalance:
-    """``torque_nm`` is the rig's limit. Says nothing before the step ``calibrate`` has measured the machines."""
+    """``torque_nm`` is the rig's limit. Says nothing before the step ``calibrate`` has measured the load."""
 
     name = "balance"
 
@@ -75,7 +78,8 @@ class TorqueBalance:
     def know(self, known: Known) -> None:
         self._load = self._actuator = None
         if known.load is not None:
-            self._load = _Side(known.load, 1, FRICTION, SHARE, self._least_nm)
+            share = SHARE_ALONE if known.actuator is None else SHARE
+            self._load = _Side(known.load, 1, FRICTION, share, self._least_nm)
         if known.actuator is not None:
             self._actuator = _Side(known.actuator, -1, FRICTION_OF_ACTUATOR, SHARE_OF_ACTUATOR, self._least_nm)
         if known.torque is not None:
@@ -84,7 +88,7 @@ class TorqueBalance:
 
     def fault(self, sample: Sample, sent: Commands) -> str | None:
         load, actuator = self._load, self._actuator
-        if load is None or actuator is None:
+        if load is None:
             return None
         gap_ns, self._tick_ns = sample.tick_ns - self._tick_ns, sample.tick_ns
         if max(gap_ns, sample.torque_age_ns, sample.motion_age_ns, sample.load_motion_age_ns) > self._old_ns:
@@ -95,7 +99,9 @@ class TorqueBalance:
         port_nm = sample.torque_nm
         # Both, at every tick: each has its own memory.
         excess_nm = load.excess_nm(port_nm, sent.load_torque_nm, sample.load_velocity_rad_s, gap_s, lag_s)
-        other_nm = actuator.excess_nm(port_nm, sent.command, sample.velocity_rad_s, gap_s, lag_s)
+        other_nm = 0.0
+        if actuator is not None:
+            other_nm = actuator.excess_nm(port_nm, sent.command, sample.velocity_rad_s, gap_s, lag_s)
         if excess_nm <= 0.0 and other_nm <= 0.0:
             if self._ill_s > 0.0:
                 self._ill_s -= MENDING * gap_s
@@ -105,24 +111,36 @@ class TorqueBalance:
         self._ill_s += gap_s
         if self._ill_s <= PATIENCE * self._low_pass_s:
             return None
-        return _sentence(load, actuator, load_is_worse=excess_nm > other_nm)
+        return _of_both(load, actuator, other_nm > excess_nm) if actuator is not None else _of_load(load)
 
-    def _settle(self, sample: Sample, load: _Side, actuator: _Side) -> None:
+    def _settle(self, sample: Sample, load: _Side, actuator: _Side | None) -> None:
         load.begin(sample.load_velocity_rad_s)
-        actuator.begin(sample.velocity_rad_s)
+        if actuator is not None:
+            actuator.begin(sample.velocity_rad_s)
         self._settled_ns = sample.tick_ns + round(SETTLING * self._low_pass_s * 1e9)
         self._ill_s = 0.0
 
 
-def _sentence(load: _Side, actuator: _Side, *, load_is_worse: bool) -> str:
-    worse, other, name = (load, actuator, "load") if load_is_worse else (actuator, load, "actuator")
+def _of_both(load: _Side, actuator: _Side, actuator_is_worse: bool) -> str:
+    worse, other, name = (actuator, load, "actuator") if actuator_is_worse else (load, actuator, "load")
     if worse.rest_nm * other.rest_nm < 0 and abs(other.rest_nm) > OPPOSITE * abs(worse.rest_nm):
         suspect = "and as much, the other way round, at the other: check the torque sensor's zero, sign and scale"
     else:
         suspect = (
             f"which the other does not miss: check the {name} drive, its direction, and that its shaft turns freely"
         )
+    return f"{_unexplained(worse, name)}, {suspect}"
+
+
+def _of_load(load: _Side) -> str:
     return (
-        f"port torque: with the {name}'s command and motion it leaves {worse.rest_nm:+.3g} N m unexplained, where "
-        f"{worse.allowed_nm:.2g} N m is the most that can be, {suspect}"
+        f"{_unexplained(load, 'load')}: check the torque sensor's zero, sign and scale, the load drive, its direction, "
+        "and that its shaft turns freely"
+    )
+
+
+def _unexplained(side: _Side, name: str) -> str:
+    return (
+        f"port torque: with the {name}'s command and motion it leaves {side.rest_nm:+.3g} N m unexplained, where "
+        f"{side.allowed_nm:.2g} N m is the most that can be"
     )

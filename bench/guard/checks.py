@@ -10,6 +10,7 @@ from bench.guard.coupling import Coupling
 from bench.guard.current import CurrentAgreement
 from bench.guard.encoder import EncoderAgreement
 from bench.guard.frozen import FrozenTorque
+from bench.guard.held import HeldShaft
 from bench.guard.jump import TorqueJump
 from bench.guard.saturation import Saturation
 from bench.guard.standstill import Standstill
@@ -19,11 +20,14 @@ from bench.units import conversion, same_dimension
 
 @dataclass(frozen=True)
 class Fitted:
-    """What is on the bench. ``shaft_free``: without a load, the shaft can turn. Resolutions are 0 where unknown."""
+    """What is on the bench. Resolutions are 0 where unknown.
+
+    ``runs``: without a load, a command beyond friction makes the shaft turn on and on.
+    """
 
     load: bool
     torque_sensor: bool
-    shaft_free: bool = False
+    runs: bool = False
     range_nm: float = inf
     resolution_rad: float = 0.0
     load_resolution_rad: float = 0.0
@@ -38,7 +42,7 @@ def checks_for(
         checks.append(EncoderAgreement("load encoder", fitted.load_resolution_rad))
         resolution_rad = fitted.resolution_rad + fitted.load_resolution_rad
         checks.append(Coupling(limits.twist_rad, limits.torque_nm, resolution_rad, tick_s))
-    if fitted.shaft_free and not fitted.load:
+    if fitted.runs and not fitted.load:
         checks.append(Standstill(command.unit))
     checks += _of_current(limits, command, fitted)
     if fitted.torque_sensor:
@@ -47,15 +51,18 @@ def checks_for(
         checks.append(Saturation(fitted.range_nm))
     if fitted.load and fitted.torque_sensor:
         checks.append(TorqueBalance(limits.torque_nm))
+        if fitted.resolution_rad > 0.0:
+            checks.append(HeldShaft(limits.torque_nm, fitted.resolution_rad))
     return tuple(check for check in checks if check.name not in leave_out)
 
 
 def _of_current(limits: Limits, command: Command, fitted: Fitted) -> list[Check]:
-    """None for a command that is no current and no torque: how much current it makes depends on the speed."""
+    """None for a drive that takes no current and no torque: how much current it makes depends on the speed."""
     checks: list[Check] = []
-    if same_dimension(command.unit, "A"):
-        checks.append(CurrentAgreement("actuator", command.limit, command.unit, conversion(command.unit, "A")[0]))
-    elif same_dimension(command.unit, "N*m"):
+    taken_as = command.unit if command.sent_as is None else command.sent_as
+    if same_dimension(taken_as, "A"):
+        checks.append(CurrentAgreement("actuator", command.limit, command.unit, conversion(taken_as, "A")[0]))
+    elif same_dimension(taken_as, "N*m"):
         checks.append(CurrentAgreement("actuator", command.limit, command.unit))
     if fitted.load:
         checks.append(CurrentAgreement("load", min(limits.load_torque_nm, limits.torque_nm), "N*m"))

@@ -5,12 +5,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Machine:
-    """One of the two machines at the port, as it was identified. Torques are at the shaft."""
+    """One of the two machines at the port, as it was identified. Torques are at the shaft.
+
+    ``weight_nm`` is the greatest torque of an arm that hangs on it.
+    """
 
     torque_gain: float  # N m per unit of its command
     inertia_kgm2: float
     viscous_damping_nms_rad: float
     coulomb_torque_nm: float
+    weight_nm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,8 @@ class Known:
     """None stands for what nobody has measured yet, or cannot be on this rig.
 
     ``moving_command`` is the command at which the free actuator began to turn. Amperes are per unit of the command of
-    each drive; of either sign.
+    each drive; of either sign. ``still_swing_nm`` is the greatest swing of the port torque under which the actuator's
+    encoder stayed where it was.
     """
 
     torque: TorqueHabits | None = None
@@ -42,6 +47,7 @@ class Known:
     amperes_per_command: float | None = None
     load_amperes_per_nm: float | None = None
     sensor_stiffness_nm_rad: float | None = None
+    still_swing_nm: float | None = None
     actuator: Machine | None = None
     load: Machine | None = None
 

@@ -45,6 +45,17 @@ def amperes_per_command(ticks: Table, command: str, current: Table) -> float | N
     return slope if abs(slope) > SEEN * deviation else None
 
 
+def still_swing_nm(measured: Measured) -> float:
+    """The greatest swing of the port torque [N m] while the actuator's encoder stood still, bit for bit."""
+    motion, torque = measured.motion, measured.torque[measured.torque["valid"]]
+    if not len(motion) or not len(torque):
+        return 0.0
+    turns = np.flatnonzero(np.diff(motion["position_rad"]) != 0.0) + 1
+    stands = np.unique(np.searchsorted(torque["arrival_ns"], motion["arrival_ns"][np.concatenate([[0], turns])]))
+    torque_nm, stands = torque["torque_nm"], stands[stands < len(torque)]
+    return float(np.max(np.maximum.reduceat(torque_nm, stands) - np.minimum.reduceat(torque_nm, stands), initial=0.0))
+
+
 def _shows_noise(values: npt.NDArray[np.float64]) -> bool:
     """Whether the noise is at least half a step of the readings: by that a living sensor keeps changing."""
     steps = np.abs(np.diff(values))

@@ -39,8 +39,8 @@ STIFFNESS_FLOOR = 0.01
 class LoadFit:
     """The load's network and the torque sensor, as the controller's calibration needs them.
 
-    ``hangs`` where an arm was found to hang on the load. Its weight over a few degrees and the sensor's zero look
-    alike: then ``torque_bias_nm`` is not to be relied on.
+    ``weight_nm`` is the greatest torque of an arm that was found to hang on the load, 0 where there is none. Its weight
+    over a few degrees and the sensor's zero look alike: then ``torque_bias_nm`` is not to be relied on.
     """
 
     result: FitResult
@@ -49,7 +49,7 @@ class LoadFit:
     sensor_damping_nms_rad: float
     torque_bias_nm: float
     position_resolution_rad: float
-    hangs: bool = False
+    weight_nm: float = 0.0
 
 
 def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> LoadFit:
@@ -63,8 +63,8 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     result = _fit(load, believed.findings)
     stiffness, deviation, damping = _spring(load, actuator, result.motion_delay_s)
     step_rad = resolution_rad(measured.load_motion["position_rad"])
-    hangs = any(wave.periods_per_turn == GRAVITY for wave in result.cogging)
-    return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad, hangs)
+    weight_nm = sum(wave.amplitude_nm for wave in result.cogging if wave.periods_per_turn == GRAVITY)
+    return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad, weight_nm)
 
 
 def _fit(load: tuple[Signals, ...], findings: Findings) -> FitResult:

@@ -28,6 +28,9 @@ PIECE_S = 2.0
 # The shaft should reach this share of the velocity limit. Friction makes speed grow faster than torque, and a
 # multisine's later peaks may be higher: so each piece is scaled by what the last one did.
 SPEED_SHARE = 0.4
+# The load may push so many times harder than the actuator, as a share of what either needed to set the shaft in motion:
+# beyond that hardly anything of the port torque is the actuator's own, and the load's part cannot be told from it.
+STRONGER = 3.0
 BACK_OFF = 0.3
 GREATEST_STEP = 1.5
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
@@ -51,7 +54,7 @@ class CalibrateProcedure:
         tick_s = known.tick_s
         fast_rad_s = SPEED_SHARE * known.rig.limits.velocity_rad_s
         envelope = growth(1.0, SEARCH_S, tick_s)
-        torque_nm, command = self._shake(known.rig, SEARCH_S, seed=11)
+        torque_nm, command = self._shake(known, SEARCH_S, seed=11)
         measured = yield pushed(
             self.name,
             "search",
@@ -63,7 +66,7 @@ class CalibrateProcedure:
         share = BACK_OFF * float(envelope[len(measured.ticks) - 1])
         yield back(self.name, "rest", known.rig, measured, REST_S)
         for piece in range(self._pieces()):
-            torque_nm, command = self._shake(known.rig, PIECE_S, seed=13 + 2 * piece)
+            torque_nm, command = self._shake(known, PIECE_S, seed=13 + 2 * piece)
             measured = yield pushed(self.name, "shake", Use.CALIBRATE, share * torque_nm, share * command)
             peak_rad_s = float(np.max(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0))
             share = min(share * float(np.clip(fast_rad_s / max(peak_rad_s, 1e-9), 0.5, GREATEST_STEP)), 1.0)
@@ -85,18 +88,28 @@ class CalibrateProcedure:
         shaken = signals(sound(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
         return fit_signals(shaken, command_unit=known.rig.command.unit)
 
-    def _shake(self, rig: Rig, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
-        """Load torque and actuator command, as great as the rig allows.
+    def _shake(self, known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
+        """Load torque and actuator command, as great as the rig allows, and neither drowned by the other.
 
         Both, each in its own way: were the actuator passive, the port torque would be a function of the motion alone,
         and no fit could tell the load's inertia and friction from the actuator's.
         """
-        low_hz, high_hz = 1.0, 0.2 / rig.tick_s
+        tick_s = known.tick_s
+        low_hz, high_hz = 1.0, 0.2 / tick_s
         load, actuator = (
-            multisine(duration_s, rig.tick_s, low_hz=low_hz, high_hz=high_hz, seed=each, slope=-0.25)
+            multisine(duration_s, tick_s, low_hz=low_hz, high_hz=high_hz, seed=each, slope=-0.25)
             for each in (seed, seed + 1)
         )
-        return greatest_load_torque(rig) * load, rig.command.limit * actuator
+        return _load_strength_nm(known) * load, known.rig.command.limit * actuator
+
+
+def _load_strength_nm(known: Knowledge) -> float:
+    command, tare = known.rig.command, known.tare
+    greatest_nm = greatest_load_torque(known.rig)
+    # A command that stands for something else, such as a position, sets a shaft in motion by no torque of its own.
+    if command.sent_as is not None or tare is None or not tare.moving_command or not tare.moving_load_nm:
+        return greatest_nm
+    return min(greatest_nm, STRONGER * abs(tare.moving_load_nm / tare.moving_command) * command.limit)
 
 
 def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge) -> LoadCalibration:
@@ -117,9 +130,10 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         sensor_stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
         sensor_damping_nms_rad=max(fit.sensor_damping_nms_rad, least_damping_nms_rad(fit, actuator)),
         torque_noise_nm=tare.torque_noise_nm,
-        torque_bias_nm=tare.torque_bias_nm if fit.hangs else fit.torque_bias_nm,
+        torque_bias_nm=tare.torque_bias_nm if fit.weight_nm else fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
         actuator_inertia_kgm2=first_inertia_kgm2(actuator),
+        weight_nm=fit.weight_nm,
     )
 
 

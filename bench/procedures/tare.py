@@ -55,8 +55,13 @@ class TareProcedure:
         yield back(self.name, "after a push", rig, measured, REST_S)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
-        rest = next(segment for segment in measured.segments if segment.name == "rest")
-        return replace(known, tare=at_rest(measured.between(rest.start_ns, rest.end_ns)))
+        parts = {segment.name: measured.between(segment.start_ns, segment.end_ns) for segment in measured.segments}
+        tare = replace(
+            at_rest(parts["rest"]),
+            moving_command=_last(parts.get("actuator pushes"), "command"),
+            moving_load_nm=_last(parts.get("load pushes"), "load_torque_nm"),
+        )
+        return replace(known, tare=tare)
 
 
 def greatest_load_torque(rig: Rig) -> float:
@@ -75,6 +80,11 @@ def at_rest(measured: Measured) -> Tare:
         motion_age_s=float(np.median(ticks["motion_age_ns"])) * 1e-9,
         load_motion_age_s=float(np.median(ticks["load_motion_age_ns"])) * 1e-9,
     )
+
+
+def _last(push: Measured | None, column: str) -> float | None:
+    """The push that set the shaft in motion."""
+    return None if push is None else float(push.ticks[column][-1])
 
 
 def _refuse(faults: Iterator[str]) -> None:

@@ -2,7 +2,7 @@
 
 from bench.control.calibration import LoadCalibration
 from bench.guard.known import NOTHING_KNOWN, Known, Machine
-from bench.guard.learning import amperes_per_command, torque_habits
+from bench.guard.learning import amperes_per_command, still_swing_nm, torque_habits
 from bench.identification.results import FitResult
 from bench.loop.learned import Learned
 from bench.procedures.knowledge import Knowledge
@@ -27,10 +27,11 @@ def told_to_guard(known: Knowledge) -> Known:
         return NOTHING_KNOWN
     return Known(
         torque=torque_habits(_stretch(tared, "rest"), shaken),
-        moving_command=_moving_command(tared),
+        moving_command=tare.moving_command,
         amperes_per_command=amperes_per_command(tared.ticks, "command", tared.current),
         load_amperes_per_nm=amperes_per_command(tared.ticks, "load_torque_nm", tared.load_current),
         sensor_stiffness_nm_rad=None if calibration is None else calibration.sensor_stiffness_nm_rad,
+        still_swing_nm=None if shaken is None else max(still_swing_nm(tared), still_swing_nm(shaken)),
         actuator=_actuator(known.actuator),
         load=None if calibration is None else _load(calibration),
     )
@@ -47,18 +48,13 @@ def _stretch(record: Measured, name: str) -> Measured:
     return record.between(segment.start_ns, segment.end_ns)
 
 
-def _moving_command(tared: Measured) -> float | None:
-    """The last command of the push that set the shaft in motion; None where there was none."""
-    pushes = [segment for segment in tared.segments if segment.name == "actuator pushes"]
-    return float(_stretch(tared, "actuator pushes").ticks["command"][-1]) if pushes else None
-
-
 def _load(calibration: LoadCalibration) -> Machine:
     return Machine(
         calibration.torque_gain,
         calibration.inertia_kgm2,
         calibration.viscous_damping_nms_rad,
         calibration.coulomb_torque_nm,
+        calibration.weight_nm,
     )
 
 

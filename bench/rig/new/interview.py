@@ -11,6 +11,7 @@ from bench.rig.driver_options import declared_by
 from bench.rig.new.options import ask_options
 from bench.rig.new.questions import Asker, Question
 from bench.rig.new.text import Section, quoted, rig_text
+from bench.rig.rig import NO_MODEL
 from bench.units import QUANTITY, check_unit, parse_quantity
 from drivers import registry
 from drivers.adapters.table import ADAPTERS, UNKNOWN, mistakes
@@ -18,6 +19,10 @@ from drivers.discovery import FoundPort
 from drivers.wiring import CanBusSettings
 
 NONE = "none"
+IN_SITU = ": the actuator is then identified in situ alone"
+MOTOR = "dahl_motor"
+COMMAND = "actuator.command"
+NO_LEAST = "unlimited"
 SECTIONS = {
     "actuator": "the device under test",
     "load": "the machine that imposes torque or motion",
@@ -41,7 +46,9 @@ class Interview:
         assert actuator is not None
         load = self._device("load", default=NONE)
         # With a load and none, the actuator can be identified in situ alone: that is not taken for granted.
-        sensor = self._device("torque_sensor", default=NONE if load is None else None)
+        sensor = self._device(
+            "torque_sensor", default=NONE if load is None else None, without=IN_SITU if load is not None else ""
+        )
         if load is None:
             shaft = Question("rig.shaft", "the shaft: free, or clamped so that it cannot turn", "free")
             bench.add("shaft", quoted(self._choice(shaft, ("free", "clamped"))), "nothing is coupled to the shaft")
@@ -59,11 +66,14 @@ class Interview:
 
     # ---- Devices -------------------------------------------------------------------------------------------------
 
-    def _device(self, role: str, *, optional: bool = True, default: str | None = None) -> Section | None:
+    def _device(
+        self, role: str, *, optional: bool = True, default: str | None = None, without: str = ""
+    ) -> Section | None:
+        """``without`` is what comes of there being none."""
         group = registry.TORQUE_SENSORS if role == "torque_sensor" else registry.AMPLIFIERS
         drivers = tuple(registry.installed(group))
         known = (NONE, *drivers) if optional else drivers
-        text = f"{SECTIONS[role]}: its driver" + (f' ("{NONE}" where there is none)' if optional else "")
+        text = f"{SECTIONS[role]}: its driver" + (f' ("{NONE}" where there is none{without})' if optional else "")
         driver = self._choice(Question(f"{role}.driver", text, default, drivers[0]), known)
         if driver == NONE:
             return None
@@ -74,7 +84,7 @@ class Interview:
         ask_options(section, declared, self.ask)
         self._sign(section)
         if role == "actuator":
-            section.add("command", self._command(), "the greatest one; its unit is what the drive takes")
+            self._identified(section)
         if role == "load":
             section.add("torque_limit", self._load_limit(), "of what it is told to give")
         return section
@@ -101,14 +111,24 @@ class Interview:
             return
         section.add("direction", default, "`rig check --move` tells whether it is right")
 
-    def _command(self) -> str:
-        question = Question(
-            "actuator.command",
-            "the greatest command, with the unit that the drive takes (none for a share of the supply)",
-            example="0.5 N*m",
-            check=_command_table,
-        )
-        return self.ask.ask(question)
+    def _identified(self, section: Section) -> None:
+        """What the actuator is identified as, and what it is told."""
+        text = 'a motor with friction, or "none": source and exertion as tables, whatever it is'
+        model = self._choice(Question("actuator.model", text, MOTOR), (MOTOR, NO_MODEL))
+        section.add("model", quoted(model), "what it is identified as")
+        comment = "the greatest one; its unit is what the drive takes, unless sent_as says another"
+        section.add("command", self._command(stands_for_something=model == NO_MODEL), comment)
+
+    def _command(self, *, stands_for_something: bool) -> str:
+        """``{ unit, limit }``; where the drive's input may stand for a position or a pressure, what else it needs."""
+        text = "the greatest command, with its unit (none for a share of the supply)"
+        table = self.ask.ask(Question(COMMAND, text, example="0.5 N*m", check=_command_table))
+        for key, question in _more_of_command(tomllib.loads(f"x = {table}")["x"]["unit"]).items():
+            if stands_for_something or self.ask.offers(question.key):
+                given = self.ask.ask(question)
+                if given != quoted(question.default or ""):
+                    table = f"{table.removesuffix(' }')}, {key} = {given} }}"
+        return table
 
     def _load_limit(self) -> str:
         return self._quantity(
@@ -228,6 +248,27 @@ def _command_table(text: str) -> str:
     if unit == "1":
         return f'{{ unit = "1", limit = {quoted(match[1])} }}'
     return f"{{ unit = {quoted(check_unit(unit))}, limit = {quoted(text)} }}"
+
+
+def _more_of_command(unit: str) -> dict[str, Question]:
+    lowest, sent_as = (f"{COMMAND}.{key}" for key in ("lowest", "sent_as"))
+    return {
+        "lowest": Question(lowest, "the least that it makes sense to tell", NO_LEAST, "0 N*m", check=_lowest(unit)),
+        "sent_as": Question(sent_as, "the unit in which the drive takes the same number", unit, check=_unit),
+    }
+
+
+def _lowest(unit: str) -> Callable[[str], str]:
+    def check(text: str) -> str:
+        if text != NO_LEAST:
+            parse_quantity(text, unit)
+        return quoted(text)
+
+    return check
+
+
+def _unit(text: str) -> str:
+    return quoted(check_unit(text))
 
 
 def _options_table(name: str, interface: str) -> Callable[[str], str]:

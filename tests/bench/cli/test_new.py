@@ -28,7 +28,7 @@ ALONE = (
 QUESTIONS = (
     "rig.name", "rig.rate", "actuator.driver", "actuator.bus", "bus.can0.interface", "bus.can0.channel",
     "bus.can0.bitrate", "actuator.node", "actuator.firmware", "actuator.watchdog", "actuator.counts_per_turn",
-    "actuator.command", "load.driver", "load.bus", "load.node", "load.firmware", "load.watchdog",
+    "actuator.model", "actuator.command", "load.driver", "load.bus", "load.node", "load.firmware", "load.watchdog",
     "load.counts_per_turn", "load.direction", "load.torque_limit", "torque_sensor.driver", "torque_sensor.port",
     "torque_sensor.axis", "torque_sensor.range", "torque_sensor.direction", "limits.torque", "limits.velocity",
     "limits.position", "limits.temperature", "limits.power", "limits.stale_after", "limits.stall_after",
@@ -89,6 +89,7 @@ def test_a_person_is_asked_again_until_the_answer_can_be(conversation: Conversat
         ("bus.can0.bitrate", ""),
         ("actuator.node", "99"),
         ("actuator.node", "5"),
+        ("actuator.model", ""),
         ("actuator.command", "0.5 N*m"),
         ("load.driver", ""),
         ("torque_sensor.driver", "none"),

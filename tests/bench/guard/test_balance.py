@@ -1,5 +1,6 @@
 """Newton's law at both machines, of which friction is what may be left."""
 
+from dataclasses import replace
 from math import copysign, cos, sin
 
 import pytest
@@ -108,8 +109,39 @@ def test_a_slow_sensor_is_given_more_time() -> None:
     assert 1000 < verdict.tick < 1500
 
 
-@pytest.mark.parametrize("known", [Known(), Known(torque=HABITS, load=LOAD), Known(actuator=ACTUATOR)])
-def test_nothing_is_said_before_both_machines_are_known(known: Known) -> None:
+# ---- the load alone, where no law of the actuator is known ----------------------------------------------------------
+
+LOAD_ALONE = Known(torque=HABITS, load=LOAD)
+
+
+def test_a_load_that_obeys_newton_passes_whatever_drives_the_other_side() -> None:
+    assert ask(check(LOAD_ALONE), map(honest, range(3000)), sent).tick is None
+    assert ask(check(LOAD_ALONE), map(honest, range(3000)), lambda k: sent(k)._replace(command=0.4)).tick is None
+
+
+@pytest.mark.parametrize("lie", [lambda t: t + 0.2, lambda t: -2 * t, lambda t: 4 * t, lambda t: t - 0.3])
+def test_the_load_alone_tells_a_torque_that_lies(lie) -> None:
+    lying = from_tick(1000, lambda s: s._replace(torque_nm=lie(s.torque_nm)), honest, 2000)
+    verdict = ask(check(LOAD_ALONE), lying, sent)
+    assert verdict.tick is not None
+    assert 1040 < verdict.tick < 1400
+    assert "with the load's command and motion" in verdict.said
+    assert "check the torque sensor's zero, sign and scale, the load drive, its direction" in verdict.said
+
+
+def test_an_arm_that_hangs_on_the_load_is_carried() -> None:
+    hanging = Known(torque=HABITS, load=replace(LOAD, weight_nm=0.3))
+
+    def carried(tick: int) -> Commands:
+        return Commands(0.0, 0.3)
+
+    assert ask(check(LOAD_ALONE), map(resting, range(1000)), carried).tick is not None
+    assert ask(check(hanging), map(resting, range(1000)), carried).tick is None
+    assert ask(check(hanging), map(resting, range(1000)), lambda _: Commands(0.0, 0.6)).tick is not None
+
+
+@pytest.mark.parametrize("known", [Known(), Known(torque=HABITS), Known(actuator=ACTUATOR)])
+def test_nothing_is_said_before_the_load_is_known(known: Known) -> None:
     assert ask(check(known), from_tick(0, lambda s: s._replace(torque_nm=0.9), resting)).tick is None
 
 

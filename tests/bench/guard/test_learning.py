@@ -1,10 +1,12 @@
 """What the guard leans on, read from made-up measurements."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bench.guard.learning import amperes_per_command, torque_habits
-from bench.records import CURRENT, NO_DEVICE_TIME, TICK, TORQUE, Measured
+from bench.guard.learning import amperes_per_command, still_swing_nm, torque_habits
+from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured
 
 TICK_NS = 1_000_000
 
@@ -60,6 +62,39 @@ def test_without_readings_there_are_no_habits() -> None:
     found = torque_habits(torque(np.arange(5.0)), Measured())
     assert found is not None
     assert found.greatest_step_nm is None
+
+
+def encoder(positions: list[float]) -> np.ndarray:
+    table = np.zeros(len(positions), MOTION)
+    table["arrival_ns"] = 10**9 + np.arange(len(positions)) * TICK_NS
+    table["position_rad"] = positions
+    return table
+
+
+@pytest.mark.parametrize(
+    ("positions", "swing_nm"),
+    [
+        ([0, 0, 0, 1, 1, 1], 0.3),
+        ([0, 1, 2, 3, 4, 5], 0.0),
+        ([7, 7, 7, 7, 7, 7], 0.8),
+        ([0, 1, 1, 1, 1, 2], 0.5),
+        ([], 0.0),
+    ],
+)
+def test_how_far_the_torque_swings_while_the_encoder_stands(positions: list[float], swing_nm: float) -> None:
+    measured = replace(torque(np.array([0.0, 0.1, 0.2, 0.5, 0.6, 0.8])), motion=encoder(positions))
+    assert still_swing_nm(measured) == pytest.approx(swing_nm)
+
+
+def test_readings_that_are_invalid_swing_nothing() -> None:
+    shaken = torque(np.array([0.0, 9.0, 0.1]), valid=np.array([True, False, True]))
+    assert still_swing_nm(replace(shaken, motion=encoder([0, 0, 0]))) == pytest.approx(0.1)
+    assert still_swing_nm(Measured(motion=encoder([0, 0, 0]))) == 0.0
+
+
+def test_motion_that_outlasts_the_torque_is_left_alone() -> None:
+    measured = replace(torque(np.array([0.0, 0.2])), motion=encoder([0, 0, 1, 2, 3]))
+    assert still_swing_nm(measured) == pytest.approx(0.2)
 
 
 def pushed(amperes: float, noise_a: float, *, readings: int = 300, command: np.ndarray | None = None) -> tuple:

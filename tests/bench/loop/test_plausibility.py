@@ -20,12 +20,13 @@ from bench.rig.load import load_rig
 from bench.rig.rig import Supervision
 from bench.segments import Segment, Use
 from sim_backend.firmware.bota import BotaSensor
-from sim_backend.integrator import INVERSE_INERTIA, LOAD, VELOCITY
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIGS = Path(__file__).parents[3] / "rigs"
 RIG = load_rig(RIGS / "sim-odrive.toml")
 FREE = load_rig(RIGS / "sim-free-shaft.toml")
+IN_SITU = load_rig(RIGS / "sim-in-situ.toml")
+ELASTIC = load_rig(RIGS / "sim-series-elastic.toml")
 # The rig's true values, which its own steps measure within a percent.
 KNOWN = Known(
     torque=TorqueHabits(bias_nm=0.0, noise_nm=1e-3, period_s=1e-3, longest_repeat=1, greatest_step_nm=0.03),
@@ -36,6 +37,10 @@ KNOWN = Known(
     actuator=Machine(0.9, 5e-5, 1e-3, 0.02),
     load=Machine(0.95, 1.2e-4, 3e-4, 0.008),
 )
+# What tare tells without a torque sensor.
+TARED = Known(moving_command=0.03, amperes_per_command=18.0, load_amperes_per_nm=19.0)
+# Of the position-driven actuator behind a spring no law is known.
+ELASTIC_KNOWN = replace(KNOWN, moving_command=0.01, amperes_per_command=10.0, actuator=None, still_swing_nm=0.01)
 BEGINS_S = 0.75  # of which enabling takes a quarter
 
 
@@ -67,6 +72,13 @@ def shaking(duration_s: float = 1.5) -> Segment:
     )
 
 
+def swaying(duration_s: float = 1.5) -> Segment:
+    """The load sways a spring whose source hardly moves; it reaches some 0.15 rad."""
+    time_s = np.arange(0.0, duration_s, ELASTIC.tick_s)
+    load_nm = 0.4 * np.sin(2 * pi * 1.5 * time_s)
+    return pushed("test", "sway", Use.PREPARE, load_nm, 0.01 * np.sin(2 * pi * 0.8 * time_s))
+
+
 def turns_by(bench: Bench, role: str, change: Callable[[float, float], tuple[float, float]]) -> None:
     """From now on the drive's encoder says ``change(turns, turns_s)`` of what it would say."""
     motor = bench.axis(role).motor
@@ -89,8 +101,7 @@ def flipped_here(bench: Bench, role: str) -> None:
 
 
 def break_coupling(bench: Bench) -> None:
-    plant = bench.backend.world.plant
-    plant._bench = replace(plant._bench, stiffness=0.0, damping=0.0)
+    bench.backend.world.plant.uncouple()
 
 
 def run_away(bench: Bench, role: str, torque_nm: float) -> None:
@@ -104,13 +115,9 @@ def current_by(bench: Bench, role: str, change: Callable[[float], float]) -> Non
     motor.current_a = lambda: change(honest())  # type: ignore[method-assign]
 
 
-def hold_load(bench: Bench) -> None:
-    """The load's shaft is blocked."""
-    plant = bench.backend.world.plant
-    machines = plant._bench.machines.copy()
-    machines[LOAD, INVERSE_INERTIA] = 0.0
-    plant._bench = replace(plant._bench, machines=machines)
-    plant._state[LOAD, VELOCITY] = 0.0
+def hold(bench: Bench, role: str) -> None:
+    """The machine's shaft is blocked."""
+    bench.backend.world.plant.jam(role)  # type: ignore[arg-type]
 
 
 def run(bench: Bench, segment: Segment) -> Measured:
@@ -177,7 +184,7 @@ REST = coasting("test", "rest", Use.PREPARE, np.zeros(1000))
 
 def test_a_load_that_is_held(bench: Bench) -> None:
     push = pushed("test", "push", Use.PREPARE, np.concatenate([np.zeros(700), np.full(1000, 0.12)]))
-    stop, after_s = stopped(bench, hold_load, push)
+    stop, after_s = stopped(bench, lambda b: hold(b, "load"), push)
     assert (stop.by, str(stop)) == ("balance", Matching("the other does not miss: check the load drive"))
     assert after_s < 0.3
 
@@ -213,6 +220,85 @@ def test_an_encoder_that_sticks_while_a_free_shaft_turns() -> None:
         stop, after_s = stopped(bench, lambda b: b.axis("actuator").freeze(), push)
     assert (stop.by, str(stop)) == ("encoder", Matching("actuator encoder: its position is -"))
     assert after_s < 0.1
+
+
+# ---- no law of the actuator is known --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def elastic() -> Iterator[Bench]:
+    with opened(ELASTIC) as made:
+        made.loop.guard.know(ELASTIC_KNOWN)
+        yield made
+
+
+def test_a_healthy_spring_that_is_swayed_is_left_alone(elastic: Bench) -> None:
+    measured = run(elastic, swaying(3.0))
+    assert len(measured.ticks) == 3000
+    assert np.ptp(measured.ticks["position_rad"]) > 0.2
+
+
+@pytest.mark.parametrize(
+    ("fault", "by", "words", "within_s"),
+    [
+        (lambda b: torque_by(b, lambda torque: -torque), "balance", "check the torque sensor's zero, sign", 0.3),
+        (lambda b: torque_by(b, lambda torque: torque + 0.2), "balance", "check the torque sensor's zero, sign", 0.2),
+        (lambda b: run_away(b, "load", 0.0), "balance", "the load drive, its direction", 0.3),
+        (lambda b: run_away(b, "actuator", 0.2), "current", "actuator drive.*follows something else", 0.1),
+        (lambda b: hold(b, "load"), "balance", "and that its shaft turns freely", 0.3),
+        (lambda b: hold(b, "actuator"), "standstill", "stands still at .* while the port torque goes from", 0.2),
+    ],
+)
+def test_without_a_law_of_the_actuator_the_load_and_the_drives_tell(
+    elastic: Bench, fault: Callable[[Bench], None], by: str, words: str, within_s: float
+) -> None:
+    stop, after_s = stopped(elastic, fault, swaying())
+    assert (stop.by, str(stop)) == (by, Matching(words))
+    assert after_s < within_s
+
+
+def test_a_spring_on_a_free_shaft_may_stand_still_under_its_greatest_command() -> None:
+    alone = replace(ELASTIC.wiring, load=None, torque_sensor=None)
+    actuator = {key: value for key, value in ELASTIC.simulated.items() if key not in ("load", "torque_sensor")}
+    with opened(replace(ELASTIC, wiring=alone, simulated=actuator)) as bench:
+        bench.loop.guard.know(ELASTIC_KNOWN)
+        measured = run(bench, coasting("test", "hold", Use.PREPARE, np.minimum(np.linspace(0.0, 0.4, 1500), 0.2)))
+    assert len(measured.ticks) == 1500
+    assert len(np.unique(measured.ticks["position_rad"][-200:])) == 1
+
+
+# ---- two drives, and nothing that reads the torque between them ------------------------------------------------------
+
+
+@pytest.fixture
+def in_situ() -> Iterator[Bench]:
+    with opened(IN_SITU) as made:
+        made.loop.guard.know(TARED)
+        yield made
+
+
+@pytest.mark.parametrize(
+    ("fault", "by", "words", "within_s"),
+    [
+        (lambda b: b.axis("actuator").freeze(), "encoder", "actuator encoder", 0.1),
+        (lambda b: flipped_here(b, "load"), "coupling", "turn opposite ways", 0.1),
+        (break_coupling, "coupling", "actuator and load have turned", 0.2),
+        (lambda b: run_away(b, "actuator", 0.3), "current", "actuator drive.*follows something else", 0.1),
+        (lambda b: run_away(b, "load", -0.4), "current", "load drive.*follows something else", 0.1),
+    ],
+)
+def test_without_a_torque_sensor_encoders_and_currents_are_held_against_each_other(
+    in_situ: Bench, fault: Callable[[Bench], None], by: str, words: str, within_s: float
+) -> None:
+    stop, after_s = stopped(in_situ, fault, shaking())
+    assert (stop.by, str(stop)) == (by, Matching(words))
+    assert after_s < within_s
+
+
+@pytest.mark.parametrize("role", ["actuator", "load"])
+def test_without_a_torque_sensor_a_shaft_that_is_held_is_not_seen(in_situ: Bench, role: str) -> None:
+    in_situ.after(BEGINS_S, lambda: hold(in_situ, role))
+    assert len(run(in_situ, shaking()).ticks) == 1500
 
 
 def test_one_bad_reading_is_let_pass(bench: Bench) -> None:

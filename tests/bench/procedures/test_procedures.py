@@ -13,17 +13,18 @@ from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import CATALOGUE, make_procedures
 from bench.procedures.free import FreeProcedure
 from bench.procedures.imposed import ImposedProcedure
-from bench.procedures.knowledge import Knowledge, Procedure
+from bench.procedures.knowledge import Knowledge, Procedure, Tare
 from bench.procedures.options import TareOptions
 from bench.procedures.tare import TareProcedure
 from bench.procedures.validate import ValidateProcedure
 from bench.records import Measured
 from bench.rig.load import load_rig
-from bench.rig.rig import Rig
+from bench.rig.rig import Command, Rig
 from bench.segments import LoadMode, Segment
 from tests.bench.bench_in_simulation import opened
 
-RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
+RIGS = Path(__file__).parents[3] / "rigs"
+RIG = load_rig(RIGS / "sim-odrive.toml")
 ALL: tuple[Procedure, ...] = (
     TareProcedure(),
     CalibrateProcedure(),
@@ -135,3 +136,39 @@ def test_tare_finds_bias_and_noise() -> None:
     # The rig's simulated sensor: 1 mN·m of noise; bias 3 mN·m; a thousand samples.
     assert known.tare.torque_noise_nm == pytest.approx(1e-3, rel=0.1)
     assert known.tare.torque_bias_nm == pytest.approx(3e-3, abs=4e-3 / np.sqrt(1000))
+    # Both frictions together, 28 mN·m, held against 0.95 and 0.9 of what is told, and what gaining speed takes.
+    assert known.tare.moving_load_nm == pytest.approx(0.035, rel=0.2)
+    assert known.tare.moving_command == pytest.approx(0.037, rel=0.2)
+    assert known.tare.moving_load_nm < known.tare.moving_command
+
+
+def test_tare_says_nothing_of_pushes_that_were_not_made() -> None:
+    free = load_rig(RIGS / "sim-free-shaft.toml")
+    with opened(free) as bench:
+        known = carry_out(TareProcedure(TareOptions(0.5)), Knowledge(free), bench.loop)
+    assert known.tare is not None
+    assert (known.tare.moving_load_nm, known.tare.moving_command is None) == (None, False)
+
+
+def shaken_nm(command: Command, tare: Tare | None) -> float:
+    """The greatest load torque of the calibration's search, on a rig whose load may give 1 N·m."""
+    known = Knowledge(replace(RIG, command=command), tare)
+    return float(np.max(np.abs(next(CalibrateProcedure().plan(known)).load_torque_nm)))
+
+
+@pytest.mark.parametrize(
+    ("command", "moving", "greatest_nm"),
+    [
+        (Command("N*m", 0.5), (0.04, 0.04), 1.0),
+        (Command("N*m", 0.12), (0.06, 0.06), 0.36),
+        (Command("A", 3.0), (0.75, -0.05), 0.6),
+        (Command("N*m", 0.12), (0.06, None), 1.0),
+        (Command("N*m", 0.12), (None, 0.06), 1.0),
+        (Command("rad", 0.4, sent_as="N*m"), (0.1, 0.01), 1.0),
+    ],
+)
+def test_the_load_shakes_no_more_than_three_times_as_hard_as_the_actuator(
+    command: Command, moving: tuple[float | None, float | None], greatest_nm: float
+) -> None:
+    tare = Tare(0.0, 1e-3, 1e-3, 1e-3, 1e-3, *moving)
+    assert shaken_nm(command, tare) == pytest.approx(shaken_nm(command, None) * greatest_nm)

@@ -2,6 +2,7 @@
 
 import sys
 import types
+from math import inf
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +15,7 @@ from bench.rig.files import parse_toml
 from bench.rig.load import load_rig, parse_rig
 from bench.rig.new.interview import Interview
 from bench.rig.new.questions import Prepared
+from bench.rig.rig import Command
 from drivers import registry
 from drivers.discovery import FoundPort
 from drivers.options import DeviceOptions
@@ -59,12 +61,38 @@ def test_a_rig_file_answers_for_itself(path: Path) -> None:
     known = {"torque_sensor.driver": "none"}  # unless it is there
     known |= _flat({key: value for key, value in written.items() if key != "simulated"})
     again, rig = rig_of(known), load_rig(path)
-    command = again.command.unit, again.command.limit  # what else may be said of it is not asked for
-    assert (again.wiring.devices(), again.limits, command) == (
+    assert (again.wiring.devices(), again.limits, again.command, again.modelled) == (
         rig.wiring.devices(),
         rig.limits,
-        (rig.command.unit, rig.command.limit),
+        rig.command,
+        rig.modelled,
     )
+
+
+def test_a_motor_is_what_is_taken_for_granted() -> None:
+    asker = Prepared(DYNO)
+    assert 'model = "dahl_motor"' in Interview(asker, "bench").rig()
+    assert rig_of(DYNO).modelled
+    assert not {"actuator.command.lowest", "actuator.command.sent_as"} & set(asker.asked)
+
+
+def test_without_a_model_the_command_may_stand_for_something_else() -> None:
+    muscle = {**DYNO, "actuator.model": "none", "actuator.command": "0.05 N*m/rad", "actuator.command.sent_as": "N*m"}
+    rig = rig_of({**muscle, "actuator.command.lowest": "0 N*m/rad"})
+    assert (rig.modelled, rig.command) == (False, Command("N*m/rad", 0.05, 0.0, "N*m"))
+    assert rig_of(muscle).command.lowest == -inf
+    plain = rig_of({**DYNO, "actuator.model": "none"})
+    assert (plain.modelled, plain.command) == (False, Command("N*m", 0.5))
+
+
+def test_a_load_without_a_torque_sensor_is_asked_for_and_told() -> None:
+    asker = Prepared({key: value for key, value in DYNO.items() if not key.startswith("torque_sensor")})
+    with pytest.raises(UsageError, match=r"torque_sensor.driver is not answered.*identified in situ"):
+        Interview(asker, "bench").rig()
+    in_situ = {**asker.answers, "torque_sensor.driver": "none"}
+    del in_situ["limits.torque"]
+    rig = rig_of(in_situ)
+    assert (rig.wiring.torque_sensor, rig.wiring.load is None) == (None, False)
 
 
 def test_every_option_stands_in_the_file_with_what_it_is() -> None:
@@ -82,6 +110,9 @@ def test_every_option_stands_in_the_file_with_what_it_is() -> None:
         ("actuator.node", "one", 'expected a whole number, not "one"'),
         ("actuator.command", "0.5 Nx", '"Nx" is not a unit known here'),
         ("actuator.command", "-1 A", "not a quantity greater than 0"),
+        ("actuator.model", "muscle", '"muscle" is none of dahl_motor, none'),
+        ("actuator.command.lowest", "0 A", "is not in N*m"),
+        ("actuator.command.sent_as", "Nx", '"Nx" is not a unit known here'),
         ("limits.velocity", "100 Hz", "is not in rad/s"),
         ("limits.torque", "0 N*m", "must be greater than 0"),
         ("rig.rate", "fast", "is not a quantity"),

@@ -89,6 +89,8 @@ def test_the_guard_is_told_what_tare_and_calibrate_find(tmp_path: Path, monkeypa
     assert known.torque.greatest_step_nm is not None
     assert 5e-3 < known.torque.greatest_step_nm < 0.2
     assert known.sensor_stiffness_nm_rad == pytest.approx(truth.torque_sensor.stiffness_nm_rad, rel=0.1)
+    assert known.still_swing_nm is not None
+    assert 2e-3 < known.still_swing_nm < 0.1
     assert known.amperes_per_command == pytest.approx(truth.actuator.motor.Ka, rel=0.05)
     assert known.load_amperes_per_nm == pytest.approx(truth.load.motor.Ka, rel=0.1)
     breakaway = (truth.actuator.motor.tau_c + truth.load.motor.tau_c) / (
