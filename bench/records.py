@@ -71,12 +71,18 @@ class SegmentInfo:
     preview: bool = False
 
 
+# What an in-situ experiment takes its load for (bench.identification.load_taken).
+LOAD_TAKEN = "load"
+# Kinds of events that are for programs: people are told the same in other places.
+FOR_PROGRAMS = ("segment", LOAD_TAKEN)
+
+
 @dataclass(frozen=True)
 class Event:
     """Something that happened once, in words."""
 
     stamp_ns: int
-    kind: str  # "stop", "drive", "watchdog", "bus", "device", "operator", "fault", "step" (finished), "answer"
+    kind: str  # "stop", "drive", "watchdog", "bus", "device", "operator", "fault", "step" (finished), "answer", "load"
     text: str
 
 

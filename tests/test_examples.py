@@ -32,7 +32,8 @@ def example(name: str, *arguments: object, folder: Path) -> str:
     done = subprocess.run(
         [sys.executable, str(ROOT / "examples" / name), *map(str, arguments)],
         cwd=folder,
-        env={"TMPDIR": str(folder), "PATH": ""},
+        # One thread: those of linear algebra wait in loops, on cores that other tests need.
+        env={"TMPDIR": str(folder), "PATH": "", "OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
         timeout=200,

@@ -42,6 +42,8 @@ def _figures(timing: "LoopTiming") -> dict[str, Any]:
 def _facts(found: "Recording", facts: dict[str, str]) -> "Table":
     from rich.table import Table  # noqa: PLC0415
 
+    from bench.records import FOR_PROGRAMS  # noqa: PLC0415
+
     table = Table.grid(padding=(0, 2))
     for name, words in facts.items():
         table.add_row(name.replace("_", " "), words)
@@ -50,7 +52,8 @@ def _facts(found: "Recording", facts: dict[str, str]) -> "Table":
         table.add_row("bench time", f"{(ticks[-1] - ticks[0]) * 1e-9:.1f} s")
     table.add_row("state", "complete" if found.complete else "cut off; norton-bench recover mends it")
     for event in found.measured.events:
-        table.add_row(event.kind, event.text)
+        if event.kind not in FOR_PROGRAMS:
+            table.add_row(event.kind, event.text)
     return table
 
 

@@ -61,7 +61,7 @@ def fit(
     output.say(f"fitting {first}")
     _, found = conclude_recording(first, _made(out))
     output.result(identification(found, first), summary(found, first))
-    sound = found.fit is not None and found.fit.converged and not found.fit.doubtful
+    sound = found.fit is None or (found.fit.converged and not found.fit.doubtful)
     return ExitCode.OK if sound else ExitCode.EXPERIMENT_FAILED
 
 

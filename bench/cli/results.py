@@ -18,7 +18,7 @@ from bench.identification.results import FitResult, Validation
 from bench.identification.trials import TrialFigures, last_driven, settled
 from bench.models.parameters import BY_NAME, Estimate
 from bench.procedures.refinement import Refinement, in_percent, widest_of, words
-from bench.records import Measured
+from bench.records import FOR_PROGRAMS, Measured
 from bench.report.loops import bench_time_s
 from bench.session.conclusion import Conclusion
 from bench.session.progress import Judged
@@ -47,7 +47,7 @@ def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
 
 def events(measured: Measured) -> list[dict[str, Any]]:
     """What happened on the way, for ``--json``; times as in the report, from the first tick."""
-    told = [event for event in measured.events if event.kind != "segment"]
+    told = [event for event in measured.events if event.kind not in FOR_PROGRAMS]
     times_s = bench_time_s(measured, [event.stamp_ns for event in told])
     return [
         {"time_s": float(time_s), "kind": event.kind, "text": event.text}

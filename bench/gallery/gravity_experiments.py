@@ -13,7 +13,6 @@ from bench.segments import Use
 
 PORTS = ACTUATOR, EXTERNAL = "actuator", "external"
 LEVEL = 0.8  # of the greatest command
-ROUNDS = 4
 SIGNS = (1.0, -1.0)
 # Let go from so far on either side, and how.
 AWAY_RAD, SPEED_RAD_S = 0.25, 0.5
@@ -30,6 +29,7 @@ class TwoPorts:
     the actuator's port the bench carries the arm behind it; at the external port the motor carries both.
     """
 
+    rounds: int = 4
     name: ClassVar[str] = "gallery ports"
 
     def require(self, rig: Rig) -> None:
@@ -38,11 +38,11 @@ class TwoPorts:
     def duration_s(self, rig: Rig) -> float:
         away_s = 2 * AWAY_RAD / SPEED_RAD_S + 0.4
         each_s = LEAVE_S + SETTLE_S + 4 * away_s + 2 * (EASING_S + SETTLE_S + FORGET_S)
-        return ROUNDS * len(SIGNS) * each_s + LEAVE_S
+        return self.rounds * len(SIGNS) * each_s + LEAVE_S
 
     def plan(self, known: Knowledge) -> Plan:
         rig, tick_s, before = known.rig, known.tick_s, 0.0
-        for _ in range(ROUNDS):
+        for _ in range(self.rounds):
             for sign in SIGNS:
                 command = sign * LEVEL * rig.command.limit
                 yield zero_torque(self.name, "change", Use.PREPARE, ramp(before, command, LEAVE_S, tick_s), rig)

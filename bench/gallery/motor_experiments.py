@@ -24,12 +24,12 @@ MOVE_S, REST_S = 0.1, 0.3
 
 # Free: the command in multiples of the threshold. The last part of a dwell is looked at, after some ten time constants.
 FREE_LEVELS = (0.5, 1.6, 2.4, 3.3)
-FREE_ROUNDS, FREE_DWELL_S, FREE_LOOK_S = 6, 0.8, 0.3
+FREE_DWELL_S, FREE_LOOK_S = 0.8, 0.3
 
 # Steady: velocities in multiples of the free one, under one command.
 STEADY_LEVEL = 2.4
 STEADY_SHARES = (0.2, 0.5, 0.8, 1.1)
-STEADY_ROUNDS, STEADY_CHANGE_S, STEADY_DWELL_S, STEADY_LOOK_S = 5, 0.2, 0.4, 0.3
+STEADY_CHANGE_S, STEADY_DWELL_S, STEADY_LOOK_S = 0.2, 0.4, 0.3
 
 # Stops: from a creep, the load's torque is taken back by so much, until friction holds the shaft.
 STOP_LEVEL = 2.4
@@ -56,14 +56,15 @@ class _Motor:
 class FreeLevels(_Motor):
     """Zero torque at the port while each command is held, approached from below and from above by turns."""
 
+    rounds: int = 6
     name: ClassVar[str] = "gallery free"
 
     def duration_s(self, rig: Rig) -> float:
-        return FREE_ROUNDS * 2 * len(FREE_LEVELS) * FREE_DWELL_S + REST_S
+        return self.rounds * 2 * len(FREE_LEVELS) * FREE_DWELL_S + REST_S
 
     def plan(self, known: Knowledge) -> Plan:
         threshold = threshold_of(known)
-        for turn in range(FREE_ROUNDS):
+        for turn in range(self.rounds):
             rising = turn % 2 == 0
             for level in FREE_LEVELS if rising else FREE_LEVELS[::-1]:
                 for side in SIDES:
@@ -84,16 +85,17 @@ class FreeLevels(_Motor):
 class SteadySpeeds(_Motor):
     """One command, several velocities imposed."""
 
+    rounds: int = 5
     name: ClassVar[str] = "gallery steady"
 
     def duration_s(self, rig: Rig) -> float:
-        return STEADY_ROUNDS * 2 * len(STEADY_SHARES) * (STEADY_CHANGE_S + STEADY_DWELL_S)
+        return self.rounds * 2 * len(STEADY_SHARES) * (STEADY_CHANGE_S + STEADY_DWELL_S)
 
     def plan(self, known: Knowledge) -> Plan:
         tick_s, before = known.tick_s, 0.0
         command, free_rad_s = STEADY_LEVEL * threshold_of(known), free_velocity_rad_s(known, STEADY_LEVEL)
         held = hold(0.0, STEADY_DWELL_S, tick_s)
-        for turn in range(STEADY_ROUNDS):
+        for turn in range(self.rounds):
             for share in STEADY_SHARES if turn % 2 == 0 else STEADY_SHARES[::-1]:
                 for side in SIDES:
                     speed = side * share * free_rad_s

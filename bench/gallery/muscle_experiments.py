@@ -13,7 +13,6 @@ from bench.segments import Use
 
 # Commands as shares of the greatest; both ends of a sweep, and its speed.
 LEVELS = (0.5, 1.0)
-ROUNDS = 5
 REACH_RAD, SPEED_RAD_S = 0.45, 0.4
 SETTLE_S, LOOK_S, LEAVE_S = 1.2, 0.3, 0.5
 REFERENCES, REFERENCE_RAD = 4, 0.15
@@ -23,6 +22,7 @@ REFERENCES, REFERENCE_RAD = 4, 0.15
 class MuscleSweeps:
     """Under each command: the free port's place, reached from either side, and the torque along slow sweeps."""
 
+    rounds: int = 5
     name: ClassVar[str] = "gallery muscle"
 
     def require(self, rig: Rig) -> None:
@@ -31,11 +31,11 @@ class MuscleSweeps:
     def duration_s(self, rig: Rig) -> float:
         each_s = 2 * (2 * REACH_RAD / SPEED_RAD_S + REACH_RAD / SPEED_RAD_S + SETTLE_S + 0.6)
         reference_s = SETTLE_S + 2 * REFERENCES * (2 * REFERENCE_RAD / SPEED_RAD_S + 0.2)
-        return ROUNDS * len(LEVELS) * (each_s + LEAVE_S + SETTLE_S) + reference_s
+        return self.rounds * len(LEVELS) * (each_s + LEAVE_S + SETTLE_S) + reference_s
 
     def plan(self, known: Knowledge) -> Plan:
         rig, tick_s, before = known.rig, known.tick_s, 0.0
-        for _ in range(ROUNDS):
+        for _ in range(self.rounds):
             for share in LEVELS:
                 command = share * rig.command.limit
                 yield zero_torque(self.name, "change", Use.PREPARE, ramp(before, command, LEAVE_S, tick_s), rig)

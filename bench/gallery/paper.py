@@ -10,6 +10,7 @@ from bench.errors import ExperimentError, UsageError
 from bench.gallery.catalogue import CATALOGUE
 from bench.gallery.claim import Experiment, Row, Shown
 from bench.procedures.calibrate import CalibrateProcedure
+from bench.procedures.knowledge import Adaptive, Procedure
 from bench.procedures.tare import TareProcedure
 from bench.report.svg import style, svg
 from bench.rig.load import load_rig
@@ -74,13 +75,14 @@ def prove(name: str, rig: Rig, seed: int) -> tuple[Proof, ...]:
     return tuple(_drawn(claim, seed) for claim in shown)
 
 
-def measure(name: str, rig: Rig, seed: int) -> Experiment:
-    """What the experiment of that name measures, and what is true meanwhile."""
+def measure(name: str, rig: Rig, seed: int, procedures: Sequence[Procedure | Adaptive] | None = None) -> Experiment:
+    """What the experiment of that name measures, and what is true meanwhile; ``procedures`` in place of its own."""
+    chosen = CATALOGUE[name].procedures if procedures is None else procedures
 
     def script(_so_far: SoFar) -> Script:
         yield TareProcedure()
         yield CalibrateProcedure()
-        yield from CATALOGUE[name].procedures
+        yield from chosen
 
     with TemporaryDirectory(prefix="norton-bench-") as folder:
         recorded = record_script(replace(rig, candump=False), script, out=Path(folder), seed=seed)

@@ -106,10 +106,27 @@ def figures_of(number: int, torque_nm: FloatArray, noise_nm: float, tick_s: floa
 def trials(measured: Measured, tick_s: float, procedure: str) -> tuple[TrialFigures, ...]:
     """The figures of every trial of ``procedure`` that a torque sensor saw, from its recording; of the last movement,
     where there were several."""
+    return tuple(_figures(measured, segment, tick_s) for segment in trial_segments(measured, procedure))
+
+
+def trial_segments(measured: Measured, procedure: str) -> list[SegmentInfo]:
+    """The segments of the trials of ``procedure``; of the last movement, where there were several."""
     chosen = [each for each in measured.segments if each.procedure == procedure and each.name.startswith(TRIAL)]
-    found = [_figures(measured, segment, tick_s) for segment in chosen]
-    first = max((place for place, figures in enumerate(found) if figures.number == 1), default=0)
-    return tuple(found[first:])
+    first = max((place for place, segment in enumerate(chosen) if number_of(segment) == 1), default=0)
+    return chosen[first:]
+
+
+def number_of(segment: SegmentInfo) -> int:
+    """Of a trial, from 1."""
+    return int(segment.name.removeprefix(TRIAL))
+
+
+def sent(measured: Measured, segment: SegmentInfo, column: str, ticks: int, tick_s: float) -> FloatArray:
+    """A column of the segment's ticks, (ticks,): what was sent last goes on where a tick was missed."""
+    rows = measured.ticks[measured.ticks["segment"] == segment.index]
+    numbers = np.round((rows["tick_ns"] - segment.start_ns) * 1e-9 / tick_s).astype(np.int64)
+    last = np.searchsorted(numbers, np.arange(ticks), side="right") - 1
+    return np.asarray(rows[column][np.maximum(last, 0)], dtype=np.float64)
 
 
 def last_driven(found: Sequence[TrialFigures]) -> TrialFigures:
@@ -141,7 +158,7 @@ def _figures(measured: Measured, segment: SegmentInfo, tick_s: float) -> TrialFi
     found = seen(measured, segment, ticks, tick_s)
     if found.torque_nm is None:
         raise ExperimentError(f"{segment.name}: no torque was read")
-    return figures_of(int(segment.name.removeprefix(TRIAL)), found.torque_nm, found.torque_noise_nm, tick_s)
+    return figures_of(number_of(segment), found.torque_nm, found.torque_noise_nm, tick_s)
 
 
 def _band(size: int, tick_s: float) -> FloatArray:

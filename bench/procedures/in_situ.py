@@ -13,9 +13,9 @@ import numpy as np
 
 from bench.errors import ExperimentError, RigError
 from bench.identification.assembly import actuator_behind, load_by_twist
-from bench.identification.in_situ import Exerted, figures
+from bench.identification.in_situ import IN_SITU, Exerted, Trial, figures, why_not_settled
 from bench.identification.machine import Machine
-from bench.identification.trials import TRIAL, diverge, seen, settled
+from bench.identification.trials import TRIAL, diverge, settled
 from bench.models.network import NortonNetwork
 from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.in_situ_state import Assembly, InSitu
@@ -24,7 +24,7 @@ from bench.procedures.learning import Models, lesson, next_load_torque
 from bench.procedures.makers import coasting, pushed
 from bench.procedures.options import InSituOptions
 from bench.procedures.waves import hold, multisine, ramp
-from bench.records import Measured
+from bench.records import LOAD_TAKEN, Measured
 from bench.rig.rig import Rig
 from bench.segments import FloatArray, Use
 
@@ -43,7 +43,7 @@ class Shake:
     """Load and actuator shaken, each in its own way, and told apart."""
 
     options: InSituOptions
-    name: ClassVar[str] = "in_situ"
+    name: ClassVar[str] = IN_SITU
 
     def require(self, rig: Rig) -> None:
         """Checked before."""
@@ -62,6 +62,11 @@ class Shake:
             raise ExperimentError(f"in_situ: {fault}; shake it more, or see that the load drive's torque moves it")
         models = Models(Machine.of_fit(actuator), load)
         return replace(known, in_situ=_planned(self.options, Assembly(models, said), known))
+
+    def told(self, known: Knowledge) -> tuple[str, str]:
+        """The load's values."""
+        assert known.in_situ is not None
+        return LOAD_TAKEN, known.in_situ.load.as_text()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +101,11 @@ class Movement:
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         before, tick_s = self.state, known.tick_s
         assert before.assembly is not None
-        models, command = before.assembly.models, before.command
-        found = seen(measured, measured.segments[-1], len(command), tick_s)
-        torque_nm = -models.load.torque_nm(self.load_torque_nm, found.load_position_rad, tick_s)
-        taught = lesson(models, command, self.load_torque_nm, found, torque_nm, tick_s)
-        exerted = Exerted.of(self.number, self.driven, torque_nm, found.position_rad, tick_s)
+        trial = Trial.of(measured, measured.segments[-1], before.load, tick_s)
+        taught = lesson(
+            before.assembly.models, before.command, trial.load_torque_nm, trial.seen, trial.torque_nm, tick_s
+        )
+        exerted = Exerted.of(self.number, self.driven, trial, tick_s)
         after = replace(before, trials=(*before.trials, exerted), lessons=(*before.lessons, taught))
         return replace(known, in_situ=after)
 
@@ -129,13 +134,8 @@ class InSituProcedure:
             said = "the assembly is shaken, to tell load and actuator apart"
             return Decision(replace(known, in_situ=None), Shake(self.options), said)
         found = figures(state.trials)
-        if settled(found):
+        if settled(found) or diverge(found) or len(found) >= self.options.trials:
             return _done(known, state)
-        if diverge(found):
-            return _done(known, state, "it does not converge: two trials in a row were worse than one before them")
-        if len(state.trials) >= self.options.trials:
-            reason = f"after {len(state.trials)} trials there was still more than movements differ by"
-            return _done(known, state, reason)
         return _next(known, state)
 
 
@@ -152,10 +152,9 @@ def _next(known: Knowledge, state: InSitu) -> Decision:
     return Decision(known, Movement(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")
 
 
-def _done(known: Knowledge, state: InSitu, *reasons: str) -> Decision:
-    end = "; ".join(reasons) if reasons else "converged: that is what movements differ by anyway"
-    finished = replace(state, finished=True, reasons=reasons)
-    return Decision(replace(known, in_situ=finished), None, f"{in_words(state)}; {end}")
+def _done(known: Knowledge, state: InSitu) -> Decision:
+    end = "; ".join(why_not_settled(figures(state.trials))) or "converged: that is what movements differ by anyway"
+    return Decision(replace(known, in_situ=replace(state, finished=True)), None, f"{in_words(state)}; {end}")
 
 
 def in_words(state: InSitu) -> str:

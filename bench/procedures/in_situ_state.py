@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bench.identification.in_situ import Exerted, InSituResult, figures, source_motion
+from bench.identification.in_situ import Exerted
+from bench.identification.load_taken import LoadTaken
 from bench.procedures.learning import Lesson, Models
 from bench.segments import FloatArray
 
@@ -27,8 +28,9 @@ class InSitu:
     trials: tuple[Exerted, ...] = ()
     lessons: tuple[Lesson, ...] = ()
     finished: bool = False
-    reasons: tuple[str, ...] = ()
 
-    def result(self, tick_s: float) -> InSituResult:
-        said = self.assembly.said if self.assembly is not None else ()
-        return InSituResult(figures(self.trials), source_motion(self.trials, self.command, tick_s), said, self.reasons)
+    @property
+    def load(self) -> LoadTaken:
+        """What the recording must tell of the load; asked for once the assembly was shaken."""
+        assert self.assembly is not None
+        return LoadTaken(self.assembly.models.load, self.assembly.said, len(self.command))

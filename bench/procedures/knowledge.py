@@ -86,6 +86,15 @@ class Procedure(Protocol):
         ...
 
 
+@runtime_checkable
+class Telling(Protocol):
+    """A procedure that finds something which its recording must tell, for the same to be concluded from that alone."""
+
+    def told(self, known: Knowledge) -> tuple[str, str]:
+        """Kind and text of an event, once it has concluded."""
+        ...
+
+
 @dataclass(frozen=True)
 class Decision:
     """What an adaptive step does next: None when it is done. ``said`` is worth a line to whoever watches."""

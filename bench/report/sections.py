@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.guard.commands import Limited
 from bench.loop.timing import LoopTiming, loop_timing, timing_rows, timing_sentence
-from bench.records import Table
+from bench.records import FOR_PROGRAMS, Table
 from bench.report.data import ReportData
 from bench.report.figures_fit import live_figure, residual_figure, validation_figure
 from bench.report.figures_network import blocked_figure, impedance_figure, source_map_figure
@@ -198,7 +198,7 @@ def timing_section(data: ReportData) -> Section | None:
 def events_section(data: ReportData) -> Section | None:
     if data.measured is None or not data.measured.events:
         return None
-    told = [event for event in data.measured.events if event.kind != "segment"]
+    told = [event for event in data.measured.events if event.kind not in FOR_PROGRAMS]
     times_s = bench_time_s(data.measured, [event.stamp_ns for event in told])
     rows = tuple((f"{time_s:.3f}", event.kind, event.text) for time_s, event in zip(times_s, told, strict=True))
     if not rows:

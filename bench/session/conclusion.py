@@ -12,7 +12,7 @@ from bench.errors import ExperimentError, UsageError
 from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
 from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit_signals
-from bench.identification.in_situ import InSituResult
+from bench.identification.in_situ import InSituResult, in_situ_result
 from bench.identification.ladder import Rung
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
@@ -81,13 +81,10 @@ def conclude(
     recording: Path,
     out: Path,
     notes: Sequence[str] = (),
-    in_situ: InSituResult | None = None,
 ) -> Conclusion:
-    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report.
-
-    ``in_situ`` is what an in-situ experiment of the session has found on its way.
-    """
+    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report."""
     uses = {segment.use for segment in measured.segments}
+    in_situ = _where_measured(partial(in_situ_result, tick_s=float(metadata["tick_s"])), measured)
     if Use.IDENTIFY not in uses and in_situ is None:
         return Conclusion()
     about = {**metadata, "recording": recording.name}

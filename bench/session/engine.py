@@ -151,7 +151,7 @@ def _told(terms: Terms, rig: Rig, session: Session, experiment: Callable[[], Exp
 def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment) -> SessionResult:
     done = _recorded(terms, rig, session, experiment)
     (terms.progress or Silent()).state(SessionState.CONCLUDING)
-    refined, in_situ = done.knowledge.refinement, done.knowledge.in_situ
+    refined = done.knowledge.refinement
     conclusion = conclude(
         done.measured,
         rig_text=rig.text,
@@ -160,7 +160,6 @@ def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment)
         recording=done.recording,
         out=terms.out,
         notes=() if refined is None else refined.sentences,
-        in_situ=None if in_situ is None else in_situ.result(rig.tick_s),
     )
     expected = judge(session.expectations, conclusion, rig.command.unit)
     return SessionResult(done.recording, conclusion, done.knowledge, done.measured, expected)

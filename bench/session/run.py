@@ -7,7 +7,7 @@ from bench.errors import OperatorStopError
 from bench.loop.bench_loop import BenchLoop
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import CATALOGUE, needed_by
-from bench.procedures.knowledge import Adaptive, Knowledge, Procedure
+from bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Telling
 from bench.procedures.tare import TareProcedure
 from bench.recording.recorder import Recorder
 from bench.records import Measured
@@ -136,9 +136,12 @@ class Run:
         known, record = self.so_far.known, self.past.finished(procedure.name)
         if record is not None:
             self.learn(replace(procedure.conclude(known, record), records=(*known.records, record)))
-            return
-        self._carry_out_now(procedure)
-        self.loop.tell(FINISHED, procedure.name)
+        else:
+            self._carry_out_now(procedure)
+        if isinstance(procedure, Telling):
+            self.loop.tell(*procedure.told(self.so_far.known))
+        if record is None:
+            self.loop.tell(FINISHED, procedure.name)
 
     def _carry_out_now(self, procedure: Procedure) -> None:
         self.recorder.check()

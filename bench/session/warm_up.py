@@ -1,21 +1,19 @@
 """Compiled code made ready before anything is opened: the first run compiles for seconds, later ones only load."""
 
-from contextlib import suppress
 from functools import cache
 
 import numpy as np
 
 from bench.control.admittance import AdmittanceController
 from bench.control.calibration import LoadCalibration
-from bench.errors import ExperimentError
-from bench.identification.fit import fit_signals
+from bench.identification.current import fit_current
 from bench.identification.friction.family import family_for
 from bench.identification.friction.path import Path
 from bench.identification.friction.sums import part_sums
+from bench.identification.kernels import FULL_BAND
 from bench.identification.live.identifier import LiveIdentifier
-from bench.identification.load import fit_load
-from bench.identification.model_free.without_model import without_model
-from bench.identification.signals import Port, signals
+from bench.identification.regression import Regression, Shape
+from bench.identification.signals import Port, Signals, signals
 from bench.models.network import NortonNetwork
 from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
 from bench.segments import Use
@@ -25,6 +23,7 @@ DURATION_S, PART_S = 3.0, 0.5
 COMMAND_UNIT = "N*m"
 # Any machine will do.
 NETWORK = NortonNetwork(1.0, 500.0, 1e-4, 1e-3, 0.02, 10.0, 0.01, command_unit=COMMAND_UNIT)
+SHAPE = Shape(500.0, 500.0, TICK_S, 0.0)
 LOAD = LoadCalibration(1.0, 1e3, 1e-4, 1e-3, 0.01, 10.0, 0.01, 1.5e-3, 0.0, 200.0, 0.01, 1e-3, 0.0, 5e-5, -1e-3, 1e-4)
 
 
@@ -35,13 +34,18 @@ def warm_up() -> None:
     live = LiveIdentifier(COMMAND_UNIT, TICK_S)
     for begun_s in np.arange(0.0, DURATION_S, PART_S):
         live.update(measured.between(round(begun_s * 1e9), round((begun_s + PART_S) * 1e9)))
-    with suppress(ExperimentError):
-        fit_load(measured, TICK_S)
-    stretches = signals(measured, TICK_S, Use.CALIBRATE, Port.ACTUATOR)
-    without_model(fit_signals(stretches, command_unit=COMMAND_UNIT), stretches, (), measured.segments)
+    _warm_fit(signals(measured, TICK_S, Use.CALIBRATE, Port.ACTUATOR))
     AdmittanceController(LOAD, TICK_S, torque_limit_nm=1.0)
     NETWORK.free_motion([0.0], TICK_S)
     _warm_friction()
+
+
+def _warm_fit(stretches: tuple[Signals, ...]) -> None:
+    """What a fit asks for at every step of its search: once, for the search itself takes a second."""
+    regression = Regression.of(stretches, FULL_BAND).recounted(SHAPE)
+    columns, _ = regression.columns(SHAPE)
+    regression.jacobian(SHAPE, columns, np.ones(len(columns)))
+    fit_current(stretches, SHAPE.bandwidth_rad_s, SHAPE.command_delay_s, 1.0, 0.1)
 
 
 def _warm_friction() -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from time import perf_counter
 
 from bench.identification.results import LiveEstimate
-from bench.records import Measured, SegmentInfo
+from bench.records import FOR_PROGRAMS, Measured, SegmentInfo
 from bench.rig.rig import Rig
 from bench.screen.picture.health import Health
 from bench.screen.picture.known import Known
@@ -82,7 +82,7 @@ class Picture:
         self.known.take(live)
         self.steps.advance(self.now_s)
         for event in measured.events:
-            if event.kind == FINISHED_STEP:
+            if event.kind in (FINISHED_STEP, *FOR_PROGRAMS):
                 continue
             stamp_s = None if self._first_ns is None else (event.stamp_ns - self._first_ns) * 1e-9
             self.log.add(Line(stamp_s, event.kind, event.text))

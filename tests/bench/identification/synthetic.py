@@ -224,7 +224,7 @@ def calibration(seed=0, truth=None, bench=None, duration_s=8.0, share=0.5):
     return run(plan.add("calibrate", "rest", Use.PREPARE, np.zeros(300), PUSHED), truth, bench, seed)
 
 
-def experiment(seed=0, truth=None, bench=None, *, free=True, blocked=True, imposed=True):
+def experiment(seed=0, truth=None, bench=None, *, free=True, blocked=True, imposed=True, multisine_s=20.0):
     truth, bench = truth or Truth(), bench or Bench()
     rng = np.random.default_rng([seed, 6])
     plan = Plan().add("tare", "rest", Use.TARE, np.zeros(300), PUSHED)
@@ -233,7 +233,7 @@ def experiment(seed=0, truth=None, bench=None, *, free=True, blocked=True, impos
     if blocked:
         blocked_parts(plan, truth)
     if imposed:
-        imposed_parts(plan, truth, rng)
+        imposed_parts(plan, truth, rng, multisine_s)
     return run(plan, truth, bench, seed)
 
 

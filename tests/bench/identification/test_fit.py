@@ -194,7 +194,7 @@ def test_intervals_hold_what_they_promise(bench):
     deviations = []
     for seed in range(40, 46):
         truth = Truth(*(Truth().array() * 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)))
-        measured = synthetic.experiment(seed, truth, bench=bench, blocked=False)
+        measured = synthetic.experiment(seed, truth, bench=bench, free=False, blocked=False)
         deviations.append(deviates(fit(measured, command_unit="N*m", tick_s=TICK_S), truth))
     # Of 42 intervals of 95 %, fewer than 35 hold the truth once in a thousand; the rms is 1 ± 0.11.
     assert np.count_nonzero(np.abs(deviations) < 1.96) >= 35

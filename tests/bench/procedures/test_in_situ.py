@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bench.errors import ExperimentError, RigError
-from bench.identification.in_situ import Exerted, InSituResult, figures, in_band_motion
+from bench.identification.in_situ import Exerted, InSituResult, figures, in_band_motion, in_situ_result
+from bench.identification.load_taken import LoadTaken
 from bench.identification.trials import settled
 from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.carry_out import carry_out
@@ -16,6 +17,7 @@ from bench.procedures.in_situ import InSituProcedure
 from bench.procedures.knowledge import Knowledge
 from bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
 from bench.procedures.tare import TareProcedure
+from bench.records import LOAD_TAKEN, Event, Measured, join
 from bench.rig.load import load_rig, parse_rig
 from bench.rig.rig import Rig
 from bench.session.supervision import learned
@@ -55,9 +57,20 @@ def carried_out(
         while (decision := step.following(known)).procedure is not None:
             said.append(decision.said)
             known = carry_out(decision.procedure, decision.known, watched)
-        assert decision.known.in_situ is not None
-        result = decision.known.in_situ.result(rig.tick_s)
+        result = concluded(decision.known)
         return Found(decision.known, result, watched.true_rms_nm, [*said, decision.said])
+
+
+def concluded(known: Knowledge) -> InSituResult:
+    """As a session does: from its records, and from what it says of the load."""
+    result = in_situ_result(recorded(known), known.tick_s)
+    assert result is not None
+    return result
+
+
+def recorded(known: Knowledge) -> Measured:
+    assert known.in_situ is not None
+    return replace(join(known.records), events=(Event(0, LOAD_TAKEN, known.in_situ.load.as_text()),))
 
 
 @pytest.fixture(scope="module")
@@ -138,11 +151,37 @@ def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> 
     assert found.below_db(3) > 28.0
 
 
+def test_its_recording_tells_what_it_judged_by(found: Found) -> None:
+    """The same trials, driven or not, as it saw them on its way."""
+    state = found.known.in_situ
+    assert state is not None
+    assert found.result.trials == figures(state.trials)
+    assert found.result.assembly == state.load.said
+    assert state.load == LoadTaken.of_text(state.load.as_text())
+    assert "; ".join(found.result.reasons) in found.said[-1]
+
+
+def test_a_trial_that_was_cut_short_is_left_out(found: Found) -> None:
+    whole = recorded(found.known)
+    *before, last = whole.segments
+    cut = replace(whole, segments=(*before, replace(last, end_ns=last.end_ns - 500_000_000)))
+    result = in_situ_result(cut, found.known.tick_s)
+    assert result is not None
+    numbers = [trial.number for trial in found.result.trials]
+    assert [trial.number for trial in result.trials] == numbers[:-1]
+    assert in_situ_result(replace(whole, segments=whole.segments[:3]), found.known.tick_s) is None
+
+
+def test_what_the_load_was_taken_for_is_read_or_refused() -> None:
+    with pytest.raises(ExperimentError, match="what the load was taken for cannot be read"):
+        LoadTaken.of_text('{"network": {}}')
+
+
 def test_it_ends_and_says_so_where_more_is_left_than_movements_differ_by(found: Found) -> None:
     assert found.known.in_situ is not None
     wave = np.sin(np.arange(4000) * 0.02)
     trials = tuple(
-        Exerted.of(number, driven, (1e-3 if driven else 1e-2) * wave * (1 + 1e-3 * number), wave, 1e-3)
+        Exerted(number, driven, (1e-3 if driven else 1e-2) * wave * (1 + 1e-3 * number), wave)
         for number, driven in enumerate((False, True, True, False, True, True, True), 1)
     )
     state = replace(found.known.in_situ, trials=trials, finished=False)

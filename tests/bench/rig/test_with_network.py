@@ -8,7 +8,7 @@ import pytest
 
 from bench.cli import app
 from bench.errors import UsageError
-from bench.identification.fit import PHYSICAL
+from bench.identification.fit import PHYSICAL, fit
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Status
 from bench.procedures.calibrate import CalibrateProcedure
@@ -18,7 +18,7 @@ from bench.procedures.tare import TareProcedure
 from bench.procedures.waves import multisine
 from bench.rig.load import load_rig, parse_rig
 from bench.rig.with_network import rig_with_network
-from bench.session.engine import run_script
+from bench.session.engine import record_script
 from sim_backend.plant import Plant
 from sim_backend.truth import read_truth
 
@@ -83,15 +83,21 @@ def session(_so_far):
     yield ImposedProcedure(ImposedOptions(amplitude=0.3, commands=1, duration_s=5.0))
 
 
+def fitted(rig, out, seed):
+    measured = record_script(rig, session, out=out, seed=seed).measured
+    return fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s)
+
+
 def test_identified_exported_and_identified_again_it_is_the_same(tmp_path, capsys):
-    first = run_script(load_rig(RIGS / "sim-odrive.toml"), session, out=tmp_path, seed=11).conclusion
-    path = tmp_path / "again.toml"
-    arguments = ["network", "export", str(first.network), "--to", "rig", "--rig", str(RIGS / "sim-odrive.toml")]
+    first = fitted(load_rig(RIGS / "sim-odrive.toml"), tmp_path, seed=11)
+    path, network = tmp_path / "again.toml", tmp_path / "first.network.json"
+    first.network.save(network)
+    arguments = ["network", "export", str(network), "--to", "rig", "--rig", str(RIGS / "sim-odrive.toml")]
     assert app.main([*arguments, "--out", str(path)]) == 0
     assert str(path) in capsys.readouterr().out
-    again = run_script(load_rig(path), session, out=tmp_path, seed=12).conclusion
+    again = fitted(load_rig(path), tmp_path, seed=12)
     for name in PHYSICAL:
-        known, found = first.fit.estimate(name), again.fit.estimate(name)
+        known, found = first.estimate(name), again.estimate(name)
         assert found.status is Status.VALID
         # Seven parameters at once: 99 % of such trips stay within three deviations.
         assert abs(found.value - known.value) < 3 * found.std, name

@@ -19,6 +19,7 @@ from bench.session.operator import Order
 from bench.session.progress import Progress, SessionState, Silent, Summary
 from bench.session.replay import Replay, load_replay
 from bench.session.schema import Session, Step
+from tests.bench.once import once
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -100,8 +101,12 @@ class Stand:
 
 @pytest.fixture(scope="session")
 def performed(tmp_path_factory: pytest.TempPathFactory) -> Performed:
+    return once(tmp_path_factory, "performed", _perform)
+
+
+def _perform(out: Path) -> Performed:
     listener = Listener()
-    result = run_session(RIG, SESSION, out=tmp_path_factory.mktemp("performed"), seed=5, progress=listener)
+    result = run_session(RIG, SESSION, out=out, seed=5, progress=listener)
     assert listener.summary is not None
     return Performed(result.recording, listener.summary)
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from bench.errors import UsageError
+from bench.identification.model_free.source_map import blocked_map
 from bench.procedures.options import BlockedOptions, CalibrateOptions, FreeOptions, TareOptions
 from bench.rig.load import load_rig
-from bench.session.engine import run_session
+from bench.session.engine import record_session
 from bench.session.schema import Session, Step, parse_session
 from sim_backend.truth import read_truth
 
@@ -23,9 +24,8 @@ def test_friction_leaves_what_the_history_says(tmp_path):
         Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=1.0)),  # for commands of everyday size
         Step("blocked", blocked),
     )
-    result = run_session(RIG, Session(steps, "short"), out=tmp_path, seed=2)
-    found, motor = result.conclusion.blocked_map, read_truth(RIG.simulated, seed=None, place="").actuator.motor
-    assert found is not None
+    recorded = record_session(RIG, Session(steps, "short"), out=tmp_path, seed=2)
+    found, motor = blocked_map(recorded.measured), read_truth(RIG.simulated, seed=None, place="").actuator.motor
     drive_nm = motor.Km * motor.Ka * found.command
     assert [np.count_nonzero(found.chosen(history)) for history in ("slow", "fast", "rest")] == [4, 4, 2]
     above, below = (found.chosen("slow") & side for side in (found.from_above, ~found.from_above))

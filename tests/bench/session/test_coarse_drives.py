@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from bench.identification.fit import fit
 from bench.models.parameters import Estimate, Status
 from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
 from bench.rig.load import load_rig, parse_rig
 from bench.rig.rig import Rig
-from bench.session.engine import run_session
+from bench.session.engine import record_session
 from bench.session.schema import Session, Step
 from sim_backend.tools import true_parameters
 
@@ -29,9 +30,9 @@ SESSION = Session(
 
 def identified(rig: Rig, out: Path) -> dict[str, Estimate]:
     """The parameters by name, each within its own deviations of the true one."""
-    fit = run_session(rig, SESSION, out=out, seed=SEED).conclusion.fit
-    assert fit is not None
-    found = {estimate.name: estimate for estimate in fit.estimates}
+    measured = record_session(rig, SESSION, out=out, seed=SEED).measured
+    result = fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s)
+    found = {estimate.name: estimate for estimate in result.estimates}
     truth = true_parameters(rig.simulated, seed=SEED, place="", command_unit=rig.command.unit)
     assert set(found) == set(truth)
     for name, (true, unit) in truth.items():
