@@ -98,7 +98,7 @@ def _write_mat(recording: Recording, out_dir: Path, stem: str) -> list[Path]:
 
     path = out_dir / f"{stem}.mat"
     tables = {name: _for_matlab(columns) for name, columns in tables_of(recording).items()}
-    savemat(path, tables, oned_as="column", do_compression=True)
+    savemat(path, tables, oned_as="column", do_compression=True, long_field_names=True)
     return [path]
 
 

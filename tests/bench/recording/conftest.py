@@ -60,6 +60,8 @@ def make_part(first: int, count: int = 100, seed: int = 0) -> Measured:
         torque=torque,
         current=filled(CURRENT, first, count // 2, rng),
         load_current=filled(CURRENT, first, count // 3, rng),
+        modulator_motion=filled(MOTION, first, count, rng),
+        modulator_current=filled(CURRENT, first, count // 4, rng),
         segments=(SegmentInfo(0, "free", "staircase rising", Use.IDENTIFY, "admittance", start_ns, end_ns, True),),
         events=(Event(start_ns + first * TICK_NS, "note", f"part at {first} · µ"),),
         frames=frames,

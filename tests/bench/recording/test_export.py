@@ -18,6 +18,8 @@ TABLES = [
     "torque",
     "current",
     "load_current",
+    "modulator_motion",
+    "modulator_current",
     "segments",
     "events",
     "frames",

@@ -65,7 +65,7 @@ def test_the_whole_recording_is_told_however_it_is_cut(replayed: Experiment) -> 
         replayed.tell()
     pieces = replayed.picture
     assert pieces.known.estimates == whole.known.estimates
-    assert np.array_equal(pieces.tape.rows(), whole.tape.rows())
+    assert pieces.tape.rows().tobytes() == whole.tape.rows().tobytes()  # a rig without modulator has NaN there
     assert [step.state for step in pieces.steps.all] == [step.state for step in whole.steps.all] == ["done"] * 5
     assert {line.text for line in pieces.log.lines} == {line.text for line in whole.log.lines}
     assert np.allclose(pieces.source.branch(rising=True), whole.source.branch(rising=True))
