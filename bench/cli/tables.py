@@ -11,8 +11,8 @@ from bench.identification.tables.means import Mean
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.two_ports import two_ports
 from bench.report.section import Facts
-from bench.report.sections_tables import line_facts, ports_facts, source_facts
 from bench.session.conclusion import Conclusion
+from bench.session.summary import tabulated
 
 
 def tables_data(found: Conclusion) -> dict[str, Any]:
@@ -37,15 +37,7 @@ def tables_data(found: Conclusion) -> dict[str, Any]:
 
 def tables_view(found: Conclusion) -> list[Table]:
     """The same for a terminal, without every single reading."""
-    views = []
-    if found.source is not None:
-        views.append(_table(source_facts(found.source, found.command_unit)))
-    if found.exertion is not None:
-        views.append(_table(line_facts(found.exertion, found.command_unit)))
-    rows = two_ports(found.source, found.exertion)
-    if rows:
-        views.append(_table(ports_facts(rows, found.command_unit)))
-    return views
+    return [_table(facts) for facts in tabulated(found)]
 
 
 def _source(table: SourceTable) -> list[dict[str, Any]]:
