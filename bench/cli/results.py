@@ -22,6 +22,7 @@ from bench.records import FOR_PROGRAMS, Measured
 from bench.report.loops import bench_time_s
 from bench.session.conclusion import Conclusion
 from bench.session.progress import Judged
+from bench.session.summary import of_trials
 
 
 def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
@@ -107,26 +108,6 @@ def in_situ_figures(found: InSituResult | None, source: Path | None) -> dict[str
     }
 
 
-def in_situ_sentence(found: InSituResult) -> str:
-    """The same in words."""
-    last = last_driven(found.trials)
-    end = "; ".join(found.reasons) or "what is left is what movements differ by anyway"
-    return (
-        f"In situ, {len(found.trials)} trials: the actuator exerted {1e3 * last.with_noise_nm:.2f} mN·m at last, at "
-        f"least {last.below_db(found.trials[0]):.0f} dB below the first; {end}."
-    )
-
-
-def trials_sentence(trials: Sequence[TrialFigures]) -> str:
-    """The same in words."""
-    last = trials[-1]
-    end = "noise hides what is left" if settled(trials) else "not converged"
-    return (
-        f"Zero torque, {len(trials)} trials: {1e3 * last.with_noise_nm:.2f} mN·m at the port, at least "
-        f"{last.below_db(trials[0]):.0f} dB below the undriven load; {end}."
-    )
-
-
 def parameter(estimate: Estimate) -> dict[str, Any]:
     return {
         "value": float(estimate.value),
@@ -183,10 +164,7 @@ def summary(found: Conclusion, recording: Path) -> RenderableType:
     parts += map(str, found.conditions)
     if found.validation is not None:
         parts.append(validation_sentence(found.validation))
-    if found.in_situ is not None and found.in_situ.trials:
-        parts.append(in_situ_sentence(found.in_situ))
-    if found.trials:
-        parts.append(trials_sentence(found.trials))
+    parts += of_trials(found)
     parts += tables_view(found)
     files = (
         ("recording", recording),

@@ -13,8 +13,9 @@ from bench.identification.tables.modulation import Modulated, modulated
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.two_ports import two_ports
 from bench.report.section import Facts
-from bench.report.sections_tables import line_facts, modulation_sentences, ports_facts, source_facts
+from bench.report.sections_tables import modulation_sentences
 from bench.session.conclusion import Conclusion
+from bench.session.summary import tabulated
 
 
 def tables_data(found: Conclusion) -> dict[str, Any]:
@@ -40,18 +41,9 @@ def tables_data(found: Conclusion) -> dict[str, Any]:
 
 def tables_view(found: Conclusion) -> list[RenderableType]:
     """The same for a terminal, without every single reading."""
-    views: list[RenderableType] = []
-    if found.source is not None:
-        views.append(_table(source_facts(found.source, found.units)))
-    if found.exertion is not None:
-        views.append(_table(line_facts(found.exertion, found.units)))
-    rows = two_ports(found.source, found.exertion)
-    if rows:
-        views.append(_table(ports_facts(rows, found.units)))
     effect = modulated(found.source, found.exertion)
-    if effect is not None:
-        views += modulation_sentences(effect, found.units)
-    return views
+    said = () if effect is None else modulation_sentences(effect, found.units)
+    return [*(_table(facts) for facts in tabulated(found)), *said]
 
 
 def _source(table: SourceTable) -> list[dict[str, Any]]:

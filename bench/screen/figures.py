@@ -1,5 +1,6 @@
 """What the plots of an experiment show, from what is known of it."""
 
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -8,8 +9,9 @@ import numpy.typing as npt
 from bench.records import Table
 from bench.report.words import number, pretty_unit
 from bench.screen.picture.picture import Picture
+from bench.screen.picture.tabulated import EXTERNAL
 from bench.screen.plots.axes import prefixed
-from bench.screen.plots.figure import Axis, Figure, Markers, Trace
+from bench.screen.plots.figure import NOTHING_YET, Axis, Figure, Markers, Trace
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -25,7 +27,8 @@ NEEDED_FOR_SOURCE = ("torque_gain", "viscous_damping", "coulomb_torque")
 
 def torque(picture: Picture, window_s: float) -> Figure:
     """The torque at the port."""
-    return _over_time(picture, window_s, "Torque", "N*m", ("torque_nm",), feet=False)
+    figure = _over_time(picture, window_s, "Torque", "N*m", ("torque_nm",), feet=False)
+    return replace(figure, empty=_why_no_torque(picture))
 
 
 def velocity(picture: Picture, window_s: float) -> Figure:
@@ -44,7 +47,8 @@ def torque_velocity(picture: Picture) -> Figure:
     """Torque against velocity, since the segment began."""
     rows, fresh = _of_segment(picture)
     x = Axis("velocity", "rad/s", LEAST["rad/s"])
-    return _phase("Torque – velocity", x, rows["velocity_rad_s"], rows["torque_nm"], fresh)
+    figure = _phase("Torque – velocity", x, rows["velocity_rad_s"], rows["torque_nm"], fresh)
+    return replace(figure, empty=_why_no_torque(picture))
 
 
 def torque_position(picture: Picture) -> Figure:
@@ -53,11 +57,37 @@ def torque_position(picture: Picture) -> Figure:
     position = rows["position_rad"]
     middle = (position.max() + position.min()) / 2 if len(position) else 0.0
     x = Axis("position", "rad", LEAST["rad"])
-    return _phase("Torque – position", x, position - middle, rows["torque_nm"], fresh)
+    figure = _phase("Torque – position", x, position - middle, rows["torque_nm"], fresh)
+    return replace(figure, empty=_why_no_torque(picture))
 
 
 def source(picture: Picture) -> Figure:
-    """The motion source: sweeps, settled levels by the side they were approached from, and the identified curve."""
+    """The motion source: a velocity, where it is a motor's, else a place."""
+    return _velocities(picture) if picture.rig.modelled and not picture.tabulated.sources else _places(picture)
+
+
+def _places(picture: Picture) -> Figure:
+    """Where the port rests under each command, by the side from which the command came."""
+    unit, readings = picture.rig.command.unit, picture.tabulated.sources
+    markers = []
+    for tone, sign in enumerate((RISING, FALLING)):
+        chosen = [each for each in readings if each.rising is (sign == RISING)]
+        command, position_rad = (
+            np.array([getattr(each, column) for each in chosen]) for column in ("command", "position_rad")
+        )
+        markers.append(Markers(command, position_rad, sign, tone))
+    return Figure(
+        "Motion source" + (f", {readings[-1].what} port" if readings and readings[-1].what == EXTERNAL else ""),
+        Axis("command", unit, LEAST.get(unit, 1e-3)),
+        Axis("position", "rad", LEAST["rad"]),
+        markers=tuple(each for each in markers if len(each.x)),
+        latest=f"{RISING}{FALLING} {len(readings)} levels" if readings else "",
+        empty="fills in while 'tabulate_source' runs",
+    )
+
+
+def _velocities(picture: Picture) -> Figure:
+    """Sweeps, settled levels by the side they were approached from, and the identified curve."""
     seen, unit = picture.source, picture.rig.command.unit
     rising, falling = seen.branch(rising=True), seen.branch(rising=False)
     traces = (Trace(seen.cloud[:, 0], seen.cloud[:, 1], tone=2, cloud=True), *_identified(picture))
@@ -73,7 +103,7 @@ def source(picture: Picture) -> Figure:
         tuple(trace for trace in traces if len(trace.x)),
         tuple(each for each in markers if len(each.x)),
         f"{RISING}{FALLING} {levels} levels" if levels else "",
-        empty="fills in while the step 'free' runs",
+        empty="found in situ, at the end" if picture.in_situ else "fills in while the step 'free' runs",
     )
 
 
@@ -131,4 +161,8 @@ def _of_segment(picture: Picture) -> tuple[Table, int]:
 def _phase(title: str, x: Axis, x_values: FloatArray, y_values: FloatArray, fresh: int) -> Figure:
     cut = max(len(x_values) - fresh - 1, 0)
     traces = (Trace(x_values[cut:], y_values[cut:], 0), Trace(x_values[: cut + 1], y_values[: cut + 1], 2))
-    return Figure(title, x, Axis("torque", "N*m", LEAST["N*m"]), tuple(t for t in traces if len(t.x)))
+    return Figure(title, x, Axis("torque", "N*m", LEAST["N*m"]), tuple(t for t in traces if np.isfinite(t.y).any()))
+
+
+def _why_no_torque(picture: Picture) -> str:
+    return NOTHING_YET if picture.rig.wiring.torque_sensor is not None else "no torque sensor on this bench"

@@ -10,6 +10,7 @@ from bench.errors import ExitCode
 from bench.identification.results import LiveEstimate
 from bench.models.parameters import Estimate
 from bench.records import Measured
+from bench.report.section import Facts
 
 
 class SessionState(Enum):
@@ -62,6 +63,7 @@ class Summary:
 
     ``torque_relative`` is the rms error of the predicted torque over the rms of the torque, under motion and command
     that no fit has seen; ``velocity_relative`` the same for the free motion. None where nothing was validated.
+    ``trials`` says what repeated movements came to; ``tables`` are source and impedance as they were tabulated.
     """
 
     exit_code: ExitCode
@@ -74,6 +76,8 @@ class Summary:
     torque_relative: float | None = None
     velocity_relative: float | None = None
     expectations: tuple[Judged, ...] = ()
+    trials: tuple[str, ...] = ()
+    tables: tuple[Facts, ...] = ()
 
 
 class Progress(Protocol):

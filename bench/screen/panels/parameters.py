@@ -24,12 +24,16 @@ WITH_UNIT, WITH_INTERVAL, WITH_NAME = 46, 68, 90
 SYMBOL, VALUE, WIDTH, UNIT_WIDTH, STATUS, INTERVAL, NAME, LEAST_SPARK = 6, 11, 9, 9, 15, 24, 22, 6
 
 
-def parameter_rows(known: Known, width: int, height: int) -> list[Row]:
-    """One row a parameter; the wider, the more is said of each."""
+LEARNT = "learnt once the shaft is moved"
+LEARNT_IN_SITU = "found in situ, at the end"
+
+
+def parameter_rows(known: Known, width: int, height: int, *, before: str = LEARNT) -> list[Row]:
+    """One row a parameter; the wider, the more is said of each. ``before`` stands there until there are any."""
     count = f"{known.valid} of {len(known.estimates)} known" if known.estimates else ""
     rows = [heading("Parameters", "95 %", count, width)]
     if not known.estimates:
-        return [*rows, [("learnt once the shaft is moved", LABEL)]]
+        return [*rows, [(before, LABEL)]]
     rows += [_row(estimate, known.widths.get(estimate.name, []), width) for estimate in known.estimates]
     return rows[:height]
 

@@ -1,10 +1,12 @@
 """The result of an experiment on one page: parameters, figures of merit, verdict, files."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from textwrap import wrap
 
 from bench.errors import ExitCode
 from bench.models.parameters import Estimate, Status
+from bench.report.section import Facts
 from bench.report.words import interval, number, percent, pretty_unit, symbol
 from bench.screen.panels.parameters import SIGNS
 from bench.screen.tones import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
@@ -13,11 +15,13 @@ from bench.session.progress import Summary
 WITH_NAME = 96
 SYMBOL, NAME, VALUE, UNIT_WIDTH, INTERVAL = 6, 22, 11, 10, 26
 FACT = 12
+GAP = 3  # between the columns of a table
 
 
 def result_rows(summary: Summary, width: int) -> list[Row]:
     """As many rows as it takes."""
-    sections = [_end(summary, width), _parameters(summary.estimates, width), _merit(summary, width)]
+    sections = [_end(summary, width), _parameters(summary.estimates, width)]
+    sections += [_trials(summary, width), *_tables(summary.tables, width), _merit(summary, width)]
     sections += [_verdict(summary, width), _files(summary, width)]
     return [row for section in sections if section for row in (*section, [("", TEXT)])]
 
@@ -31,6 +35,8 @@ def _end(summary: Summary, width: int) -> list[Row]:
     known = sum(estimate.status is Status.VALID for estimate in summary.estimates)
     if summary.exit_code is not ExitCode.OK:
         return [[("▲ No result: the verdict says why.", WARNING)]]
+    if not summary.estimates and (summary.tables or summary.trials):
+        return [[("✓ ", GOOD), ("Done; what was found stands below.", STRONG)]]
     if not summary.estimates:
         return [[("✓ ", GOOD), ("Done; nothing of it was meant for a fit.", STRONG)]]
     return [[("✓ ", GOOD), (f"{known} of {len(summary.estimates)} parameters are known.", STRONG)]]
@@ -51,6 +57,21 @@ def _parameter(estimate: Estimate, width: int) -> Row:
     row.append((f" {pretty_unit(estimate.unit):<{UNIT_WIDTH}}", UNIT))
     row.append((f"{interval(estimate.value, estimate.std):>{INTERVAL}}", LABEL))
     return fitted([*row, (f"  {sign} {estimate.status.value}", tone)], width)
+
+
+def _trials(summary: Summary, width: int) -> list[Row]:
+    lines = [line for said in summary.trials for line in wrap(said, width)]
+    return [heading("Trials", "", "", width), *([(line, TEXT)] for line in lines)] if lines else []
+
+
+def _tables(tables: tuple[Facts, ...], width: int) -> Iterator[list[Row]]:
+    """Each as a section; the first says what they are."""
+    for number_, facts in enumerate(tables):
+        columns = [max(map(len, column)) + GAP for column in zip(facts.head, *facts.rows, strict=True)]
+        head = "".join(text.rjust(column) for text, column in zip(facts.head, columns, strict=True))
+        rows = ["".join(text.rjust(column) for text, column in zip(row, columns, strict=True)) for row in facts.rows]
+        above = [heading("Tables", "with 95 % intervals", "", width)] if not number_ else []
+        yield [*above, fitted([(head, LABEL)], width), *(fitted([(row, TEXT)], width) for row in rows)]
 
 
 def _merit(summary: Summary, width: int) -> list[Row]:

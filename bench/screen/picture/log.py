@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass
 
 KEPT = 400
+STEP = "step"
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,8 @@ class Log:
         self.total = 0
 
     def add(self, line: Line) -> None:
-        """An event is often told a second time in words: once is enough."""
-        if any(line.text == before.text for before in list(self.lines)[-8:]):
+        """An event is often told a second time in words: once is enough. A step may come a second time."""
+        if line.kind != STEP and any(line.text == before.text for before in list(self.lines)[-8:]):
             return
         self.lines.append(line)
         self.total += 1

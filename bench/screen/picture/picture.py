@@ -8,9 +8,10 @@ from bench.records import FOR_PROGRAMS, Measured, SegmentInfo
 from bench.rig.rig import Rig
 from bench.screen.picture.health import Health
 from bench.screen.picture.known import Known
-from bench.screen.picture.log import Line, Log
+from bench.screen.picture.log import STEP, Line, Log
 from bench.screen.picture.source_seen import SourceSeen
 from bench.screen.picture.steps import Steps
+from bench.screen.picture.tabulated import Tabulated
 from bench.screen.picture.tape import Tape
 from bench.session.progress import PlannedStep, Prompt, SessionState, Summary
 
@@ -32,6 +33,7 @@ class Picture:
         self.steps = Steps()
         self.tape = Tape(round(TAPE_S / rig.tick_s))
         self.source = SourceSeen()
+        self.tabulated = Tabulated()
         self.known = Known()
         self.health = Health(rig)
         self.log = Log()
@@ -47,6 +49,11 @@ class Picture:
     def now_s(self) -> float:
         """Bench time since the first tick."""
         return 0.0 if self._first_ns is None else (self._now_ns - self._first_ns) * 1e-9
+
+    @property
+    def in_situ(self) -> bool:
+        """Whether nothing but the steps in situ can tell anything: there is a load, and nothing reads the torque."""
+        return self.rig.wiring.load is not None and self.rig.wiring.torque_sensor is None
 
     @property
     def first_ns(self) -> int:
@@ -67,7 +74,7 @@ class Picture:
     def step(self, index: int, name: str) -> None:
         self.changes += 1
         self.steps.begin(index, self.now_s)
-        self.log.add(Line(self._log_s, "step", f"{name} begins"))
+        self.log.add(Line(self._log_s, STEP, f"{name} begins"))
 
     def part(self, measured: Measured, live: LiveEstimate) -> None:
         self.changes += 1
@@ -78,6 +85,7 @@ class Picture:
         self.segment = measured.segments[-1] if measured.segments else self.segment
         self.tape.append(measured.ticks)
         self.source.take(measured)
+        self.tabulated.take(measured)
         self.health.take(measured)
         self.known.take(live)
         self.steps.advance(self.now_s)

@@ -1,11 +1,13 @@
 """What a plot shows, as plain data: traces, markers, names and units."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+
+NOTHING_YET = "nothing measured yet"
 
 
 @dataclass(frozen=True)
@@ -52,4 +54,4 @@ class Figure:
     legend: str = ""  # what the second tone is
     growing: bool = False
     feet: bool = True  # numbers below; not where the plot beneath shares them
-    empty: str = field(default="nothing measured yet")
+    empty: str = NOTHING_YET

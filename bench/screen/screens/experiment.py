@@ -15,9 +15,10 @@ from bench.screen.panels.bar import title_row, view_row
 from bench.screen.panels.health import health_rows, in_short
 from bench.screen.panels.log import log_rows
 from bench.screen.panels.panel import Panel
-from bench.screen.panels.parameters import parameter_rows
+from bench.screen.panels.parameters import LEARNT, LEARNT_IN_SITU, parameter_rows
 from bench.screen.panels.plot import Plot
 from bench.screen.panels.steps import clock, step_rows
+from bench.screen.panels.tables import table_rows
 from bench.screen.plots.figure import Figure
 from bench.screen.screens import keys
 from bench.screen.screens.questions import Ask, Confirm, Mark
@@ -63,7 +64,7 @@ class ExperimentScreen(Screen[None]):
                 yield Plot(id="torque-position")
                 yield Plot(id="source")
             with Container(id="tables"):
-                yield Panel(lambda w, h: parameter_rows(self.experiment.picture.known, w, h), id="parameters")
+                yield Panel(self._found, id="parameters")
                 yield Panel(lambda w, h: step_rows(self.experiment.picture.steps, w, h), id="steps")
                 yield Panel(lambda w, h: health_rows(self.experiment.picture, w, h), id="health")
         yield Panel(lambda w, h: log_rows(self.experiment.picture.log, w, h, back=self._back), id="log")
@@ -105,6 +106,14 @@ class ExperimentScreen(Screen[None]):
             return over_time[name](picture, window_s)
         planes = {"torque-velocity": figures.torque_velocity, "torque-position": figures.torque_position}
         return planes.get(name, figures.source)(picture)
+
+    def _found(self, width: int, height: int) -> list[Row]:
+        """What is known of the actuator by now: its parameters, or tables where none are fitted."""
+        picture = self.experiment.picture
+        if picture.rig.modelled:
+            before = LEARNT_IN_SITU if picture.in_situ else LEARNT
+            return parameter_rows(picture.known, width, height, before=before)
+        return table_rows(picture.tabulated, picture.rig.command.unit, width, height)
 
     def _title(self, width: int, height: int) -> list[Row]:
         experiment = self.experiment

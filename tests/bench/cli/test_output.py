@@ -12,13 +12,14 @@ from hypothesis import strategies as st
 from rich.console import Console, RenderableType
 
 from bench.cli.output import Output, to_json
-from bench.cli.results import identification, in_situ_sentence, parameter_table, summary, trials_sentence, with_digits
+from bench.cli.results import identification, parameter_table, summary, with_digits
 from bench.identification.in_situ import InSituResult
 from bench.identification.results import FitResult, Trace, Validation
 from bench.identification.trials import TrialFigures
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
 from bench.session.conclusion import Conclusion
+from bench.session.summary import in_situ_sentence, trials_sentence
 
 TRACE = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
 VALIDATION = Validation(1.5e-3, 0.012, 0.2, 0.034, TRACE, TRACE)
