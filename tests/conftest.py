@@ -21,6 +21,9 @@ LONGEST = (
     "tests/bench/gallery/",
     "tests/bench/identification/soundness/",
     "tests/bench/sweep/",
+    "tests/bench/faults/",
+    "tests/bench/cli/test_at_the_terminal.py",
+    "tests/sim_backend/test_serve.py",
 )
 
 

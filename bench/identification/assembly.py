@@ -16,6 +16,7 @@ import numpy as np
 
 from bench.errors import ExperimentError
 from bench.identification.fit import fit_signals
+from bench.identification.load import fit_machine, weight_of
 from bench.identification.machine import Machine
 from bench.identification.results import FitResult
 from bench.identification.signals import INTERPOLATION, Port, signals, stream_of
@@ -25,7 +26,6 @@ from bench.models.parameters import Status
 from bench.records import NO_DEVICE_TIME, TORQUE, Measured, Table
 from bench.segments import FloatArray, Use
 
-LOAD_COMMAND_UNIT = "N*m"
 # Any number will do; with this one the numbers look like torques.
 TWIST_NM_RAD = 100.0
 # A load's inertia that is not told better than this is not told.
@@ -34,10 +34,12 @@ LOOSEST = 0.05
 
 @dataclass(frozen=True)
 class LoadByTwist:
-    """The load in newton metres as its drive counts them, and the relative deviation of its inertia there."""
+    """The load in newton metres as its drive counts them, the relative deviation of its inertia there, and what the
+    weight of an arm on it gives at most, 0 where none hangs there: ``machine`` is the load without it."""
 
     machine: Machine
     inertia_deviation: float
+    weight_nm: float = 0.0
 
 
 def load_by_twist(measured: Measured, tick_s: float) -> LoadByTwist:
@@ -46,14 +48,15 @@ def load_by_twist(measured: Measured, tick_s: float) -> LoadByTwist:
     Raises ExperimentError where the shaft twists too little to tell the load's inertia from the actuator's.
     """
     twisted = signals(with_twist(sound(measured).measured), tick_s, Use.CALIBRATE, Port.LOAD)
-    fit = fit_signals(twisted, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD)
+    fit = fit_machine(twisted)
     gain, inertia = fit.estimate("torque_gain"), fit.estimate("inertia")
     if not fit.converged or gain.status is not Status.VALID or inertia.status is not Status.VALID:
         raise ExperimentError("the twist between the encoders does not tell the load's inertia from the actuator's")
     deviation = float(np.hypot(gain.std / gain.value, inertia.std / inertia.value))
     if not deviation < LOOSEST:
         raise ExperimentError(f"the twist between the encoders tells the load's inertia to ±{deviation:.0%} only")
-    return LoadByTwist(replace(Machine.of_fit(fit), network=_per_gain(fit.network)), deviation)
+    machine = replace(Machine.of_fit(fit), network=_per_gain(fit.network))
+    return LoadByTwist(machine, deviation, weight_of(fit) / gain.value)
 
 
 def actuator_behind(measured: Measured, load: Machine, tick_s: float, command_unit: str) -> FitResult:

@@ -18,7 +18,7 @@ from bench.identification.regression import STILL, Regression, Rows
 from bench.identification.results import FitResult
 from bench.identification.separable import linear_solution
 from bench.identification.signals import Port, Signals, signals
-from bench.identification.soundness.recording import Findings, sound
+from bench.identification.soundness.recording import NOTHING_FOUND, Findings, sound
 from bench.records import Measured
 from bench.segments import Use
 
@@ -60,26 +60,44 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     actuator = signals(measured, tick_s, use, Port.ACTUATOR)
     if len(load) != len(actuator):
         raise ExperimentError("one drive's readings were interrupted while the other's went on: repeat the calibration")
-    result = _fit(load, believed.findings)
+    result = fit_machine(load, believed.findings)
     stiffness, deviation, damping = _spring(load, actuator, result.motion_delay_s)
     step_rad = resolution_rad(measured.load_motion["position_rad"])
-    weight_nm = sum(wave.amplitude_nm for wave in result.cogging if wave.periods_per_turn == GRAVITY)
-    return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad, weight_nm)
+    return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad, weight_of(result))
 
 
-def _fit(load: tuple[Signals, ...], findings: Findings) -> FitResult:
-    """As a motor; and as a motor on which an arm hangs, where that explains what is left."""
-    result = fit_signals(load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD, findings=findings)
+def fit_machine(load: tuple[Signals, ...], findings: Findings = NOTHING_FOUND) -> FitResult:
+    """As a motor; and as a motor on which an arm hangs, where that explains what is left.
+
+    Raises ExperimentError where neither tells the load's own values.
+    """
+    try:
+        result = fit_signals(load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD, findings=findings)
+    except ExperimentError:
+        hanging = _hanging(load, findings)
+        if hanging is None or hanging.torque_relative > LEFT_BY_A_MOTOR:
+            raise
+        return hanging
     if result.converged and result.torque_relative < LEFT_BY_A_MOTOR:
         return result
+    hanging = _hanging(load, findings)
+    return hanging if hanging is not None and hanging.torque_rms_nm < WORTHWHILE * result.torque_rms_nm else result
+
+
+def weight_of(result: FitResult) -> float:
+    """What an arm's weight gives at most, in the unit of the fit's torque; 0 where none was found to hang there."""
+    return sum(wave.amplitude_nm for wave in result.cogging if wave.periods_per_turn == GRAVITY)
+
+
+def _hanging(load: tuple[Signals, ...], findings: Findings) -> FitResult | None:
+    """As a motor with an arm; None where nothing is left to tell a scale by, or nothing fits."""
     try:
-        hanging = fit_signals(
+        result = fit_signals(
             load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD, findings=findings, cogging=(GRAVITY,)
         )
-    except ExperimentError:  # nothing is left to tell a scale by
-        return result
-    better = hanging.torque_rms_nm < WORTHWHILE * result.torque_rms_nm
-    return hanging if hanging.converged and better else result
+    except ExperimentError:
+        return None
+    return result if result.converged else None
 
 
 def _spring(

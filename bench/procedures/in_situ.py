@@ -211,6 +211,11 @@ def _load(known: Knowledge, measured: Measured, options: InSituOptions) -> tuple
         believed = _with(calibrated, options)
         said = f"the load's inertia is taken to be {_kgm2(believed)} and cannot be checked: what joins the two twists"
         return believed, (f"{said} too little; by as much as that is off, the source is that of another actuator",)
+    if found.weight_nm > 0.0:
+        raise ExperimentError(
+            f"in_situ: an arm hangs on the load, of which up to {found.weight_nm:.3g} N*m go with its position; the "
+            "step supplies inertia and friction alone: take the arm off, balance it, or stand its axis upright"
+        )
     calibrated_nms_rad = None if calibrated is None else calibrated.network.viscous_damping_nms_rad
     return _by_twist(found.machine, found.inertia_deviation, calibrated_nms_rad, options)
 

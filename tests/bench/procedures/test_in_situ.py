@@ -141,6 +141,16 @@ def test_a_load_that_cannot_be_told_from_the_actuator_is_refused() -> None:
         carried_out(stiff("sim-in-situ"), OPTIONS)
 
 
+def test_an_arm_on_the_load_is_found_and_named() -> None:
+    """Its weight is told by the twist like the rest: 20 mN·m are 21.05 as its drive counts them."""
+    text = (RIGS / "sim-in-situ.toml").read_text(encoding="utf-8")
+    place = "mounted = -1 "
+    assert place in text
+    rig = parse_rig(text.replace(place, f'gravity = {{ amplitude = "20 mN*m" }}\n{place}'), place="arm")
+    with pytest.raises(ExperimentError, match=r"an arm hangs on the load, of which up to 0\.021 N\*m go with"):
+        carried_out(rig, OPTIONS)
+
+
 def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> None:
     def calibrated(known: Knowledge, watched: Watched) -> Knowledge:
         watched.loop.learn(learned(known))
