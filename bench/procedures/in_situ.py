@@ -38,6 +38,12 @@ SCALINGS = 20
 DEVIATIONS, SHARE = 3.0, 0.01
 
 
+class _Shaking(CalibrateProcedure):
+    """As in a calibration; a session that goes on from this one must find it under this step's own name."""
+
+    name: ClassVar[str] = IN_SITU
+
+
 @dataclass(frozen=True)
 class Shake:
     """Load and actuator shaken, each in its own way, and told apart."""
@@ -52,7 +58,7 @@ class Shake:
         return CalibrateProcedure().duration_s(rig)
 
     def plan(self, known: Knowledge) -> Plan:
-        yield from CalibrateProcedure().plan(known)
+        yield from _Shaking().plan(known)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         load, said = _load(known, measured, self.options)

@@ -11,6 +11,7 @@ import pytest
 from bench.cli import app
 from bench.errors import ExitCode
 from bench.recording.reader import read_recording
+from bench.session.past import past_of
 
 ROOT = Path(__file__).parents[3]
 SESSION = f"""\
@@ -66,6 +67,12 @@ def test_recording_and_session_say_the_same(
 def test_the_report_alone_has_the_section_too(told: dict[str, Any], tmp_path: Path) -> None:
     assert app.main(["report", told["recording"], "--out", str(tmp_path), "--quiet"]) == ExitCode.OK
     assert in_situ_section(tmp_path / "sim-in-situ.report.html") == in_situ_section(Path(told["report"]))
+
+
+def test_a_session_that_goes_on_from_it_finds_the_shaking_and_every_trial(told: dict[str, Any]) -> None:
+    path = Path(told["recording"])
+    names = [name for name, _ in past_of(path, read_recording(path, raw_frames=False))]
+    assert names == ["tare", "in_situ", *["in_situ"] * len(told["in_situ"]["driven"])]
 
 
 def test_what_is_for_programs_is_in_the_recording_and_in_no_list(
