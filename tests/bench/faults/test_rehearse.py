@@ -74,6 +74,28 @@ def test_each_is_noticed_by_the_guard_that_is_there_for_it(
     assert outcome.detected_s <= within_s
 
 
+@pytest.fixture(scope="module")
+def elastic() -> Prepared:
+    return prepare(load_rig(RIGS / "sim-series-elastic.toml"))
+
+
+@pytest.mark.parametrize(
+    ("name", "on", "words"),
+    [
+        ("sign flips", "torque_sensor", "check the torque sensor's zero, sign and scale, the load drive"),
+        ("command runs away", "actuator", "actuator drive: its current is"),
+        ("shaft stuck", "actuator", "the encoder is stuck, or the shaft is held"),
+        ("one frame lost", "actuator", ""),
+    ],
+)
+def test_without_a_law_of_the_actuator_it_ends_as_safely(elastic: Prepared, name: str, on: str, words: str) -> None:
+    outcome = rehearse(elastic, named(name, on))
+    assert outcome.verdict.safe
+    assert words in outcome.guard
+    assert (outcome.verdict is Verdict.STOPPED) == bool(words)
+    assert outcome.drives == {"actuator": "idle", "load": "idle"}
+
+
 def test_what_was_ridden_through_is_shown_to_have_been_there(prepared: Prepared) -> None:
     outcome = rehearse(prepared, named("messages corrupted", "torque_sensor"))
     assert outcome.verdict is Verdict.RIDDEN_THROUGH
