@@ -40,8 +40,8 @@ MOST_STEPS = 40
 NARROWED_BELOW = 0.7
 NARROWEST_CUTOFF = 0.02
 MOST_COGGINGS = 4
-# A step of a hundredth, and of a fifth, of a deviation.
-NOTHING_GAINED = 1e-4
+# A step of a twentieth, and of a fifth, of a deviation.
+NOTHING_GAINED = 2e-3
 LITTLE_GAINED = 4e-2
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 
