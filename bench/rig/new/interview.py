@@ -21,12 +21,12 @@ from drivers.wiring import CanBusSettings
 NONE = "none"
 IN_SITU = ": the actuator is then identified in situ alone"
 MOTOR = "dahl_motor"
-COMMAND = "actuator.command"
 NO_LEAST = "unlimited"
 SECTIONS = {
     "actuator": "the device under test",
     "load": "the machine that imposes torque or motion",
     "torque_sensor": "between actuator and load",
+    "modulator": "the actuator's second drive, which sets its impedance",
 }
 
 
@@ -52,7 +52,7 @@ class Interview:
         if load is None:
             shaft = Question("rig.shaft", "the shaft: free, or clamped so that it cannot turn", "free")
             bench.add("shaft", quoted(self._choice(shaft, ("free", "clamped"))), "nothing is coupled to the shaft")
-        devices = [device for device in (actuator, load, sensor) if device is not None]
+        devices = [device for device in (actuator, self._modulator(actuator), load, sensor) if device is not None]
         limits = self._limits(with_sensor=sensor is not None)
         return rig_text([bench, *self._buses.values(), *devices, limits])
 
@@ -65,6 +65,11 @@ class Interview:
         return section
 
     # ---- Devices -------------------------------------------------------------------------------------------------
+
+    def _modulator(self, actuator: Section) -> Section | None:
+        """A motor has none, unless somebody says so."""
+        motor = any((line.key, line.value) == ("model", quoted(MOTOR)) for line in actuator.lines)
+        return None if motor and not self.ask.offers("modulator.driver") else self._device("modulator", default=NONE)
 
     def _device(
         self, role: str, *, optional: bool = True, default: str | None = None, without: str = ""
@@ -85,6 +90,8 @@ class Interview:
         self._sign(section)
         if role == "actuator":
             self._identified(section)
+        if role == "modulator":
+            section.add("command", self._command(role, stands_for_something=True), "what it adds at most")
         if role == "load":
             section.add("torque_limit", self._load_limit(), "of what it is told to give")
         return section
@@ -117,13 +124,13 @@ class Interview:
         model = self._choice(Question("actuator.model", text, MOTOR), (MOTOR, NO_MODEL))
         section.add("model", quoted(model), "what it is identified as")
         comment = "the greatest one; its unit is what the drive takes, unless sent_as says another"
-        section.add("command", self._command(stands_for_something=model == NO_MODEL), comment)
+        section.add("command", self._command("actuator", stands_for_something=model == NO_MODEL), comment)
 
-    def _command(self, *, stands_for_something: bool) -> str:
+    def _command(self, role: str, *, stands_for_something: bool) -> str:
         """``{ unit, limit }``; where the drive's input may stand for a position or a pressure, what else it needs."""
         text = "the greatest command, with its unit (none for a share of the supply)"
-        table = self.ask.ask(Question(COMMAND, text, example="0.5 N*m", check=_command_table))
-        for key, question in _more_of_command(tomllib.loads(f"x = {table}")["x"]["unit"]).items():
+        table = self.ask.ask(Question(f"{role}.command", text, example="0.5 N*m", check=_command_table))
+        for key, question in _more_of_command(role, tomllib.loads(f"x = {table}")["x"]["unit"]).items():
             if stands_for_something or self.ask.offers(question.key):
                 given = self.ask.ask(question)
                 if given != quoted(question.default or ""):
@@ -250,8 +257,8 @@ def _command_table(text: str) -> str:
     return f"{{ unit = {quoted(check_unit(unit))}, limit = {quoted(text)} }}"
 
 
-def _more_of_command(unit: str) -> dict[str, Question]:
-    lowest, sent_as = (f"{COMMAND}.{key}" for key in ("lowest", "sent_as"))
+def _more_of_command(role: str, unit: str) -> dict[str, Question]:
+    lowest, sent_as = (f"{role}.command.{key}" for key in ("lowest", "sent_as"))
     return {
         "lowest": Question(lowest, "the least that it makes sense to tell", NO_LEAST, "0 N*m", check=_lowest(unit)),
         "sent_as": Question(sent_as, "the unit in which the drive takes the same number", unit, check=_unit),

@@ -58,13 +58,14 @@ def test_a_dynamometer() -> None:
 @pytest.mark.parametrize("path", RIGS, ids=lambda path: path.stem)
 def test_a_rig_file_answers_for_itself(path: Path) -> None:
     written = parse_toml(path.read_text(), str(path))
-    known = {"torque_sensor.driver": "none"}  # unless it is there
+    known = {"torque_sensor.driver": "none", "modulator.driver": "none"}  # unless they are there
     known |= _flat({key: value for key, value in written.items() if key != "simulated"})
     again, rig = rig_of(known), load_rig(path)
-    assert (again.wiring.devices(), again.limits, again.command, again.modelled) == (
+    assert (again.wiring.devices(), again.limits, again.command, again.modulation, again.modelled) == (
         rig.wiring.devices(),
         rig.limits,
         rig.command,
+        rig.modulation,
         rig.modelled,
     )
 
