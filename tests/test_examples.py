@@ -100,7 +100,14 @@ LACKS |= {("in-situ", "sim-free-shaft"): "'in_situ' needs a load drive", ("in-si
 LACKS["characterise", "sim-mit"] = "'imposed' asks for 40 rad/s"
 # Those that are identified by tables, and the sessions that tabulate.
 TABULATE = ("two-ports", "muscle")
-BY_TABLES = ("sim-pneumatic", "sim-series-elastic", "sim-gear-train", "sim-arm", "sim-gravity", "sim-variable-stiffness")
+BY_TABLES = (
+    "sim-pneumatic",
+    "sim-series-elastic",
+    "sim-gear-train",
+    "sim-arm",
+    "sim-gravity",
+    "sim-variable-stiffness",
+)
 LACKS |= dict.fromkeys(product(SESSIONS, BY_TABLES), "builds on a fitted model|'imposed' asks for")
 LACKS |= dict.fromkeys(product(TABULATE, [*WITH_LOAD, *BY_TABLES]), "")
 LACKS |= dict.fromkeys(product(TABULATE, ["sim-free-shaft"]), "'calibrate' needs a load drive")

@@ -7,6 +7,7 @@ in which delays are harmless, then in the full band.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -282,12 +283,14 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
         # What the data hardly tell, such as a bandwidth far above theirs, may wander on for ever.
         if np.all(np.abs(step) < within) or abs(squared_deviations) < NOTHING_GAINED:
             return at, True
-        moved = (np.clip(at.shape.as_array() + each, low, high) for each in shortened(step))
+        little = abs(squared_deviations) < LITTLE_GAINED
+        # Where little is to be gained, one try will do.
+        tries = islice(shortened(step), 1 if little else None)
+        moved = (np.clip(at.shape.as_array() + each, low, high) for each in tries)
         better = (trial for each in moved if (trial := _At.of(regression, Shape.of(each))).cost < at.cost)
         found = next(better, None)
         if found is None:
             # Gauss-Newton cannot improve: at the minimum to within rounding, or held by the box.
-            little = abs(squared_deviations) < LITTLE_GAINED or bool(np.all(np.abs(step) < 100 * within))
-            return at, little
+            return at, little or bool(np.all(np.abs(step) < 100 * within))
         at = found
     return at, False

@@ -107,7 +107,11 @@ def test_the_amplifier_may_be_commanded_in_volts(simulated):
         ("transport.can_delay", "-1 us", "[simulated.transport] can_delay = '-1 us' should be greater than or equal"),
         ("torque_sensor", 3, "[simulated] torque_sensor should be a table of its own: write [simulated.torque_sensor]"),
         ("actuator", None, "[simulated] actuator is missing; add a table [simulated.actuator]"),
-        ("sensor", {}, "[simulated] sensor is not known; known here: seed, actuator, load, torque_sensor, modulator, transport"),
+        (
+            "sensor",
+            {},
+            "[simulated] sensor is not known; known here: seed, actuator, load, torque_sensor, modulator, transport",
+        ),
         ("seed", -1, "[simulated] seed = -1 should be greater than or equal to 0"),
     ],
 )
