@@ -2,9 +2,9 @@
 
 The same command is run with the load undriven, under a plain torque PI, under the bench's own controller (feedback
 alone), with preview of the free motion, and repeated with what each trial taught, at three stiffnesses of the torque
-sensor. The controller is tuned from
-the bench's own tare and calibration; the preview's network is the true one with every parameter off by the errors
-named. Figures are of the true port torque, which only the simulation knows. Run with
+sensor. The controller is tuned from the bench's own tare and calibration; the preview's network is the one just
+identified, or the true one with every parameter off by the errors named and trusted all the same. Figures are of the
+true port torque, which only the simulation knows. Run with
 ``python benchmarks/zero_torque.py [--json]``.
 """
 
@@ -14,6 +14,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import product
 from math import isfinite, log10
 from pathlib import Path
 
@@ -22,8 +23,6 @@ import numpy as np
 from bench.control.admittance import AdmittanceController
 from bench.control.calibration import LoadCalibration
 from bench.control.preview import with_preview
-from bench.identification.fit import fit_signals
-from bench.identification.signals import Port, signals
 from bench.identification.trials import TRIAL
 from bench.loop.alignment import Alignment
 from bench.loop.devices import open_devices
@@ -38,7 +37,7 @@ from bench.procedures.knowledge import Knowledge
 from bench.procedures.options import IterateOptions
 from bench.procedures.tare import TareProcedure
 from bench.procedures.waves import hold, multisine
-from bench.records import Measured, join
+from bench.records import Measured
 from bench.rig.load import parse_rig
 from bench.rig.rig import Rig
 from bench.sample import Sample, Target
@@ -49,7 +48,7 @@ from sim_backend.truth import read_truth
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 STIFFNESSES_NM_RAD = (50, 200, 1000)
-NETWORK_ERRORS = (0.0, 0.01, 0.03)
+NETWORK_ERRORS = (0.01, 0.03)
 # Bands and amplitudes of the actuator's command; with the first the undriven port sees about 13 mN m.
 COMMANDS = {"3 Hz": (3.0, 0.08), "3 Hz, stronger": (3.0, 0.1), "10 Hz": (10.0, 0.1)}
 DURATION_S = 8.0
@@ -128,17 +127,17 @@ def ready(stiffness_nm_rad: float) -> Iterator[Benchmark]:
     rig = parse_rig(text, place=str(RIG))
     backend = load_backend("simulated")(rig.wiring, rig.simulated, seed=1, place=rig.place)
     assert isinstance(backend, SimulatedBackend)
-    devices, parts = open_devices(rig, backend), list[Measured]()
-    loop = Loop(devices, guard_for(rig, devices), Outbox((parts.append,)), Alignment(), rig.tick_ns)
+    devices = open_devices(rig, backend)
+    loop = Loop(devices, guard_for(rig, devices), Outbox(()), Alignment(), rig.tick_ns)
     try:
         known = carry_out(TareProcedure(), Knowledge(rig), loop)
         assert known.tare is not None
         loop.alignment.torque_bias_nm = known.tare.torque_bias_nm
         known = carry_out(CalibrateProcedure(), known, loop)
         assert known.calibration is not None
-        actuator = fit_signals(signals(join(parts), rig.tick_s, Use.CALIBRATE, Port.ACTUATOR), command_unit="N*m")
-        calibration = replace(known.calibration, actuator_inertia_kgm2=actuator.network.inertia_kgm2)
-        yield Benchmark(rig, backend, loop, calibration, actuator.command_delay_s, Eyes(backend), known)
+        assert known.actuator is not None
+        loop.alignment.torque_bias_nm = known.calibration.torque_bias_nm
+        yield Benchmark(rig, backend, loop, known.calibration, known.actuator.command_delay_s, Eyes(backend), known)
     finally:
         devices.link.close()
         backend.close()
@@ -191,7 +190,7 @@ def measure(bench: Benchmark, low_pass_hz: float, amplitude: float) -> dict[str,
     for error in NETWORK_ERRORS:
         network = nearly_true_network(bench.rig, error)
         seen = with_preview(zero, network, bench.calibration, bench.actuator_delay_s, tick_s)
-        found[f"preview, network off by {error:.0%}"] = bench.rms_nm(seen, controller)
+        found[f"preview, network {error:.0%} off, trusted"] = bench.rms_nm(replace(seen, trusted=True), controller)
     return found
 
 
@@ -213,14 +212,14 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     as_json = parser.parse_args().json
     results = []
-    for stiffness in STIFFNESSES_NM_RAD:
+    for stiffness, (name, (low_pass_hz, amplitude)) in product(STIFFNESSES_NM_RAD, COMMANDS.items()):
+        # Calibrated anew: within five minutes the sensor drifts by more than what preview leaves.
         with ready(stiffness) as bench:
-            for name, (low_pass_hz, amplitude) in COMMANDS.items():
-                found, trials_nm = measure(bench, low_pass_hz, amplitude), iterated(bench, low_pass_hz, amplitude)
-                rig = {"stiffness_nm_rad": stiffness, "command": name}
-                results.append({**rig, "rms_nm": found, "iterated_rms_nm": trials_nm})
-                if not as_json:
-                    show(stiffness, name, found, trials_nm)
+            found, trials_nm = measure(bench, low_pass_hz, amplitude), iterated(bench, low_pass_hz, amplitude)
+        rig = {"stiffness_nm_rad": stiffness, "command": name}
+        results.append({**rig, "rms_nm": found, "iterated_rms_nm": trials_nm})
+        if not as_json:
+            show(stiffness, name, found, trials_nm)
     if as_json:
         json.dump(results, sys.stdout, indent=2)
 
@@ -231,7 +230,7 @@ def show(stiffness: float, name: str, found: dict[str, float], trials_nm: list[f
     print(f"{stiffness:5.0f} N m/rad, command to {name}: undriven {1e3 * undriven:.1f} mN m")
     for way, rms_nm in found.items():
         if way != "undriven":
-            print(f"    {way:30s} {1e3 * rms_nm:6.2f} mN m {decibels(undriven, rms_nm):6.1f} dB below")
+            print(f"    {way:32s} {1e3 * rms_nm:6.2f} mN m {decibels(undriven, rms_nm):6.1f} dB below")
     first_nm, *others_nm = trials_nm
     below = ", ".join(f"{decibels(first_nm, rms_nm):.1f}" for rms_nm in others_nm)
     print(f"    iterated, from {1e3 * first_nm:.1f} mN m: trials 2 to {len(trials_nm)} {below} dB below")

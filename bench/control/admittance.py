@@ -11,11 +11,13 @@ from math import floor, nan
 import numpy as np
 
 from bench.control import core
+from bench.control.anticipation import Anticipation, design_anticipation
 from bench.control.calibration import LoadCalibration
-from bench.control.design import design_torque_loop, design_tracking
+from bench.control.design import TorqueGains, design_torque_loop, design_tracking
 from bench.control.dynamics import AMPLIFIER, POSITION, VELOCITY
 from bench.control.estimator import Estimator
 from bench.control.feed_forward import FeedForward
+from bench.control.observer import FREE_RATE
 from bench.control.reference import Reference, continued
 from bench.control.regulator import FREE, LOAD
 from bench.control.torque_loop import TorqueLoop
@@ -30,6 +32,7 @@ SLIDING_LENGTHS = 30.0
 PLAY_COUNTS = 4.0  # this many encoder counts back are a turn
 # The regulator's state is laid out as the observer's begins; these are measured from the reference.
 PLACES = np.array([POSITION, VELOCITY, AMPLIFIER, FREE, LOAD])
+FORESEEN = np.array([VELOCITY, FREE, FREE_RATE])
 
 
 @dataclass
@@ -45,21 +48,20 @@ class AdmittanceController:
     _frees: bool = field(default=True, init=False)  # zero torque is asked for
     _rigid: bool = field(default=False, init=False)
     _trusting: bool = field(default=False, init=False)
+    _anticipating: Anticipation | None = field(default=None, init=False)
     _deciding: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         c = self.calibration
         self._whole = floor(c.drive_delay_s / self.tick_s)
         into_tick_s = c.drive_delay_s - self._whole * self.tick_s
-        tracking = design_tracking(c, self.tick_s)
-        self._regulator, self._estimator = tracking.regulator, Estimator(c, self.tick_s, tracking.observer)
-        self._loop = TorqueLoop(
-            design_torque_loop(c, tracking.observer, self.tick_s),
-            self.tick_s,
-            SLIDING_LENGTHS * c.coulomb_torque_nm / c.presliding_stiffness_nm_rad,
-            PLAY_COUNTS * c.position_resolution_rad,
-            c.torque_noise_nm,
-        )
+        self._tracking = design_tracking(c, self.tick_s)
+        self._regulator, self._estimator = self._tracking.regulator, Estimator(c, self.tick_s, self._tracking.observer)
+        gains = design_torque_loop(c, self._tracking.observer, self.tick_s)
+        self._anticipation = design_anticipation(c, gains, self.tick_s)
+        self._loop = self._full = self._torque_loop(gains)
+        self._calm = self._torque_loop(self._anticipation.gains if self._anticipation else gains)
+        self._inertias_kgm2 = np.array([c.inertia_kgm2, c.actuator_inertia_kgm2 or c.inertia_kgm2])
         self._feed = FeedForward(
             c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, self._whole, self.torque_limit_nm
         )
@@ -83,6 +85,7 @@ class AdmittanceController:
             mass = max(admittance.mass_kgm2, LEAST_MASS * self.calibration.inertia_kgm2)
             self._body = VirtualBody(replace(admittance, mass_kgm2=mass), self.tick_s)
         self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, False
+        self._choose(None if trusting or not self._frees else self._anticipation)
 
     def observe(self, sample: Sample) -> None:
         """Keep watching while the load torque is decided elsewhere."""
@@ -115,10 +118,28 @@ class AdmittanceController:
             self._feed.advance()
         self._estimator.advance(load_torque_nm)
 
+    def _torque_loop(self, gains: TorqueGains) -> TorqueLoop:
+        c = self.calibration
+        return TorqueLoop(
+            gains,
+            self.tick_s,
+            SLIDING_LENGTHS * c.coulomb_torque_nm / c.presliding_stiffness_nm_rad,
+            PLAY_COUNTS * c.position_resolution_rad,
+            c.torque_noise_nm,
+        )
+
+    def _choose(self, anticipation: Anticipation | None) -> None:
+        """The observer and the feedback of what is to be done."""
+        self._anticipating, self._loop = anticipation, self._calm if anticipation else self._full
+        observer = (anticipation or self._tracking).observer
+        self._estimator.use(observer, knows_friction=anticipation is not None)
+
     def _compile(self) -> None:
         """Before the loop runs: compiling takes seconds. Leaves everything at zero."""
         self._track(Target(), Target(), begins=True)
         self._fed_forward(Target(), begins=True)
+        if self._anticipation is not None:
+            self._anticipated(self._anticipation, begins=True)
         self._feed.advance()
 
     def _zero_torque(self, sample: Sample, target: Target, ahead: Target, begins: bool) -> float:
@@ -126,11 +147,10 @@ class AdmittanceController:
         motion = position_rad, velocity_rad_s - target.velocity_rad_s  # what is foreseen needs no damping
         if begins:
             self._loop.begin(sample.torque_nm, *motion)
-        continued_nm = self._fed_forward(ahead, begins)
+        anticipation = self._anticipating
+        fed_nm = self._anticipated(anticipation, begins) if anticipation else self._fed_forward(ahead, begins)
         nothing_known = ahead.velocity_rad_s == 0.0 and ahead.acceleration_rad_s2 == 0.0
-        return continued_nm + self._loop.change_nm(
-            sample.torque_nm, *motion, bold=nothing_known, trusting=self._trusting
-        )
+        return fed_nm + self._loop.change_nm(sample.torque_nm, *motion, bold=nothing_known, trusting=self._trusting)
 
     def _track(self, target: Target, ahead: Target, begins: bool) -> float:
         if begins:
@@ -183,6 +203,24 @@ class AdmittanceController:
             self.tick_s,
             ahead.velocity_rad_s,
             ahead.acceleration_rad_s2,
+            begins,
+        )
+        return fed_nm
+
+    def _anticipated(self, anticipation: Anticipation, begins: bool) -> float:
+        """The last command, changed as what the free motion will need changes."""
+        seen, feed = self._estimator, self._feed
+        fed_nm: float = core.anticipate(
+            seen.commands,
+            feed.shares,
+            feed.delivered,
+            feed.lag,
+            seen.states,
+            seen.contacts,
+            seen.laws,
+            self._inertias_kgm2,
+            FORESEEN,
+            anticipation.lead_s,
             begins,
         )
         return fed_nm

@@ -16,6 +16,16 @@ _POSITIVE = (
 
 
 @dataclass(frozen=True)
+class ActuatorFriction:
+    """The actuator's own friction as far as the calibration tells it (paper, section IV.D)."""
+
+    viscous_damping_nms_rad: float
+    coulomb_torque_nm: float
+    presliding_stiffness_nm_rad: float
+    presliding_damping_nms_rad: float
+
+
+@dataclass(frozen=True)
 class LoadCalibration:
     """The load drive, in the terms of the paper's torque motor (section IV.D), and the sensor in front of it.
 
@@ -39,12 +49,13 @@ class LoadCalibration:
     position_resolution_rad: float
     motion_delay_s: float | None = None  # from a position to its reading's arrival; None: as the torque's
     actuator_inertia_kgm2: float | None = None  # a first estimate; None: the controller allows for a wide range
+    actuator_friction: ActuatorFriction | None = None  # with its inertia; None where either is not well known
     weight_nm: float = 0.0  # the greatest torque of an arm that hangs on the load
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is not None and not isfinite(value):
+            if isinstance(value, float) and not isfinite(value):
                 raise ExperimentError(f"load calibration: {field.name} is {value}; calibrate the load again")
         for name in _POSITIVE:
             if getattr(self, name) <= 0:

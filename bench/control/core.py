@@ -3,16 +3,19 @@
 Calling costs more than computing, so that a tick makes few calls: :func:`sense`, :func:`track` (or
 :func:`feed_forward`), :func:`pass_on` and :func:`advance`. What they remember is kept in arrays:
 
-- ``states`` (past + 1, width), newest first, at this and the last ticks; ``inputs`` (past + 1, 3), of which row i acts
-  from the tick of ``states[i]`` on: command in force, next command, known torque on the load;
-- ``contact``: force of the load's friction contact [N m], and the load's position [rad] at which it was that;
+- ``states`` (past + 1, width), newest first, at this and the last ticks; ``inputs`` (past + 1, 4), of which row i acts
+  from the tick of ``states[i]`` on: command in force, next command, and what friction is known to do: the torque on the
+  load [N m] and the actuator's free acceleration [rad/s²];
+- ``contacts`` (2, 2), the load's and the actuator's: force of its friction contact [N m], and the load's position
+  [rad] at which it was that;
 - ``clocks`` (3, 3), of each reading: last arrival without its jitter, period [s], and readings behind both;
 - ``commands``, sent, and ``shares``, the part of each that was fed forward, newest first [N m];
 - ``feed``: what the shares alone make the amplifier deliver now, and when the next command arrives [N m];
 - ``path``: the contact's force along the reference [N m], and velocity and acceleration of its last instant.
 
-And what they know: ``law`` of friction (B, τc, σ0, σ1); ``lag`` of the amplifier: its gain, the limit of a share [N m],
-and what stays of a difference over a tick, over its part before a command arrives, and over that after.
+And what they know: ``laws`` of friction (2, 4), the load's and the actuator's: B, τc, σ0, σ1, all zero where nothing
+is known; ``law``, the load's alone; ``lag`` of the amplifier: its gain, the limit of a share [N m], and what stays of a
+difference over a tick, over its part before a command arrives, and over that after.
 """
 
 from math import ceil, exp
@@ -22,6 +25,8 @@ from numba import njit
 
 # The clock of a stream forgets readings older than about so many.
 CLOCK_READINGS = 200.0
+# Steps in which the free motion is foreseen over the load's delay: friction turns round within a third of it.
+STEPS_AHEAD = 8
 
 
 @njit(cache=True)
@@ -85,8 +90,8 @@ def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type:
 
 
 @njit(cache=True)
-def sense(states, inputs, contact, clocks, readings, ages, delays, fresh, now, tick, rows, gain, law, position):  # type: ignore[no-untyped-def]
-    """Take in one tick's readings, and let the contact slide by what the shaft has turned (at row ``position``).
+def sense(states, inputs, contacts, clocks, readings, ages, delays, fresh, now, tick, rows, gain, laws, position):  # type: ignore[no-untyped-def]
+    """Take in one tick's readings, and let the contacts slide by what the shaft has turned (at row ``position``).
 
     ``ages`` and ``delays`` [s] of each reading: since it arrived, and until then.
     """
@@ -96,8 +101,11 @@ def sense(states, inputs, contact, clocks, readings, ages, delays, fresh, now, t
             steady_arrival(clocks[output], now - ages[output])
         since[output] = delays[output] + now - clocks[output, 0]  # a late tick may see readings from after it
     correct(states, inputs, readings, since, fresh, tick, rows, gain)
-    contact[0] = slide(contact[0], states[0, position] - contact[1], law[1], law[2])
-    contact[1] = states[0, position]
+    for side in range(2):
+        if laws[side, 1] > 0.0:
+            turned = states[0, position] - contacts[side, 1]
+            contacts[side, 0] = slide(contacts[side, 0], turned, laws[side, 1], laws[side, 2])
+            contacts[side, 1] = states[0, position]
 
 
 @njit(cache=True)
@@ -179,6 +187,41 @@ def feed_forward(commands, shares, feed, lag, path, law, inertia, between, tick,
 
 
 @njit(cache=True)
+def foreseen(velocity, free, rate, contacts, laws, inertias, lead):  # type: ignore[no-untyped-def]
+    """The torque [N m] that takes the load along with the free actuator ``lead`` [s] from now.
+
+    ``free`` is what the actuator's acceleration would be without its friction now [rad/s²], ``rate`` how it changes;
+    ``inertias`` are the load's and the actuator's. Midpoint rule; the contacts slide by their exact flow.
+    """
+    step = lead / STEPS_AHEAD
+    load, actuator = contacts[0, 0], contacts[1, 0]
+    for i in range(STEPS_AHEAD):
+        slope = free + rate * i * step - friction(actuator, velocity, laws[1]) / inertias[1]
+        middle = velocity + 0.5 * step * slope
+        halfway = slide(actuator, 0.5 * step * middle, laws[1, 1], laws[1, 2])
+        slope = free + rate * (i + 0.5) * step - friction(halfway, middle, laws[1]) / inertias[1]
+        actuator = slide(actuator, step * middle, laws[1, 1], laws[1, 2])
+        load = slide(load, step * middle, laws[0, 1], laws[0, 2])
+        velocity += step * slope
+    acceleration = free + rate * lead - friction(actuator, velocity, laws[1]) / inertias[1]
+    return inertias[0] * acceleration + friction(load, velocity, laws[0])
+
+
+@njit(cache=True)
+def anticipate(commands, shares, feed, lag, states, contacts, laws, inertias, places, lead, begins):  # type: ignore[no-untyped-def]
+    """The last command, changed as what the free motion is foreseen to need changes.
+
+    ``places`` says where velocity, free acceleration and its rate stand in a state.
+    """
+    now = states[0]
+    torque = foreseen(now[places[0]], now[places[1]], now[places[2]], contacts, laws, inertias, lead)
+    if begins:
+        begin_feed(shares, feed, lag, torque)
+    ask(shares, feed, lag, torque)
+    return commands[0] + shares[0] - shares[1]
+
+
+@njit(cache=True)
 def feedback(states, contact, commands, shares, feed, law, inertia, on_state, on_commands, places, x, v, a):  # type: ignore[no-untyped-def]
     """Gains times deviations from the reference, those of the commands from their feed-forward shares included.
 
@@ -233,9 +276,16 @@ def track(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def advance(states, inputs, contact, commands, command, law, step, velocity):  # type: ignore[no-untyped-def]
-    """Let one tick pass with ``command`` sent; the last two of ``commands`` are those that act in it."""
+def advance(states, inputs, contacts, commands, command, laws, mobility, step, velocity):  # type: ignore[no-untyped-def]
+    """Let one tick pass with ``command`` sent; the last two of ``commands`` are those that act in it.
+
+    ``mobility`` is one over the actuator's inertia where its friction counts as known, else 0.
+    """
     put_first(commands, command)
     inputs[0, 0], inputs[0, 1] = commands[-1], commands[-2]
-    inputs[0, 2] = -friction(contact[0], states[0, velocity], law)
+    inputs[0, 2] = -friction(contacts[0, 0], states[0, velocity], laws[0])
+    if mobility > 0.0:
+        inputs[0, 3] = -mobility * friction(contacts[1, 0], states[0, velocity], laws[1])
+    else:
+        inputs[0, 3] = 0.0
     predict(states, inputs, step)

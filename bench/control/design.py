@@ -74,7 +74,7 @@ def sliding_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Ben
     """Both contacts slide; the actuator's inertia is not well known."""
     bench = nominal_bench(calibration, tick_s)
     for inertia in (*_inertias(calibration), bench.actuator_inertia_kgm2):
-        yield from _miscalibrated(replace(bench, actuator_inertia_kgm2=inertia), tick_s)
+        yield from miscalibrated(replace(bench, actuator_inertia_kgm2=inertia), tick_s)
 
 
 def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
@@ -95,7 +95,7 @@ def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Be
 def walls(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
     """The actuator does not move at all: the command's whole torque is seen, the most that the plant's gain can be."""
     wall = replace(nominal_bench(calibration, tick_s), actuator_inertia_kgm2=WALL * calibration.inertia_kgm2)
-    for bench in _miscalibrated(wall, tick_s):
+    for bench in miscalibrated(wall, tick_s):
         yield bench.with_damping(1.0)
 
 
@@ -168,17 +168,25 @@ def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float) -> Obse
     The sensor is damped artificially: a controller must not build on where its resonance is. Encoders are trusted less
     than they deserve, the less the stiffer the sensor: a twist of a few counts must not pass for torque.
     """
-    c = calibration
-    torque_nm = max(3 * c.torque_noise_nm, 1e-6)
+    torque_nm, past = doubted_torque_nm(calibration), past_ticks(calibration, tick_s)
     free_rad_s2 = 100 * torque_nm / bench.actuator_inertia_kgm2  # per root second
-    past = ceil(max(c.torque_delay_s, c.position_delay_s) / tick_s) + 2
     for doubt in DOUBTS:
-        position_rad = doubt * max(c.position_resolution_rad, 1e-9)
+        position_rad = doubt * max(calibration.position_resolution_rad, 1e-9)
         noise = Noise(torque_nm, position_rad, free_rad_s2, free_rad_s2, 30 * torque_nm)
         observer = design_observer(bench.with_damping(1.0), noise, tick_s, past)
         if holds_at_any_age(observer, bench, tick_s):
             break
     return observer
+
+
+def doubted_torque_nm(calibration: LoadCalibration) -> float:
+    """The deviation that observers take a torque reading to have."""
+    return max(3 * calibration.torque_noise_nm, 1e-6)
+
+
+def past_ticks(calibration: LoadCalibration, tick_s: float) -> int:
+    """How many past states an observer keeps: readings are as old as their delays, and up to a tick more."""
+    return ceil(max(calibration.torque_delay_s, calibration.position_delay_s) / tick_s) + 2
 
 
 def _inertias(calibration: LoadCalibration) -> tuple[float, float]:
@@ -189,7 +197,8 @@ def _inertias(calibration: LoadCalibration) -> tuple[float, float]:
     return base * low, base * high
 
 
-def _miscalibrated(bench: Bench, tick_s: float) -> Iterator[Bench]:
+def miscalibrated(bench: Bench, tick_s: float) -> Iterator[Bench]:
+    """``bench``, and as it may be instead: see the errors named above."""
     late_s = DELAY_ERROR_TICKS * tick_s
     yield bench
     yield replace(bench, gain=bench.gain * (1 + GAIN_ERROR))

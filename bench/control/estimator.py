@@ -8,7 +8,7 @@ import numpy as np
 from bench.control import core
 from bench.control.calibration import LoadCalibration
 from bench.control.dynamics import POSITION, TWIST, TWIST_RATE, VELOCITY, FloatArray
-from bench.control.observer import INPUTS, OFFSET, WIDTH, Observer
+from bench.control.observer import FREE, INPUTS, OFFSET, WIDTH, Observer
 from bench.sample import Sample
 
 
@@ -17,7 +17,8 @@ class Estimator:
     """Once a tick :meth:`sense`, then :meth:`advance` with the command that was sent.
 
     ``states``, now and at the last ticks, are laid out as :mod:`bench.control.observer` says; ``commands`` holds what
-    was sent, the last one first.
+    was sent, the last one first. The contacts of both machines are carried along the load's position: under zero torque
+    the actuator's is the same.
     """
 
     calibration: LoadCalibration
@@ -25,20 +26,16 @@ class Estimator:
     observer: Observer
     commands: FloatArray = field(init=False)
     seen: bool = field(default=False, init=False)  # whether every signal has arrived at least once
+    _mobility: float = field(default=0.0, init=False)  # of the actuator, while its friction counts as known
 
     def __post_init__(self) -> None:
         c, past = self.calibration, self.observer.past
-        self.friction_law = np.array(
-            [
-                c.viscous_damping_nms_rad,
-                c.coulomb_torque_nm,
-                c.presliding_stiffness_nm_rad,
-                c.presliding_damping_nms_rad,
-            ]
-        )
+        self.laws = friction_laws(c)
+        self.friction_law = self.laws[0]
         self._delays_s = c.torque_delay_s, c.position_delay_s, c.position_delay_s
         self._clocks, self._begun_ns = np.zeros((3, 3)), 0
-        self.contact = np.zeros(2)  # its force [N m], and the load's position [rad] at which it was that
+        self.contacts = np.zeros((2, 2))  # load's, actuator's: its force [N m], and the load's position at which it was
+        self.contact = self.contacts[0]
         self.states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))
         self.commands = np.zeros(self.observer.whole + 2)
         self._compile()
@@ -57,6 +54,15 @@ class Estimator:
         c, x = self.calibration, self.states[0]
         return float(c.sensor_stiffness_nm_rad * x[TWIST] + c.sensor_damping_nms_rad * x[TWIST_RATE])
 
+    def use(self, observer: Observer, *, knows_friction: bool) -> None:
+        """Go on with another observer of the same past; ``knows_friction``: the actuator's is no disturbance to it."""
+        inertia_kgm2 = self.calibration.actuator_inertia_kgm2
+        mobility = 1.0 / inertia_kgm2 if knows_friction and inertia_kgm2 else 0.0
+        if mobility != self._mobility:
+            known_nm = core.friction(self.contacts[1, 0], self.states[0, VELOCITY], self.laws[1])
+            self.states[:, FREE] += (mobility - self._mobility) * known_nm
+        self.observer, self._mobility = observer, mobility
+
     def sense(self, sample: Sample) -> bool:
         """Take in what arrived; False where a signal is missing or is no number (the state then stays as it is)."""
         readings = (sample.torque_nm, sample.load_position_rad, sample.position_rad)
@@ -69,7 +75,7 @@ class Estimator:
         core.sense(
             self.states,
             self._inputs,
-            self.contact,
+            self.contacts,
             self._clocks,
             readings,
             ages_s,
@@ -79,7 +85,7 @@ class Estimator:
             self.tick_s,
             self.observer.rows,
             self.observer.gain,
-            self.friction_law,
+            self.laws,
             POSITION,
         )
         return True
@@ -92,10 +98,11 @@ class Estimator:
         core.advance(
             self.states,
             self._inputs,
-            self.contact,
+            self.contacts,
             self.commands,
             command_nm,
-            self.friction_law,
+            self.laws,
+            self._mobility,
             self.observer.step,
             VELOCITY,
         )
@@ -114,7 +121,7 @@ class Estimator:
         self._clocks[:, 1] = self.tick_s
         twist = sample.torque_nm / self.calibration.sensor_stiffness_nm_rad
         self.states[:] = 0.0
-        self.states[:, POSITION] = self.contact[1] = sample.load_position_rad
+        self.states[:, POSITION] = self.contacts[:, 1] = sample.load_position_rad
         if isfinite(sample.load_velocity_rad_s):
             self.states[:, VELOCITY] = sample.load_velocity_rad_s
             self.states[:, POSITION] -= sample.load_velocity_rad_s * self.tick_s * np.arange(len(self.states))
@@ -122,3 +129,17 @@ class Estimator:
         self.states[:, OFFSET] = sample.position_rad - sample.load_position_rad - twist
         self._inputs[:] = 0.0
         self.seen = True
+
+
+def friction_laws(calibration: LoadCalibration) -> FloatArray:
+    """B, τc, σ0 and σ1 of the load and of the actuator, (2, 4); the actuator's are 0 where they are not known."""
+    c, laws = calibration, np.zeros((2, 4))
+    for row, friction in zip(laws, (c, c.actuator_friction), strict=True):
+        if friction is not None:
+            row[:] = (
+                friction.viscous_damping_nms_rad,
+                friction.coulomb_torque_nm,
+                friction.presliding_stiffness_nm_rad,
+                friction.presliding_damping_nms_rad,
+            )
+    return laws

@@ -15,7 +15,7 @@ from bench.control.dynamics import STATES, Bench, FloatArray, Sampled, look_back
 
 FREE, FREE_RATE, LOAD, OFFSET = STATES, STATES + 1, STATES + 2, STATES + 3
 WIDTH = STATES + 4
-INPUTS = 3  # command in force, next command, known torque on the load
+INPUTS = 4  # command in force, next command, known torque on the load, known part of the free acceleration
 GRID = 16  # instants within a tick for which output rows are kept
 
 
@@ -80,10 +80,10 @@ def design_observer(bench: Bench, noise: Noise, tick_s: float, past: int) -> Obs
 
 
 def _extended(bench: Bench, tick_s: float) -> Sampled:
-    """The bench with its disturbances as states; inputs: command, torque on the load."""
+    """The bench with its disturbances as states; inputs: command, torque on the load, free acceleration."""
     a5, b5 = bench.matrices()
-    a, b = np.zeros((WIDTH, WIDTH)), np.zeros((WIDTH, 2))
-    a[:STATES, :STATES], b[:STATES] = a5, b5[:, :2]
+    a, b = np.zeros((WIDTH, WIDTH)), np.zeros((WIDTH, 3))
+    a[:STATES, :STATES], b[:STATES] = a5, b5
     a[:STATES, LOAD], a[:STATES, FREE] = b5[:, 1], b5[:, 2]
     a[FREE, FREE_RATE] = 1.0
     return sampled(a, b, tick_s, bench.command_delay_s)

@@ -88,44 +88,44 @@ def torque_control(
     observer: Observer, proportional: float, integral_per_s: float, damping_nms_rad: float, tick_s: float
 ) -> Control:
     """The torque loop, in the form that it runs in: u += P Δτ + I T τ − D Δω, with the observer's ω."""
-    body, commands = _sizes(observer)
-    corrected = _corrected(observer)
+    body, commands = sizes(observer)
+    seen = corrected(observer)
     last_torque, last_velocity = body + commands, body + commands + 1
     wish, memory = np.zeros(body + commands + 2), np.zeros((2, body + commands + 2))
-    memory[1, : body + commands] = corrected[VELOCITY]
+    memory[1, : body + commands] = seen[VELOCITY]
     wish[body] = 1.0
     wish[last_torque], wish[last_velocity] = -proportional, damping_nms_rad
     wish -= damping_nms_rad * memory[1]
     memory_entry = np.stack([[1.0, 0.0, 0.0], observer.gain[VELOCITY]])
     direct = -damping_nms_rad * observer.gain[VELOCITY]
     direct[0] += proportional + integral_per_s * tick_s
-    return _observing(observer, corrected, wish, direct, memory, memory_entry)
+    return observing(observer, seen, wish, direct, memory, memory_entry)
 
 
 def tracking_control(observer: Observer, regulator: Regulator) -> Control:
     """Observer and regulator."""
-    body, _ = _sizes(observer)
-    corrected = _corrected(observer)
+    body, _ = sizes(observer)
+    seen = corrected(observer)
     picked = np.zeros(body)
     picked[: len(regulator.on_state)] = regulator.on_state
-    direct, wish = -picked @ observer.gain, -picked @ corrected
+    direct, wish = -picked @ observer.gain, -picked @ seen
     wish[body] += 1.0  # the regulator's change is added to the last command
     wish[body : body + len(regulator.on_commands)] -= regulator.on_commands
-    return _observing(observer, corrected, wish, direct, np.zeros((0, len(wish))), np.zeros((0, 3)))
+    return observing(observer, seen, wish, direct, np.zeros((0, len(wish))), np.zeros((0, 3)))
 
 
-def _sizes(observer: Observer) -> tuple[int, int]:
+def sizes(observer: Observer) -> tuple[int, int]:
     """How many numbers the predicted states are, and the last commands."""
     return (observer.past + 1) * WIDTH, observer.past + observer.whole + 1
 
 
-def _corrected(observer: Observer) -> FloatArray:
+def corrected(observer: Observer) -> FloatArray:
     """The states after the readings, over the predicted states and the last commands; readings as old as nominal."""
-    body, commands = _sizes(observer)
+    body, commands = sizes(observer)
     return np.eye(body, body + commands) - observer.gain @ _expected(observer, body, commands)
 
 
-def _observing(
+def observing(
     observer: Observer,
     corrected: FloatArray,
     wish: FloatArray,
@@ -134,7 +134,7 @@ def _observing(
     memory_entry: FloatArray,
 ) -> Control:
     """A controller over the predicted states, the last commands and a memory of its own."""
-    body, commands = _sizes(observer)
+    body, commands = sizes(observer)
     seen = body + commands
     step, entry = np.zeros((len(wish), len(wish))), np.zeros((len(wish), 3))
     step[:seen, :seen], shift = _register(body, WIDTH, commands)

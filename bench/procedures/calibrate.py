@@ -6,13 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from bench.control.calibration import LoadCalibration
+from bench.control.calibration import ActuatorFriction, LoadCalibration
 from bench.errors import ExperimentError
 from bench.identification.fit import fit_signals
 from bench.identification.load import LoadFit, fit_load
 from bench.identification.results import FitResult
 from bench.identification.signals import Port, signals
 from bench.identification.soundness.recording import sound
+from bench.models.parameters import Status
 from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import back, coasting, pushed
 from bench.procedures.options import CalibrateOptions
@@ -35,6 +36,8 @@ BACK_OFF = 0.3
 GREATEST_STEP = 1.5
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
+# Deviations up to which the controller builds on the actuator's friction, relative.
+WELL_KNOWN = {"inertia": 0.05, "coulomb_torque": 0.05, "presliding_stiffness": 0.2}
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,7 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         torque_bias_nm=tare.torque_bias_nm if fit.weight_nm else fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
         actuator_inertia_kgm2=first_inertia_kgm2(actuator),
+        actuator_friction=first_friction(actuator),
         weight_nm=fit.weight_nm,
     )
 
@@ -143,6 +147,27 @@ def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
         return None
     inertia_kgm2 = actuator.network.inertia_kgm2
     return inertia_kgm2 if actuator.converged and inertia_kgm2 > 0.0 else None
+
+
+def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:
+    """The actuator's friction, where the calibration tells it and the inertia well enough to build on."""
+    if actuator is None or first_inertia_kgm2(actuator) is None or not well_known(actuator):
+        return None
+    network = actuator.network
+    return ActuatorFriction(
+        max(network.viscous_damping_nms_rad, 0.0),
+        network.coulomb_torque_nm,
+        network.presliding_stiffness_nm_rad,
+        max(network.presliding_damping_nms_rad, 0.0),
+    )
+
+
+def well_known(actuator: FitResult) -> bool:
+    """Whether what turns round with the shaft is valid and known to WELL_KNOWN."""
+    return all(
+        estimate.status is Status.VALID and estimate.std <= part * abs(estimate.value)
+        for estimate, part in ((actuator.estimate(name), part) for name, part in WELL_KNOWN.items())
+    )
 
 
 def least_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:

@@ -157,13 +157,14 @@ class Run:
 
     def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
         """The free motion to expect under zero torque: by the calibration's fit where that is to be trusted, else by
-        the live estimate once that is valid."""
+        the live estimate once that is valid. A network that is not known to a per cent foresees less than feedback
+        that knows the actuator's friction."""
         known = self.so_far.known
         if known.calibration is None or known.actuator is None:
             return segment
         first = known.actuator.network
         network = first if trusted(first) else self.feed.latest.network
-        if network is None:
+        if network is None or (known.calibration.actuator_friction is not None and not trusted(network)):
             return segment
         delay_s, tick_s = known.actuator.command_delay_s, known.tick_s
         return with_preview(

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from bench.control.admittance import AdmittanceController
-from bench.control.calibration import LoadCalibration
+from bench.control.calibration import ActuatorFriction, LoadCalibration
 from bench.identification.current import fit_current
 from bench.identification.friction.family import family_for
 from bench.identification.friction.path import Path
@@ -24,7 +24,10 @@ COMMAND_UNIT = "N*m"
 # Any machine will do.
 NETWORK = NortonNetwork(1.0, 500.0, 1e-4, 1e-3, 0.02, 10.0, 0.01, command_unit=COMMAND_UNIT)
 SHAPE = Shape(500.0, 500.0, TICK_S, 0.0)
-LOAD = LoadCalibration(1.0, 1e3, 1e-4, 1e-3, 0.01, 10.0, 0.01, 1.5e-3, 0.0, 200.0, 0.01, 1e-3, 0.0, 5e-5, -1e-3, 1e-4)
+FRICTION = ActuatorFriction(1e-3, 0.02, 10.0, 0.01)
+LOAD = LoadCalibration(
+    1.0, 1e3, 1e-4, 1e-3, 0.01, 10.0, 0.01, 1.5e-3, 0.0, 200.0, 0.01, 1e-3, 0.0, 5e-5, -1e-3, 1e-4, FRICTION
+)
 
 
 @cache  # a process stays warm
