@@ -57,13 +57,14 @@ def _histogram(axes: Axes, residual: FloatArray, unit: str) -> None:
     axes.set_title("How it is spread")
     axes.set_xlabel(f"residual [{unit}]")
     axes.set_yticks([])
+    axes.tick_params(labelleft=False)
     axes.margins(y=0.25)
 
 
 def validation_figure(trace: Trace, what: str) -> Figure:
     """Measured beside predicted: the whole, what is left, and a stretch close up."""
-    picture = figure(5.0)
-    whole, left, close = picture.subplots(3, 1, height_ratios=(1.25, 0.7, 1.25))
+    picture = figure(5.6)
+    whole, left, close = picture.subplots(3, 1, height_ratios=(1.25, 1, 1.25))
     unit = pretty_unit(trace.unit)
     _pair(whole, trace, np.arange(len(trace.time_s)))
     whole.legend(labelcolor=INK, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
@@ -102,7 +103,7 @@ def live_figure(live: Sequence[LiveEstimate | RecordedEstimates], time_s: FloatA
     """How each estimate settled while the bench was running, with its 95 % band and where the final fit put it."""
     names = [parameter.name for parameter in PARAMETERS if _history(live, parameter.name)]
     rows = max(1, -(-len(names) // _COLUMNS))
-    picture = figure(1.6 * rows)
+    picture = figure(1.7 * rows)
     panels = picture.subplots(rows, _COLUMNS, squeeze=False, sharex=True).ravel()
     final = {estimate.name: estimate for estimate in fit.estimates} if fit is not None else {}
     for axes, name in zip(panels, names, strict=False):

@@ -12,6 +12,8 @@ import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from bench.report.margins import Margins
+
 # Stand-ins, one for each custom property of report.css, so that a figure follows the page into the dark and onto paper.
 INK = "#0a0001"
 MUTED = "#0a0002"
@@ -110,6 +112,6 @@ def standalone(markup: str) -> str:
 
 def figure(height_in: float) -> Figure:
     """An empty figure of the page's width, on the page's own background."""
-    new = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+    new = Figure(figsize=(WIDTH_IN, height_in), layout=Margins())
     new.patch.set_visible(False)
     return new
