@@ -1,19 +1,17 @@
 """One command, several torques: what a blocked port exerts tells how it came to rest (paper, section IV.D)."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from bench.errors import UsageError
 from bench.identification.model_free.source_map import blocked_map
 from bench.procedures.options import BlockedOptions, CalibrateOptions, FreeOptions, TareOptions
-from bench.rig.load import load_rig
 from bench.session.engine import record_session
 from bench.session.schema import Session, Step, parse_session
 from sim_backend.truth import read_truth
+from tests.bench.half_rate import half_rate
 
-RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
+RIG = half_rate("sim-odrive")
 
 
 def test_friction_leaves_what_the_history_says(tmp_path):

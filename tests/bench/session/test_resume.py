@@ -11,15 +11,15 @@ from bench.errors import OperatorStopError, UsageError
 from bench.loop.stop_word import StopWord
 from bench.recording.reader import read_recording
 from bench.records import Measured
-from bench.rig.load import load_rig
 from bench.session.conclusion import conclude_recording
 from bench.session.engine import SessionResult, run_session
 from bench.session.operator import Order
 from bench.session.past import before, read_past
 from bench.session.progress import Silent
 from bench.session.schema import parse_session
+from tests.bench.half_rate import half_rate
 
-RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
+RIG = half_rate("sim-odrive")
 TEXT = """\
 [[step]]
 do = "ask"

@@ -23,6 +23,7 @@ from bench.session.conclusion import conclude_recording
 from bench.session.engine import SessionResult, run_session
 from bench.session.schema import Session, Step, refining_session, standard_session
 from sim_backend.truth import Truth, read_truth
+from tests.bench.half_rate import half_rate
 
 RIGS = Path(__file__).parents[3] / "rigs"
 TARE = Step("tare", TareOptions(0.5))
@@ -52,7 +53,7 @@ STEPS = {
 
 @cache
 def result_of(name: str) -> SessionResult:
-    rig = load_rig(RIGS / f"{name}.toml")
+    rig = half_rate(name)
     calibrate = Step("calibrate", CalibrateOptions(8.0 if name == "sim-gravity" else 4.0))
     return run_session(rig, Session((TARE, calibrate, *STEPS[name]), "short"), out=Path(mkdtemp()), seed=3)
 
@@ -147,7 +148,7 @@ def test_a_recording_tells_the_same_again_and_the_report_shows_it(tmp_path):
 
 
 def test_a_shaft_that_runs_is_told_from_one_that_rests(tmp_path):
-    rig = load_rig(RIGS / "sim-odrive.toml")
+    rig = half_rate("sim-odrive")
     steps = (TARE, Step("calibrate", CalibrateOptions(4.0)), Step("tabulate_source", SOURCE))
     with pytest.raises(ExperimentError, match="its source may be a velocity, which the step 'free' measures"):
         run_session(rig, Session(steps, "short"), out=tmp_path, seed=3)

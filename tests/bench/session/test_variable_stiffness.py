@@ -14,13 +14,13 @@ from bench.identification.tables.modulation import Modulated, modulated
 from bench.procedures.modulated import ModulatedProcedure
 from bench.procedures.options import CalibrateOptions, TabulateImpedanceOptions, TabulateSourceOptions, TareOptions
 from bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
-from bench.rig.load import load_rig
 from bench.session.conclusion import conclude_recording
 from bench.session.engine import SessionResult, record_procedures, run_session
 from bench.session.schema import Session, Step
 from sim_backend.truth import Truth, read_truth
+from tests.bench.half_rate import half_rate
 
-RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-variable-stiffness.toml")
+RIG = half_rate("sim-variable-stiffness")
 ENDS = ("0 N*m/rad", "4 N*m/rad")
 SOURCE = TabulateSourceOptions(levels=2, lowest=0.0, highest=0.5, read_s=0.2)
 IMPEDANCE = TabulateImpedanceOptions(commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0)
