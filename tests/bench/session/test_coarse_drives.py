@@ -7,11 +7,12 @@ import pytest
 from bench.identification.fit import fit
 from bench.models.parameters import Estimate, Status
 from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
-from bench.rig.load import load_rig, parse_rig
+from bench.rig.load import parse_rig
 from bench.rig.rig import Rig
 from bench.session.engine import record_session
 from bench.session.schema import Session, Step
 from sim_backend.tools import true_parameters
+from tests.bench.half_rate import half_rate
 
 # Of eighteen values one in a thousand tries lies farther out than this.
 GREATEST_DEVIATION_STD = 4.0
@@ -52,7 +53,7 @@ def identified(rig: Rig, out: Path) -> dict[str, Estimate]:
 def test_every_parameter_is_found_within_its_own_deviation(
     rig_name: str, current_known_to: tuple[float, float], tmp_path: Path
 ) -> None:
-    found = identified(load_rig(RIGS / f"{rig_name}.toml"), tmp_path)
+    found = identified(half_rate(rig_name), tmp_path)
     least, most = current_known_to
     for name in ("torque_constant", "amplifier_gain"):
         assert least < found[name].std / found[name].value < most, name

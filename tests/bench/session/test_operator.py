@@ -13,15 +13,15 @@ from bench.procedures.options import TareOptions
 from bench.procedures.rest import RestOptions, RestProcedure
 from bench.procedures.tare import TareProcedure
 from bench.recording.reader import read_recording
-from bench.rig.load import load_rig
 from bench.session.answers import Answers
 from bench.session.engine import run_script, run_session
 from bench.session.operator import Order
 from bench.session.progress import PlannedStep, Prompt, SessionState, Silent, Summary
 from bench.session.schema import parse_session
 from bench.session.script import Ask, Script, SoFar
+from tests.bench.half_rate import half_rate
 
-RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
+RIG = half_rate("sim-odrive")
 TARE = TareProcedure(TareOptions(0.5))
 REST = RestProcedure(RestOptions(0.2))
 

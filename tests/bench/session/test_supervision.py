@@ -19,9 +19,10 @@ from bench.session.schema import Session, Step
 from bench.session.supervision import told_to_guard
 from drivers.registry import load_backend
 from sim_backend.firmware.odrive import ODriveAxis
+from tests.bench.half_rate import half_rate
 
 RIGS = Path(__file__).parents[3] / "rigs"
-RIG = load_rig(RIGS / "sim-odrive.toml")
+RIG = half_rate("sim-odrive")
 FREE = load_rig(RIGS / "sim-free-shaft.toml")
 TARE = Step("tare", TareOptions(0.5))
 
