@@ -5,13 +5,14 @@ three hexadecimal digits, extended ones eight; error frames carry Linux' flag 0x
 left out. Source: can-utils, lib.c ``sprint_canframe`` and candump.c; python-can, io/canutils.py.
 """
 
+from functools import lru_cache
 from pathlib import Path
 
 from bench.recording.wire import Frames
 from drivers.readings import ERROR_FRAME
 
 # The bench's clock counts nanoseconds, a candump log microseconds.
-NS_A_SECOND, NS_A_MICROSECOND = 1_000_000_000, 1_000
+NS_A_SECOND, NS_A_MICROSECOND, MICROSECONDS_A_SECOND = 1_000_000_000, 1_000, 1_000_000
 SERIAL = -1
 
 
@@ -22,17 +23,20 @@ def log_name(recording: Path) -> Path:
 
 def log_lines(frames: Frames) -> bytes:
     """The lines of all frames that crossed a CAN bus, in the order in which they were seen."""
-    columns = (frames.stamp_ns, frames.channel, frames.sent, frames.data, frames.arbitration_id)
-    rows = zip(*columns, frames.extended, frames.remote, strict=True)
-    return "".join(_line(*row) for row in rows if row[4] != SERIAL).encode()
+    told = (frames.stamp_ns, frames.sent, frames.data, frames.remote)
+    rows = zip(*told, frames.channel, frames.arbitration_id, frames.extended, strict=True)
+    return "".join(
+        [
+            f"({stamp_ns // NS_A_SECOND}.{stamp_ns // NS_A_MICROSECOND % MICROSECONDS_A_SECOND:06d}) {_place(*place)}#"
+            f"{'R' if remote else data.hex().upper()} {'T' if sent else 'R'}\n"
+            for stamp_ns, sent, data, remote, *place in rows
+            if place[1] != SERIAL
+        ]
+    ).encode()
 
 
-def _line(
-    stamp_ns: int, channel: str, sent: bool, data: bytes, arbitration_id: int, extended: bool, remote: bool
-) -> str:
-    seconds, rest_ns = divmod(stamp_ns, NS_A_SECOND)
+@lru_cache(maxsize=256)  # a bus has few identifiers, each seen a thousand times a second
+def _place(channel: str, arbitration_id: int, extended: bool) -> str:
+    """Channel and identifier."""
     wide = extended or arbitration_id & ERROR_FRAME
-    identifier = f"{arbitration_id:08X}" if wide else f"{arbitration_id:03X}"
-    content = "R" if remote else data.hex().upper()
-    name = "_".join(channel.split())
-    return f"({seconds}.{rest_ns // NS_A_MICROSECOND:06d}) {name} {identifier}#{content} {'T' if sent else 'R'}\n"
+    return f"{'_'.join(channel.split())} {arbitration_id:0{8 if wide else 3}X}"

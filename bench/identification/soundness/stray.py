@@ -24,9 +24,15 @@ def spikes(values: npt.NDArray[np.float64]) -> BoolArray:
         return found
     steps = np.diff(values)
     ways = np.abs(steps)
-    changes = ways[ways > 0]
-    # At rest one count is the usual change, if there are enough of them to call it usual.
-    counts = float(np.median(changes)) if changes.size >= FEWEST else 0.0
-    far = np.minimum(ways[:-1], ways[1:]) > SPIKE * (float(np.quantile(ways, USUAL)) or counts)
+    place = int(USUAL * (ways.size - 1))
+    # One value in its place: a quantile between two costs ten times as much, and live this is asked every 100 ms.
+    usual = float(np.partition(ways, place)[place]) or _count(ways)
+    far = np.minimum(ways[:-1], ways[1:]) > SPIKE * usual
     found[1:-1] = far & (steps[:-1] * steps[1:] < 0.0)
     return found
+
+
+def _count(ways: npt.NDArray[np.float64]) -> float:
+    """At rest one count is the usual change, if there are enough of them to call it usual."""
+    changes = ways[ways > 0]
+    return float(np.median(changes)) if changes.size >= FEWEST else 0.0

@@ -19,7 +19,7 @@ from tests.bench.identification.synthetic import NAMES, TICK_S, Bench, Truth
 
 # Fits that are right differ from the truth by less than this many deviations.
 RIGHT = 4.0
-FEW = settings(max_examples=6, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+FEW = settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 def identified(measured):
