@@ -12,8 +12,8 @@ from bench.identification.tables.means import Mean, Setting
 from bench.identification.tables.modulation import Modulated, modulated
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.two_ports import two_ports
+from bench.report.facts_tables import modulation_sentences
 from bench.report.section import Facts
-from bench.report.sections_tables import modulation_sentences
 from bench.session.conclusion import Conclusion
 from bench.session.summary import tabulated
 

@@ -29,7 +29,7 @@ from bench.procedures.iterate import IterateProcedure
 from bench.recording.contents import RecordedEstimates, Recording
 from bench.recording.reader import read_recording
 from bench.records import Measured
-from bench.report.render import ReportData, write_report
+from bench.report.data import ReportData
 from bench.report.words import NO_UNITS, Units
 from bench.rig.rig import NO_MODEL
 from bench.segments import Use
@@ -114,6 +114,8 @@ def conclude(
         measured=measured,
         notes=notes,
     )
+    from bench.report.render import write_report  # noqa: PLC0415  (half a second that a session would begin later)
+
     return replace(found, report=write_report(out / f"{recording.stem}.report.html", page))
 
 

@@ -8,8 +8,8 @@ from bench.errors import ExitCode
 from bench.identification.in_situ import InSituResult
 from bench.identification.tables.two_ports import two_ports
 from bench.identification.trials import TrialFigures, last_driven, settled
+from bench.report.facts_tables import line_facts, ports_facts, source_facts
 from bench.report.section import Facts
-from bench.report.sections_tables import line_facts, ports_facts, source_facts
 from bench.session.conclusion import Conclusion
 from bench.session.failure import exit_code_of, sentence_of
 from bench.session.progress import Judged, Summary

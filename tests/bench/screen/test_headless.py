@@ -16,6 +16,11 @@ for name in ("bench.cli.app", "bench.cli.experiment", "bench.cli.recordings", "b
     import_module(name)
     assert not [module for module in sys.modules if module.split(".")[0] == "textual"], name
 """
+UNDRAWN = """
+import sys
+import bench.cli.experiment, bench.session.engine, bench.session.hosted
+assert "matplotlib" not in sys.modules
+"""
 LIGHT = """
 import sys
 import bench.screen.app
@@ -23,7 +28,11 @@ assert not [module for module in sys.modules if module.split(".")[0] in ("matplo
 """
 
 
-@pytest.mark.parametrize("program", [HEADLESS, LIGHT], ids=["no textual without a screen", "no report with one"])
+@pytest.mark.parametrize(
+    "program",
+    [HEADLESS, UNDRAWN, LIGHT],
+    ids=["no textual without a screen", "nothing that draws before there is a report", "no report with a screen"],
+)
 def test_imports(program: str) -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -7,7 +7,7 @@ from bench.identification.tables.exertion_table import ExertionTable, Held
 from bench.identification.tables.means import Mean, Setting
 from bench.identification.tables.modulation import modulated
 from bench.identification.tables.source_table import SourceLevel, SourceTable
-from bench.report.sections_tables import modulation_sentences
+from bench.report.facts_tables import modulation_sentences
 from bench.report.words import Units
 
 UNITS = Units("rad", "N*m/rad")
