@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test check guard bench clean
+.PHONY: demo test check guard compiled bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -14,7 +14,8 @@ $(READY): pyproject.toml
 demo: $(READY)  ## identify a simulated actuator through real frames and bytes
 	$(BIN)/norton-bench identify rigs/sim-odrive.toml
 
-test: $(READY) check guard  ## everything CI runs
+test: $(READY)  ## everything CI runs
+	$(MAKE) --jobs 2 check guard compiled
 	$(BIN)/pytest
 
 check: $(READY)  ## style, types, import floors
@@ -25,6 +26,9 @@ check: $(READY)  ## style, types, import floors
 
 guard: $(READY)  ## the last gate before the wire: every line and every branch of it
 	$(BIN)/pytest tests/bench/guard -n 0 -q --cov=bench.guard --cov-branch --cov-report=term-missing --cov-fail-under=100
+
+compiled: $(READY)  ## the numerical code, once, for all processes to come: else the first tests wait for it
+	$(BIN)/python -c "from bench.session.warm_up import warm_up; warm_up()"
 
 bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/identification.py --seeds 1-5
