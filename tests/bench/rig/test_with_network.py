@@ -21,6 +21,7 @@ from bench.rig.with_network import rig_with_network
 from bench.session.engine import record_script
 from sim_backend.plant import Plant
 from sim_backend.truth import read_truth
+from tests.bench.whole_session import whole_session
 
 RIGS = Path(__file__).parents[3] / "rigs"
 NETWORK = NortonNetwork(
@@ -88,8 +89,8 @@ def fitted(rig, out, seed):
     return fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s)
 
 
-def test_identified_exported_and_identified_again_it_is_the_same(tmp_path, capsys):
-    first = fitted(load_rig(RIGS / "sim-odrive.toml"), tmp_path, seed=11)
+def test_identified_exported_and_identified_again_it_is_the_same(tmp_path_factory, tmp_path, capsys):
+    first = whole_session(tmp_path_factory).result.conclusion.fit
     path, network = tmp_path / "again.toml", tmp_path / "first.network.json"
     first.network.save(network)
     arguments = ["network", "export", str(network), "--to", "rig", "--rig", str(RIGS / "sim-odrive.toml")]

@@ -8,18 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
 from bench.recording.contents import Recording
-from bench.rig.load import load_rig
 from bench.rig.rig import Rig
 from bench.screen.experiment import Experiment
 from bench.screen.sources import Replayed
-from bench.session.engine import run_session
 from bench.session.operator import Order
-from bench.session.progress import Progress, SessionState, Silent, Summary
+from bench.session.progress import Progress, SessionState, Summary
 from bench.session.replay import Replay, load_replay
-from bench.session.schema import Session, Step
-from tests.bench.once import once
+from tests.bench.whole_session import RIG, SESSION, Performed, whole_session
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -34,33 +30,6 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
 
 ROOT = Path(__file__).parents[3]
 RIGS = ROOT / "rigs"
-RIG = load_rig(RIGS / "sim-odrive.toml")
-SESSION = Session(
-    (
-        Step("tare", TareOptions(0.5)),
-        Step("calibrate", CalibrateOptions(4.0)),
-        Step("free", FreeOptions(levels=5, dwell_s=0.2, duration_s=3.0)),
-        Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=4.0)),
-        Step("validate", ValidateOptions(duration_s=2.0)),
-    ),
-    place="sessions/short.toml",
-)
-
-
-@dataclass(frozen=True)
-class Performed:
-    """The recording, and what the session said at its end."""
-
-    recording: Path
-    summary: Summary
-
-
-@dataclass
-class Listener(Silent):
-    summary: Summary | None = None
-
-    def result(self, summary: Summary) -> None:
-        self.summary = summary
 
 
 @dataclass
@@ -101,19 +70,12 @@ class Stand:
 
 @pytest.fixture(scope="session")
 def performed(tmp_path_factory: pytest.TempPathFactory) -> Performed:
-    return once(tmp_path_factory, "performed", _perform)
-
-
-def _perform(out: Path) -> Performed:
-    listener = Listener()
-    result = run_session(RIG, SESSION, out=out, seed=5, progress=listener)
-    assert listener.summary is not None
-    return Performed(result.recording, listener.summary)
+    return whole_session(tmp_path_factory)
 
 
 @pytest.fixture(scope="session")
 def recorded(performed: Performed) -> Recording:
-    return load_replay(performed.recording)[1]
+    return load_replay(performed.result.recording)[1]
 
 
 @pytest.fixture
@@ -130,7 +92,7 @@ def clock() -> Clock:
 def replayed(performed: Performed, recorded: Recording, clock: Clock) -> Experiment:
     """The recording being replayed, in time that the test moves."""
     replay = Replay(recorded, clock=clock)
-    experiment = Experiment(RIG, "sim-odrive.mcap", lambda: Replayed(replay, performed.recording))
+    experiment = Experiment(RIG, "sim-odrive.mcap", lambda: Replayed(replay, performed.result.recording))
     experiment.start()
     return experiment
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,60 +15,27 @@ from bench.identification.results import LiveEstimate
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
 from bench.procedures.makers import imposed
-from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
 from bench.procedures.waves import velocity_steps
 from bench.recording.contents import Recording
 from bench.recording.reader import read_recording
 from bench.recording.recover import recover
 from bench.recording.streams import OUTCOME
 from bench.records import Measured
-from bench.rig.load import load_rig
 from bench.rig.rig import Rig
 from bench.segments import Use
 from bench.session.conclusion import conclude, conclude_recording
-from bench.session.engine import SessionResult, run_session
+from bench.session.engine import run_session
 from bench.session.live_feed import replayed
-from bench.session.progress import Silent
 from bench.session.schema import Session, Step
 from sim_backend.tools import true_parameters
 from tests.bench.bench_in_simulation import opened
+from tests.bench.whole_session import CALIBRATE, RIG, SEED, SESSION, TARE, Performed, whole_session
 
-RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
-SEED = 5
-TARE = Step("tare", TareOptions(0.5))
-CALIBRATE = Step("calibrate", CalibrateOptions(4.0))
-STEPS = (
-    TARE,
-    CALIBRATE,
-    Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=3.0)),
-    Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=4.0)),
-    Step("validate", ValidateOptions(duration_s=2.0)),
-)
 METADATA_OF_THE_END = OUTCOME.encode()
 TABLES = ("ticks", "motion", "load_motion", "torque", "current", "load_current")
 # Beyond its own deviations no estimate may be further off than this share.
 GREATEST_ERROR = {"amplifier_bandwidth": 0.15, "presliding_stiffness": 0.15, "presliding_damping": 0.15}
 GREATEST_ERROR_ELSE = 0.03
-
-
-@dataclass
-class Witness(Silent):
-    """Keeps the live estimates, one a part."""
-
-    live: list[LiveEstimate] = field(default_factory=list)
-
-    def part(self, measured: Measured, live: LiveEstimate) -> None:
-        self.live.append(live)
-
-
-@dataclass(frozen=True)
-class Performed:
-    """The session, what was said on the way, and its recording read back."""
-
-    result: SessionResult
-    live: list[LiveEstimate]
-    recording: Recording
-    out: Path
 
 
 def session_of(*steps: Step) -> Session:
@@ -77,9 +44,12 @@ def session_of(*steps: Step) -> Session:
 
 @pytest.fixture(scope="module")
 def performed(tmp_path_factory: pytest.TempPathFactory) -> Performed:
-    out, witness = tmp_path_factory.mktemp("session"), Witness()
-    result = run_session(RIG, session_of(*STEPS), out=out, seed=SEED, progress=witness)
-    return Performed(result, witness.live, read_recording(result.recording), out)
+    return whole_session(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def recording(performed: Performed) -> Recording:
+    return read_recording(performed.result.recording)
 
 
 @pytest.fixture(scope="module")
@@ -135,24 +105,24 @@ def test_it_leaves_recording_network_and_report(performed: Performed) -> None:
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_the_recording_holds_what_was_measured(performed: Performed, table: str) -> None:
+def test_the_recording_holds_what_was_measured(performed: Performed, recording: Recording, table: str) -> None:
     measured = getattr(performed.result.measured, table)
     assert len(measured) > 100
-    assert getattr(performed.recording.measured, table).tobytes() == measured.tobytes()
+    assert getattr(recording.measured, table).tobytes() == measured.tobytes()
 
 
-def test_the_recording_says_in_which_segments_and_from_which_rig(performed: Performed) -> None:
-    assert performed.recording.complete
-    assert performed.recording.measured.segments == performed.result.measured.segments
-    assert performed.recording.rig_text == RIG.text
-    procedures = dict.fromkeys(segment.procedure for segment in performed.recording.measured.segments)
-    assert list(procedures) == [step.do for step in STEPS]
+def test_the_recording_says_in_which_segments_and_from_which_rig(performed: Performed, recording: Recording) -> None:
+    assert recording.complete
+    assert recording.measured.segments == performed.result.measured.segments
+    assert recording.rig_text == RIG.text
+    procedures = dict.fromkeys(segment.procedure for segment in recording.measured.segments)
+    assert list(procedures) == [step.do for step in SESSION.steps]
 
 
-def test_raw_frames_tell_everything_that_was_commanded(performed: Performed) -> None:
+def test_raw_frames_tell_everything_that_was_commanded(recording: Recording) -> None:
     """Two commands a tick, of four bytes each at least, on the one bus."""
-    ticks = len(performed.recording.measured.ticks)
-    sent = [frame for frame in performed.recording.measured.frames if frame.sent and frame.channel == "can0"]
+    ticks = len(recording.measured.ticks)
+    sent = [frame for frame in recording.measured.frames if frame.sent and frame.channel == "can0"]
     assert 2 * ticks < len(sent) < 2.1 * ticks
 
 
@@ -203,10 +173,10 @@ def test_a_recording_that_lost_its_end_and_was_recovered_gives_the_very_same_res
     assert result.estimates == estimates(performed)
 
 
-def test_replaying_a_recording_gives_the_same_live_estimates(performed: Performed) -> None:
+def test_replaying_a_recording_gives_the_same_live_estimates(recording: Recording) -> None:
     """Up to rounding, which depends on where in memory numbers lie."""
-    recorded = performed.recording.live
-    again = {one.stamp_ns: one for one in replayed(performed.recording)}
+    recorded = recording.live
+    again = {one.stamp_ns: one for one in replayed(recording)}
     assert list(again) == [one.stamp_ns for one in recorded]
     assert len(recorded[-1].estimates) == 7
     for one in recorded:
@@ -221,11 +191,11 @@ def valid_from_ns(live: list[LiveEstimate]) -> int:
     return next(estimate.stamp_ns for estimate in live if estimate.network is not None)
 
 
-def test_live_estimates_are_valid_long_before_the_end(performed: Performed) -> None:
+def test_live_estimates_are_valid_long_before_the_end(performed: Performed, recording: Recording) -> None:
     ticks = performed.result.measured.ticks["tick_ns"]
     known_after = (valid_from_ns(performed.live) - ticks[0]) / (ticks[-1] - ticks[0])
     assert 0.05 < known_after < 0.6
-    recorded = performed.recording.live
+    recorded = recording.live
     assert len(recorded) > 0.9 * len(performed.live)
     assert recorded[-1].estimates == performed.live[-1].estimates
 
@@ -240,16 +210,16 @@ def test_the_last_live_estimate_agrees_with_the_final_fit(performed: Performed) 
         assert abs(estimate.value - reference.value) < 4 * np.hypot(estimate.std, reference.std), estimate.name
 
 
-def test_zero_torque_is_foreseen_as_soon_as_the_network_is_known(performed: Performed) -> None:
+def test_zero_torque_is_foreseen_as_soon_as_the_network_is_known(performed: Performed, recording: Recording) -> None:
     known_ns = valid_from_ns(performed.live)
     free = [
         segment
-        for segment in performed.recording.measured.segments
+        for segment in recording.measured.segments
         if segment.procedure == "free" or segment.name == "free multisine"
     ]
     assert [segment.preview for segment in free] == [segment.start_ns > known_ns for segment in free]
     assert any(segment.preview and segment.use is Use.IDENTIFY for segment in free)
-    assert not any(segment.preview for segment in performed.recording.measured.segments if "imposed" in segment.name)
+    assert not any(segment.preview for segment in recording.measured.segments if "imposed" in segment.name)
 
 
 def test_the_same_seed_gives_the_same_tables(performed: Performed, again: Callable[[int], Measured]) -> None:

@@ -1,0 +1,65 @@
+"""One whole session on the simulated bench, performed once in a run: many look at what it left."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from bench.identification.results import LiveEstimate
+from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
+from bench.records import Measured
+from bench.rig.load import load_rig
+from bench.session.engine import SessionResult, run_session
+from bench.session.progress import Silent, Summary
+from bench.session.schema import Session, Step
+from tests.bench.once import once
+
+RIG = load_rig(Path(__file__).parents[2] / "rigs" / "sim-odrive.toml")
+SEED = 5
+TARE = Step("tare", TareOptions(0.5))
+CALIBRATE = Step("calibrate", CalibrateOptions(4.0))
+SESSION = Session(
+    (
+        TARE,
+        CALIBRATE,
+        Step("free", FreeOptions(levels=5, dwell_s=0.2, duration_s=3.0)),
+        Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=4.0)),
+        Step("validate", ValidateOptions(duration_s=2.0)),
+    ),
+    place="sessions/short.toml",
+)
+
+
+@dataclass
+class Witness(Silent):
+    """Keeps the live estimates, one a part, and what was said at the end."""
+
+    live: list[LiveEstimate] = field(default_factory=list)
+    summary: Summary | None = None
+
+    def part(self, measured: Measured, live: LiveEstimate) -> None:
+        self.live.append(live)
+
+    def result(self, summary: Summary) -> None:
+        self.summary = summary
+
+
+@dataclass(frozen=True)
+class Performed:
+    """The session, what was said on the way and at its end, and its folder, in which nobody else writes."""
+
+    result: SessionResult
+    live: list[LiveEstimate]
+    summary: Summary
+    out: Path
+
+
+def whole_session(factory: pytest.TempPathFactory) -> Performed:
+    return once(factory, "whole session", _perform)
+
+
+def _perform(out: Path) -> Performed:
+    witness = Witness()
+    result = run_session(RIG, SESSION, out=out, seed=SEED, progress=witness)
+    assert witness.summary is not None
+    return Performed(result, witness.live, witness.summary, out)
