@@ -10,7 +10,10 @@ RIGS = Path(__file__).parents[2] / "rigs"
 
 def half_rate(name: str) -> Rig:
     """The rig file of that name, with 500 ticks a second; its devices send as often as they do."""
-    path = RIGS / f"{name}.toml"
-    text = path.read_text(encoding="utf-8")
+    return parse_rig(half_rate_text(name), place=str(RIGS / f"{name}.toml"))
+
+
+def half_rate_text(name: str) -> str:
+    text = (RIGS / f"{name}.toml").read_text(encoding="utf-8")
     assert text.count('rate = "1 kHz"') == 1
-    return parse_rig(text.replace('rate = "1 kHz"', 'rate = "500 Hz"'), place=str(path))
+    return text.replace('rate = "1 kHz"', 'rate = "500 Hz"')

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from bench.procedures.options import RestOptions
 from bench.rig.load import load_rig
+from bench.session.schema import Step
 from benchmarks.soak import RIG, growth_mb, pace_ppm, session_of, soak
 
 
@@ -26,7 +28,8 @@ def test_a_session_is_planned_for_at_least_the_ticks_asked(ticks: int) -> None:
     assert 18 < ticks * rig.tick_s / (len(session.steps) / 2) < 60
 
 
-def test_a_short_soak_reads_what_grows() -> None:
+def test_a_short_soak_reads_what_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.soak.TURN", (Step("rest", RestOptions(20.0)),))
     found = soak(20_000, looks=2)
     assert [look["readable"] for look in found["looks"]] == [look["ticks"] for look in found["looks"]]
     assert found["lost_ticks"] == found["clocks"]["ticks_off_the_grid"] == 0

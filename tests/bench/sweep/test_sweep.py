@@ -14,6 +14,7 @@ from bench.errors import ExperimentError, UsageError
 from bench.sweep.run import executor_of, sweep
 from bench.sweep.store import Store
 from bench.sweep.task import Outcome, Recorded, carry_out
+from tests.bench.half_rate import half_rate_text
 
 ROOT = Path(__file__).parents[3]
 RIG = str(ROOT / "rigs" / "sim-odrive.toml")
@@ -51,9 +52,20 @@ class Noted:
 def swept(tmp_path_factory):
     """Two seeds of a short session in two processes, from the command line; what it printed, and where it lies."""
     folder = tmp_path_factory.mktemp("sweep")
-    session = folder / "short.toml"
+    rig, session = folder / "rig.toml", folder / "short.toml"
+    rig.write_text(half_rate_text("sim-odrive"))
     session.write_text(SHORT)
-    return folder, ["sweep", RIG, "--session", str(session), "--seeds", "1-2", "--out", str(folder / "out"), "--keep"]
+    return folder, [
+        "sweep",
+        str(rig),
+        "--session",
+        str(session),
+        "--seeds",
+        "1-2",
+        "--out",
+        str(folder / "out"),
+        "--keep",
+    ]
 
 
 def run(arguments, capsys):
