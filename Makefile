@@ -27,8 +27,9 @@ check: $(READY)  ## style, types, import floors
 guard: $(READY)  ## the last gate before the wire: every line and every branch of it
 	$(BIN)/pytest tests/bench/guard -n 0 -q --cov=bench.guard --cov-branch --cov-report=term-missing --cov-fail-under=100
 
-compiled: $(READY)  ## the numerical code, once, for all processes to come: else the first tests wait for it
+compiled: $(READY)  ## the numerical code and the tests, once, for all processes to come: else the first ones wait
 	$(BIN)/python -c "from bench.session.warm_up import warm_up; warm_up()"
+	$(BIN)/pytest --collect-only -q -n 0 > /dev/null
 
 bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/identification.py --seeds 1-5

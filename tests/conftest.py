@@ -1,12 +1,17 @@
 """Settings of the whole suite."""
 
 import os
+import sys
 
 # Two workers share two cores: linear algebra that waits with threads of its own would take them from the other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings
+
+# Hundreds of interpreters are started here: none is to compile anew what another one has compiled.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # The same examples every time, for a suite must not fail by luck; the first may wait for a compiler.
 settings.register_profile("house", deadline=None, derandomize=True)
