@@ -11,6 +11,7 @@ from bench.identification.tables.exertion_table import ExertionTable
 from bench.identification.tables.means import Mean, Setting
 from bench.identification.tables.modulation import Modulated, modulated
 from bench.identification.tables.source_table import SourceTable
+from bench.identification.tables.sweeps import Branch
 from bench.identification.tables.two_ports import two_ports
 from bench.report.section import Facts
 from bench.report.sections_tables import modulation_sentences
@@ -70,6 +71,8 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
                 "source_rad": _mean(line.source),
                 "stiffness_nm_rad": _mean(line.stiffness),
                 "hysteresis_nm": line.hysteresis_nm,
+                "sliding_friction_nm": None if line.sweep is None else _mean(line.sweep.friction),
+                "sweep_rad_s": None if line.sweep is None else line.sweep.speed_rad_s,
                 "zero_range_rad": None if line.zeros is None else _mean(line.zeros.width),
             }
             for line in table.lines()
@@ -82,6 +85,15 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
                 "torque_nm": _mean(held.torque),
             }
             for held in table.held
+        ],
+        "swept": [
+            {
+                **_setting(way.setting),
+                "rising": way.rising,
+                "speed_rad_s": way.speed_rad_s,
+                **_columns(way.branch),
+            }
+            for way in table.swept
         ],
         "shaken": [
             {
@@ -126,6 +138,11 @@ def _blocked(found: BlockedMap) -> list[dict[str, Any]]:
         }
         for command, torque, std, above, history in zip(*columns, strict=True)
     ]
+
+
+def _columns(branch: Branch) -> dict[str, list[float]]:
+    names = ("displacement_rad", "torque_nm", "half_width_nm")
+    return {name: column.tolist() for name, column in zip(names, branch, strict=True)}
 
 
 def _setting(setting: Setting) -> dict[str, float | None]:

@@ -19,7 +19,7 @@ MODULATIONS = (0.0, 2.0, 4.0)  # in the rig's unit, N m/rad
 ROUNDS = 5
 # Under one command: to the source, then held on either side of it, in both directions.
 TABULATION = TabulateImpedanceProcedure(
-    TabulateImpedanceOptions(commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0)
+    TabulateImpedanceOptions(commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0, sweep_rad_s=0.0)
 )
 EXPERIMENT = ModulatedProcedure(TABULATION, ROUNDS * MODULATIONS)
 

@@ -3,7 +3,7 @@
 from math import isfinite
 
 from bench.identification.tables.exertion_table import ExertionTable, Line
-from bench.identification.tables.means import Mean, Setting
+from bench.identification.tables.means import UNKNOWN, Setting
 from bench.identification.tables.modulation import Modulated, modulated
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.two_ports import PortsRow, two_ports
@@ -86,28 +86,50 @@ def exertion_section(data: ReportData) -> Section | None:
         return None
     caption = (
         "Torque at the port, held away from where it rests. Triangles point the way in which the place was reached; "
-        "bars are 95 % intervals of the mean."
+        "bars are 95 % intervals of the mean. Lines without marks are slow sweeps."
     )
     figures = [(svg(exertion_figure(table, data.units), "exertion", caption), caption)]
     if table.shaken:
         told = "How the port answers to being shaken about its source: spring and inertia left, damping right."
         figures.append((svg(shaken_figure(table, data.units), "shaken", told), told))
-    return Section("exertion", "The impedance, tabulated", (), tuple(figures), (line_facts(table, data.units),))
+    return Section(
+        "exertion", "The impedance, tabulated", _swept(table), tuple(figures), (line_facts(table, data.units),)
+    )
+
+
+def _swept(table: ExertionTable) -> tuple[str, ...]:
+    """What its sweeps tell."""
+    speeds = [each.speed_rad_s for each in table.swept]
+    if not speeds:
+        return ()
+    return (
+        f"Friction is half of what lies between both directions of a sweep at {number(max(speeds), 2)} rad/s; what the "
+        "port exerts nothing over is read from the mean of both. Held still, contacts forget: hysteresis may be less.",
+    )
 
 
 def line_facts(table: ExertionTable, units: Units) -> Facts:
     """A row for each setting."""
-    head = (*setting_head(units), "source [rad]", "stiffness [N·m/rad]", "hysteresis [mN·m]", "no torque [mrad]")
+    head = (
+        *setting_head(units),
+        "source [rad]",
+        "stiffness [N·m/rad]",
+        "hysteresis [mN·m]",
+        "friction [mN·m]",
+        "no torque [mrad]",
+    )
     return Facts(head, tuple(_line(line, units) for line in table.lines()))
 
 
 def _line(line: Line, units: Units) -> tuple[str, ...]:
-    width = Mean(float("nan"), float("nan")) if line.zeros is None else line.zeros.width
+    width = UNKNOWN if line.zeros is None else line.zeros.width
+    friction = UNKNOWN if line.sweep is None else line.sweep.friction
     return (
         *setting_cells(line.setting, units),
         within(line.source.value, line.source.half_width),
         within(line.stiffness.value, line.stiffness.half_width),
         number(1e3 * line.hysteresis_nm, 2),
+        within(1e3 * friction.value, 1e3 * friction.half_width),
         within(1e3 * width.value, 1e3 * width.half_width),
     )
 

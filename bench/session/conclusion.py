@@ -10,6 +10,7 @@ import numpy as np
 
 from bench.errors import ExperimentError, UsageError
 from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
+from bench.identification.ambiguity.tabulated import tabulated_conditions
 from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
@@ -129,7 +130,9 @@ def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, st
         exertion=_where_measured(partial(exertion_table, tick_s=tick_s), told),
         trials=trials(measured, tick_s, ITERATED),
     )
-    return found if metadata.get("model") == NO_MODEL else _fitted(found, believed, metadata, network)
+    if metadata.get("model") == NO_MODEL:
+        return replace(found, conditions=tabulated_conditions(found.source, found.exertion))
+    return _fitted(found, believed, metadata, network)
 
 
 def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], network: Path) -> Conclusion:

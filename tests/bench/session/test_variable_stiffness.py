@@ -23,7 +23,9 @@ from sim_backend.truth import Truth, read_truth
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-variable-stiffness.toml")
 ENDS = ("0 N*m/rad", "4 N*m/rad")
 SOURCE = TabulateSourceOptions(levels=2, lowest=0.0, highest=0.5, read_s=0.2)
-IMPEDANCE = TabulateImpedanceOptions(commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0)
+IMPEDANCE = TabulateImpedanceOptions(
+    commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0, sweep_rad_s=0.0
+)
 STEPS = (
     Step("tare", TareOptions(0.5)),
     Step("calibrate", CalibrateOptions(4.0)),

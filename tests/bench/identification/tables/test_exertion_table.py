@@ -6,30 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.identification.tables.exertion_table import ExertionTable, Held, shake_lines
-from bench.identification.tables.means import BLOCKS, Mean, Setting, mean_of
+from bench.identification.tables.means import BLOCKS, Mean, mean_of
 from bench.identification.tables.sines import line_amplitudes
-
-NOISE_NM = 1e-3
-HELD = Setting(0.2)
-
-
-def table(exerted, friction_nm=0.0, reach_rad=0.05, seed=0) -> ExertionTable:
-    """Held at nine places in both directions; friction resists the way in which each was reached."""
-    random, held = np.random.default_rng(seed), []
-    for rising in (True, False):
-        for place in np.linspace(-reach_rad, reach_rad, 9):
-            away = place + random.uniform(-1e-4, 1e-4)
-            torque_nm = exerted(away) - (friction_nm if rising else -friction_nm)
-            half = 2.57 * NOISE_NM
-            held.append(Held(HELD, away, rising, Mean(torque_nm + NOISE_NM * random.standard_normal(), half)))
-    return ExertionTable(tuple(held), (), {HELD: Mean(0.5, 1e-5)})
-
-
-def backlash(stiffness, width):
-    def exerted(away):
-        return -stiffness * (away - min(max(away, -width / 2), width / 2))
-
-    return exerted
+from tests.bench.identification.tables.springs import HELD, NOISE_NM, backlash, table
 
 
 @settings(max_examples=40, deadline=None)
