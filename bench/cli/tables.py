@@ -10,11 +10,12 @@ from bench.identification.results import BlockedMap
 from bench.identification.tables.exertion_table import ExertionTable
 from bench.identification.tables.means import Mean, Setting
 from bench.identification.tables.modulation import Modulated, modulated
+from bench.identification.tables.modulator import ModulatorPlaces
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.sweeps import Branch
 from bench.identification.tables.two_ports import two_ports
 from bench.report.section import Facts
-from bench.report.sections_tables import modulation_sentences
+from bench.report.sections_tables import modulation_sentences, modulator_sentence
 from bench.session.conclusion import Conclusion
 from bench.session.summary import tabulated
 
@@ -36,6 +37,7 @@ def tables_data(found: Conclusion) -> dict[str, Any]:
             for row in two_ports(found.source, found.exertion)
         ],
         "modulation": _modulated(modulated(found.source, found.exertion)),
+        "modulator": None if found.modulator is None else _modulator(found.modulator),
         "blocked": None if found.blocked_map is None else _blocked(found.blocked_map),
     }
 
@@ -44,7 +46,8 @@ def tables_view(found: Conclusion) -> list[RenderableType]:
     """The same for a terminal, without every single reading."""
     effect = modulated(found.source, found.exertion)
     said = () if effect is None else modulation_sentences(effect, found.units)
-    return [*(_table(facts) for facts in tabulated(found)), *said]
+    stood = () if found.modulator is None else (modulator_sentence(found.modulator, found.units),)
+    return [*(_table(facts) for facts in tabulated(found)), *said, *stood]
 
 
 def _source(table: SourceTable) -> list[dict[str, Any]]:
@@ -122,6 +125,14 @@ def _modulated(found: Modulated | None) -> dict[str, Any] | None:
         if shift is None
         else {"command": shift.command, "low": shift.low, "high": shift.high, "shift_rad": _mean(shift.shift)},
         "source_shifts": None if shift is None else shift.shows,
+    }
+
+
+def _modulator(found: ModulatorPlaces) -> dict[str, Any]:
+    return {
+        "followed": found.followed,
+        "same_rad": found.same_rad,
+        "stood": [{"modulation": each.modulation, "places_rad": list(each.places_rad)} for each in found.stood],
     }
 
 

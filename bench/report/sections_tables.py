@@ -5,6 +5,7 @@ from math import isfinite
 from bench.identification.tables.exertion_table import ExertionTable, Line
 from bench.identification.tables.means import UNKNOWN, Setting
 from bench.identification.tables.modulation import Modulated, modulated
+from bench.identification.tables.modulator import ModulatorPlaces
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.two_ports import PortsRow, two_ports
 from bench.report.data import ReportData
@@ -170,10 +171,47 @@ def ports_facts(rows: tuple[PortsRow, ...], units: Units) -> Facts:
 
 def modulation_section(data: ReportData) -> Section | None:
     found = modulated(data.source, data.exertion)
-    if found is None:
+    if found is None and data.modulator is None:
         return None
-    tables = (stiffness_facts(found, data.units),) if found.stiffness else ()
-    return Section("modulation", "What the modulation changes", modulation_sentences(found, data.units), tables=tables)
+    sentences: tuple[str, ...] = ()
+    tables: tuple[Facts, ...] = ()
+    if found is not None:
+        sentences = modulation_sentences(found, data.units)
+        tables = (stiffness_facts(found, data.units),) if found.stiffness else ()
+    if data.modulator is not None:
+        sentences = (*sentences, modulator_sentence(data.modulator, data.units))
+        tables = (*tables, modulator_facts(data.modulator, data.units))
+    return Section("modulation", "What the modulation changes", sentences, tables=tables)
+
+
+def modulator_sentence(found: ModulatorPlaces, units: Units) -> str:
+    """Whether the drive went where it was sent, as far as its own encoder tells."""
+    unit, stray = pretty_unit(units.modulation), found.stray
+    if stray is not None:
+        ends = f"{number(min(stray.places_rad), 3)} and {number(max(stray.places_rad), 3)} rad"
+        return (
+            f"The modulator did not go where it was sent: under {number(stray.modulation, 3)} {unit} it was at {ends}: "
+            "it slips or loses count, and what was tabulated there is of several impedances; mend it and repeat that."
+        )
+    if not found.followed:
+        return "The modulator stood at the same place under different modulations: it is at a stop, or stuck."
+    same = f"{number(1e3 * found.same_rad, 2)} mrad"
+    return f"By its encoder the modulator went where it was sent: under each modulation to one place, ± {same}."
+
+
+def modulator_facts(found: ModulatorPlaces, units: Units) -> Facts:
+    """A row for each modulation."""
+    head = (f"modulation [{pretty_unit(units.modulation)}]", "stood at [rad]", "times", "apart [mrad]")
+    rows = tuple(
+        (
+            number(each.modulation, 4),
+            number(sum(each.places_rad) / len(each.places_rad), 4),
+            str(len(each.places_rad)),
+            number(1e3 * each.apart_rad, 2),
+        )
+        for each in found.stood
+    )
+    return Facts(head, rows)
 
 
 def modulation_sentences(found: Modulated, units: Units) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from bench.identification.results import BlockedMap, FitResult, LiveEstimate, So
 from bench.identification.signals import Signals, signals
 from bench.identification.soundness.recording import Findings, Sound, sound
 from bench.identification.tables.exertion_table import ExertionTable, exertion_table
+from bench.identification.tables.modulator import ModulatorPlaces, modulator_places
 from bench.identification.tables.source_table import SourceTable, source_table
 from bench.identification.trials import TrialFigures, trials
 from bench.identification.validation import validate_signals
@@ -64,6 +65,7 @@ class Conclusion:
     report: Path | None = None
     source: SourceTable | None = None
     exertion: ExertionTable | None = None
+    modulator: ModulatorPlaces | None = None
     units: Units = NO_UNITS
 
     @property
@@ -105,6 +107,7 @@ def conclude(
         blocked_map=found.blocked_map,
         source=found.source,
         exertion=found.exertion,
+        modulator=found.modulator,
         without_model=found.without_model,
         residuals=found.residuals,
         conditions=found.conditions,
@@ -128,6 +131,7 @@ def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, st
         blocked_map=_where_measured(blocked_map, told),
         source=_where_measured(source_table, told),
         exertion=_where_measured(partial(exertion_table, tick_s=tick_s), told),
+        modulator=_where_measured(modulator_places, told),
         trials=trials(measured, tick_s, ITERATED),
     )
     if metadata.get("model") == NO_MODEL:
