@@ -104,8 +104,8 @@ def _swept(table: ExertionTable) -> tuple[str, ...]:
     if not speeds:
         return ()
     return (
-        f"Friction is half of what lies between both directions of a sweep at {number(max(speeds), 2)} rad/s; what the "
-        "port exerts nothing over is read from the mean of both. Held still, contacts forget: hysteresis may be less.",
+        f"Friction is half of what lies between both directions of a sweep at {number(max(speeds), 2)} rad/s; the "
+        "range without torque is read from the sweeps, too. Held still, contacts forget how they were strained.",
     )
 
 

@@ -163,9 +163,10 @@ class ExertionTable:
         return tuple(self._line(setting) for setting in self.settings)
 
     def sweep(self, setting: Setting) -> Sweep | None:
-        """Both ways across, the last that were made; None where there are not both."""
+        """Both ways across, the last that were made; None where there are not both, of one place at least in common."""
         own = {each.rising: each for each in self.swept if each.setting == setting.rounded}
-        return both_ways(own[True], own[False]) if len(own) == 2 else None
+        found = both_ways(own[True], own[False]) if len(own) == 2 else None
+        return found if found is not None and found.mean[0].size else None
 
     def _line(self, setting: Setting) -> Line:
         branches = [self.branch(setting, rising) for rising in (True, False)]

@@ -19,6 +19,7 @@ Branch = tuple[FloatArray, FloatArray, FloatArray]
 
 # A sweep is read in so many pieces of its time at most, and no fewer readings than this in each.
 PIECES, LEAST_READINGS = 40, 24
+LEAST_STEP = 0.25  # of their mean step: what is no further on is left out
 # Friction is read over this share of the way that both directions have in common: there contacts have turned round.
 MIDDLE_SHARE = 0.5
 
@@ -57,7 +58,7 @@ def swept(ticks: Table, setting: Setting, rising: bool, source_rad: float) -> Sw
     motion_ns = ticks["tick_ns"] - ticks["motion_age_ns"]
     place_rad = np.interp(arrival_ns[fresh], motion_ns, ticks["position_rad"]) - source_rad
     parts = zip(np.array_split(place_rad, pieces), np.array_split(torque_nm, pieces), strict=True)
-    table = np.array(sorted(_piece(*part) for part in parts))
+    table = np.array(sorted(_onwards([_piece(*part) for part in parts])))
     duration_s = float(ticks["tick_ns"][-1] - ticks["tick_ns"][0]) * 1e-9
     speed_rad_s = abs(float(place_rad[-1] - place_rad[0])) / duration_s
     return Swept(setting, rising, speed_rad_s, (table[:, 0], table[:, 1], table[:, 2]))
@@ -72,6 +73,17 @@ def both_ways(rising: Swept, falling: Swept) -> Sweep:
     mean = places, 0.5 * (up_nm + down_nm), 0.5 * np.hypot(up_half, down_half)
     speed_rad_s = 0.5 * (rising.speed_rad_s + falling.speed_rad_s)
     return Sweep(speed_rad_s, (rising.branch, falling.branch), mean, _middle(places, 0.5 * (down_nm - up_nm)))
+
+
+def _onwards(pieces: list[tuple[float, float, float]]) -> list[tuple[float, float, float]]:
+    """Those that are further on than the one before: at its ends the port hardly moves while the torque turns round."""
+    way_rad = pieces[-1][0] - pieces[0][0]
+    least_rad = LEAST_STEP * abs(way_rad) / len(pieces)
+    kept = pieces[:1]
+    for piece in pieces[1:]:
+        if (piece[0] - kept[-1][0]) * np.sign(way_rad) >= least_rad:
+            kept.append(piece)
+    return kept
 
 
 def _piece(place_rad: FloatArray, torque_nm: FloatArray) -> tuple[float, float, float]:
