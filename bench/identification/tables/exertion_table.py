@@ -40,6 +40,8 @@ SAME_PLACE = 0.3
 # A torque of this share of the greatest, and of so many deviations, is one.
 TOUCH_SHARE = 0.05
 TOUCH_DEVIATIONS = 3.0
+# A port that is no stiffer exerts nothing at all.
+SOFTEST_NM_RAD = 1e-9
 # Draws of what a repetition might have given, for the intervals of where the torque begins.
 DRAWS = 400
 
@@ -77,6 +79,11 @@ class Zeros:
     high_rad: float
     width: Mean
     spacing_rad: float
+
+    def loosened(self, by_rad: float) -> "Zeros":
+        """The same, known less well; nothing is added where nobody knows how much."""
+        by_rad = by_rad if np.isfinite(by_rad) else 0.0
+        return replace(self, width=Mean(self.width.value, self.width.half_width + by_rad))
 
     @property
     def edges(self) -> tuple[float, float]:
@@ -173,6 +180,8 @@ class ExertionTable:
         sweep = self.sweep(setting)
         zeros = _zeros(branches) if sweep is None else _swept_zeros(sweep)
         stiffness = _slope(branches, zeros)
+        if zeros is not None and sweep is not None:
+            zeros = zeros.loosened(abs(sweep.friction.value) / max(abs(stiffness.value), SOFTEST_NM_RAD))
         return Line(setting, self.sources[setting], stiffness, self.hysteresis_nm(setting), zeros, sweep)
 
 
@@ -268,17 +277,16 @@ def _slope(branches: Sequence[Branch], zeros: Zeros | None) -> Mean:
 
 
 def _swept_zeros(sweep: Sweep) -> Zeros | None:
-    """Between what the mean of both ways tells, where friction blurs the edges inwards, and either way by itself.
+    """In the middle between the mean of both ways, where friction blurs the edges inwards, and either way by itself.
 
-    By itself each shows its edges further apart: what slides is late. Half of the difference is in the interval.
+    By itself each shows its edges further apart: what slides is late.
     """
     mean, by_itself = _zeros([sweep.mean]), _zeros(sweep.ways)
     if mean is None or by_itself is None:
         return None
     low_rad, high_rad = (0.5 * sum(ends) for ends in zip(mean.edges, by_itself.edges, strict=True))
     width_rad = 0.5 * (mean.width.value + by_itself.width.value)
-    blurred_rad = 0.5 * abs(mean.width.value - by_itself.width.value)
-    return replace(mean, low_rad=low_rad, high_rad=high_rad, width=Mean(width_rad, mean.width.half_width + blurred_rad))
+    return replace(mean, low_rad=low_rad, high_rad=high_rad, width=Mean(width_rad, mean.width.half_width))
 
 
 def _zeros(branches: Sequence[Branch]) -> Zeros | None:
