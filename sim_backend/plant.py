@@ -29,6 +29,7 @@ from sim_backend.integrator import (
 )
 from sim_backend.packing import pack
 from sim_backend.plants.arm import BEGAN, REACH_COLUMNS
+from sim_backend.plants.link import MODULATOR_BANDWIDTH
 from sim_backend.truth import Truth
 
 Machine = Literal["actuator", "load", "modulator"]
@@ -78,6 +79,7 @@ class Plant:
         self._noise = {name: _normal(np.random.default_rng([seed, k])) for k, name in enumerate(("sensor", *_ROWS))}
         self._machines = {machine: self._machine(machine) for machine, row in _ROWS.items() if row < len(self._state)}
         self._distortions: tuple[Distortion, ...] = ()  # of the torque sensor
+        self._modulator_rad_s = 0.0 if truth.modulator is None else truth.modulator.bandwidth_rad_s
         self._reach = np.zeros(REACH_COLUMNS)
         self._reach[BEGAN] = -math.inf
         self.advance(0)  # compiled here, rather than within the first tick
@@ -206,15 +208,22 @@ class Plant:
         stuck = self._machines[machine]
         stuck.parameters[INVERSE_INERTIA] = 0.0
         stuck.state[VELOCITY] = 0.0
+        self._modulate_at(machine, 0.0)
 
     def free(self, machine: Machine) -> None:
         """The machine can turn again."""
         stuck = self._machines[machine]
         stuck.parameters[INVERSE_INERTIA] = stuck.inverse_inertia
+        self._modulate_at(machine, self._modulator_rad_s)
 
     def uncouple(self) -> None:
         """The coupling breaks: the two machines know nothing of each other any more."""
         self._bench = replace(self._bench, stiffness=0.0, damping=0.0)
+
+    def _modulate_at(self, machine: Machine, bandwidth_rad_s: float) -> None:
+        """How fast the stiffness motor goes where it is sent, if it is that which is meant."""
+        if machine == "modulator" and self._bench.link is not None:
+            self._bench.link[MODULATOR_BANDWIDTH] = bandwidth_rad_s
 
     def _machine(self, name: Machine) -> _Machine:
         row = _ROWS[name]

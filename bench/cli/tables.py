@@ -10,9 +10,11 @@ from bench.identification.results import BlockedMap
 from bench.identification.tables.exertion_table import ExertionTable
 from bench.identification.tables.means import Mean, Setting
 from bench.identification.tables.modulation import Modulated, modulated
+from bench.identification.tables.modulator import ModulatorPlaces
 from bench.identification.tables.source_table import SourceTable
+from bench.identification.tables.sweeps import Branch
 from bench.identification.tables.two_ports import two_ports
-from bench.report.facts_tables import modulation_sentences
+from bench.report.facts_tables import modulation_sentences, modulator_sentence
 from bench.report.section import Facts
 from bench.session.conclusion import Conclusion
 from bench.session.summary import tabulated
@@ -35,6 +37,7 @@ def tables_data(found: Conclusion) -> dict[str, Any]:
             for row in two_ports(found.source, found.exertion)
         ],
         "modulation": _modulated(modulated(found.source, found.exertion)),
+        "modulator": None if found.modulator is None else _modulator(found.modulator),
         "blocked": None if found.blocked_map is None else _blocked(found.blocked_map),
     }
 
@@ -43,7 +46,8 @@ def tables_view(found: Conclusion) -> list[RenderableType]:
     """The same for a terminal, without every single reading."""
     effect = modulated(found.source, found.exertion)
     said = () if effect is None else modulation_sentences(effect, found.units)
-    return [*(_table(facts) for facts in tabulated(found)), *said]
+    stood = () if found.modulator is None else (modulator_sentence(found.modulator, found.units),)
+    return [*(_table(facts) for facts in tabulated(found)), *said, *stood]
 
 
 def _source(table: SourceTable) -> list[dict[str, Any]]:
@@ -70,6 +74,8 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
                 "source_rad": _mean(line.source),
                 "stiffness_nm_rad": _mean(line.stiffness),
                 "hysteresis_nm": line.hysteresis_nm,
+                "sliding_friction_nm": None if line.sweep is None else _mean(line.sweep.friction),
+                "sweep_rad_s": None if line.sweep is None else line.sweep.speed_rad_s,
                 "zero_range_rad": None if line.zeros is None else _mean(line.zeros.width),
             }
             for line in table.lines()
@@ -82,6 +88,15 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
                 "torque_nm": _mean(held.torque),
             }
             for held in table.held
+        ],
+        "swept": [
+            {
+                **_setting(way.setting),
+                "rising": way.rising,
+                "speed_rad_s": way.speed_rad_s,
+                **_columns(way.branch),
+            }
+            for way in table.swept
         ],
         "shaken": [
             {
@@ -113,6 +128,14 @@ def _modulated(found: Modulated | None) -> dict[str, Any] | None:
     }
 
 
+def _modulator(found: ModulatorPlaces) -> dict[str, Any]:
+    return {
+        "followed": found.followed,
+        "same_rad": found.same_rad,
+        "stood": [{"modulation": each.modulation, "places_rad": list(each.places_rad)} for each in found.stood],
+    }
+
+
 def _blocked(found: BlockedMap) -> list[dict[str, Any]]:
     histories = found.histories or ("slow",) * len(found.command)
     columns = (found.command, found.torque_nm, found.torque_std_nm, found.from_above, histories)
@@ -126,6 +149,11 @@ def _blocked(found: BlockedMap) -> list[dict[str, Any]]:
         }
         for command, torque, std, above, history in zip(*columns, strict=True)
     ]
+
+
+def _columns(branch: Branch) -> dict[str, list[float]]:
+    names = ("displacement_rad", "torque_nm", "half_width_nm")
+    return {name: column.tolist() for name, column in zip(names, branch, strict=True)}
 
 
 def _setting(setting: Setting) -> dict[str, float | None]:

@@ -1,7 +1,9 @@
 """What the bench is doing when a fault strikes: motion imposed by one drive, a changing command on the other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
+
+import numpy as np
 
 from bench.procedures.free import command_multisine
 from bench.procedures.imposed import imposed_multisine
@@ -9,11 +11,12 @@ from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import back, imposed
 from bench.records import Measured
 from bench.rig.rig import Rig
-from bench.segments import Use
+from bench.segments import FloatArray, Use
 
 DURATION_S = 1.5
 MOTION_SHARE = 0.3
 COMMAND_SHARE = 0.5
+SWINGS = 2  # of a modulator
 REST_S = 0.2
 
 
@@ -33,8 +36,17 @@ class Exercise:
         limit = COMMAND_SHARE * known.rig.command.limit
         motion = imposed_multisine(known, MOTION_SHARE, DURATION_S, seed=3)
         command = command_multisine(known, (-limit, limit), DURATION_S, seed=4)
-        moved = yield imposed(self.name, "motion and command", Use.PREPARE, command, motion)
+        moving = imposed(self.name, "motion and command", Use.PREPARE, command, motion)
+        moved = yield replace(moving, modulation=_modulation(known.rig, moving.ticks))
         yield back(self.name, "rest", known.rig, moved, REST_S)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known
+
+
+def _modulation(rig: Rig, ticks: int) -> FloatArray:
+    """To and fro from zero; none where nothing is modulated."""
+    if rig.modulation is None:
+        return np.empty(0)
+    phase = 2 * np.pi * SWINGS * np.arange(ticks) / ticks
+    return np.asarray(0.5 * COMMAND_SHARE * rig.modulation.limit * (1 - np.cos(phase)))

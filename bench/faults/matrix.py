@@ -89,6 +89,8 @@ def _driven(rig: Rig) -> Iterator[Case]:
         runaway = f"{0.4 * rig.limits.torque_nm:g} N*m"
         yield _case("command runs away", "runaway", role, torque=runaway, quick=role == "actuator")
         yield _case("shaft stuck", "stuck", role, quick=role == "load")
+    if rig.wiring.modulator is not None:
+        yield _case("does not go where it is sent", "stuck", MODULATOR)
     yield Case("coupling breaks", {"kind": "broken-coupling"})
 
 

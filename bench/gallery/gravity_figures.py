@@ -28,6 +28,7 @@ def two_ports(arms: "Arms") -> Figure:
                 rounds, rests, linestyle="none", marker=marker, color=MEASURED, markersize=4.5, label=label,
                 markerfacecolor="none" if side == "above" else MEASURED,
             )  # fmt: skip
+    axes.set_xticks(rounds)
     axes.set_xlabel("round")
     axes.set_ylabel("place of rest [rad]")
     legend(axes)

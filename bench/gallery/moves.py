@@ -3,24 +3,14 @@
 import numpy as np
 
 from bench.procedures.makers import imposed, pushed
-from bench.procedures.waves import Motion, from_velocity, hold, ramp
+from bench.procedures.waves import hold, ramp, sweep
 from bench.records import Measured
 from bench.segments import FloatArray, Segment, Use
-
-EDGE_S = 0.2  # in which a sweep takes up and gives up its speed
 
 
 def place_rad(measured: Measured) -> float:
     """Where the actuator's shaft stands at the end."""
     return float(measured.motion["position_rad"][-1])
-
-
-def sweep(distance_rad: float, speed_rad_s: float, tick_s: float) -> Motion:
-    """Over so much at a constant speed, with a little before and after to take it up and give it up."""
-    speed = float(np.copysign(speed_rad_s, distance_rad))
-    steady = hold(speed, max(abs(distance_rad) / speed_rad_s - EDGE_S, EDGE_S), tick_s)
-    edges = ramp(0.0, speed, EDGE_S, tick_s), ramp(speed, 0.0, EDGE_S, tick_s)
-    return from_velocity(np.concatenate([edges[0], steady, edges[1]]), tick_s)
 
 
 def swept(procedure: str, name: str, command: float, distance_rad: float, speed_rad_s: float, tick_s: float) -> Segment:

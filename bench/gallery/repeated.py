@@ -8,7 +8,7 @@ from bench.gallery.claim import Estimated
 
 FloatArray = npt.NDArray[np.float64]
 
-# One interval in a thousand misses by chance: of a gallery of some twenty rows, one gallery in fifty.
+# One interval in a thousand misses by chance: of a gallery of some thirty rows, one gallery in thirty-five.
 LEVEL = 0.999
 
 

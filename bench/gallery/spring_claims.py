@@ -9,7 +9,7 @@ import numpy as np
 from bench.errors import ExperimentError
 from bench.gallery import spring_figures as figures
 from bench.gallery.claim import Experiment, Shown, row
-from bench.gallery.repeated import mean
+from bench.gallery.repeated import mean, wider
 from bench.identification.tables.exertion_table import ExertionTable, exertion_table
 from bench.procedures.modulated import WAY, ModulatedProcedure
 from bench.procedures.options import TabulateImpedanceOptions
@@ -19,7 +19,7 @@ MODULATIONS = (0.0, 2.0, 4.0)  # in the rig's unit, N m/rad
 ROUNDS = 5
 # Under one command: to the source, then held on either side of it, in both directions.
 TABULATION = TabulateImpedanceProcedure(
-    TabulateImpedanceOptions(commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0)
+    TabulateImpedanceOptions(commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0, sweep_rad_s=0.0)
 )
 EXPERIMENT = ModulatedProcedure(TABULATION, ROUNDS * MODULATIONS)
 
@@ -52,6 +52,12 @@ class VariableSpring:
         spring = true["spring_stiffness"] + true["spring_stiffening"] * true["modulator_travel"] * modulation
         return 1 / (1 / spring + 1 / true["servo_stiffness"])
 
+    def left_open_nm_rad(self, modulation: float) -> float:
+        """What the motor's friction leaves open of it: its position loop may stop short of either end, by τc over k."""
+        reach_rad = min(np.ptp([held.displacement_rad for held in visit.held]) for visit in self.of(modulation))
+        short_rad = self.experiment.true["motor_coulomb_torque"] / self.experiment.true["servo_stiffness"]
+        return self.stiffness_nm_rad(modulation) * 2 * short_rad / float(reach_rad)
+
 
 def claims(experiment: Experiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
@@ -63,6 +69,7 @@ def one_source_many_springs(spring: VariableSpring) -> Shown:
     rows = []
     for modulation in MODULATIONS:
         found = mean([visit.lines()[0].stiffness.value for visit in spring.of(modulation)])
+        found = wider(found, spring.left_open_nm_rad(modulation))
         rival = spring.stiffness_nm_rad(least if modulation != least else most)
         expected = spring.stiffness_nm_rad(modulation)
         rows.append(row(name, f"stiffness at the source, π = {modulation:g}", "N*m/rad", expected, found, rival))

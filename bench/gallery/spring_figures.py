@@ -27,6 +27,7 @@ def one_source_many_springs(spring: "VariableSpring", modulations: Sequence[floa
         axes.annotate(f"π = {modulation:g} N·m/rad", (reach[0], closed[0]), color=MUTED, va="bottom")
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     axes.axvline(0.0, color=MUTED, linewidth=0.6)
+    axes.margins(y=0.12)  # room for the highest label
     axes.set_xlabel("displacement from the source, θ − θ_N [rad]")
     axes.set_ylabel("exertion [N·m]")
     legend(axes)

@@ -12,6 +12,7 @@ from bench.guard.encoder import EncoderAgreement
 from bench.guard.frozen import FrozenTorque
 from bench.guard.held import HeldShaft
 from bench.guard.jump import TorqueJump
+from bench.guard.modulator import StuckModulator
 from bench.guard.saturation import Saturation
 from bench.guard.standstill import Standstill
 from bench.rig.rig import Command, Limits
@@ -31,6 +32,8 @@ class Fitted:
     range_nm: float = inf
     resolution_rad: float = 0.0
     load_resolution_rad: float = 0.0
+    modulation: Command | None = None  # of a second drive
+    modulator_resolution_rad: float = 0.0
 
 
 def checks_for(
@@ -42,6 +45,9 @@ def checks_for(
         checks.append(EncoderAgreement("load encoder", fitted.load_resolution_rad))
         resolution_rad = fitted.resolution_rad + fitted.load_resolution_rad
         checks.append(Coupling(limits.twist_rad, limits.torque_nm, resolution_rad, tick_s))
+    modulation = fitted.modulation
+    if modulation is not None:
+        checks.append(StuckModulator(modulation.limit, modulation.unit, fitted.modulator_resolution_rad))
     if fitted.runs and not fitted.load:
         checks.append(Standstill(command.unit))
     checks += _of_current(limits, command, fitted)

@@ -21,7 +21,6 @@ from bench.identification.machine import Machine
 from bench.identification.results import FitResult
 from bench.identification.signals import INTERPOLATION, Port, signals, stream_of
 from bench.identification.soundness.recording import sound
-from bench.models.network import NortonNetwork
 from bench.models.parameters import Status
 from bench.records import NO_DEVICE_TIME, TORQUE, Measured, Table
 from bench.segments import FloatArray, Use
@@ -55,8 +54,7 @@ def load_by_twist(measured: Measured, tick_s: float) -> LoadByTwist:
     deviation = float(np.hypot(gain.std / gain.value, inertia.std / inertia.value))
     if not deviation < LOOSEST:
         raise ExperimentError(f"the twist between the encoders tells the load's inertia to ±{deviation:.0%} only")
-    machine = replace(Machine.of_fit(fit), network=_per_gain(fit.network))
-    return LoadByTwist(machine, deviation, weight_of(fit) / gain.value)
+    return LoadByTwist(Machine.of_fit(fit).in_drive_units(), deviation, weight_of(fit) / gain.value)
 
 
 def actuator_behind(measured: Measured, load: Machine, tick_s: float, command_unit: str) -> FitResult:
@@ -99,19 +97,3 @@ def _readings(at_s: FloatArray, torque_nm: FloatArray, origin_ns: int) -> Table:
     table["sequence"] = np.arange(len(at_s))
     table["torque_nm"], table["valid"] = torque_nm, True
     return table
-
-
-def _per_gain(network: NortonNetwork) -> NortonNetwork:
-    """The same in units of its command: with a torque gain of 1."""
-    gain = network.torque_gain
-    return replace(
-        network,
-        torque_gain=1.0,
-        inertia_kgm2=network.inertia_kgm2 / gain,
-        viscous_damping_nms_rad=network.viscous_damping_nms_rad / gain,
-        coulomb_torque_nm=network.coulomb_torque_nm / gain,
-        presliding_stiffness_nm_rad=network.presliding_stiffness_nm_rad / gain,
-        presliding_damping_nms_rad=max(network.presliding_damping_nms_rad / gain, 0.0),
-        covariance_names=(),
-        covariance=(),
-    )

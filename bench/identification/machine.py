@@ -1,6 +1,6 @@
 """One machine as its model sees it at the ticks: from what was sent and what arrived to the torque at its port."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,22 @@ class Machine:
     def of_load(cls, load: LoadCalibration) -> "Machine":
         motion_s = load.measurement_delay_s if load.motion_delay_s is None else load.motion_delay_s
         return cls(load.network, load.command_delay_s, motion_s)
+
+    def in_drive_units(self) -> "Machine":
+        """The same in newton metres as its own drive counts them: with a torque gain of 1."""
+        network, gain = self.network, self.network.torque_gain
+        scaled = replace(
+            network,
+            torque_gain=1.0,
+            inertia_kgm2=network.inertia_kgm2 / gain,
+            viscous_damping_nms_rad=network.viscous_damping_nms_rad / gain,
+            coulomb_torque_nm=network.coulomb_torque_nm / gain,
+            presliding_stiffness_nm_rad=network.presliding_stiffness_nm_rad / gain,
+            presliding_damping_nms_rad=max(network.presliding_damping_nms_rad / gain, 0.0),
+            covariance_names=(),
+            covariance=(),
+        )
+        return replace(self, network=scaled)
 
     def torque_nm(self, command: FloatArray, position_rad: FloatArray, tick_s: float) -> FloatArray:
         """What it exerts at its port, (ticks,), by what was sent to it and what arrived of its position."""

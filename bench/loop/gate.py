@@ -10,7 +10,7 @@ from bench.rig.rig import Rig
 
 def guard_for(rig: Rig, devices: Devices) -> Guard:
     """The guard with every plausibility check that the bench has signals for, but those that the rig leaves out."""
-    load, sensor = devices.load, devices.torque_sensor
+    load, sensor, modulator = devices.load, devices.torque_sensor, devices.modulator
     fitted = Fitted(
         load=load is not None,
         torque_sensor=sensor is not None,
@@ -19,6 +19,8 @@ def guard_for(rig: Rig, devices: Devices) -> Guard:
         range_nm=inf if sensor is None else sensor.range_nm,
         resolution_rad=devices.actuator.position_resolution_rad,
         load_resolution_rad=0.0 if load is None else load.position_resolution_rad,
+        modulation=rig.modulation,
+        modulator_resolution_rad=0.0 if modulator is None else modulator.position_resolution_rad,
     )
     checks = checks_for(rig.limits, rig.command, rig.tick_s, fitted, rig.supervision.leave_out)
     modulation_limit = None if rig.modulation is None else rig.modulation.limit

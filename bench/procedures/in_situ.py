@@ -205,7 +205,8 @@ def _load(known: Knowledge, measured: Measured, options: InSituOptions) -> tuple
 
     Raises ExperimentError where nothing tells it from the actuator.
     """
-    calibrated = None if known.calibration is None else Machine.of_load(known.calibration)
+    # The torque sensor's newton metres, in which it was calibrated, are not those of the load's drive.
+    calibrated = None if known.calibration is None else Machine.of_load(known.calibration).in_drive_units()
     try:
         found = load_by_twist(measured, known.tick_s)
     except ExperimentError as error:

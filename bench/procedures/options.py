@@ -127,6 +127,7 @@ class TabulateImpedanceOptions:
     steps: int = 4  # on the way there
     hold_s: float = 0.4
     shake_rad: float = 5e-3  # peak; 0: not at all
+    sweep_rad_s: float = 0.05  # from end to end and back, so fast; 0: not at all
     settled_rad_s: float = 2e-3
     at_most_s: float = 3.0
 

@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from bench.identification.tables.exertion_table import HOLD, PROCEDURE, READ, SHAKE, shake_lines
+from bench.identification.tables.exertion_table import HOLD, PROCEDURE, READ, SHAKE, SWEEP, shake_lines
 from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import imposed
 from bench.procedures.options import TabulateImpedanceOptions
 from bench.procedures.settling import MOVE_S, Patience, settle
 from bench.procedures.tabulate_source import at_zero_torque, levels_between
-from bench.procedures.waves import Motion, displaced, hold, ramp, sines_motion, ticks_in
+from bench.procedures.waves import EDGE_S, Motion, displaced, hold, ramp, sines_motion, sweep, ticks_in
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import FloatArray, Segment, Use
@@ -26,6 +26,8 @@ TORQUE_SHARE = 0.5
 
 # One place where the port is held: the segments there, answered with the torque that was read [N m].
 Place = Generator[Segment, Measured, float]
+# All of them, answered with the lowest and the highest, in steps from the source.
+Around = Generator[Segment, Measured, tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class TabulateImpedanceProcedure:
     At the source and at both ends it is shaken a little, too.
 
     The port goes down from the source, up through all places, and down again to the source: so each place but the
-    outermost is reached from both sides.
+    outermost is reached from both sides. Then it goes the same way once more, slowly and without a stop.
     """
 
     options: TabulateImpedanceOptions = field(default_factory=TabulateImpedanceOptions)
@@ -49,7 +51,8 @@ class TabulateImpedanceProcedure:
         holds = 4 * options.steps * (STEP_S + options.hold_s)
         shakes = 3 * SHAKE_S if options.shake_rad else 0.0
         source_s = MOVE_S + 0.5 * options.at_most_s + READ_S
-        return options.commands * (source_s + holds + shakes) + MOVE_S
+        sweeps = 6 * options.displacement_rad / options.sweep_rad_s + 4 * EDGE_S if options.sweep_rad_s else 0.0
+        return options.commands * (source_s + holds + shakes + sweeps) + MOVE_S
 
     def plan(self, known: Knowledge) -> Plan:
         options, before = self.options, 0.0
@@ -58,27 +61,45 @@ class TabulateImpedanceProcedure:
         for level in levels_between(known.rig, options.lowest, options.highest, options.commands):
             yield from settle(make, known, before, level, patience)
             yield make(READ, Use.IDENTIFY, hold(level, READ_S, known.tick_s))
-            yield from self._around(known, level)
+            ends = yield from self._around(known, level)
+            yield from self._swept(known, level, ends)
             before = level
         yield make("leave", Use.PREPARE, ramp(before, 0.0, MOVE_S, known.tick_s))
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known
 
-    def _around(self, known: Knowledge, level: float) -> Plan:
+    def _around(self, known: Knowledge, level: float) -> Around:
         """Down from the source, up through all places, and down to the source again."""
         bound_nm = TORQUE_SHARE * min(known.rig.limits.torque_nm, known.rig.limits.load_torque_nm)
-        here, steps = 0, self.options.steps
+        here, steps, places = 0, self.options.steps, [0]
         for end, side in ((-steps, "falling"), (steps, "rising"), (0, "falling")):
             way = 1 if end > here else -1
             while here != end:
                 here += way
+                places.append(here)
                 torque_nm = yield from self._place(known, level, way, side)
                 too_much = here * way > 0 and abs(torque_nm) > bound_nm
                 if too_much or (here in (0, end) and side == "rising") or here == -steps:
                     yield from self._shaken(known, level)
                 if too_much:
                     break
+        return min(places), max(places)
+
+    def _swept(self, known: Knowledge, level: float, ends: tuple[int, int]) -> Plan:
+        """Slowly to the lower end of what was held, to the upper, back to the lower, and to the source."""
+        speed_rad_s, step_rad = self.options.sweep_rad_s, self.options.displacement_rad / self.options.steps
+        if speed_rad_s == 0.0:
+            return
+        low, high = (end * step_rad for end in ends)
+        ways = (
+            ("step", Use.PREPARE, low),
+            (f"{SWEEP} rising", Use.IDENTIFY, high - low),
+            (f"{SWEEP} falling", Use.IDENTIFY, low - high),
+            ("step", Use.PREPARE, -low),
+        )
+        for name, use, distance_rad in ways:
+            yield self._held(level, name, use, sweep(distance_rad, speed_rad_s, known.tick_s))
 
     def _place(self, known: Knowledge, level: float, way: int, side: str) -> Place:
         options, tick_s = self.options, known.tick_s

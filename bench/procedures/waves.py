@@ -9,6 +9,7 @@ from bench.segments import FloatArray
 
 # Of the peak; clipping far below it does best from random phases.
 CLIP_AT = 0.6
+EDGE_S = 0.2  # in which a sweep takes up and gives up its speed
 
 
 @dataclass(frozen=True)
@@ -160,6 +161,15 @@ def displaced(displacement_rad: float, duration_s: float, tick_s: float) -> Moti
         displacement_rad / duration_s * 30 * p**2 * (1 - p) ** 2,
         displacement_rad / duration_s**2 * 60 * p * (1 - p) * (1 - 2 * p),
     )
+
+
+def sweep(distance_rad: float, speed_rad_s: float, tick_s: float) -> Motion:
+    """Over a distance at a constant speed, with a little before and after to take it up and give it up."""
+    fastest_rad_s = abs(distance_rad) / (2 * EDGE_S)
+    speed = float(np.copysign(min(speed_rad_s, fastest_rad_s), distance_rad))
+    steady = hold(speed, distance_rad / speed - EDGE_S if speed else EDGE_S, tick_s)
+    edges = ramp(0.0, speed, EDGE_S, tick_s), ramp(speed, 0.0, EDGE_S, tick_s)
+    return from_velocity(np.concatenate([edges[0], steady, edges[1]]), tick_s)
 
 
 def from_velocity(velocity_rad_s: FloatArray, tick_s: float) -> Motion:

@@ -10,6 +10,7 @@ from bench.identification.model_free.without_model import WithoutModel
 from bench.identification.residuals.diagnosis import ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from bench.identification.tables.exertion_table import ExertionTable
+from bench.identification.tables.modulator import ModulatorPlaces
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.trials import TrialFigures
 from bench.models.network import NortonNetwork
@@ -34,6 +35,7 @@ class ReportData:
     blocked_map: BlockedMap | None = None
     source: SourceTable | None = None
     exertion: ExertionTable | None = None
+    modulator: ModulatorPlaces | None = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
     conditions: Sequence[Judgement] = ()

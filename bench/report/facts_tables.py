@@ -3,8 +3,9 @@
 from math import isfinite
 
 from bench.identification.tables.exertion_table import ExertionTable, Line
-from bench.identification.tables.means import Mean, Setting
+from bench.identification.tables.means import UNKNOWN, Setting
 from bench.identification.tables.modulation import Modulated
+from bench.identification.tables.modulator import ModulatorPlaces
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.two_ports import PortsRow
 from bench.report.section import Facts
@@ -44,17 +45,26 @@ def source_facts(table: SourceTable, units: Units) -> Facts:
 
 def line_facts(table: ExertionTable, units: Units) -> Facts:
     """A row for each setting."""
-    head = (*setting_head(units), "source [rad]", "stiffness [N·m/rad]", "hysteresis [mN·m]", "no torque [mrad]")
+    head = (
+        *setting_head(units),
+        "source [rad]",
+        "stiffness [N·m/rad]",
+        "hysteresis [mN·m]",
+        "friction [mN·m]",
+        "no torque [mrad]",
+    )
     return Facts(head, tuple(_line(line, units) for line in table.lines()))
 
 
 def _line(line: Line, units: Units) -> tuple[str, ...]:
-    width = Mean(float("nan"), float("nan")) if line.zeros is None else line.zeros.width
+    width = UNKNOWN if line.zeros is None else line.zeros.width
+    friction = UNKNOWN if line.sweep is None else line.sweep.friction
     return (
         *setting_cells(line.setting, units),
         within(line.source.value, line.source.half_width),
         within(line.stiffness.value, line.stiffness.half_width),
         number(1e3 * line.hysteresis_nm, 2),
+        within(1e3 * friction.value, 1e3 * friction.half_width),
         within(1e3 * width.value, 1e3 * width.half_width),
     )
 
@@ -117,5 +127,35 @@ def stiffness_facts(found: Modulated, units: Units) -> Facts:
     head = (f"modulation [{pretty_unit(units.modulation)}]", "stiffness at the source [N·m/rad]")
     rows = tuple(
         (number(row.modulation, 4), within(row.stiffness.value, row.stiffness.half_width)) for row in found.stiffness
+    )
+    return Facts(head, rows)
+
+
+def modulator_sentence(found: ModulatorPlaces, units: Units) -> str:
+    """Whether the drive went where it was sent, as far as its own encoder tells."""
+    unit, stray = pretty_unit(units.modulation), found.stray
+    if stray is not None:
+        ends = f"{number(min(stray.places_rad), 3)} and {number(max(stray.places_rad), 3)} rad"
+        return (
+            f"The modulator did not go where it was sent: under {number(stray.modulation, 3)} {unit} it was at {ends}: "
+            "it slips or loses count, and what was tabulated there is of several impedances; mend it and repeat that."
+        )
+    if not found.followed:
+        return "The modulator stood at the same place under different modulations: it is at a stop, or stuck."
+    same = f"{number(1e3 * found.same_rad, 2)} mrad"
+    return f"By its encoder the modulator went where it was sent: under each modulation to one place, ± {same}."
+
+
+def modulator_facts(found: ModulatorPlaces, units: Units) -> Facts:
+    """A row for each modulation."""
+    head = (f"modulation [{pretty_unit(units.modulation)}]", "stood at [rad]", "times", "apart [mrad]")
+    rows = tuple(
+        (
+            number(each.modulation, 4),
+            number(sum(each.places_rad) / len(each.places_rad), 4),
+            str(len(each.places_rad)),
+            number(1e3 * each.apart_rad, 2),
+        )
+        for each in found.stood
     )
     return Facts(head, rows)

@@ -94,6 +94,8 @@ def exertion_figure(table: ExertionTable, units: Units) -> Figure:
                 capsize=2,
                 label=shade.label if rising else None,
             )
+    for way in table.swept:
+        axes.plot(*way.branch[:2], color=shades[way.setting].colour, linewidth=0.6, alpha=0.7)
     axes.set_xlabel("displacement from the source, θ − θ_N [rad]")
     axes.set_ylabel("port torque [N·m]")
     axes.legend(labelcolor=INK, title=title, title_fontsize=8.5)

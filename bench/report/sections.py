@@ -1,6 +1,7 @@
 """The sections of a report, each from the data that it needs, or left out."""
 
 from collections.abc import Callable
+from math import isfinite
 
 import numpy as np
 
@@ -43,7 +44,7 @@ def conditions_section(data: ReportData) -> Section | None:
             each.verdict,
             each.figure,
             number(each.value, 3),
-            f"{number(each.interval[0], 3)} … {number(each.interval[1], 3)}" if each.figure else "",
+            f"{number(each.interval[0], 3)} … {number(each.interval[1], 3)}" if isfinite(each.interval[0]) else "",
             pretty_unit(each.unit),
         )
         for each in data.conditions

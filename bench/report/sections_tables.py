@@ -1,12 +1,21 @@
 """The sections of what was tabulated: source, exertion, and the two ports beside each other."""
 
+from bench.identification.tables.exertion_table import ExertionTable
 from bench.identification.tables.modulation import modulated
 from bench.identification.tables.source_table import SourceTable
 from bench.identification.tables.two_ports import two_ports
 from bench.report.data import ReportData
-from bench.report.facts_tables import line_facts, modulation_sentences, ports_facts, source_facts, stiffness_facts
+from bench.report.facts_tables import (
+    line_facts,
+    modulation_sentences,
+    modulator_facts,
+    modulator_sentence,
+    ports_facts,
+    source_facts,
+    stiffness_facts,
+)
 from bench.report.figures_tables import exertion_figure, shaken_figure, source_table_figure
-from bench.report.section import Section
+from bench.report.section import Facts, Section
 from bench.report.svg import svg
 from bench.report.words import number
 
@@ -52,13 +61,26 @@ def exertion_section(data: ReportData) -> Section | None:
         return None
     caption = (
         "Torque at the port, held away from where it rests. Triangles point the way in which the place was reached; "
-        "bars are 95 % intervals of the mean."
+        "bars are 95 % intervals of the mean. Lines without marks are slow sweeps."
     )
     figures = [(svg(exertion_figure(table, data.units), "exertion", caption), caption)]
     if table.shaken:
         told = "How the port answers to being shaken about its source: spring and inertia left, damping right."
         figures.append((svg(shaken_figure(table, data.units), "shaken", told), told))
-    return Section("exertion", "The impedance, tabulated", (), tuple(figures), (line_facts(table, data.units),))
+    return Section(
+        "exertion", "The impedance, tabulated", _swept(table), tuple(figures), (line_facts(table, data.units),)
+    )
+
+
+def _swept(table: ExertionTable) -> tuple[str, ...]:
+    """What its sweeps tell."""
+    speeds = [each.speed_rad_s for each in table.swept]
+    if not speeds:
+        return ()
+    return (
+        f"Friction is half of what lies between both directions of a sweep at {number(max(speeds), 2)} rad/s; the "
+        "range without torque is read from the sweeps, too. Held still, contacts forget how they were strained.",
+    )
 
 
 def two_ports_section(data: ReportData) -> Section | None:
@@ -75,7 +97,14 @@ def two_ports_section(data: ReportData) -> Section | None:
 
 def modulation_section(data: ReportData) -> Section | None:
     found = modulated(data.source, data.exertion)
-    if found is None:
+    if found is None and data.modulator is None:
         return None
-    tables = (stiffness_facts(found, data.units),) if found.stiffness else ()
-    return Section("modulation", "What the modulation changes", modulation_sentences(found, data.units), tables=tables)
+    sentences: tuple[str, ...] = ()
+    tables: tuple[Facts, ...] = ()
+    if found is not None:
+        sentences = modulation_sentences(found, data.units)
+        tables = (stiffness_facts(found, data.units),) if found.stiffness else ()
+    if data.modulator is not None:
+        sentences = (*sentences, modulator_sentence(data.modulator, data.units))
+        tables = (*tables, modulator_facts(data.modulator, data.units))
+    return Section("modulation", "What the modulation changes", sentences, tables=tables)

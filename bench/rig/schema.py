@@ -13,6 +13,7 @@ UNLIMITED = "unlimited"
 PLAUSIBILITY = (
     "encoder",
     "coupling",
+    "modulator",
     "standstill",
     "current",
     "frozen torque",

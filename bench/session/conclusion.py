@@ -10,6 +10,7 @@ import numpy as np
 
 from bench.errors import ExperimentError, UsageError
 from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
+from bench.identification.ambiguity.tabulated import tabulated_conditions
 from bench.identification.bench_ladder import bench_ladder
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
@@ -21,6 +22,7 @@ from bench.identification.results import BlockedMap, FitResult, LiveEstimate, So
 from bench.identification.signals import Signals, signals
 from bench.identification.soundness.recording import Findings, Sound, sound
 from bench.identification.tables.exertion_table import ExertionTable, exertion_table
+from bench.identification.tables.modulator import ModulatorPlaces, modulator_places
 from bench.identification.tables.source_table import SourceTable, source_table
 from bench.identification.trials import TrialFigures, trials
 from bench.identification.validation import validate_signals
@@ -63,6 +65,7 @@ class Conclusion:
     report: Path | None = None
     source: SourceTable | None = None
     exertion: ExertionTable | None = None
+    modulator: ModulatorPlaces | None = None
     units: Units = NO_UNITS
 
     @property
@@ -104,6 +107,7 @@ def conclude(
         blocked_map=found.blocked_map,
         source=found.source,
         exertion=found.exertion,
+        modulator=found.modulator,
         without_model=found.without_model,
         residuals=found.residuals,
         conditions=found.conditions,
@@ -129,9 +133,12 @@ def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, st
         blocked_map=_where_measured(blocked_map, told),
         source=_where_measured(source_table, told),
         exertion=_where_measured(partial(exertion_table, tick_s=tick_s), told),
+        modulator=_where_measured(modulator_places, told),
         trials=trials(measured, tick_s, ITERATED),
     )
-    return found if metadata.get("model") == NO_MODEL else _fitted(found, believed, metadata, network)
+    if metadata.get("model") == NO_MODEL:
+        return replace(found, conditions=tabulated_conditions(found.source, found.exertion))
+    return _fitted(found, believed, metadata, network)
 
 
 def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], network: Path) -> Conclusion:

@@ -63,7 +63,8 @@ class Summary:
 
     ``torque_relative`` is the rms error of the predicted torque over the rms of the torque, under motion and command
     that no fit has seen; ``velocity_relative`` the same for the free motion. None where nothing was validated.
-    ``trials`` says what repeated movements came to; ``tables`` are source and impedance as they were tabulated.
+    ``trials`` says what repeated movements came to; ``tables`` are source and impedance as they were tabulated;
+    ``conditions`` whether the network can be told from its port.
     """
 
     exit_code: ExitCode
@@ -78,6 +79,7 @@ class Summary:
     expectations: tuple[Judged, ...] = ()
     trials: tuple[str, ...] = ()
     tables: tuple[Facts, ...] = ()
+    conditions: tuple[str, ...] = ()
 
 
 class Progress(Protocol):

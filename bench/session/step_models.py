@@ -157,6 +157,9 @@ class _TabulateImpedance(_Tabulate):
     shake_rad: Annotated[float, quantity_in("rad")] = Field(
         TabulateImpedanceOptions.shake_rad, alias="shake", ge=0, examples=["5 mrad"]
     )
+    sweep_rad_s: Annotated[float, quantity_in("rad/s")] = Field(
+        TabulateImpedanceOptions.sweep_rad_s, alias="sweep", ge=0, examples=["50 mrad/s"]
+    )
 
 
 class _Ask(StepModel):

@@ -30,6 +30,7 @@ def summary_of(recording: Path, found: Conclusion, expected: tuple[Judged, ...] 
         expectations=expected,
         trials=tuple(of_trials(found)),
         tables=tabulated(found),
+        conditions=tuple(map(str, found.conditions)),
     )
 
 

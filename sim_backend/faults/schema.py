@@ -283,7 +283,7 @@ class Stuck(_Lasting, _Placed):
     """A machine stands at once, and nothing turns it."""
 
     kind = "stuck"
-    places = SHAFT
+    places = DRIVE
 
 
 class BrokenCoupling(Fault):

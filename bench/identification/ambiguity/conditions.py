@@ -129,8 +129,12 @@ def _impedance_form(unseen: Sequence[Trace]) -> Judgement:
 def _left_over(trace: Trace) -> tuple[float, Interval]:
     """Rms of what is not predicted over that of the torque, and its interval by drawing blocks anew."""
     known = np.isfinite(trace.measured) & np.isfinite(trace.predicted)
-    error, torque = (trace.measured - trace.predicted)[known], trace.measured[known]
-    blocks = max(2, error.size // BLOCK)
+    return share_left((trace.measured - trace.predicted)[known], trace.measured[known], BLOCK)
+
+
+def share_left(error: FloatArray, torque: FloatArray, block: int) -> tuple[float, Interval]:
+    """Rms of an error over that of the torque, (samples,) each, and its interval by drawing blocks of samples anew."""
+    blocks = max(2, error.size // block)
     sums = np.array(
         [(np.sum(e**2), np.sum(t**2)) for e, t in zip(np.array_split(error, blocks), np.array_split(torque, blocks),
          strict=True)]

@@ -1,7 +1,7 @@
 """The impedance as tables: what the port exerts held away from its source, and how it answers to being shaken there."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,15 +21,14 @@ from bench.identification.tables.means import (
     torque_in,
 )
 from bench.identification.tables.sines import line_amplitudes
+from bench.identification.tables.sweeps import Branch, Sweep, Swept, both_ways, swept
 from bench.records import Measured, SegmentInfo
 from bench.segments import Use
 
 FloatArray = npt.NDArray[np.float64]
-# Displacement [rad], torque [N m] and its half-width in one direction: (places,) each.
-Branch = tuple[FloatArray, FloatArray, FloatArray]
 
-# The names of the procedure that measures it, and of its segments: "hold rising", "hold falling".
-PROCEDURE, READ, HOLD, SHAKE = "tabulate_impedance", "read", "hold", "shake"
+# The names of the procedure that measures it, and of its segments: "hold rising", "hold falling", likewise "sweep".
+PROCEDURE, READ, HOLD, SHAKE, SWEEP = "tabulate_impedance", "read", "hold", "shake", "sweep"
 # Whole numbers of periods a second, no one twice or thrice another; above a tenth of the loop's rate nothing is asked.
 LINES_HZ = (2.0, 5.0, 11.0, 23.0, 47.0)
 # What is measured of a shake begins here and lasts this long: whole periods of all lines, without its ends.
@@ -41,6 +40,8 @@ SAME_PLACE = 0.3
 # A torque of this share of the greatest, and of so many deviations, is one.
 TOUCH_SHARE = 0.05
 TOUCH_DEVIATIONS = 3.0
+# A port that is no stiffer exerts nothing at all.
+SOFTEST_NM_RAD = 1e-9
 # Draws of what a repetition might have given, for the intervals of where the torque begins.
 DRAWS = 400
 
@@ -68,11 +69,29 @@ class Shaken:
 
 @dataclass(frozen=True)
 class Zeros:
-    """Between these displacements [rad] from the source the port exerts nothing: none wide for a spring."""
+    """Between these displacements [rad] from the source the port exerts nothing: none wide for a spring.
+
+    ``spacing_rad`` is how far the places lie apart that tell: what is no wider than that is no gap, but may be a curve
+    between them.
+    """
 
     low_rad: float
     high_rad: float
     width: Mean
+    spacing_rad: float
+
+    def loosened(self, by_rad: float) -> "Zeros":
+        """The same, known less well; nothing is added where nobody knows how much."""
+        by_rad = by_rad if np.isfinite(by_rad) else 0.0
+        return replace(self, width=Mean(self.width.value, self.width.half_width + by_rad))
+
+    @property
+    def edges(self) -> tuple[float, float]:
+        return self.low_rad, self.high_rad
+
+    @property
+    def is_gap(self) -> bool:
+        return self.width.value - self.width.half_width > self.spacing_rad
 
 
 @dataclass(frozen=True)
@@ -80,7 +99,8 @@ class Line:
     """What the port exerts near its source, in few numbers.
 
     ``stiffness`` [N m/rad] is the slope of −τ over displacement on either side of the zeros, ``hysteresis_nm`` half of
-    the greatest difference between the two directions; ``zeros`` is None where one side was not reached.
+    the greatest difference between the two directions, each place held; ``sweep`` is None where it was not swept, and
+    ``zeros``, from the sweep if there is one, where one side was not reached.
     """
 
     setting: Setting
@@ -88,6 +108,7 @@ class Line:
     stiffness: Mean
     hysteresis_nm: float
     zeros: Zeros | None
+    sweep: Sweep | None = None
 
 
 @dataclass(frozen=True)
@@ -97,6 +118,7 @@ class ExertionTable:
     held: tuple[Held, ...]
     shaken: tuple[Shaken, ...]
     sources: dict[Setting, Mean]
+    swept: tuple[Swept, ...] = ()
 
     @property
     def settings(self) -> tuple[Setting, ...]:
@@ -147,11 +169,20 @@ class ExertionTable:
         """One for each setting."""
         return tuple(self._line(setting) for setting in self.settings)
 
+    def sweep(self, setting: Setting) -> Sweep | None:
+        """Both ways across, the last that were made; None where there are not both, of one place at least in common."""
+        own = {each.rising: each for each in self.swept if each.setting == setting.rounded}
+        found = both_ways(own[True], own[False]) if len(own) == 2 else None
+        return found if found is not None and found.mean[0].size else None
+
     def _line(self, setting: Setting) -> Line:
         branches = [self.branch(setting, rising) for rising in (True, False)]
-        zeros = _zeros(branches)
+        sweep = self.sweep(setting)
+        zeros = _zeros(branches) if sweep is None else _swept_zeros(sweep)
         stiffness = _slope(branches, zeros)
-        return Line(setting, self.sources[setting], stiffness, self.hysteresis_nm(setting), zeros)
+        if zeros is not None and sweep is not None:
+            zeros = zeros.loosened(abs(sweep.friction.value) / max(abs(stiffness.value), SOFTEST_NM_RAD))
+        return Line(setting, self.sources[setting], stiffness, self.hysteresis_nm(setting), zeros, sweep)
 
 
 def shake_lines(tick_s: float) -> tuple[FloatArray, FloatArray]:
@@ -171,7 +202,7 @@ def exertion_table(measured: Measured, tick_s: float) -> ExertionTable:
         raise ExperimentError(f"no exertion was tabulated: run the step '{PROCEDURE}'")
     count_rad = resolution_rad(measured.motion["position_rad"])
     load = _load(measured, tick_s)
-    held, shaken, sources = list[Held](), list[Shaken](), dict[Setting, Mean]()
+    held, shaken, sources, ways = list[Held](), list[Shaken](), dict[Setting, Mean](), list[Swept | None]()
     for segment in measured.segments:
         if segment.procedure != PROCEDURE:
             continue
@@ -183,7 +214,10 @@ def exertion_table(measured: Measured, tick_s: float) -> ExertionTable:
             held.append(_held(measured, segment, setting, sources[setting].value))
         elif segment.name == SHAKE and load is not None:
             shaken += _shaken(measured, segment, load, setting, position.value - sources[setting].value, tick_s)
-    return ExertionTable(tuple(held), tuple(shaken), sources)
+        elif segment.name.startswith(SWEEP):
+            ticks = inside(measured.ticks, segment, "tick_ns")
+            ways.append(swept(ticks, setting, "rising" in segment.name, sources[setting].value))
+    return ExertionTable(tuple(held), tuple(shaken), sources, tuple(way for way in ways if way is not None))
 
 
 def _load(measured: Measured, tick_s: float) -> LoadFit | None:
@@ -242,6 +276,19 @@ def _slope(branches: Sequence[Branch], zeros: Zeros | None) -> Mean:
     return Mean(-slope, float(t_distribution.ppf(0.975, free)) * deviation)
 
 
+def _swept_zeros(sweep: Sweep) -> Zeros | None:
+    """In the middle between the mean of both ways, where friction blurs the edges inwards, and either way by itself.
+
+    By itself each shows its edges further apart: what slides is late.
+    """
+    mean, by_itself = _zeros([sweep.mean]), _zeros(sweep.ways)
+    if mean is None or by_itself is None:
+        return None
+    low_rad, high_rad = (0.5 * sum(ends) for ends in zip(mean.edges, by_itself.edges, strict=True))
+    width_rad = 0.5 * (mean.width.value + by_itself.width.value)
+    return replace(mean, low_rad=low_rad, high_rad=high_rad, width=Mean(width_rad, mean.width.half_width))
+
+
 def _zeros(branches: Sequence[Branch]) -> Zeros | None:
     """The mean of both directions, so that friction at the port, which shifts them apart, drops out."""
     edges = [_edges(*branch) for branch in branches if branch[0].size]
@@ -251,7 +298,14 @@ def _zeros(branches: Sequence[Branch]) -> Zeros | None:
     low, high = np.mean(found, axis=0)
     width = np.maximum(high - low, 0.0)
     half = float(np.ptp(np.quantile(width[1:], (0.025, 0.975)))) / 2
-    return Zeros(float(low[0]), float(high[0]), Mean(float(width[0]), half))
+    spacing_rad = max(_widest_step(places, float(low[0]), float(high[0])) for places, _, _ in branches)
+    return Zeros(float(low[0]), float(high[0]), Mean(float(width[0]), half), spacing_rad)
+
+
+def _widest_step(places: FloatArray, low: float, high: float) -> float:
+    """Beside the zeros: across a gap the port may jump."""
+    steps = (np.diff(side) for side in (places[places <= low], places[places >= high]))
+    return float(np.max(np.concatenate(list(steps)), initial=0.0))
 
 
 def _edges(displacement: FloatArray, torque: FloatArray, half: FloatArray) -> FloatArray | None:

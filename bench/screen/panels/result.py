@@ -16,13 +16,15 @@ WITH_NAME = 96
 SYMBOL, NAME, VALUE, UNIT_WIDTH, INTERVAL = 6, 22, 11, 10, 26
 FACT = 12
 GAP = 3  # between the columns of a table
+NAMING = ("port", "command", "modulation")  # columns that name a row
 
 
 def result_rows(summary: Summary, width: int) -> list[Row]:
     """As many rows as it takes."""
     sections = [_end(summary, width), _parameters(summary.estimates, width)]
     sections += [_trials(summary, width), *_tables(summary.tables, width), _merit(summary, width)]
-    sections += [_verdict(summary, width), _files(summary, width)]
+    sections += [_listed("Conditions", "of telling it from the port", summary.conditions, width)]
+    sections += [_listed("Verdict", "", summary.verdict, width), _files(summary, width)]
     return [row for section in sections if section for row in (*section, [("", TEXT)])]
 
 
@@ -66,12 +68,45 @@ def _trials(summary: Summary, width: int) -> list[Row]:
 
 def _tables(tables: tuple[Facts, ...], width: int) -> Iterator[list[Row]]:
     """Each as a section; the first says what they are."""
-    for number_, facts in enumerate(tables):
-        columns = [max(map(len, column)) + GAP for column in zip(facts.head, *facts.rows, strict=True)]
+    parts = (part for facts in tables for part in _folded(facts, width))
+    for number_, facts in enumerate(parts):
+        columns = _widths(facts)
         head = "".join(text.rjust(column) for text, column in zip(facts.head, columns, strict=True))
         rows = ["".join(text.rjust(column) for text, column in zip(row, columns, strict=True)) for row in facts.rows]
         above = [heading("Tables", "with 95 % intervals", "", width)] if not number_ else []
         yield [*above, fitted([(head, LABEL)], width), *(fitted([(row, TEXT)], width) for row in rows)]
+
+
+def _folded(facts: Facts, width: int) -> Iterator[Facts]:
+    """The same table in parts that are no wider, each with the columns that name its rows."""
+    columns = _widths(facts)
+    naming = [place for place, text in enumerate(facts.head) if text.split(" ")[0] in NAMING]
+    chosen = list(naming)
+    for place in range(len(columns)):
+        if place in naming:
+            continue
+        if len(chosen) > len(naming) and sum(columns[each] for each in (*chosen, place)) > width:
+            yield _columns_of(facts, chosen)
+            chosen = list(naming)
+        chosen.append(place)
+    yield _columns_of(facts, chosen)
+
+
+def _columns_of(facts: Facts, places: list[int]) -> Facts:
+    return Facts(
+        tuple(facts.head[place] for place in places),
+        tuple(tuple(row[place] for place in places) for row in facts.rows),
+    )
+
+
+def _widths(facts: Facts) -> list[int]:
+    return [max(map(len, column)) + GAP for column in zip(facts.head, *facts.rows, strict=True)]
+
+
+def _listed(title: str, beside: str, sentences: tuple[str, ...], width: int) -> list[Row]:
+    """Under a heading, each with a dot before it; nothing where there are none."""
+    lines = [line for said in sentences for line in wrap(said, width - 2, initial_indent="· ", subsequent_indent="  ")]
+    return [heading(title, beside, "", width), *([(line, TEXT)] for line in lines)] if lines else []
 
 
 def _merit(summary: Summary, width: int) -> list[Row]:
@@ -85,13 +120,6 @@ def _merit(summary: Summary, width: int) -> list[Row]:
         sign = ("✓ ", GOOD) if judged.met else ("✗ ", BAD)
         rows.append(fitted([sign, (judged.said, TEXT)], width))
     return [heading("Figures of merit", "", "", width), *(fitted(row, width) for row in rows)] if rows else []
-
-
-def _verdict(summary: Summary, width: int) -> list[Row]:
-    lines = [
-        line for said in summary.verdict for line in wrap(said, width - 2, initial_indent="· ", subsequent_indent="  ")
-    ]
-    return [heading("Verdict", "", "", width), *([(line, TEXT)] for line in lines)] if lines else []
 
 
 def _files(summary: Summary, width: int) -> list[Row]:

@@ -56,4 +56,5 @@ def test_a_drive_that_takes_a_torque_or_a_current_is_held_to_its_current_whateve
 
 def test_the_rig_file_knows_every_check_by_its_name() -> None:
     free = replace(DYNO, load=False)
-    assert set(names(DYNO)) | set(names(free)) == set(PLAUSIBILITY)
+    modulated = replace(DYNO, modulation=Command("N*m/rad", 4.0))
+    assert set(names(modulated)) | set(names(free)) == set(PLAUSIBILITY)

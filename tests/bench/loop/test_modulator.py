@@ -16,7 +16,7 @@ from bench.rig.rig import Rig
 from bench.segments import Segment, Use
 from drivers.errors import WiringError
 from drivers.readings import DriveState
-from sim_backend.faults.schema import BusOff, DriveError, Dropout, Fault, Undervoltage
+from sim_backend.faults.schema import BusOff, DriveError, Dropout, Fault, Stuck, Undervoltage
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-variable-stiffness.toml")
@@ -131,3 +131,22 @@ def without(table: str) -> Rig:
         spring = {"stiffness": "3 N*m/rad"}
         simulated["actuator"] = {**simulated["actuator"], "model": "series_elastic", "spring": spring}
     return replace(RIG, simulated=simulated)
+
+
+def test_one_that_does_not_follow_is_stopped_before_anything_is_tabulated_under_it(bench):
+    run(bench, held(2.0))
+    bench.backend.inject(Stuck(on="modulator", after="armed", at_s=0.2))
+    plant = bench.backend.world.plant
+    modulation = np.concatenate([np.full(200, 2.0), np.linspace(2.0, 3.0, 800)])
+    with pytest.raises(SafetyStopError, match=r"modulator encoder: stands still at 0\.49"):
+        run(bench, replace(held(2.0, 1000), modulation=modulation))
+    assert bench.armed() == []
+    assert plant.true_position_rad("modulator") == pytest.approx(0.5, abs=1e-3)
+
+
+def test_one_that_was_freed_again_goes_on(bench):
+    bench.backend.inject(Stuck(on="modulator", after="armed", at_s=0.05, lasts_s=0.15))
+    ticks = run(bench, held(2.0, 1000)).ticks
+    stands = ticks["modulator_position_rad"] == np.median(ticks["modulator_position_rad"][50:150])
+    assert stands.sum() > 90
+    assert ticks["modulator_position_rad"][-1] == pytest.approx(0.5, abs=1e-3)

@@ -11,6 +11,7 @@ from bench.errors import ExperimentError, RigError
 from bench.identification.in_situ import Exerted, InSituResult, figures, in_band_motion, in_situ_result
 from bench.identification.load_taken import LoadTaken
 from bench.identification.trials import settled
+from bench.models.network import NortonNetwork
 from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.carry_out import carry_out
 from bench.procedures.in_situ import InSituProcedure
@@ -109,9 +110,7 @@ def test_the_motion_that_is_left_is_that_of_the_actuator_alone(found: Found) -> 
 
 
 def test_what_was_believed_of_the_load_is_overruled_by_the_twist(found: Found) -> None:
-    assert found.known.in_situ is not None
-    assert found.known.in_situ.assembly is not None
-    load = found.known.in_situ.assembly.models.load.network
+    load = assembled_load(found)
     assert load.inertia_kgm2 == pytest.approx(TRUE_INERTIA_KGM2, rel=0.02)
     assert load.viscous_damping_nms_rad == VISCOUS_NMS_RAD
     assert "+20 % off: overruled" in found.said[1]
@@ -127,6 +126,18 @@ def test_some_trials_are_left_alone_and_tell_the_floor(found: Found) -> None:
 
 def test_no_torque_was_read(found: Found) -> None:
     assert all(len(record.torque) == 0 for record in found.known.records)
+
+
+def calibrated(known: Knowledge, watched: Watched) -> Knowledge:
+    watched.loop.learn(learned(known))
+    return carry_out(CalibrateProcedure(CalibrateOptions(4.0)), known, watched.loop)
+
+
+def assembled_load(found: Found) -> NortonNetwork:
+    """What the load was taken for, in newton metres as its drive counts them."""
+    assert found.known.in_situ is not None
+    assert found.known.in_situ.assembly is not None
+    return found.known.in_situ.assembly.models.load.network
 
 
 def stiff(name: str) -> Rig:
@@ -152,13 +163,19 @@ def test_an_arm_on_the_load_is_found_and_named() -> None:
 
 
 def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> None:
-    def calibrated(known: Knowledge, watched: Watched) -> Knowledge:
-        watched.loop.learn(learned(known))
-        return carry_out(CalibrateProcedure(CalibrateOptions(4.0)), known, watched.loop)
-
     found = carried_out(stiff("sim-odrive"), InSituOptions(trials=4, duration_s=3.0), calibrated)
     assert "cannot be checked" in found.result.assembly[0]
     assert found.below_db(3) > 28.0
+    # The torque sensor's newton metres, of which the load's drive gives 0.95 for each of its own.
+    load = assembled_load(found)
+    assert load.inertia_kgm2 == pytest.approx(TRUE_INERTIA_KGM2, rel=0.02)
+    assert load.viscous_damping_nms_rad == pytest.approx(VISCOUS_NMS_RAD, rel=0.03)
+
+
+def test_the_viscous_damping_that_was_calibrated_counts_as_the_loads_drive_does() -> None:
+    found = carried_out(load_rig(RIGS / "sim-odrive.toml"), InSituOptions(trials=3, duration_s=3.0), calibrated)
+    assert "by the twist between the encoders" in found.result.assembly[0]
+    assert assembled_load(found).viscous_damping_nms_rad == pytest.approx(VISCOUS_NMS_RAD, rel=0.03)
 
 
 def test_its_recording_tells_what_it_judged_by(found: Found) -> None:

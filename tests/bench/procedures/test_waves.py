@@ -13,6 +13,7 @@ from bench.procedures.waves import (
     ramp,
     sine_motion,
     staircase,
+    sweep,
     velocity_steps,
 )
 
@@ -56,6 +57,16 @@ def test_velocity_steps_dwell_where_asked_and_end_at_rest() -> None:
     assert np.mean(motion.velocity_rad_s == 5.0) > 0.2
     assert motion.velocity_rad_s[-1] == 0.0
     assert motion.position_rad[0] == 0.0
+
+
+@given(st.floats(1e-3, 1.0), st.floats(0.02, 0.5), st.sampled_from([-1.0, 1.0]))
+def test_a_sweep_goes_all_of_its_way_and_no_faster_than_told(
+    distance_rad: float, speed_rad_s: float, way: float
+) -> None:
+    motion = sweep(way * distance_rad, speed_rad_s, TICK_S)
+    assert motion.position_rad[-1] == pytest.approx(way * distance_rad, abs=2 * speed_rad_s * TICK_S)
+    assert np.max(np.abs(motion.velocity_rad_s)) <= speed_rad_s * (1 + 1e-9)
+    assert abs(motion.velocity_rad_s[-1]) < 1e-12
 
 
 def test_growth_grows_by_the_same_factor_and_ends_at_the_limit() -> None:

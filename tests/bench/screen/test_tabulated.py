@@ -140,6 +140,39 @@ def test_the_result_shows_the_tables() -> None:
     assert told[0].index("0.1333") > told[0].index("actuator")
 
 
+def test_a_narrow_panel_still_has_the_torque(rig: Rig) -> None:
+    small = ("tabulate_impedance", "hold rising", 0.1, 0.15, -4e-4)
+    rows = table_rows(shown(rig, HELD[0], small).tabulated, "rad", 36, 20)
+    assert all(length(row) <= 36 for row in rows)
+    assert texts(rows)[-1].split() == ["▴", "held", "0.100", "0.150", "−0.0004"]
+
+
+def test_a_table_that_is_wider_than_the_screen_goes_on_below() -> None:
+    head = ("command [rad]", "modulation [N·m/rad]", "source [rad]", "stiffness [N·m/rad]", "friction [mN·m]")
+    facts = Facts(head, (("0.2", "1", "0.19", "7.5", "16"), ("0.2", "4", "0.18", "9.5", "17")))
+    rows = texts(result_rows(Summary(ExitCode.OK, tables=(facts,)), 80))
+    heads = [row.split("  ") for row in rows if "command" in row]
+    assert [[word.strip() for word in words if word.strip()] for words in heads] == [
+        [*head[:2], *head[2:4]],
+        [*head[:2], head[4]],
+    ]
+    assert [row.split() for row in rows if row.split()[:2] == ["0.2", "4"]] == [
+        ["0.2", "4", "0.18", "9.5"],
+        ["0.2", "4", "17"],
+    ]
+    wide = texts(result_rows(Summary(ExitCode.OK, tables=(facts,)), 120))
+    assert sum("command" in row for row in wide) == 1
+
+
+def test_the_result_says_whether_the_port_tells() -> None:
+    said = (
+        "Unique zero: does not hold; backlash: between -10 mrad and 10 mrad from its place of rest nothing is exerted."
+    )
+    rows = texts(result_rows(Summary(ExitCode.OK, conditions=(said,)), 60))
+    place = next(index for index, row in enumerate(rows) if row.startswith("Conditions"))
+    assert " ".join(row.strip(" ·") for row in rows[place + 1 :]).strip() == said
+
+
 def test_the_result_says_what_trials_came_to() -> None:
     said = "In situ, 9 trials: the actuator exerted 0.11 mN·m at last, at least 39 dB below the first."
     rows = texts(result_rows(Summary(ExitCode.OK, trials=(said,)), 60))

@@ -32,7 +32,10 @@ IMPEDANCE = TabulateImpedanceOptions(commands=1, lowest=0.3, highest=0.3, steps=
 STEPS = {
     "sim-pneumatic": (
         Step("tabulate_source", TabulateSourceOptions(levels=3, lowest=0.1, highest=0.9)),
-        Step("tabulate_impedance", TabulateImpedanceOptions(commands=1, displacement_rad=0.5, steps=3, shake_rad=0.0)),
+        Step(
+            "tabulate_impedance",
+            TabulateImpedanceOptions(commands=1, displacement_rad=0.5, steps=3, shake_rad=0.0, sweep_rad_s=0.2),
+        ),
     ),
     "sim-series-elastic": (Step("tabulate_source", SOURCE), Step("tabulate_impedance", IMPEDANCE)),
     "sim-gear-train": (
@@ -45,7 +48,9 @@ STEPS = {
         Step("tabulate_source", TabulateSourceOptions(levels=2, lowest=0.2, highest=0.6, port="external")),
         Step(
             "tabulate_impedance",
-            TabulateImpedanceOptions(commands=1, lowest=0.6, highest=0.6, displacement_rad=0.3, steps=3, shake_rad=0.0),
+            TabulateImpedanceOptions(
+                commands=1, lowest=0.6, highest=0.6, displacement_rad=0.3, steps=3, shake_rad=0.0, sweep_rad_s=0.0
+            ),
         ),
     ),
 }
@@ -95,6 +100,35 @@ def test_backlash_shows_as_a_range_without_torque_and_as_a_gap_of_the_source():
     assert line.hysteresis_nm > 5e-3
     gaps = [abs(row.gap_rad) for row in found.source.rows("actuator") if np.isfinite(row.gap_rad)]
     assert gaps == pytest.approx([actuator.backlash.width_rad] * len(gaps), abs=4e-3)
+
+
+def test_backlash_is_told_as_a_source_that_is_not_unique_with_the_width_of_its_zeros():
+    result, actuator = result_of("sim-gear-train"), truth_of("sim-gear-train").actuator
+    judged = json.loads(to_json(identification(result.conclusion, result.recording)))["conditions"]
+    assert [each["holds"] for each in judged] == [True, False, True]
+    unique = judged[1]
+    assert (unique["condition"], unique["figure"], unique["unit"]) == (
+        "unique zero",
+        "width of the interval of zeros",
+        "rad",
+    )
+    low_rad, high_rad = unique["interval"]
+    assert low_rad <= actuator.backlash.width_rad <= high_rad
+    assert high_rad - low_rad < 0.3 * actuator.backlash.width_rad
+    page = result.conclusion.report.read_text()
+    assert "Unique zero: does not hold; backlash: between" in page
+
+
+@pytest.mark.parametrize("name", ["sim-pneumatic", "sim-series-elastic"])
+def test_a_spring_or_a_muscle_has_one_place_of_rest(name):
+    assert [each.holds for each in result_of(name).conclusion.conditions] == [True, True, True]
+
+
+def test_a_slow_sweep_sees_the_friction_that_a_held_port_forgets():
+    exertion, muscle = result_of("sim-pneumatic").conclusion.exertion, truth_of("sim-pneumatic").actuator
+    (line,) = exertion.lines()
+    sliding_nm = muscle.output.coulomb_torque_nm + muscle.output.viscous_damping_nm_s_rad * line.sweep.speed_rad_s
+    assert line.sweep.friction.value == pytest.approx(sliding_nm, abs=line.sweep.friction.half_width + 1e-4)
 
 
 def test_a_muscles_exertion_bends_and_is_zero_at_its_source():

@@ -11,19 +11,31 @@ from bench.cli.output import to_json
 from bench.cli.results import identification
 from bench.identification.tables.exertion_table import exertion_table
 from bench.identification.tables.modulation import Modulated, modulated
+from bench.identification.tables.modulator import modulator_places
 from bench.procedures.modulated import ModulatedProcedure
-from bench.procedures.options import CalibrateOptions, TabulateImpedanceOptions, TabulateSourceOptions, TareOptions
+from bench.procedures.options import (
+    CalibrateOptions,
+    RestOptions,
+    TabulateImpedanceOptions,
+    TabulateSourceOptions,
+    TareOptions,
+)
+from bench.procedures.rest import RestProcedure
 from bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
+from bench.report.facts_tables import modulator_sentence
+from bench.report.words import Units
 from bench.session.conclusion import conclude_recording
 from bench.session.engine import SessionResult, record_procedures, run_session
-from bench.session.schema import Session, Step
+from bench.session.schema import Session, Step, WrittenFault
 from sim_backend.truth import Truth, read_truth
 from tests.bench.half_rate import half_rate
 
 RIG = half_rate("sim-variable-stiffness")
 ENDS = ("0 N*m/rad", "4 N*m/rad")
 SOURCE = TabulateSourceOptions(levels=2, lowest=0.0, highest=0.5, read_s=0.2)
-IMPEDANCE = TabulateImpedanceOptions(commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0)
+IMPEDANCE = TabulateImpedanceOptions(
+    commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0, sweep_rad_s=0.0
+)
 STEPS = (
     Step("tare", TareOptions(0.5)),
     Step("calibrate", CalibrateOptions(4.0)),
@@ -104,3 +116,28 @@ def test_a_recording_tells_the_same_again_and_the_report_says_it(tmp_path):
     assert "The modulation leaves the source alone, which moves the most" in page
     assert "modulation [N·m/rad]" in page
     assert "modulator motion" in page
+
+
+def test_its_second_drive_went_where_it_was_sent_and_the_result_says_so():
+    found = result().conclusion.modulator
+    assert found is not None
+    assert found.followed
+    travel = truth().modulator.angle_rad
+    for stood in found.stood:
+        assert len(stood.places_rad) >= 2
+        assert stood.places_rad == pytest.approx([travel(stood.modulation)] * len(stood.places_rad), abs=2e-3)
+    assert "went where it was sent: under each modulation to one place" in result().conclusion.report.read_text()
+
+
+def test_one_that_slips_on_its_way_is_named():
+    """Its encoder jumps between two visits to one modulation, as that of a drive which has lost its place."""
+    slip = WrittenFault({"kind": "encoder-jump", "on": "modulator", "at": "4 s", "by": "0.1 rad"}, "rest")
+    rest = ModulatedProcedure(RestProcedure(RestOptions(1.5)), (1.0, 3.0, 1.0))
+    session = Session((), "slips", faults=(slip,))
+    recorded = record_procedures(RIG, session, (rest,), out=Path(mkdtemp()), known=result().knowledge, seed=3)
+    found = modulator_places(recorded.measured)
+    assert found.stray is not None
+    assert found.stray.modulation == 1.0
+    assert found.stray.apart_rad == pytest.approx(0.1, abs=5e-3)
+    said = modulator_sentence(found, Units("rad", "N*m/rad"))
+    assert said.startswith("The modulator did not go where it was sent: under 1.00 N·m/rad it was at 0.25")

@@ -1,35 +1,18 @@
 """What the tables of exertion say of springs, backlash and friction, and where they say nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.identification.tables.exertion_table import ExertionTable, Held, shake_lines
-from bench.identification.tables.means import BLOCKS, Mean, Setting, mean_of
+from bench.identification.tables.means import BLOCKS, Mean, mean_of
 from bench.identification.tables.sines import line_amplitudes
-
-NOISE_NM = 1e-3
-HELD = Setting(0.2)
-
-
-def table(exerted, friction_nm=0.0, reach_rad=0.05, seed=0) -> ExertionTable:
-    """Held at nine places in both directions; friction resists the way in which each was reached."""
-    random, held = np.random.default_rng(seed), []
-    for rising in (True, False):
-        for place in np.linspace(-reach_rad, reach_rad, 9):
-            away = place + random.uniform(-1e-4, 1e-4)
-            torque_nm = exerted(away) - (friction_nm if rising else -friction_nm)
-            half = 2.57 * NOISE_NM
-            held.append(Held(HELD, away, rising, Mean(torque_nm + NOISE_NM * random.standard_normal(), half)))
-    return ExertionTable(tuple(held), (), {HELD: Mean(0.5, 1e-5)})
-
-
-def backlash(stiffness, width):
-    def exerted(away):
-        return -stiffness * (away - min(max(away, -width / 2), width / 2))
-
-    return exerted
+from bench.identification.tables.sweeps import Swept, swept
+from bench.records import TICK
+from tests.bench.identification.tables.springs import HELD, NOISE_NM, backlash, table
 
 
 @settings(max_examples=40, deadline=None)
@@ -100,3 +83,29 @@ def test_means_are_as_wide_as_what_lasts():
     assert mean_of(wander).half_width > 3 * mean_of(white).half_width
     assert mean_of(np.ones(600), least=1e-3) == Mean(1.0, 1e-3)
     assert np.isnan(mean_of(np.ones(3)).value)
+
+
+def test_two_ways_that_have_no_place_in_common_are_no_sweep():
+    ways = tuple(
+        Swept(HELD, rising, 0.05, (np.linspace(low, low + 0.01, 5), np.zeros(5), np.full(5, 1e-3)))
+        for rising, low in ((True, 0.0), (False, 0.02))
+    )
+    apart = replace(table(lambda away: -3.0 * away), swept=ways)
+    assert apart.sweep(HELD) is None
+    assert apart.lines()[0].sweep is None
+
+
+def test_a_way_across_is_read_without_its_ends_where_the_port_hardly_moves():
+    ticks = np.zeros(2400, TICK)
+    ticks["tick_ns"] = np.arange(2400) * 1_000_000
+    moving = np.clip((np.arange(2400) - 200) / 2000, 0.0, 1.0)
+    ticks["position_rad"] = 0.5 - 0.05 + 0.1 * moving
+    ticks["torque_nm"] = -3.0 * (ticks["position_rad"] - 0.5) + 0.01 * np.cos(np.arange(2400))
+    way = swept(ticks, HELD, True, 0.5)
+    assert way is not None
+    places, torque_nm, _ = way.branch
+    assert 30 <= places.size <= 38
+    assert np.diff(places).min() > 0.5e-3
+    assert torque_nm == pytest.approx(-3.0 * places, abs=1e-3)
+    assert way.speed_rad_s == pytest.approx(0.1 / 2.4, rel=0.01)
+    assert swept(ticks[:40], HELD, True, 0.5) is None
