@@ -22,7 +22,7 @@ from bench.procedures.in_situ_state import Assembly, InSitu
 from bench.procedures.knowledge import Decision, Knowledge, Plan, why_no_basis
 from bench.procedures.learning import Models, lesson, next_load_torque
 from bench.procedures.makers import coasting, pushed
-from bench.procedures.options import InSituOptions
+from bench.procedures.options import CalibrateOptions, InSituOptions
 from bench.procedures.waves import hold, multisine, ramp
 from bench.records import LOAD_TAKEN, Measured
 from bench.rig.rig import Rig
@@ -44,6 +44,10 @@ class _Shaking(CalibrateProcedure):
     name: ClassVar[str] = IN_SITU
 
 
+def _shaking(options: InSituOptions) -> _Shaking:
+    return _Shaking(CalibrateOptions(duration_s=options.shake_s))
+
+
 @dataclass(frozen=True)
 class Shake:
     """Load and actuator shaken, each in its own way, and told apart."""
@@ -55,10 +59,10 @@ class Shake:
         """Checked before."""
 
     def duration_s(self, rig: Rig) -> float:
-        return CalibrateProcedure().duration_s(rig)
+        return _shaking(self.options).duration_s(rig)
 
     def plan(self, known: Knowledge) -> Plan:
-        yield from _Shaking().plan(known)
+        yield from _shaking(self.options).plan(known)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         load, said = _load(known, measured, self.options)
@@ -132,7 +136,7 @@ class InSituProcedure:
 
     def duration_s(self, rig: Rig) -> float:
         trial_s = self.options.duration_s + 3 * REST_S
-        return CalibrateProcedure().duration_s(rig) + self.options.trials * trial_s
+        return _shaking(self.options).duration_s(rig) + self.options.trials * trial_s
 
     def following(self, known: Knowledge) -> Decision:
         state = known.in_situ

@@ -88,6 +88,7 @@ class InSituOptions:
 
     trials: int = 12  # at most, those that are left alone among them
     duration_s: float = 8.0
+    shake_s: float = 24.0  # before the first trial, to tell load and actuator apart
     highest_hz: float = 3.0
     amplitude: float = 0.5
     left_alone: float = 0.25  # the share of trials in which the load is not driven, at random

@@ -109,6 +109,7 @@ class _Iterate(StepModel):
 class _InSitu(StepModel):
     trials: int = Field(InSituOptions.trials, ge=4, le=100, examples=[12])
     duration_s: Seconds = Field(InSituOptions.duration_s, alias="duration", ge=2, examples=["8 s"])
+    shake_s: Seconds = Field(InSituOptions.shake_s, alias="shake", ge=4, examples=["24 s"])
     highest_hz: Hertz = Field(InSituOptions.highest_hz, alias="highest", gt=0.2, le=20, examples=["3 Hz"])
     amplitude: Fraction = Field(InSituOptions.amplitude, gt=0, le=1, examples=["50 %"])
     left_alone: Fraction = Field(InSituOptions.left_alone, ge=0, lt=1, examples=["25 %"])

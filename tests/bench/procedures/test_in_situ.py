@@ -21,6 +21,7 @@ from bench.procedures.tare import TareProcedure
 from bench.records import LOAD_TAKEN, Event, Measured, join
 from bench.rig.load import load_rig, parse_rig
 from bench.rig.rig import Rig
+from bench.segments import Use
 from bench.session.supervision import learned
 from sim_backend.plant import Plant
 from sim_backend.truth import read_truth
@@ -31,7 +32,7 @@ RIGS = Path(__file__).parents[3] / "rigs"
 RIG = load_rig(RIGS / "sim-in-situ.toml")
 # The load's viscous damping as its drive counts newton metres, of which each gives 0.95: true to three digits.
 TRUE_INERTIA_KGM2, VISCOUS_NMS_RAD = 1.2e-4 / 0.95, 3.16e-4
-OPTIONS = InSituOptions(trials=7, duration_s=4.0, viscous_damping_nms_rad=VISCOUS_NMS_RAD)
+OPTIONS = InSituOptions(trials=7, duration_s=4.0, shake_s=8.0, viscous_damping_nms_rad=VISCOUS_NMS_RAD)
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,12 @@ def test_the_motion_that_is_left_is_that_of_the_actuator_alone(found: Found) -> 
     assert rms < 0.01 * np.sqrt(np.mean(source.velocity_rad_s**2))
 
 
+def test_the_assembly_is_shaken_for_as_long_as_is_asked(found: Found) -> None:
+    shaken = [each for each in recorded(found.known).segments if each.use is Use.CALIBRATE]
+    lasted_s = sum(each.end_ns - each.start_ns for each in shaken) * 1e-9
+    assert lasted_s == pytest.approx(OPTIONS.shake_s, rel=0.01)
+
+
 def test_what_was_believed_of_the_load_is_overruled_by_the_twist(found: Found) -> None:
     load = assembled_load(found)
     assert load.inertia_kgm2 == pytest.approx(TRUE_INERTIA_KGM2, rel=0.02)
@@ -163,7 +170,7 @@ def test_an_arm_on_the_load_is_found_and_named() -> None:
 
 
 def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> None:
-    found = carried_out(stiff("sim-odrive"), InSituOptions(trials=4, duration_s=3.0), calibrated)
+    found = carried_out(stiff("sim-odrive"), InSituOptions(trials=4, duration_s=3.0, shake_s=8.0), calibrated)
     assert "cannot be checked" in found.result.assembly[0]
     assert found.below_db(3) > 28.0
     # The torque sensor's newton metres, of which the load's drive gives 0.95 for each of its own.
@@ -173,7 +180,8 @@ def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> 
 
 
 def test_the_viscous_damping_that_was_calibrated_counts_as_the_loads_drive_does() -> None:
-    found = carried_out(load_rig(RIGS / "sim-odrive.toml"), InSituOptions(trials=3, duration_s=3.0), calibrated)
+    options = InSituOptions(trials=3, duration_s=3.0, shake_s=8.0)
+    found = carried_out(load_rig(RIGS / "sim-odrive.toml"), options, calibrated)
     assert "by the twist between the encoders" in found.result.assembly[0]
     assert assembled_load(found).viscous_damping_nms_rad == pytest.approx(VISCOUS_NMS_RAD, rel=0.03)
 

@@ -24,6 +24,7 @@ duration = "500 ms"
 do = "in_situ"
 trials = 5
 duration = "2 s"
+shake = "8 s"
 viscous_damping = "3.16e-4 N*m*s/rad"
 """
 # What is said of the session as it ran, and not of what it measured.

@@ -58,7 +58,8 @@ STEPS = {
 
 @cache
 def result_of(name: str) -> SessionResult:
-    rig = half_rate(name)
+    # Through a gap the port jumps: half of the ticks would miss how.
+    rig = load_rig(RIGS / f"{name}.toml") if name == "sim-gear-train" else half_rate(name)
     calibrate = Step("calibrate", CalibrateOptions(8.0 if name == "sim-gravity" else 4.0))
     return run_session(rig, Session((TARE, calibrate, *STEPS[name]), "short"), out=Path(mkdtemp()), seed=3)
 
