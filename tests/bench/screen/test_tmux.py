@@ -105,20 +105,17 @@ def test_the_drives_are_idle_at_once(rig: Path, witness: Path, terminal: Termina
 
     until(moving, STARTS_WITHIN_S, terminal.shown)
     gone = way == "the terminal is gone"
-    within_ns = NOTICED_WITHIN_NS if gone else TICK_NS + WATCHDOG_NS
     if gone:
         before_ns = time.monotonic_ns()
         terminal.close()
         asked_ns = time.monotonic_ns()
     else:
-        _, marked_ns = terminal.press("m")
+        terminal.press("m")
         until(lambda: "Mark this moment" in terminal.shown(), STOPS_WITHIN_S, terminal.shown)
-        # On a machine that is busy with other things a stop is no later than any key is answered.
-        within_ns = max(within_ns, time.monotonic_ns() - marked_ns)
         before_ns, asked_ns = terminal.press("Space")
     until(lambda: not armed_now(witness), STOPS_WITHIN_S, lambda: f"still armed: {last_state(witness)}")
     idle_ns = next(state.stamp_ns for state in read_witness(witness) if state.stamp_ns > before_ns and not state.armed)
-    assert idle_ns - asked_ns <= within_ns
+    assert idle_ns - asked_ns <= (NOTICED_WITHIN_NS if gone else TICK_NS + WATCHDOG_NS)
     if not gone:
         until(lambda: "STOPPED" in terminal.shown(), STOPS_WITHIN_S, terminal.shown)
         terminal.press("Escape")
