@@ -11,8 +11,9 @@ from contextlib import suppress
 from typing import Any
 
 import can
+import msgpack
 from can.interfaces.udp_multicast import UdpMulticastBus
-from can.interfaces.udp_multicast.utils import pack_message, unpack_message
+from can.interfaces.udp_multicast.utils import unpack_message
 
 _TIMESTAMP = struct.Struct("@ll")
 _ANCILLARY_SPACE = socket.CMSG_SPACE(_TIMESTAMP.size)
@@ -48,6 +49,7 @@ class QuietUdpBus(UdpMulticastBus):
         self._receiver.setblocking(False)  # it is read without waiting, or after a select
         if sys.platform == "linux":
             self._receiver.setsockopt(*_MULTICAST_ALL[self._receiver.family], 0)
+        self._packer = msgpack.Packer(use_bin_type=True)
         self._sender = socket.socket(self._receiver.family, socket.SOCK_DGRAM)
         try:
             self._own_address = self._join(self._sender)
@@ -70,9 +72,27 @@ class QuietUdpBus(UdpMulticastBus):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         try:
-            self._sender.send(pack_message(msg))
+            self._sender.send(self._packed(msg))
         except OSError as error:
             raise can.CanOperationError(f"cannot send: {error}") from error
+
+    def _packed(self, msg: can.Message) -> bytes:
+        """As python-can packs it, which makes a packer for every frame."""
+        frame = {
+            "timestamp": msg.timestamp,
+            "arbitration_id": msg.arbitration_id,
+            "is_extended_id": msg.is_extended_id,
+            "is_remote_frame": msg.is_remote_frame,
+            "is_error_frame": msg.is_error_frame,
+            "channel": msg.channel,
+            "dlc": msg.dlc,
+            "data": msg.data,
+            "is_fd": msg.is_fd,
+            "bitrate_switch": msg.bitrate_switch,
+            "error_state_indicator": msg.error_state_indicator,
+        }
+        packed: bytes = self._packer.pack(frame)
+        return packed
 
     def ask(self) -> None:
         """There is no adapter to ask."""

@@ -13,6 +13,9 @@ from contextlib import closing, contextmanager
 import can
 import pytest
 from can.interfaces.slcan import slcanBus
+from can.interfaces.udp_multicast.utils import pack_message
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drivers.adapters.quiet_udp import QuietUdpBus
 from drivers.clock import MonotonicClock
@@ -31,6 +34,13 @@ def backend():
     made = HardwareBackend()
     yield made
     made.close()
+
+
+@pytest.fixture(scope="module")
+def packing():
+    bus = QuietUdpBus(GROUP, port=UDP_PORT, hop_limit=0)
+    yield bus
+    bus.shutdown()
 
 
 def udp() -> CanBusSettings:
@@ -85,6 +95,29 @@ def test_udp_between_two_ports_of_ours(backend):
     first.send(0x1, b"\1")
     assert [message.arbitration_id for message, _ in gather(second, 1)] == [0x1]
     assert gather(first, 1, within_s=0.05) == []
+
+
+def test_udp_stays_on_this_computer_unless_told_otherwise(backend):
+    far = CanBusSettings("far", "udp_multicast", GROUP, options={"port": UDP_PORT, "hop_limit": 3})
+    for settings, hops in ((udp(), 0), (far, 3)):
+        sender = backend.open_can(settings).bus._sender
+        assert sender.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == hops
+
+
+@given(
+    message=st.builds(
+        can.Message,
+        timestamp=st.floats(0, 2e9),
+        arbitration_id=st.integers(0, 2**29 - 1),
+        is_extended_id=st.booleans(),
+        is_error_frame=st.booleans(),
+        data=st.binary(max_size=8),
+        is_rx=st.booleans(),
+        channel=st.none() | st.just("can0"),
+    )
+)
+def test_udp_frames_are_packed_as_python_can_packs_them(packing, message):
+    assert packing._packed(message) == pack_message(message)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux drops them before they are read")
