@@ -38,12 +38,23 @@ from sim_backend.truth import FAULTS, read_truth
 from sim_backend.witness import WitnessFile
 from sim_backend.world import World
 
-# The plant is never further behind the wall clock than this while nothing is planned.
-LONGEST_SLEEP_S = 0.5e-3
+# The plant is never further behind the wall clock than this while nothing is planned, nor is a frame answered later:
+# like a drive's firmware, which looks for frames once in its cycle, this process is not woken by every one of them.
+CYCLE_S = 0.25e-3
 
 
 class _Served(HostEnd, Protocol):
-    """A wire that can be waited on, emptied and taken down, and that faults can reach."""
+    """A wire that can be emptied and taken down, and that faults can reach."""
+
+    def receive(self) -> None:
+        """Deliver what the host has sent."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class _Waking(_Served, Protocol):
+    """A wire that can be waited on, since its bytes do not say when they came."""
 
     @property
     def lost(self) -> bool:
@@ -51,11 +62,6 @@ class _Served(HostEnd, Protocol):
         ...
 
     def fileno(self) -> int: ...
-    def receive(self) -> None:
-        """Deliver what the host has sent."""
-        ...
-
-    def close(self) -> None: ...
 
 
 class _WallTime:
@@ -82,8 +88,6 @@ class ServedBus:
     adapter is not ours to break: one that is unplugged or off the bus is merely cut off from it.
     """
 
-    lost = False
-
     def __init__(self, settings: CanBusSettings, backend: Backend, wall: _WallTime) -> None:
         self._wall = wall
         self._port: CanPort = backend.open_can(settings)
@@ -103,9 +107,6 @@ class ServedBus:
     def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
         if not self._cut_off:
             self._port.send(arbitration_id, data, extended=extended)
-
-    def fileno(self) -> int:
-        return self._port.bus.fileno()
 
     def receive(self) -> None:
         self._port.poll()
@@ -247,9 +248,11 @@ def serve(
         on_ready()
         with punctual(SERVER_PRIORITY):
             while not stop():
-                for wire in wires.waiting(min(wall.due_s(), LONGEST_SLEEP_S)):
+                waiting = wires.waiting(min(wall.due_s(), CYCLE_S))
+                now_ns = time.monotonic_ns()  # what comes while others are received must find the world as it was
+                for wire in waiting:
                     wire.receive()
-                wall.catch_up()
+                wall.catch_up(now_ns)
 
 
 def _witness(path: Path, world: World, epoch_ns: int) -> WitnessFile:
@@ -282,26 +285,29 @@ class _ServedWires:
         self._backend = HardwareBackend()
         self._buses: dict[str, ServedBus | ServedSlcan] = {}
         self._lines: dict[str, ServedLine] = {}
-        self._wires: list[_Served] = []
-        self._unwatched: list[_Served] = []
+        self._waking: list[_Waking] = []
+        self._looked_at: list[_Served] = []
 
     def can(self, bus: str) -> CanPlug:
         if bus not in self._buses:
-            settings = self._settings[bus]
-            wire = self._open(settings)
-            self._buses[bus] = wire
-            self._keep(wire)
+            self._buses[bus] = self._open(self._settings[bus])
+            self._stack.callback(self._buses[bus].close)
         return CanPlug(self._buses[bus])
 
     def _open(self, settings: CanBusSettings) -> ServedBus | ServedSlcan:
         if settings.interface == "slcan":
-            return ServedSlcan(settings, self._wall)
-        return ServedBus(settings, self._backend, self._wall)
+            adapter = ServedSlcan(settings, self._wall)
+            self._waking.append(adapter)
+            return adapter
+        bus = ServedBus(settings, self._backend, self._wall)
+        self._looked_at.append(bus)
+        return bus
 
     def serial(self, port: str) -> SerialPlug:
         wire = ServedLine(port, self._wall)
+        self._stack.callback(wire.close)
         self._lines[port] = wire
-        self._keep(wire)
+        self._waking.append(wire)
         return SerialPlug(wire)
 
     @property
@@ -310,19 +316,13 @@ class _ServedWires:
         return {**self._buses, **self._lines}
 
     def waiting(self, timeout_s: float) -> list[_Served]:
-        """The wires on which something waits to be received, after at most ``timeout_s``."""
-        ready, _, _ = select.select([wire for wire in self._wires if not wire.lost], [], [], timeout_s)
-        return [*ready, *self._unwatched]
-
-    def _keep(self, wire: _Served) -> None:
-        self._stack.callback(wire.close)
-        try:
-            wire.fileno()
-        except NotImplementedError:
-            # Some of python-can's interfaces have nothing to wait on: those are looked at every time.
-            self._unwatched.append(wire)
-        else:
-            self._wires.append(wire)
+        """The wires on which something may wait to be received, after at most ``timeout_s``."""
+        waking = [wire for wire in self._waking if not wire.lost]
+        if not waking:  # Windows selects from something, or not at all
+            time.sleep(timeout_s)
+            return [*self._looked_at]
+        ready, _, _ = select.select(waking, [], [], timeout_s)
+        return [*ready, *self._looked_at]
 
 
 def _message(frame: SlcanFrame) -> can.Message:
