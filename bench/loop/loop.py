@@ -154,7 +154,7 @@ class Loop:
         try:
             while index < len(commands) and not done:
                 # What has come by then need not be read when time is short.
-                self._clock.wait_until_ns(self._next_ns, self.devices.link.poll)
+                self._clock.wait_until_ns(self._next_ns, self._read_ahead)
                 begun_ns, arrivals = self._clock.now_ns(), self.devices.receive()
                 index = min(index + self._obey_time(strategy), len(commands) - 1)
                 sample, full = self._tick(commands[index], modulations[index], strategy, index, begun_ns, arrivals)
@@ -169,6 +169,10 @@ class Loop:
         rigid = segment.mode is LoadMode.ADMITTANCE and segment.admittance.rigid
         self._reference_rad = strategy.target(segment.ticks - 1).position_rad if rigid else None
         return join(parts)
+
+    def _read_ahead(self) -> None:
+        self.devices.link.poll()
+        self.outbox.put_waiting()
 
     def _start(self) -> None:
         now_ns = self.devices.clock.now_ns()

@@ -24,6 +24,10 @@ class Outlet(Protocol):
         ...
 
     def put_frame(self, frame: RawFrame) -> None: ...
+    def put_waiting(self) -> None:
+        """Put away what has come so far: called while the loop waits, and nothing waits for it."""
+        ...
+
     def put_event(self, stamp_ns: int, kind: str, text: str) -> None: ...
     def hand_on(self, segment: SegmentInfo | None = None) -> Measured:
         """Let go of what has been collected; ``segment`` is what it belongs to so far."""
@@ -53,6 +57,9 @@ class Outbox:
 
     def put_frame(self, frame: RawFrame) -> None:
         self._frames.append(frame)
+
+    def put_waiting(self) -> None:
+        """What has been collected is handed on in parts."""
 
     def put_event(self, stamp_ns: int, kind: str, text: str) -> None:
         self._events.append(Event(stamp_ns, kind, text))

@@ -71,20 +71,34 @@ class SharedOutbox:
     def put(self, row: tuple[float, ...], arrivals: Arrivals) -> bool:
         """One tick's row (in the order of TICK), what arrived, and the frames of both."""
         self._put_readings(arrivals)
-        self._put_frames()
+        self.put_waiting()
         self._rings["ticks"].put(self._tick.pack(*row))
         return False
 
     def put_frame(self, frame: RawFrame) -> None:
-        """Kept until the end of the tick: a command that waits for its turn is worth more."""
+        """Kept until the tick's end, or the next wait: a command that waits for its turn is worth more."""
         self._frames.append(frame)
+
+    def put_waiting(self) -> None:
+        """The frames so far."""
+        put, places, pack = self._frame_ring.put, self._places, FRAME.pack
+        for stamp_ns, channel, sent, data, identifier, extended, remote in self._frames:
+            marks = SENT * sent | EXTENDED * extended | REMOTE * remote
+            place = places[channel]
+            if len(data) <= FRAME_BYTES:
+                put(pack(stamp_ns, identifier, place, marks, len(data), data))
+                continue
+            for at in range(0, len(data), FRAME_BYTES):
+                piece = data[at : at + FRAME_BYTES]
+                put(pack(stamp_ns, identifier, place, marks, len(piece), piece))
+        self._frames.clear()
 
     def put_event(self, stamp_ns: int, kind: str, text: str) -> None:
         self._event_ring.put(EVENT.pack(stamp_ns, kind.encode(), text.encode()))
 
     def hand_on(self, segment: SegmentInfo | None = None) -> Measured:
         """The session finds all of it by itself; only the segment it belongs to is left to return."""
-        self._put_frames()
+        self.put_waiting()
         return Measured(segments=() if segment is None else (segment,))
 
     def _put_readings(self, arrivals: Arrivals) -> None:
@@ -104,19 +118,6 @@ class SharedOutbox:
             rings["modulator_motion"].put(motion.pack(m.arrival_ns, m.sequence, m.position_rad, m.velocity_rad_s))
         for c in arrivals.modulator_current:
             rings["modulator_current"].put(current.pack(c.arrival_ns, c.sequence, c.current_a))
-
-    def _put_frames(self) -> None:
-        put, places, pack = self._frame_ring.put, self._places, FRAME.pack
-        for stamp_ns, channel, sent, data, identifier, extended, remote in self._frames:
-            marks = SENT * sent | EXTENDED * extended | REMOTE * remote
-            place = places[channel]
-            if len(data) <= FRAME_BYTES:
-                put(pack(stamp_ns, identifier, place, marks, len(data), data))
-                continue
-            for at in range(0, len(data), FRAME_BYTES):
-                piece = data[at : at + FRAME_BYTES]
-                put(pack(stamp_ns, identifier, place, marks, len(piece), piece))
-        self._frames.clear()
 
 
 @dataclass

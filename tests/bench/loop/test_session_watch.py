@@ -31,6 +31,9 @@ class LatePipe:
         self.session.send(self.late.pop())
         return False
 
+    def fileno(self) -> int:
+        return self.loop.fileno()
+
     def recv(self) -> Any:
         return self.loop.recv()
 

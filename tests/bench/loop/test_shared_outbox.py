@@ -59,17 +59,19 @@ def memory() -> SharedMemory:
 
 
 @settings(deadline=None, max_examples=60, phases=[Phase.explicit, Phase.reuse, Phase.generate])
-@given(ticks=st.lists(st.tuples(arrived, st.lists(can_frames | chunks, max_size=4)), max_size=6))
+@given(ticks=st.lists(st.tuples(arrived, st.lists(can_frames | chunks, max_size=4), st.booleans()), max_size=6))
 def test_it_holds_what_the_other_outbox_holds(
-    memory: SharedMemory, ticks: list[tuple[Arrivals, list[RawFrame]]]
+    memory: SharedMemory, ticks: list[tuple[Arrivals, list[RawFrame], bool]]
 ) -> None:
     shared, plain = SharedOutbox(memory), Outbox()
     inbox = SharedInbox(memory)
     for outbox in (shared, plain):
         outbox.put_event(7, "stop", "the guard said ∞ N m")
-        for number, (arrivals, frames) in enumerate(ticks):
+        for number, (arrivals, frames, waits) in enumerate(ticks):
             for frame in frames:
                 outbox.put_frame(frame)
+            if waits:
+                outbox.put_waiting()
             outbox.put(row(number), arrivals)
     shared.hand_on()
     expected, found = plain.hand_on(), inbox.take()
