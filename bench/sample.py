@@ -40,14 +40,31 @@ class Sample(NamedTuple):
     def counted_from(self, tick_ns: int) -> "Sample":
         """The same readings, with ages as of ``tick_ns``: negative for what arrived only after that."""
         later_ns = tick_ns - self.tick_ns
-        return self._replace(
-            tick_ns=tick_ns,
-            torque_age_ns=self.torque_age_ns + later_ns,
-            motion_age_ns=self.motion_age_ns + later_ns,
-            load_motion_age_ns=self.load_motion_age_ns + later_ns,
-            current_age_ns=self.current_age_ns + later_ns,
-            load_current_age_ns=self.load_current_age_ns + later_ns,
-            modulator_motion_age_ns=self.modulator_motion_age_ns + later_ns,
+        # By position, once a tick: _replace takes twice as long.
+        return Sample(
+            tick_ns,
+            self.torque_nm,
+            self.torque_age_ns + later_ns,
+            self.torque_new,
+            self.position_rad,
+            self.velocity_rad_s,
+            self.motion_age_ns + later_ns,
+            self.motion_new,
+            self.load_position_rad,
+            self.load_velocity_rad_s,
+            self.load_motion_age_ns + later_ns,
+            self.load_motion_new,
+            self.current_a,
+            self.current_age_ns + later_ns,
+            self.current_new,
+            self.load_current_a,
+            self.load_current_age_ns + later_ns,
+            self.load_current_new,
+            self.torque_count,
+            self.motion_count,
+            self.load_motion_count,
+            self.modulator_position_rad,
+            self.modulator_motion_age_ns + later_ns,
         )
 
 

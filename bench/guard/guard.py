@@ -2,7 +2,7 @@
 it stops. Once tripped it stays tripped, until an operator says otherwise."""
 
 from dataclasses import dataclass, field
-from math import isfinite
+from math import inf, isfinite
 
 from bench.errors import SafetyStopError, UsageError
 from bench.guard.check import Check
@@ -92,47 +92,61 @@ class Guard:
             raise self.trip(f"the procedure asked for modulation {wished.modulation}: not a number", "wish")
 
     def _check_freshness(self, sample: Sample) -> None:
-        self._check_age("actuator encoder", sample.motion_age_ns)
-        if self.has_load:
-            self._check_age("load encoder", sample.load_motion_age_ns)
-        if self.has_torque_sensor:
-            self._check_age("torque sensor", sample.torque_age_ns)
-        if self.modulation_limit is not None:
-            self._check_age("modulator encoder", sample.modulator_motion_age_ns)
+        stale_ns = self.limits.stale_after_ns
+        if not 0 <= sample.motion_age_ns <= stale_ns:
+            raise self._silent("actuator encoder", sample.motion_age_ns)
+        if self.has_load and not 0 <= sample.load_motion_age_ns <= stale_ns:
+            raise self._silent("load encoder", sample.load_motion_age_ns)
+        if self.has_torque_sensor and not 0 <= sample.torque_age_ns <= stale_ns:
+            raise self._silent("torque sensor", sample.torque_age_ns)
+        if self.modulation_limit is not None and not 0 <= sample.modulator_motion_age_ns <= stale_ns:
+            raise self._silent("modulator encoder", sample.modulator_motion_age_ns)
 
-    def _check_age(self, name: str, age_ns: int) -> None:
+    def _silent(self, name: str, age_ns: int) -> SafetyStopError:
         if age_ns < 0:
-            raise self.trip(f"{name}: no reading yet", "stale")
-        if age_ns > self.limits.stale_after_ns:
-            raise self.trip(
-                f"{name}: silent for {age_ns / 1e6:.1f} ms, more than [limits] stale_after = "
-                f"{self.limits.stale_after_ns / 1e6:g} ms",
-                "stale",
-            )
+            return self.trip(f"{name}: no reading yet", "stale")
+        return self.trip(
+            f"{name}: silent for {age_ns / 1e6:.1f} ms, more than [limits] stale_after = "
+            f"{self.limits.stale_after_ns / 1e6:g} ms",
+            "stale",
+        )
 
     def _check_values(self, sample: Sample) -> None:
-        self._check_bound("actuator velocity", sample.velocity_rad_s, self.limits.velocity_rad_s, "velocity", "rad/s")
+        # Written so that NaN fails, with which a comparison is never true, and infinity where there is no limit.
+        limits, velocity_rad_s, position_rad = self.limits, sample.velocity_rad_s, sample.position_rad
+        bound = limits.velocity_rad_s
+        if not (isfinite(velocity_rad_s) and abs(velocity_rad_s) <= bound):
+            raise self._outside("actuator velocity", velocity_rad_s, bound, "velocity", "rad/s")
         if self._home_rad is None:
             raise self.trip("actuator position: not a number when the drives were enabled", "position")
-        travel_rad = sample.position_rad - self._home_rad
-        self._check_bound("travel from where the shaft stood", travel_rad, self.limits.position_rad, "position", "rad")
+        travel_rad = position_rad - self._home_rad
+        if not (isfinite(travel_rad) and abs(travel_rad) <= limits.position_rad):
+            raise self._outside("travel from where the shaft stood", travel_rad, limits.position_rad, "position", "rad")
         if self.has_load:
-            self._check_bound(
-                "load velocity", sample.load_velocity_rad_s, self.limits.velocity_rad_s, "velocity", "rad/s"
-            )
-            self._check_bound("load position", sample.load_position_rad, float("inf"), "position", "rad")
+            load_rad_s = sample.load_velocity_rad_s
+            if not (isfinite(load_rad_s) and abs(load_rad_s) <= bound):
+                raise self._outside("load velocity", load_rad_s, bound, "velocity", "rad/s")
+            if not isfinite(sample.load_position_rad):
+                raise self._outside("load position", sample.load_position_rad, inf, "position", "rad")
         if self.has_torque_sensor:
-            self._check_bound("port torque", sample.torque_nm, self.limits.torque_nm, "torque", "N m")
-            power_w = sample.torque_nm * sample.velocity_rad_s
-            self._check_bound("port power", power_w, self.limits.power_w, "power", "W")
+            torque_nm = sample.torque_nm
+            if not (isfinite(torque_nm) and abs(torque_nm) <= limits.torque_nm):
+                raise self._outside("port torque", torque_nm, limits.torque_nm, "torque", "N m")
+            power_w = torque_nm * velocity_rad_s
+            if not (isfinite(power_w) and abs(power_w) <= limits.power_w):
+                raise self._outside("port power", power_w, limits.power_w, "power", "W")
 
-    def _check_bound(self, name: str, value: float, bound: float, key: str, unit: str) -> None:
-        # Written so that NaN fails: a comparison with it is never true.
-        if not (isfinite(value) and abs(value) <= bound):
-            raise self.trip(_outside(name, value, bound, key, unit), key)
+    def _outside(self, name: str, value: float, bound: float, key: str, unit: str) -> SafetyStopError:
+        if isfinite(value):
+            return self.trip(f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}", key)
+        return self.trip(
+            f"{name}: is no number: the device marks its reading as invalid, or reads beyond its range; "
+            "check the device",
+            key,
+        )
 
     def _check_drive(self, drive: DriveHealth, tick_ns: int) -> None:
-        status = drive.status
+        status, limit_c = drive.status, self.limits.temperature_c
         if status.state is not DriveState.ENABLED:
             words = "; ".join(status.errors) or "no reason given"
             raise self.trip(f"{drive.name} drive: left its torque loop ({status.state.value}: {words})", "drive")
@@ -141,17 +155,17 @@ class Guard:
             raise self.trip(
                 f"{drive.name} drive: no heartbeat for {drive.heartbeat_timeout_ns / 1e6:g} ms", "heartbeat"
             )
-        for part, celsius in (
-            ("transistors", status.transistor_temperature_c),
-            ("motor", status.motor_temperature_c),
-        ):
-            # Drives that report no temperature leave NaN, which is no alarm; a hot one is.
-            if celsius > self.limits.temperature_c:
-                raise self.trip(
-                    f"{drive.name} drive: {part} at {celsius:.0f} °C, above [limits] temperature = "
-                    f"{self.limits.temperature_c:g} °C",
-                    "temperature",
-                )
+        # Drives that report no temperature leave NaN, which is no alarm; a hot one is.
+        if status.transistor_temperature_c > limit_c:
+            raise self._hot(drive.name, "transistors", status.transistor_temperature_c)
+        if status.motor_temperature_c > limit_c:
+            raise self._hot(drive.name, "motor", status.motor_temperature_c)
+
+    def _hot(self, name: str, part: str, celsius: float) -> SafetyStopError:
+        return self.trip(
+            f"{name} drive: {part} at {celsius:.0f} °C, above [limits] temperature = {self.limits.temperature_c:g} °C",
+            "temperature",
+        )
 
     def _clip(self, wished: Commands) -> Commands:
         limited = 0
@@ -172,9 +186,3 @@ class Guard:
                 limited |= Limited.MODULATION
         self._sent = Commands(slewed, load_nm, int(limited), modulation)
         return self._sent
-
-
-def _outside(name: str, value: float, bound: float, key: str, unit: str) -> str:
-    if isfinite(value):
-        return f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}"
-    return f"{name}: is no number: the device marks its reading as invalid, or reads beyond its range; check the device"
