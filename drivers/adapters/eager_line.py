@@ -20,14 +20,17 @@ class EagerLine:
     def in_waiting(self) -> int:
         """How many bytes can be read at once. Raises OSError for a lost port."""
         if not self._ahead:
-            self._ahead = self._read(READ_MAX)
-        # A port that was pulled out reads as one on which nothing comes; asked for its count, it says so.
+            try:
+                self._ahead = os.read(self._descriptor, READ_MAX)
+            except BlockingIOError:
+                return 0
+        # A port that was pulled out reads as one that has ended; asked for its count, it says so.
         return len(self._ahead) or int(self._line.in_waiting)
 
     def read(self, size: int = 1) -> bytes:
         """At most ``size`` of the bytes that are there. Raises OSError."""
-        if not self._ahead:
-            return self._read(size)
+        if not self.in_waiting:
+            return b""
         data, self._ahead = self._ahead[:size], self._ahead[size:]
         return data
 
@@ -39,9 +42,3 @@ class EagerLine:
     def close(self) -> None:
         """As pyserial does."""
         self._line.close()
-
-    def _read(self, size: int) -> bytes:
-        try:
-            return os.read(self._descriptor, size)
-        except BlockingIOError:
-            return b""

@@ -1,6 +1,5 @@
 """Every line of the guard is tripped, and a healthy bench passes it untouched."""
 
-from dataclasses import replace
 from math import inf, isfinite, nan
 
 import pytest
@@ -93,13 +92,13 @@ def test_each_limit_trips_latches_and_names_itself(change: dict[str, float], wor
 @pytest.mark.parametrize(
     ("status", "words"),
     [
-        (replace(STATUS, state=DriveState.IDLE), "left its torque loop"),
-        (replace(STATUS, state=DriveState.UNKNOWN), "left its torque loop"),
-        (replace(STATUS, state=DriveState.FAULT, errors=("watchdog timer expired",)), "watchdog timer expired"),
-        (replace(STATUS, heartbeat_ns=NOW_NS - 300_000_001), "no heartbeat"),
-        (replace(STATUS, heartbeat_ns=None), "no heartbeat"),
-        (replace(STATUS, transistor_temperature_c=80.5), "transistors at"),
-        (replace(STATUS, motor_temperature_c=95.0), "motor at"),
+        (STATUS._replace(state=DriveState.IDLE), "left its torque loop"),
+        (STATUS._replace(state=DriveState.UNKNOWN), "left its torque loop"),
+        (STATUS._replace(state=DriveState.FAULT, errors=("watchdog timer expired",)), "watchdog timer expired"),
+        (STATUS._replace(heartbeat_ns=NOW_NS - 300_000_001), "no heartbeat"),
+        (STATUS._replace(heartbeat_ns=None), "no heartbeat"),
+        (STATUS._replace(transistor_temperature_c=80.5), "transistors at"),
+        (STATUS._replace(motor_temperature_c=95.0), "motor at"),
     ],
 )
 def test_each_drive_is_watched(name: str, status: DriveStatus, words: str) -> None:
