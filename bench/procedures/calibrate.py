@@ -18,7 +18,7 @@ from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import back, coasting, pushed
 from bench.procedures.options import CalibrateOptions
 from bench.procedures.tare import greatest_load_torque
-from bench.procedures.waves import growth, hold, multisine
+from bench.procedures.waves import growth, highest_hz, hold, multisine
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import FloatArray, Use
@@ -98,7 +98,7 @@ class CalibrateProcedure:
         and no fit could tell the load's inertia and friction from the actuator's.
         """
         tick_s = known.tick_s
-        low_hz, high_hz = 1.0, 0.2 / tick_s
+        low_hz, high_hz = 1.0, highest_hz(tick_s)
         load, actuator = (
             multisine(duration_s, tick_s, low_hz=low_hz, high_hz=high_hz, seed=each, slope=-0.25)
             for each in (seed, seed + 1)

@@ -11,7 +11,7 @@ import numpy as np
 from bench.control.calibration import LoadCalibration
 from bench.identification.information import Excitation
 from bench.models.network import NortonNetwork
-from bench.procedures.waves import Motion, hold, multisine, multisine_motion, sine_motion, velocity_steps
+from bench.procedures.waves import Motion, highest_hz, hold, multisine, multisine_motion, sine_motion, velocity_steps
 from bench.rig.rig import Rig
 from bench.segments import FloatArray
 
@@ -153,8 +153,8 @@ def _shaken(bounds: Bounds, seed: int) -> Iterator[Candidate]:
 
 def _bands(bounds: Bounds) -> list[tuple[float, float]]:
     """Those bands that the loop's rate can carry."""
-    highest_hz = 0.2 / bounds.rig.tick_s
-    return [(low, min(high, highest_hz)) for low, high in COMMAND_BANDS_HZ if 2 * low < highest_hz]
+    most_hz = highest_hz(bounds.rig.tick_s)
+    return [(low, min(high, most_hz)) for low, high in COMMAND_BANDS_HZ if 2 * low < most_hz]
 
 
 def _command(bounds: Bounds, band_hz: tuple[float, float], duration_s: float, seed: int) -> FloatArray:

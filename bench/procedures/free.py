@@ -9,7 +9,7 @@ from bench.errors import ExperimentError, RigError
 from bench.procedures.knowledge import Knowledge, Plan
 from bench.procedures.makers import zero_torque
 from bench.procedures.options import FreeOptions
-from bench.procedures.waves import growth, hold, multisine, ramp, staircase
+from bench.procedures.waves import growth, highest_hz, hold, multisine, ramp, staircase
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import FloatArray, Use
@@ -85,12 +85,12 @@ class FreeProcedure:
 
 
 def command_multisine(
-    known: Knowledge, span: tuple[float, float], duration_s: float, seed: int, highest_hz: float | None = None
+    known: Knowledge, span: tuple[float, float], duration_s: float, seed: int, high_hz: float | None = None
 ) -> FloatArray:
-    """A multisine that fills ``span`` from a fifth of a hertz to ``highest_hz``, or a fifth of the loop's rate."""
+    """A multisine that fills ``span`` from a fifth of a hertz to ``high_hz``, or as far as any goes."""
     low, high = span
-    highest_hz = 0.2 / known.tick_s if highest_hz is None else highest_hz
-    wave = multisine(duration_s, known.tick_s, low_hz=0.2, high_hz=highest_hz, seed=seed, slope=-0.25)
+    high_hz = highest_hz(known.tick_s) if high_hz is None else high_hz
+    wave = multisine(duration_s, known.tick_s, low_hz=0.2, high_hz=high_hz, seed=seed, slope=-0.25)
     return 0.5 * (high + low) * np.abs(wave) + MULTISINE_SHARE * 0.5 * (high - low) * wave
 
 

@@ -9,6 +9,8 @@ from bench.segments import FloatArray
 
 # Of the peak; clipping far below it does best from random phases.
 CLIP_AT = 0.6
+# Of the loop's rate, and at most: where multisines end.
+HIGHEST_SHARE, HIGHEST_HZ = 0.2, 200.0
 EDGE_S = 0.2  # in which a sweep takes up and gives up its speed
 
 
@@ -51,6 +53,14 @@ def growth(limit: float, duration_s: float, tick_s: float, *, decades: float = 2
 def staircase(levels: FloatArray, dwell_s: float, tick_s: float) -> FloatArray:
     """Each level held for ``dwell_s``."""
     return np.repeat(levels, ticks_in(dwell_s, tick_s))
+
+
+def highest_hz(tick_s: float) -> float:
+    """Up to where a multisine goes: a fifth of the loop's rate, but no further for a loop faster than 1 kHz.
+
+    There is little of a bench to be seen beyond, and what is spent there is missing below.
+    """
+    return min(HIGHEST_SHARE / tick_s, HIGHEST_HZ)
 
 
 def multisine(

@@ -14,7 +14,7 @@ from bench.procedures.catalogue import CATALOGUE, make_procedures
 from bench.procedures.free import FreeProcedure
 from bench.procedures.imposed import ImposedProcedure
 from bench.procedures.knowledge import Knowledge, Procedure, Tare
-from bench.procedures.options import TareOptions
+from bench.procedures.options import CalibrateOptions, TareOptions
 from bench.procedures.tare import TareProcedure
 from bench.procedures.validate import ValidateProcedure
 from bench.records import Measured
@@ -148,6 +148,15 @@ def test_tare_says_nothing_of_pushes_that_were_not_made() -> None:
         known = carry_out(TareProcedure(TareOptions(0.5)), Knowledge(free), bench.loop)
     assert known.tare is not None
     assert (known.tare.moving_load_nm, known.tare.moving_command is None) == (None, False)
+
+
+def test_a_loop_faster_than_its_devices_calibrates_as_well() -> None:
+    fast = replace(RIG, wiring=replace(RIG.wiring, tick_ns=500_000))
+    with opened(fast) as bench:
+        known = carry_out(TareProcedure(TareOptions(1.0)), Knowledge(fast), bench.loop)
+        calibration = carry_out(CalibrateProcedure(CalibrateOptions(2.0)), known, bench.loop).calibration
+    assert calibration is not None
+    assert calibration.inertia_kgm2 == pytest.approx(1.2e-4, rel=0.02)
 
 
 def shaken_nm(command: Command, tare: Tare | None) -> float:
