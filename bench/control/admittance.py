@@ -57,16 +57,15 @@ class AdmittanceController:
         into_tick_s = c.drive_delay_s - self._whole * self.tick_s
         self._tracking = design_tracking(c, self.tick_s)
         self._regulator, self._estimator = self._tracking.regulator, Estimator(c, self.tick_s, self._tracking.observer)
-        gains = design_torque_loop(c, self._tracking.observer, self.tick_s)
-        self._anticipation = design_anticipation(c, gains, self.tick_s)
-        self._loop = self._full = self._torque_loop(gains)
-        self._calm = self._torque_loop(self._anticipation.gains if self._anticipation else gains)
+        self._gains = design_torque_loop(c, self._tracking.observer, self.tick_s)
+        self._anticipation = design_anticipation(c, self._gains, self.tick_s)
         self._inertias_kgm2 = np.array([c.inertia_kgm2, c.actuator_inertia_kgm2 or c.inertia_kgm2])
         self._feed = FeedForward(
             c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, self._whole, self.torque_limit_nm
         )
         self._reference = Reference(c.inertia_kgm2, into_tick_s / self.tick_s)
         self._body = VirtualBody(ZERO_TORQUE, self.tick_s)
+        self._choose(None)
         self._compile()
         self._last_target = Target()
 
@@ -130,7 +129,8 @@ class AdmittanceController:
 
     def _choose(self, anticipation: Anticipation | None) -> None:
         """The observer and the feedback of what is to be done."""
-        self._anticipating, self._loop = anticipation, self._calm if anticipation else self._full
+        gains = anticipation.gains if anticipation else self._gains
+        self._anticipating, self._loop = anticipation, self._torque_loop(gains)
         observer = (anticipation or self._tracking).observer
         self._estimator.use(observer, knows_friction=anticipation is not None)
 

@@ -20,15 +20,17 @@ from scipy.linalg import expm
 
 from bench.control.calibration import ActuatorFriction, LoadCalibration
 from bench.control.design import (
-    WALL,
     TorqueGains,
     doubted_torque_nm,
+    doubting_observer,
+    holds,
     miscalibrated,
     nominal_bench,
-    past_ticks,
+    of_inertias,
+    walls,
 )
 from bench.control.dynamics import POSITION, VELOCITY, Bench, FloatArray
-from bench.control.observer import FREE, FREE_RATE, WIDTH, Noise, Observer, design_observer, holds_at_any_age
+from bench.control.observer import FREE, FREE_RATE, WIDTH, Observer, holds_at_any_age
 from bench.control.robustness import Control, corrected, margins, observing, sizes
 
 # Feedback, over what it would be without anticipation.
@@ -72,13 +74,11 @@ def design_anticipation(calibration: LoadCalibration, gains: TorqueGains, tick_s
 
 
 def _observers(calibration: LoadCalibration, tick_s: float) -> Iterator[Observer]:
-    """From quick to slow. The sensor is damped artificially, as for prescribed motion."""
+    """From quick to slow."""
     bench, torque_nm = nominal_bench(calibration, tick_s), doubted_torque_nm(calibration)
     for rate_per_s, doubt in product(RATES_PER_S, DOUBTS):
         rate = rate_per_s * torque_nm / bench.actuator_inertia_kgm2
-        position_rad = doubt * max(calibration.position_resolution_rad, 1e-9)
-        noise = Noise(torque_nm, position_rad, WALK_S * rate, rate, torque_nm)
-        observer = design_observer(bench.with_damping(1.0), noise, tick_s, past_ticks(calibration, tick_s))
+        observer = doubting_observer(calibration, bench, doubt, (WALK_S * rate, rate, torque_nm), tick_s)
         if holds_at_any_age(observer, bench, tick_s):
             yield observer
 
@@ -97,10 +97,11 @@ class _Laws:
     def hold(self, observer: Observer) -> bool:
         """Whether both keep their margins on all benches that the calibration may mean."""
         slides, sticks = self._sliding(observer), self._sticking(observer)
+        wall = next(walls(self.calibration, self.tick_s))
         return (
-            all(margins(bench, slides, self.tick_s).within(SENSITIVITY) for bench in self._sliding_benches())
-            and all(margins(bench, sticks, self.tick_s).within(SENSITIVITY) for bench in self._sticking_benches())
-            and all(margins(bench, slides, self.tick_s).stable for bench in self._walls())
+            holds(slides, self._sliding_benches(), SENSITIVITY, self.tick_s)
+            and holds(sticks, self._sticking_benches(), SENSITIVITY, self.tick_s)
+            and margins(wall, slides, self.tick_s).stable
         )
 
     def _sliding(self, observer: Observer) -> Control:
@@ -153,10 +154,7 @@ class _Laws:
 
     def _sliding_benches(self) -> Iterator[Bench]:
         bench = nominal_bench(self.calibration, self.tick_s)
-        for error in INERTIA_ERRORS:
-            yield from miscalibrated(
-                replace(bench, actuator_inertia_kgm2=error * bench.actuator_inertia_kgm2), self.tick_s
-            )
+        return of_inertias(bench, (error * bench.actuator_inertia_kgm2 for error in INERTIA_ERRORS), self.tick_s)
 
     def _sticking_benches(self) -> Iterator[Bench]:
         c, f = self.calibration, self.friction
@@ -168,9 +166,3 @@ class _Laws:
             load_damper_nms_rad=c.presliding_damping_nms_rad,
         )
         return miscalibrated(stuck, self.tick_s)
-
-    def _walls(self) -> Iterator[Bench]:
-        wall = replace(
-            nominal_bench(self.calibration, self.tick_s), actuator_inertia_kgm2=WALL * self.calibration.inertia_kgm2
-        )
-        yield wall.with_damping(1.0)

@@ -177,13 +177,19 @@ def pass_on(shares, feed, lag):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def feed_forward(commands, shares, feed, lag, path, law, inertia, between, tick, velocity, acceleration, begins):  # type: ignore[no-untyped-def]
-    """The last command, changed as its feed-forward share changes."""
-    torque = along_reference(path, velocity, acceleration, law, inertia, between, tick)
+def next_command(commands, shares, feed, lag, torque, begins):  # type: ignore[no-untyped-def]
+    """The last command, changed as its feed-forward share changes, so that ``torque`` will be there."""
     if begins:
         begin_feed(shares, feed, lag, torque)
     ask(shares, feed, lag, torque)
     return commands[0] + shares[0] - shares[1]
+
+
+@njit(cache=True)
+def feed_forward(commands, shares, feed, lag, path, law, inertia, between, tick, velocity, acceleration, begins):  # type: ignore[no-untyped-def]
+    """The last command, changed as what the reference needs changes."""
+    torque = along_reference(path, velocity, acceleration, law, inertia, between, tick)
+    return next_command(commands, shares, feed, lag, torque, begins)
 
 
 @njit(cache=True)
@@ -215,10 +221,7 @@ def anticipate(commands, shares, feed, lag, states, contacts, laws, inertias, pl
     """
     now = states[0]
     torque = foreseen(now[places[0]], now[places[1]], now[places[2]], contacts, laws, inertias, lead)
-    if begins:
-        begin_feed(shares, feed, lag, torque)
-    ask(shares, feed, lag, torque)
-    return commands[0] + shares[0] - shares[1]
+    return next_command(commands, shares, feed, lag, torque, begins)
 
 
 @njit(cache=True)
@@ -284,8 +287,5 @@ def advance(states, inputs, contacts, commands, command, laws, mobility, step, v
     put_first(commands, command)
     inputs[0, 0], inputs[0, 1] = commands[-1], commands[-2]
     inputs[0, 2] = -friction(contacts[0, 0], states[0, velocity], laws[0])
-    if mobility > 0.0:
-        inputs[0, 3] = -mobility * friction(contacts[1, 0], states[0, velocity], laws[1])
-    else:
-        inputs[0, 3] = 0.0
+    inputs[0, 3] = -mobility * friction(contacts[1, 0], states[0, velocity], laws[1]) if mobility > 0.0 else 0.0
     predict(states, inputs, step)

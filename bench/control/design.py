@@ -4,7 +4,7 @@ The actuator is not known before it has been identified, so its inertia and its 
 what the load's own calibration makes likely; where it sticks it is a spring, and at worst a wall.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -73,8 +73,7 @@ def nominal_bench(calibration: LoadCalibration, tick_s: float) -> Bench:
 def sliding_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
     """Both contacts slide; the actuator's inertia is not well known."""
     bench = nominal_bench(calibration, tick_s)
-    for inertia in (*_inertias(calibration), bench.actuator_inertia_kgm2):
-        yield from miscalibrated(replace(bench, actuator_inertia_kgm2=inertia), tick_s)
+    return of_inertias(bench, (*_inertias(calibration), bench.actuator_inertia_kgm2), tick_s)
 
 
 def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
@@ -109,12 +108,12 @@ def design_torque_loop(calibration: LoadCalibration, observer: Observer, tick_s:
 
     def sticks(integral: float, time_s: float, damping: float) -> bool:
         loop = control(integral, time_s, damping)
-        return all(margins(bench, loop, tick_s).radius < GROWTH for bench in stuck) and _holds(
+        return all(margins(bench, loop, tick_s).radius < GROWTH for bench in stuck) and holds(
             loop, still + sliding, TORQUE_SENSITIVITY, tick_s
         )
 
     def slides(integral: float, time_s: float) -> bool:
-        return _holds(control(integral, time_s, 0.0), sliding, TORQUE_SENSITIVITY, tick_s)
+        return holds(control(integral, time_s, 0.0), sliding, TORQUE_SENSITIVITY, tick_s)
 
     integral, time_s, damping = 0.0, 0.0, 0.0
     for shape in product(INTEGRAL_TIMES_S, (rate * calibration.inertia_kgm2 for rate in DAMPING_RATES_RAD_S)):
@@ -163,20 +162,27 @@ def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Trackin
 
 
 def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float) -> Observer:
-    """The quickest that holds for readings of any age.
+    """The quickest that holds for readings of any age."""
+    torque_nm = doubted_torque_nm(calibration)
+    free_rad_s2 = 100 * torque_nm / bench.actuator_inertia_kgm2  # per root second
+    for doubt in DOUBTS:
+        observer = doubting_observer(calibration, bench, doubt, (free_rad_s2, free_rad_s2, 30 * torque_nm), tick_s)
+        if holds_at_any_age(observer, bench, tick_s):
+            break
+    return observer
+
+
+def doubting_observer(
+    calibration: LoadCalibration, bench: Bench, doubt: float, walks: tuple[float, float, float], tick_s: float
+) -> Observer:
+    """Takes the encoders for off by ``doubt`` counts; ``walks`` are the last three of :class:`Noise`.
 
     The sensor is damped artificially: a controller must not build on where its resonance is. Encoders are trusted less
     than they deserve, the less the stiffer the sensor: a twist of a few counts must not pass for torque.
     """
-    torque_nm, past = doubted_torque_nm(calibration), past_ticks(calibration, tick_s)
-    free_rad_s2 = 100 * torque_nm / bench.actuator_inertia_kgm2  # per root second
-    for doubt in DOUBTS:
-        position_rad = doubt * max(calibration.position_resolution_rad, 1e-9)
-        noise = Noise(torque_nm, position_rad, free_rad_s2, free_rad_s2, 30 * torque_nm)
-        observer = design_observer(bench.with_damping(1.0), noise, tick_s, past)
-        if holds_at_any_age(observer, bench, tick_s):
-            break
-    return observer
+    position_rad = doubt * max(calibration.position_resolution_rad, 1e-9)
+    noise = Noise(doubted_torque_nm(calibration), position_rad, *walks)
+    return design_observer(bench.with_damping(1.0), noise, tick_s, past_ticks(calibration, tick_s))
 
 
 def doubted_torque_nm(calibration: LoadCalibration) -> float:
@@ -197,6 +203,12 @@ def _inertias(calibration: LoadCalibration) -> tuple[float, float]:
     return base * low, base * high
 
 
+def of_inertias(bench: Bench, actuator_kgm2: Iterable[float], tick_s: float) -> Iterator[Bench]:
+    """``bench`` with each of these inertias for the actuator's, as it may be calibrated."""
+    for inertia_kgm2 in actuator_kgm2:
+        yield from miscalibrated(replace(bench, actuator_inertia_kgm2=inertia_kgm2), tick_s)
+
+
 def miscalibrated(bench: Bench, tick_s: float) -> Iterator[Bench]:
     """``bench``, and as it may be instead: see the errors named above."""
     late_s = DELAY_ERROR_TICKS * tick_s
@@ -207,7 +219,8 @@ def miscalibrated(bench: Bench, tick_s: float) -> Iterator[Bench]:
     yield replace(bench, stiffness_nm_rad=bench.stiffness_nm_rad * (1 - STIFFNESS_ERROR))
 
 
-def _holds(control: Control, benches: tuple[Bench, ...], sensitivity: float, tick_s: float) -> bool:
+def holds(control: Control, benches: Iterable[Bench], sensitivity: float, tick_s: float) -> bool:
+    """Whether it keeps its margins on all of them."""
     return all(margins(bench, control, tick_s).within(sensitivity) for bench in benches)
 
 

@@ -57,6 +57,15 @@ def with_preview(
     )
 
 
+def foreseeing(first: NortonNetwork, live: NortonNetwork | None, *, knows_friction: bool) -> NortonNetwork | None:
+    """The network to foresee the free motion by: the calibration's where it is trusted, else the live one, if any.
+
+    Feedback that knows the actuator's friction leaves less than a network that is not trusted.
+    """
+    network = first if trusted(first) else live
+    return None if network is None or (knows_friction and not trusted(network)) else network
+
+
 def trusted(network: NortonNetwork) -> bool:
     """Whether what moves the shaft is known to TRUSTED, by the network's own deviations."""
     if not network.covariance_names:

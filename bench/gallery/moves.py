@@ -14,7 +14,7 @@ def place_rad(measured: Measured) -> float:
 
 
 def swept(procedure: str, name: str, command: float, distance_rad: float, speed_rad_s: float, tick_s: float) -> Segment:
-    """The same as imposed motion under one command."""
+    """A sweep as imposed motion, under one command."""
     motion = sweep(distance_rad, speed_rad_s, tick_s)
     return imposed(procedure, name, Use.PREPARE, np.full(len(motion.velocity_rad_s), command), motion)
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
-from bench.control.preview import trusted, with_preview
+from bench.control.preview import foreseeing, with_preview
 from bench.errors import OperatorStopError
 from bench.loop.bench_loop import BenchLoop
 from bench.procedures.carry_out import carry_out
@@ -156,15 +156,13 @@ class Run:
         return replace(known, records=(*before(self.past.records, known.records[-1]), known.records[-1]))
 
     def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
-        """The free motion to expect under zero torque: by the calibration's fit where that is to be trusted, else by
-        the live estimate once that is valid. A network that is not known to a per cent foresees less than feedback
-        that knows the actuator's friction."""
+        """The free motion to expect under zero torque, where a network is there that foresees it well enough."""
         known = self.so_far.known
         if known.calibration is None or known.actuator is None:
             return segment
-        first = known.actuator.network
-        network = first if trusted(first) else self.feed.latest.network
-        if network is None or (known.calibration.actuator_friction is not None and not trusted(network)):
+        knows_friction = known.calibration.actuator_friction is not None
+        network = foreseeing(known.actuator.network, self.feed.latest.network, knows_friction=knows_friction)
+        if network is None:
             return segment
         delay_s, tick_s = known.actuator.command_delay_s, known.tick_s
         return with_preview(

@@ -117,13 +117,18 @@ def _impedance_form(unseen: Sequence[Trace]) -> Judgement:
     if not unseen:
         return Judgement(name, None, "no torque was measured under an imposed motion that the fit had not seen")
     share, interval = min((_left_over(trace) for trace in unseen), key=lambda found: found[0])
-    if interval[1] <= USABLE:
-        holds, why = True, "the torque follows from the measured motion and the command, also where no fit had looked"
-    elif interval[0] > NOT_USABLE:
-        holds, why = False, "most of the torque follows neither from the motion nor from the command"
-    else:
-        holds, why = None, "part of the torque is explained by nothing here: another friction, or noise"
+    holds = usable(interval)
+    why = {
+        True: "the torque follows from the measured motion and the command, also where no fit had looked",
+        False: "most of the torque follows neither from the motion nor from the command",
+        None: "part of the torque is explained by nothing here: another friction, or noise",
+    }[holds]
     return Judgement(name, holds, why, figure, share, interval, "")
+
+
+def usable(share: Interval) -> bool | None:
+    """Whether what is left over is so little that the rest can be used; None where the interval leaves that open."""
+    return True if share[1] <= USABLE else False if share[0] > NOT_USABLE else None
 
 
 def _left_over(trace: Trace) -> tuple[float, Interval]:

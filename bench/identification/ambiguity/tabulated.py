@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification.ambiguity.conditions import NOT_USABLE, USABLE, Interval, Judgement, share_left
+from bench.identification.ambiguity.conditions import Interval, Judgement, share_left, usable
 from bench.identification.tables.exertion_table import ExertionTable, Zeros
 from bench.identification.tables.means import Setting
 from bench.identification.tables.source_table import SourceTable
@@ -29,12 +29,12 @@ def _impedance_form(exertion: ExertionTable | None) -> Judgement:
         why = "the port was held still at each place and not swept: whether a moving one tells its torque was not tried"
         return Judgement(name, None, why)
     share, interval = share_left(error_nm, torque_nm, BLOCK)
-    if interval[1] <= USABLE:
-        holds, why = True, "swept slowly, the port exerts what it exerted at the places where it was held"
-    elif interval[0] > NOT_USABLE:
-        holds, why = False, "swept slowly, the port exerts something else than at the places where it was held"
-    else:
-        holds, why = None, "swept slowly, the port exerts in part what it exerted where it was held: take more steps"
+    holds = usable(interval)
+    why = {
+        True: "swept slowly, the port exerts what it exerted at the places where it was held",
+        False: "swept slowly, the port exerts something else than at the places where it was held",
+        None: "swept slowly, the port exerts in part what it exerted where it was held: take more steps",
+    }[holds]
     return Judgement(name, holds, why, figure, share, interval)
 
 

@@ -10,7 +10,7 @@ from bench.models.network import NortonNetwork
 from bench.procedures.waves import Motion, multisine
 from bench.sample import Target
 from bench.segments import ZERO_TORQUE, Admittance, FloatArray
-from tests.bench.control.plant import Plant, PlantSettings
+from tests.bench.control.plant import ACTUATOR, LOAD, Plant, PlantSettings
 
 TICK_S = 1e-3
 LIMIT_NM = 1.0
@@ -22,6 +22,13 @@ ERRORS = {"inertia_kgm2": 1.03, "torque_gain": 0.97, "coulomb_torque_nm": 1.03, 
 def calibrated(settings: PlantSettings) -> LoadCalibration:
     """With the actuator's inertia estimated 10 % high."""
     return replace(settings.calibration(ERRORS), actuator_inertia_kgm2=1.1 * settings.actuator.inertia)
+
+
+def resized(heavier: str, factor: float) -> PlantSettings:
+    """One side, ``"actuator"`` or ``"load"``, with ``factor`` times its inertia."""
+    sides = {"actuator": ACTUATOR, "load": LOAD}
+    sides[heavier] = replace(sides[heavier], inertia=factor * sides[heavier].inertia)
+    return PlantSettings(**sides)
 
 
 def slow_command(ticks: int) -> FloatArray:
@@ -77,9 +84,15 @@ def at_rest(ticks: int) -> Motion:
 
 
 def zero_torque_rms_nm(
-    settings: PlantSettings, command: FloatArray, motion: Motion | None = None, skip: int = 500
+    settings: PlantSettings,
+    command: FloatArray,
+    motion: Motion | None = None,
+    *,
+    calibration: LoadCalibration | None = None,
+    skip: int = 500,
 ) -> float:
-    squares = driven(settings, calibrated(settings), command, ZERO_TORQUE, motion or at_rest(len(command)))[2]
+    known = calibration or calibrated(settings)
+    squares = driven(settings, known, command, ZERO_TORQUE, motion or at_rest(len(command)))[2]
     return float(np.sqrt(np.mean(squares[skip:])))
 
 

@@ -1,6 +1,5 @@
 """The controller on a bench that nobody told it about."""
 
-from dataclasses import replace
 from math import isnan, nan
 
 import numpy as np
@@ -12,13 +11,14 @@ from bench.control.preview import with_preview
 from bench.procedures.waves import Motion, hold, multisine_motion, velocity_steps
 from bench.sample import Target
 from bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance, LoadMode, Segment, Use
-from tests.bench.control.plant import ACTUATOR, LOAD, PlantSettings
+from tests.bench.control.plant import PlantSettings
 from tests.bench.control.runs import (
     TICK_S,
     at_rest,
     calibrated,
     driven,
     network_of,
+    resized,
     slow_command,
     undriven_rms_nm,
     warmed_up,
@@ -54,9 +54,7 @@ def test_preview_of_a_nearly_true_network_holds_it_25_db_below(stiffness: float)
 @pytest.mark.parametrize("heavier", ["actuator", "load"])
 def test_quiet_at_rest_on_rigs_of_other_sizes(factor: float, heavier: str) -> None:
     """No cycle that feeds on the friction: the port torque stays below one reading's noise."""
-    sides = {"actuator": ACTUATOR, "load": LOAD}
-    sides[heavier] = replace(sides[heavier], inertia=factor * sides[heavier].inertia)
-    settings = PlantSettings(**sides)
+    settings = resized(heavier, factor)
     assert zero_torque_rms_nm(settings, hold(0.0, 1.5, TICK_S)) < settings.torque_noise_nm
 
 

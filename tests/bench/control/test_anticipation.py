@@ -20,12 +20,12 @@ from tests.bench.control.plant import ACTUATOR, LOAD, Plant, PlantSettings, Side
 from tests.bench.control.runs import (
     LIMIT_NM,
     TICK_S,
-    at_rest,
     calibrated,
-    driven,
+    resized,
     slow_command,
     undriven_rms_nm,
     warmed_up,
+    zero_torque_rms_nm,
 )
 
 FRICTION = ActuatorFriction(ACTUATOR.damping, ACTUATOR.coulomb, ACTUATOR.sigma_0, ACTUATOR.sigma_1)
@@ -38,11 +38,6 @@ def knowing(settings: PlantSettings, error: float = 1.05) -> LoadCalibration:
     return replace(calibrated(settings), actuator_inertia_kgm2=error * side.inertia, actuator_friction=friction)
 
 
-def held_rms_nm(settings: PlantSettings, calibration: LoadCalibration, command: np.ndarray, skip: int = 500) -> float:
-    squares = driven(settings, calibration, command, ZERO_TORQUE, at_rest(len(command)))[2]
-    return float(np.sqrt(np.mean(squares[skip:])))
-
-
 def gains_of(calibration: LoadCalibration) -> TorqueGains:
     return design_torque_loop(calibration, design_tracking(calibration, TICK_S).observer, TICK_S)
 
@@ -53,39 +48,38 @@ def gains_of(calibration: LoadCalibration) -> TorqueGains:
         PlantSettings(stiffness=50.0),
         PlantSettings(),
         PlantSettings(stiffness=1000.0),
-        PlantSettings(actuator=replace(ACTUATOR, inertia=0.5 * ACTUATOR.inertia)),
-        PlantSettings(load=replace(LOAD, inertia=2.0 * LOAD.inertia)),
+        resized("actuator", 0.5),
+        resized("load", 2.0),
         PlantSettings(counts_per_turn=8192),
     ],
     ids=["soft sensor", "demonstration", "stiff sensor", "light actuator", "heavy load", "coarse encoders"],
 )
 def test_feedback_that_knows_the_friction_holds_the_port_25_db_below_the_undriven_load(settings: PlantSettings) -> None:
     command = slow_command(3000)
-    held_nm = held_rms_nm(settings, knowing(settings), command)
+    held_nm = zero_torque_rms_nm(settings, command, calibration=knowing(settings))
     assert 20 * np.log10(undriven_rms_nm(settings, command) / held_nm) > 25.0
 
 
 @pytest.mark.parametrize("error", [0.8, 1.25])
 def test_a_friction_and_an_inertia_that_are_far_off_leave_it_as_good_as_it_was(error: float) -> None:
     settings, command = PlantSettings(), slow_command(3000)
-    held_nm = held_rms_nm(settings, knowing(settings, error), command)
-    assert held_nm < 1.05 * held_rms_nm(settings, calibrated(settings), command)
+    held_nm = zero_torque_rms_nm(settings, command, calibration=knowing(settings, error))
+    assert held_nm < 1.05 * zero_torque_rms_nm(settings, command)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 @pytest.mark.parametrize("heavier", ["actuator", "load"])
 def test_quiet_at_rest_on_rigs_of_other_sizes(factor: float, heavier: str) -> None:
-    sides = {"actuator": ACTUATOR, "load": LOAD}
-    sides[heavier] = replace(sides[heavier], inertia=factor * sides[heavier].inertia)
-    settings = PlantSettings(**sides)
-    assert held_rms_nm(settings, knowing(settings), hold(0.0, 1.5, TICK_S)) < settings.torque_noise_nm
+    settings = resized(heavier, factor)
+    held_nm = zero_torque_rms_nm(settings, hold(0.0, 1.5, TICK_S), calibration=knowing(settings))
+    assert held_nm < settings.torque_noise_nm
 
 
 def test_against_a_stop_that_nobody_knows_of_it_stays_quiet() -> None:
     """The shaft was free when it was calibrated, and does not move now."""
     stopped = Side(0.0, 600.0, 1.0, 10.0, 10.0, 1e4, 10.0)
-    calibration = knowing(PlantSettings())
-    assert held_rms_nm(PlantSettings(actuator=stopped), calibration, hold(0.0, 1.5, TICK_S)) < 2e-3
+    calibration, still = knowing(PlantSettings()), hold(0.0, 1.5, TICK_S)
+    assert zero_torque_rms_nm(PlantSettings(actuator=stopped), still, calibration=calibration) < 2e-3
 
 
 def test_from_a_turning_shaft_it_takes_over_without_a_bump() -> None:
@@ -114,7 +108,7 @@ def test_margins_tell_which_law_shakes_the_bench(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(anticipation, "FEEDBACK_SHARE", 8.0)
     assert design_anticipation(calibration, gains_of(calibration), TICK_S) is None
     monkeypatch.setattr(anticipation._Laws, "hold", lambda self, observer: True)
-    assert held_rms_nm(settings, calibration, command) > undriven_rms_nm(settings, command)
+    assert zero_torque_rms_nm(settings, command, calibration=calibration) > undriven_rms_nm(settings, command)
 
 
 @pytest.mark.parametrize("unknown", ["actuator_friction", "actuator_inertia_kgm2"])

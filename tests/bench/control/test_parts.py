@@ -13,7 +13,7 @@ from bench.control import core
 from bench.control.design import TorqueGains, nominal_bench
 from bench.control.dynamics import COMMAND, look_back, sampled
 from bench.control.feed_forward import FeedForward
-from bench.control.preview import LONGEST_STEP_S, delayed, trusted, with_preview
+from bench.control.preview import LONGEST_STEP_S, delayed, foreseeing, trusted, with_preview
 from bench.control.reference import continued
 from bench.control.torque_loop import TorqueLoop
 from bench.control.virtual import VirtualBody
@@ -238,15 +238,37 @@ def test_a_trusted_motion_is_mended_only_where_noise_cannot_explain_the_torque()
     assert added_nm(0.01, trusting=True) > 0.05
 
 
-def test_a_network_is_trusted_by_its_own_deviations() -> None:
+NETWORK = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")
+
+
+def known_to(*shares: float) -> NortonNetwork:
+    """With these relative deviations of gain, inertia, damping and friction."""
     names = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque")
-    network = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")
-    values = np.array([0.9, 5e-5, 1e-3, 0.02])
+    rows = np.diag((np.array([0.9, 5e-5, 1e-3, 0.02]) * np.array(shares)) ** 2).tolist()
+    return replace(NETWORK, covariance_names=names, covariance=tuple(map(tuple, rows)))
 
-    def known_to(*shares: float) -> NortonNetwork:
-        rows = np.diag((values * np.array(shares)) ** 2).tolist()
-        return replace(network, covariance_names=names, covariance=tuple(map(tuple, rows)))
 
-    assert trusted(known_to(0.005, 0.005, 0.005, 0.005))
-    assert not trusted(known_to(0.005, 0.005, 0.02, 0.005))
-    assert not trusted(network)
+SURE, UNSURE = known_to(0.005, 0.005, 0.005, 0.005), known_to(0.005, 0.005, 0.02, 0.005)
+
+
+def test_a_network_is_trusted_by_its_own_deviations() -> None:
+    assert trusted(SURE)
+    assert not trusted(UNSURE)
+    assert not trusted(NETWORK)
+
+
+@pytest.mark.parametrize(
+    ("first", "live", "knows_friction", "expected"),
+    [
+        (SURE, None, True, SURE),
+        (SURE, UNSURE, False, SURE),
+        (UNSURE, SURE, True, SURE),
+        (UNSURE, NETWORK, False, NETWORK),
+        (UNSURE, NETWORK, True, None),
+        (UNSURE, None, False, None),
+    ],
+)
+def test_a_motion_is_foreseen_by_what_is_trusted_or_else_by_the_best_there_is(
+    first: NortonNetwork, live: NortonNetwork | None, knows_friction: bool, expected: NortonNetwork | None
+) -> None:
+    assert foreseeing(first, live, knows_friction=knows_friction) == expected

@@ -6,9 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.control.calibration import ActuatorFriction
 from bench.errors import ExperimentError, RigError, UsageError
+from bench.identification.results import FitResult, Trace
+from bench.models.network import NortonNetwork
+from bench.models.parameters import Estimate, Status
 from bench.procedures.blocked import BlockedProcedure
-from bench.procedures.calibrate import CalibrateProcedure
+from bench.procedures.calibrate import CalibrateProcedure, first_friction
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import CATALOGUE, make_procedures
 from bench.procedures.free import FreeProcedure
@@ -157,6 +161,44 @@ def test_a_loop_faster_than_its_devices_calibrates_as_well() -> None:
         calibration = carry_out(CalibrateProcedure(CalibrateOptions(2.0)), known, bench.loop).calibration
     assert calibration is not None
     assert calibration.inertia_kgm2 == pytest.approx(1.2e-4, rel=0.02)
+
+
+def told_by(**told: tuple[float, Status]) -> FitResult:
+    """An actuator's fit whose inertia, friction and stiffness have these relative deviations."""
+    network = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")
+    values = {"inertia": (5e-5, "kg*m^2"), "coulomb_torque": (0.02, "N*m"), "presliding_stiffness": (10.0, "N*m/rad")}
+    estimates = tuple(
+        Estimate(name, value, told[name][0] * value, unit, told[name][1]) for name, (value, unit) in values.items()
+    )
+    trace = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
+    return FitResult(estimates, network, True, 1e-3, 0.01, 1000, 0.0, 0.0, 0.0, 0.0, trace)
+
+
+KNOWN = {"inertia": (0.04, Status.VALID), "coulomb_torque": (0.04, Status.VALID)}
+WELL = {**KNOWN, "presliding_stiffness": (0.15, Status.VALID)}
+
+
+def test_an_actuators_friction_that_the_calibration_tells_well_is_built_on() -> None:
+    assert first_friction(told_by(**WELL)) == ActuatorFriction(1e-3, 0.02, 10.0, 0.01)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"inertia": (0.06, Status.VALID)},
+        {"coulomb_torque": (0.06, Status.VALID)},
+        {"presliding_stiffness": (0.25, Status.VALID)},
+        {"presliding_stiffness": (0.15, Status.DOUBTFUL)},
+    ],
+    ids=["inertia", "coulomb torque", "stiffness", "doubtful"],
+)
+def test_a_friction_that_it_does_not_tell_well_is_not(told: dict[str, tuple[float, Status]]) -> None:
+    assert first_friction(told_by(**{**WELL, **told})) is None
+
+
+def test_nor_is_one_of_a_fit_that_did_not_converge_or_was_not_made() -> None:
+    assert first_friction(replace(told_by(**WELL), converged=False)) is None
+    assert first_friction(None) is None
 
 
 def shaken_nm(command: Command, tare: Tare | None) -> float:
