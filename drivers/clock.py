@@ -8,7 +8,7 @@ from typing import Protocol
 SPIN_NS = 150_000
 # twice as long where there is something to do then, but nothing of it is begun when so little is left. With less of it
 # the latest hundredth of the ticks began 20 to 300 µs late.
-BUSY_NS, LATEST_NS = 300_000, 80_000
+BUSY_NS, LATEST_NS = 300_000, 50_000
 
 
 class Clock(Protocol):
