@@ -1,5 +1,6 @@
 """``ui``: the terminal UI. What it needs of the terminal is imported here, when it runs, and nowhere else."""
 
+import gc
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -40,4 +41,8 @@ def ui(
     opening = Opening(lambda name: run_folder(None, name, out or RUNS), rig_file, session_file, replay, backend, seed)
     if replay is not None:
         print(f"reading {replay}", file=sys.stderr)
-    BenchApp(opening, opening.given(), settings).run()
+    app = BenchApp(opening, opening.given(), settings)
+    # What is there now, stays: going through all of it takes a few tenths of a second, in which no key is heard.
+    gc.collect()
+    gc.freeze()
+    app.run()
