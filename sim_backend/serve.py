@@ -317,11 +317,11 @@ class _ServedWires:
 
     def waiting(self, timeout_s: float) -> list[_Served]:
         """The wires on which something may wait to be received, after at most ``timeout_s``."""
-        waking = [wire for wire in self._waking if not wire.lost]
-        if not waking:  # Windows selects from something, or not at all
+        ready: list[_Waking] = []
+        if waking := [wire for wire in self._waking if not wire.lost]:
+            ready, _, _ = select.select(waking, [], [], timeout_s)
+        else:  # Windows selects from something, or not at all
             time.sleep(timeout_s)
-            return [*self._looked_at]
-        ready, _, _ = select.select(waking, [], [], timeout_s)
         return [*ready, *self._looked_at]
 
 

@@ -128,7 +128,9 @@ def _impedance_form(unseen: Sequence[Trace]) -> Judgement:
 
 def usable(share: Interval) -> bool | None:
     """Whether what is left over is so little that the rest can be used; None where the interval leaves that open."""
-    return True if share[1] <= USABLE else False if share[0] > NOT_USABLE else None
+    if share[1] <= USABLE:
+        return True
+    return False if share[0] > NOT_USABLE else None
 
 
 def _left_over(trace: Trace) -> tuple[float, Interval]:
