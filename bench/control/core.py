@@ -8,7 +8,7 @@ Calling costs more than computing, so that a tick makes few calls: :func:`sense`
   load [N m] and the actuator's free acceleration [rad/s²];
 - ``contacts`` (2, 2), the load's and the actuator's: force of its friction contact [N m], and the load's position
   [rad] at which it was that;
-- ``clocks`` (3, 3), of each reading: last arrival without its jitter, period [s], and readings behind both;
+- ``clocks`` (3, 4), of each reading: last arrival without its jitter, period [s], readings behind both, and strays;
 - ``commands``, sent, and ``shares``, the part of each that was fed forward, newest first [N m];
 - ``feed``: what the shares alone make the amplifier deliver now, and when the next command arrives [N m];
 - ``path``: the contact's force along the reference [N m], and velocity and acceleration of its last instant.
@@ -25,6 +25,9 @@ from numba import njit
 
 # The clock of a stream forgets readings older than about so many.
 CLOCK_READINGS = 200.0
+# After so many its period is known, and a reading half a period off is a stray. So many in a row are a new beginning,
+# and so is one so many periods off: nobody listened for a while.
+SETTLED_READINGS, STRAYS, FAR_PERIODS = 20.0, 3.0, 10.0
 # Steps in which the free motion is foreseen over the load's delay: friction turns round within a third of it.
 STEPS_AHEAD = 8
 
@@ -45,23 +48,29 @@ def friction(force, velocity, law):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def steady_arrival(clock, arrival):  # type: ignore[no-untyped-def]
+def steady_arrival(clock, arrival, count):  # type: ignore[no-untyped-def]
     """When a reading of a device that samples steadily would have arrived without jitter [s].
 
-    ``clock`` is that of the last reading, the period, and how many readings both rest on: a straight line through
-    all of them at first, later one that forgets (expanding, then fading memory).
+    ``count`` readings came, the last of them at ``arrival``. ``clock`` is that of the last reading, the period, how
+    many readings both rest on, and how many strays there were in a row: a straight line through all readings at first,
+    later one that forgets (expanding, then fading memory). What was held up on its way says nothing of the clock.
     """
-    periods = 1.0
-    if clock[2] > 1.0:
-        periods = max(1.0, np.floor((arrival - clock[0]) / clock[1] + 0.5))
-    late = arrival - clock[0] - periods * clock[1]
-    if clock[2] < 1.0 or (clock[2] > CLOCK_READINGS / 10 and abs(late) > 0.5 * clock[1]):
+    if clock[2] < 1.0:
         clock[0], clock[2] = arrival, 1.0
         return arrival
+    expected = clock[0] + count * clock[1]
+    late = arrival - expected
+    if clock[2] > SETTLED_READINGS and abs(late) > 0.5 * clock[1]:
+        clock[0] = expected
+        clock[3] += 1.0
+        if clock[3] > STRAYS or abs(late) > FAR_PERIODS * clock[1]:
+            clock[0], clock[2], clock[3] = arrival, SETTLED_READINGS + 1.0, 0.0
+        return clock[0]
     n = min(clock[2], CLOCK_READINGS)
-    clock[0] += periods * clock[1] + 2.0 * (2.0 * n + 1.0) / ((n + 1.0) * (n + 2.0)) * late
-    clock[1] += 6.0 / ((n + 1.0) * (n + 2.0)) * late / periods
+    clock[0] = expected + 2.0 * (2.0 * n + 1.0) / ((n + 1.0) * (n + 2.0)) * late
+    clock[1] += 6.0 / ((n + 1.0) * (n + 2.0)) * late / count
     clock[2] += 1.0
+    clock[3] = 0.0
     return clock[0]
 
 
@@ -90,15 +99,17 @@ def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type:
 
 
 @njit(cache=True)
-def sense(states, inputs, contacts, clocks, readings, ages, delays, fresh, now, tick, rows, gain, laws, position):  # type: ignore[no-untyped-def]
+def sense(states, inputs, contacts, clocks, readings, ages, delays, counts, now, tick, rows, gain, laws, position):  # type: ignore[no-untyped-def]
     """Take in one tick's readings, and let the contacts slide by what the shaft has turned (at row ``position``).
 
-    ``ages`` and ``delays`` [s] of each reading: since it arrived, and until then.
+    ``ages`` and ``delays`` [s] of each reading: since it arrived, and until then. ``counts`` of each came since the
+    last tick.
     """
-    since = np.empty(3)
+    since, fresh = np.empty(3), np.empty(3, np.bool_)
     for output in range(3):
+        fresh[output] = counts[output] > 0
         if fresh[output]:
-            steady_arrival(clocks[output], now - ages[output])
+            steady_arrival(clocks[output], now - ages[output], counts[output])
         since[output] = delays[output] + now - clocks[output, 0]  # a late tick may see readings from after it
     correct(states, inputs, readings, since, fresh, tick, rows, gain)
     for side in range(2):

@@ -33,9 +33,8 @@ class Estimator:
         self.laws = friction_laws(c)
         self.friction_law = self.laws[0]
         self._delays_s = c.torque_delay_s, c.position_delay_s, c.position_delay_s
-        self._clocks, self._begun_ns = np.zeros((3, 3)), 0
+        self._clocks, self._begun_ns = np.zeros((3, 4)), 0
         self.contacts = np.zeros((2, 2))  # load's, actuator's: its force [N m], and the load's position at which it was
-        self.contact = self.contacts[0]
         self.states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))
         self.commands = np.zeros(self.observer.whole + 2)
         self._compile()
@@ -45,9 +44,15 @@ class Estimator:
         return float(self.states[0, POSITION]), float(self.states[0, VELOCITY])
 
     @property
+    def contact(self) -> FloatArray:
+        """The load's friction contact, its row of ``contacts``."""
+        row: FloatArray = self.contacts[0]
+        return row
+
+    @property
     def contact_nm(self) -> float:
         """The force of the load's friction contact."""
-        return float(self.contact[0])
+        return float(self.contacts[0, 0])
 
     def torque_nm(self) -> float:
         """The port torque now."""
@@ -71,7 +76,7 @@ class Estimator:
         if not self.seen:
             self._settle(sample)
         ages_s = 1e-9 * sample.torque_age_ns, 1e-9 * sample.load_motion_age_ns, 1e-9 * sample.motion_age_ns
-        fresh = (sample.torque_new, sample.load_motion_new, sample.motion_new)
+        counts = sample.torque_count, sample.load_motion_count, sample.motion_count
         core.sense(
             self.states,
             self._inputs,
@@ -80,7 +85,7 @@ class Estimator:
             readings,
             ages_s,
             self._delays_s,
-            fresh,
+            counts,
             1e-9 * (sample.tick_ns - self._begun_ns),
             self.tick_s,
             self.observer.rows,
@@ -110,7 +115,25 @@ class Estimator:
     def _compile(self) -> None:
         """Before the loop runs: compiling takes seconds. Leaves everything at zero, and nothing seen."""
         self.advance(0.0)
-        self.sense(Sample(0, 0.0, 0, True, 0.0, 0.0, 0, True, 0.0, 0.0, 0, True))
+        self.sense(
+            Sample(
+                0,
+                0.0,
+                0,
+                True,
+                0.0,
+                0.0,
+                0,
+                True,
+                0.0,
+                0.0,
+                0,
+                True,
+                torque_count=1,
+                motion_count=1,
+                load_motion_count=1,
+            )
+        )
         self.advance(0.0)
         self.seen = False
         self._clocks[:] = 0.0

@@ -154,25 +154,28 @@ class Plant:
         self._velocity = [0.0, 0.0]
 
     def sample(self) -> Sample:
-        new = [False] * 3
+        count = [0] * 3
         for arrival, which, value in [m for m in self._flying if m[0] <= self.now]:
             self._known[which] = (value, arrival)
-            new[which] = True
+            count[which] += 1
         self._flying = [m for m in self._flying if m[0] > self.now]
         ages = [int((self.now - arrival) * 1e9) if arrival >= 0 else -1 for _, arrival in self._known]
         return Sample(
             tick_ns=round(self.now * 1e9),
             torque_nm=self._known[0][0],
             torque_age_ns=ages[0],
-            torque_new=new[0],
+            torque_new=count[0] > 0,
             position_rad=self._known[1][0],
             velocity_rad_s=self._velocity[0],
             motion_age_ns=ages[1],
-            motion_new=new[1],
+            motion_new=count[1] > 0,
             load_position_rad=self._known[2][0],
             load_velocity_rad_s=self._velocity[1],
             load_motion_age_ns=ages[2],
-            load_motion_new=new[2],
+            load_motion_new=count[2] > 0,
+            torque_count=count[0],
+            motion_count=count[1],
+            load_motion_count=count[2],
         )
 
     def step(self, actuator_command: float, load_command: float) -> None:
