@@ -37,18 +37,22 @@ import numpy as np
 from lateness_peers import PEER_PRIORITY, PERCENTILES, SHARE, Cyclictest, Late, Nanosleep, Nobody, Peer, late
 from screen import on_a_terminal, recorded
 
-from bench.faults.rehearse import prepare
 from bench.loop.process import LoopProcess
 from bench.loop.timing import LoopTiming, loop_timing
+from bench.procedures.calibrate import CalibrateProcedure
 from bench.procedures.free import command_multisine
 from bench.procedures.imposed import imposed_multisine
 from bench.procedures.knowledge import Knowledge
 from bench.procedures.makers import imposed
+from bench.procedures.options import CalibrateOptions, TareOptions
+from bench.procedures.tare import TareProcedure
 from bench.recording.recorder import Recorder
 from bench.records import Measured, Table
 from bench.rig.load import load_rig
 from bench.rig.rig import Rig
 from bench.segments import Segment, Use
+from bench.session.engine import record_procedures
+from bench.session.schema import Session
 from bench.session.supervision import learned
 from bench.session.warm_up import warm_up
 from drivers.punctual import LOOP_PRIORITY, permitted_priority
@@ -176,9 +180,9 @@ def measure(rate_hz: int, seconds: float, windows: int, cpus: tuple[int, int]) -
     with TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         rig = rig_of_its_own(folder, rate_hz)
-        known = prepare(load_rig(folder / "rig.toml", backend="simulated")).known
         recording = recorded(folder)
         stack.enter_context(served(rig, cpus[1]))
+        known = calibrated(rig, folder)
         stack.enter_context(redrawing(recording))
         yield own_loop(rig, known, folder, peer, seconds, windows, cpus[0])
         if found := public_loop(peer, rate_hz, seconds, windows, cpus[0]):
@@ -304,6 +308,12 @@ def rig_of_its_own(folder: Path, rate_hz: int) -> Rig:
         text = text.replace(right, other)
     (folder / "rig.toml").write_text(text)
     return load_rig(folder / "rig.toml", backend="hardware")
+
+
+def calibrated(rig: Rig, folder: Path) -> Knowledge:
+    """As it is served: in lock step its delays are others, with which motion could not be imposed for long."""
+    steps = (TareProcedure(TareOptions()), CalibrateProcedure(CalibrateOptions()))
+    return record_procedures(rig, Session((), "calibration"), steps, out=folder / "calibration").knowledge
 
 
 @contextmanager
