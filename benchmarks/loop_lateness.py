@@ -37,6 +37,7 @@ import numpy as np
 from lateness_peers import PEER_PRIORITY, PERCENTILES, SHARE, Cyclictest, Late, Nanosleep, Nobody, Peer, late
 from screen import on_a_terminal, recorded
 
+from bench.errors import SafetyStopError
 from bench.loop.process import LoopProcess
 from bench.loop.timing import LoopTiming, loop_timing
 from bench.procedures.calibrate import CalibrateProcedure
@@ -72,6 +73,7 @@ SETTLED_S = 0.5  # cyclictest, and the loop, are under way
 # At 1 kHz: the ratios of lateness at most, the share of ticks at least, and a tick's work at most.
 P99_RATIO, P999_RATIO, SHARE_RUN, WORK_P99_US = 0.8, 1.1, 0.99, 150.0
 COLUMNS, ROWS = 160, 45
+MOST_STOPPED = 5
 REPLAY_S = 60.0  # less than there is to be replayed
 CPU_S = 1 / os.sysconf("SC_CLK_TCK")
 
@@ -98,6 +100,7 @@ class Found:
     peer: str
     windows: list[Window] = field(default_factory=list)
     alone: list[Window] = field(default_factory=list)
+    stopped: int = 0  # windows that the guard ended, which are not among the others
     cpu_shares: Mapping[str, float] = field(default_factory=dict)
 
     def figures(self) -> dict[str, object]:
@@ -105,7 +108,7 @@ class Found:
             return float(np.median([of(window) for window in self.windows]))
 
         found: dict[str, object] = {"loop": self.who, "rate_hz": self.rate_hz, "peer": self.peer}
-        found["windows"] = len(self.windows)
+        found |= {"windows": len(self.windows), "stopped": self.stopped}
         for name in PERCENTILES:
             found[name] = {
                 "loop_us": middle(lambda w, name=name: w.loop[name]),  # type: ignore[misc]
@@ -203,19 +206,31 @@ def own_loop(rig: Rig, known: Knowledge, folder: Path, peer: "Peer", seconds: fl
         spent, began_s = cpu_times(loop, recorder), time.monotonic()
         for beside, into in ((peer, found.windows), (Nobody(), found.alone)):
             for number in range(windows):
-                into.append(one_window(loop, known, number, beside, seconds, cpu))
+                while (window := one_window(loop, known, number, beside, seconds, cpu)) is None:
+                    found.stopped += 1
+                    if found.stopped > MOST_STOPPED:
+                        raise SystemExit("the guard stopped the bench again and again: see what is said above")
+                into.append(window)
         elapsed_s = time.monotonic() - began_s
         found.cpu_shares = {who: (after - spent[who]) / elapsed_s for who, after in cpu_times(loop, recorder).items()}
     return found
 
 
-def one_window(loop: LoopProcess, known: Knowledge, number: int, peer: "Peer", seconds: float, cpu: int) -> Window:
+def one_window(
+    loop: LoopProcess, known: Knowledge, number: int, peer: "Peer", seconds: float, cpu: int
+) -> Window | None:
+    """None where the guard stopped the bench, which is said on standard error; it may then be enabled again."""
     tick_ns = known.rig.tick_ns
     segment = moving(known, seconds + 2 * SETTLED_S, number)
     with ExitStack() as stack:
-        with loop.running():
-            finish = stack.enter_context(peer.beside(round(1e9 / tick_ns), seconds, cpu))
-            measured = loop.run(segment)
+        try:
+            with loop.running():
+                finish = stack.enter_context(peer.beside(round(1e9 / tick_ns), seconds, cpu))
+                measured = loop.run(segment)
+        except SafetyStopError as stop:
+            print(f"window {number}, once more: {stop}", file=sys.stderr)
+            loop.reset_guard("a benchmark on simulated devices goes on")
+            return None
         return window_of(measured, finish(), tick_ns)
 
 
@@ -390,6 +405,8 @@ def misses(result: Mapping[str, object]) -> list[str]:
 def told(result: Mapping[str, object]) -> str:
     """A result for people."""
     lines = [f"{result['loop']} at {result['rate_hz']} Hz beside {result['peer']}, {result['windows']} windows"]
+    if result["stopped"]:
+        lines.append(f"  the guard stopped {result['stopped']} more")
     for name in PERCENTILES:
         each: Mapping[str, float] = result[name]  # type: ignore[assignment]
         lines.append(
