@@ -73,7 +73,7 @@ SETTLED_S = 0.5  # cyclictest, and the loop, are under way
 # At 1 kHz: the ratios of lateness at most, the share of ticks at least, and a tick's work at most.
 P99_RATIO, P999_RATIO, SHARE_RUN, WORK_P99_US = 0.8, 1.1, 0.99, 150.0
 COLUMNS, ROWS = 160, 45
-MOST_STOPPED = 5
+MOST_STOPPED = 5  # windows that the guard may end before something is wrong
 REPLAY_S = 60.0  # less than there is to be replayed
 CPU_S = 1 / os.sysconf("SC_CLK_TCK")
 

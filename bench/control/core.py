@@ -28,6 +28,8 @@ CLOCK_READINGS = 200.0
 # After so many its period is known, and a reading half a period off is a stray. So many in a row are a new beginning,
 # and so is one so many periods off: nobody listened for a while.
 SETTLED_READINGS, STRAYS, FAR_PERIODS = 20.0, 3.0, 10.0
+# One that is off by whole periods, to this part of one, is none: readings were lost.
+WHOLE = 0.1
 # Steps in which the free motion is foreseen over the load's delay: friction turns round within a third of it.
 STEPS_AHEAD = 8
 
@@ -60,6 +62,11 @@ def steady_arrival(clock, arrival, count):  # type: ignore[no-untyped-def]
         return arrival
     expected = clock[0] + count * clock[1]
     late = arrival - expected
+    if clock[2] > SETTLED_READINGS:
+        periods = np.floor(late / clock[1] + 0.5)
+        if abs(late - periods * clock[1]) < WHOLE * clock[1]:
+            expected += periods * clock[1]
+            late = arrival - expected
     if clock[2] > SETTLED_READINGS and abs(late) > 0.5 * clock[1]:
         clock[0] = expected
         clock[3] += 1.0

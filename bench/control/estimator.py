@@ -118,19 +118,14 @@ class Estimator:
         self.sense(
             Sample(
                 0,
-                0.0,
-                0,
-                True,
-                0.0,
-                0.0,
-                0,
-                True,
-                0.0,
-                0.0,
-                0,
-                True,
+                torque_nm=0.0,
+                torque_age_ns=0,
                 torque_count=1,
+                position_rad=0.0,
+                motion_age_ns=0,
                 motion_count=1,
+                load_position_rad=0.0,
+                load_motion_age_ns=0,
                 load_motion_count=1,
             )
         )

@@ -207,10 +207,10 @@ def dated(arrived_s: FloatArray, counts: FloatArray | None = None) -> FloatArray
     return np.array([core.steady_arrival(clock, at, count) for at, count in zip(arrived_s, counts, strict=True)])
 
 
-@given(st.integers(0, 1000), st.floats(0.9e-3, 1.1e-3))
-def test_a_steady_device_is_dated_without_its_jitter(seed: int, period_s: float) -> None:
-    """Against the instants themselves."""
-    taken_s = 0.3 + period_s * np.arange(2000)
+@given(st.integers(0, 1000), st.floats(0.9e-3, 1.1e-3), st.lists(st.integers(300, 1900), max_size=20, unique=True))
+def test_a_steady_device_is_dated_without_its_jitter(seed: int, period_s: float, lost: list[int]) -> None:
+    """Against the instants themselves; what is lost leaves a gap, and a late burst does not bend the clock."""
+    taken_s = np.delete(0.3 + period_s * np.arange(2000), lost)
     arrived_s = taken_s + np.random.default_rng(seed).uniform(-5e-5, 5e-5, taken_s.size)
     # Of n readings 2 sigma/sqrt(n) remains: 29 µs become 4 µs, and five deviations of that are rare.
     assert np.max(np.abs(dated(arrived_s) - taken_s)[200:]) < 2.1e-5
@@ -229,13 +229,6 @@ def test_what_is_held_up_on_its_way_does_not_bend_the_clock(seed: int, late: flo
     # Half a period may pass for jitter, and a tenth of that stays at most.
     wrong_s = np.abs(dated(arrived_s[seen], counts[seen]) - taken_s[seen] - 5e-5)[200:]
     assert np.max(wrong_s) < 1e-4
-
-
-@given(st.lists(st.integers(300, 1900), max_size=20, unique=True))
-def test_a_reading_that_was_lost_is_believed_after_a_few(lost: list[int]) -> None:
-    taken_s = np.delete(0.3 + 1e-3 * np.arange(2000), lost)
-    wrong = np.abs(dated(taken_s) - taken_s) > 1e-6
-    assert np.count_nonzero(wrong) <= 4 * len(lost)
 
 
 def test_a_clock_that_lost_its_device_begins_anew() -> None:

@@ -27,7 +27,6 @@ class AwakeClock:
     """Simulated time, which waits as a machine's clock does: awake before the deadline."""
 
     clock: Clock
-    asked: int = 0
 
     def now_ns(self) -> int:
         return self.clock.now_ns()
@@ -35,7 +34,6 @@ class AwakeClock:
     def wait_until_ns(self, deadline_ns: int, awake: Callable[[], object] | None = None) -> None:
         self.clock.wait_until_ns(deadline_ns - AWAKE_NS)
         if awake is not None:
-            self.asked += 1
             awake()
         self.clock.wait_until_ns(deadline_ns)
 
@@ -53,10 +51,8 @@ def played_again(monkeypatch: pytest.MonkeyPatch) -> list[Played]:
     return again
 
 
-def rehearsing(bench: Bench) -> AwakeClock:
-    clock = AwakeClock(bench.devices.clock)
-    bench.loop.rehearses, bench.loop._clock = True, clock
-    return clock
+def rehearsing(bench: Bench) -> None:
+    bench.loop.rehearses, bench.loop._clock = True, AwakeClock(bench.devices.clock)
 
 
 def test_it_decides_bit_for_bit_what_was_decided(played_again: list[Played]) -> None:
