@@ -31,6 +31,8 @@ SCATTER = 0.4
 HOPEFUL = 3
 HOPS = 3
 HOP = 0.2
+# Of the cost: between minima nearer than this, the logs do not decide.
+AS_GOOD = 0.02
 
 
 @dataclass(frozen=True)
@@ -98,11 +100,13 @@ def fit_servo(
     begins += [begins[0] * np.exp(SCATTER * random.standard_normal(len(boxes))) for _ in range(scattered)]
     first = [search.run(begin, FIRST_ROUNDS) for begin in begins]
     hopeful = sorted(first, key=lambda reached: reached.cost)[:HOPEFUL]
-    reached = min((search.run(each.x, MOST_ROUNDS) for each in hopeful), key=lambda reached: reached.cost)
+    minima = [search.run(each.x, MOST_ROUNDS) for each in hopeful]
     for _ in range(hops):
-        beside = search.run(reached.x * np.exp(HOP * random.standard_normal(len(boxes))), MOST_ROUNDS)
-        reached = min(reached, beside, key=lambda reached: reached.cost)
-    deviations = search.deviations(reached)
+        beside = _best(minima).x * np.exp(HOP * random.standard_normal(len(boxes)))
+        minima.append(search.run(beside, MOST_ROUNDS))
+    reached = _best(minima)
+    undecided = spread_of_equals([each.cost for each in minima], np.array([each.x for each in minima]))
+    deviations = np.hypot(search.deviations(reached), undecided * [box.scale for box in boxes.values()])
     return ServoFit(
         model=model,
         values=search.values(reached.x),
@@ -111,6 +115,20 @@ def fit_servo(
         converged=reached.status > 0,
         cost=float(reached.cost),
     )
+
+
+def spread_of_equals(costs: Sequence[float], places: FloatArray) -> FloatArray:
+    """Rms distance from the cheapest of ``places``, shape (minima, parameters), to those that are as good: which of
+    them is cheapest is no more than the roughness of the error, and of the machine's rounding. Zeros where none is."""
+    best = int(np.argmin(costs))
+    others = [
+        place for index, place in enumerate(places) if index != best and costs[index] <= (1 + AS_GOOD) * costs[best]
+    ]
+    return np.sqrt(np.mean((np.array(others) - places[best]) ** 2, axis=0)) if others else np.zeros(places.shape[1])
+
+
+def _best(minima: Sequence[OptimizeResult]) -> OptimizeResult:
+    return min(minima, key=lambda reached: reached.cost)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.logs.servo import LADDER
-from bench.logs.servo_fit import Trial
+from bench.logs.servo_fit import Trial, spread_of_equals
 from bench.logs.servo_ladder import Beginning, ServoRung, held_out, servo_ladder
 from tests.bench.logs.servos import TRUTH, measured, pendulum
 
@@ -84,3 +84,10 @@ def test_logs_of_which_nothing_is_trained_on_are_in_no_fold() -> None:
     folds = held_out(half)
     assert len(folds) == 2
     assert not any(rows.any() for fold in folds for rows in fold[2:])
+
+
+def test_minima_that_are_as_good_are_part_of_what_is_not_known() -> None:
+    places = np.array([[1.0, 5.0], [1.3, 5.0], [0.6, 5.0], [9.0, 9.0]])
+    assert spread_of_equals([1.0, 1.01, 1.019, 1.1], places) == pytest.approx([np.sqrt((0.3**2 + 0.4**2) / 2), 0.0])
+    assert spread_of_equals([1.0, 1.1], places[:2]).tolist() == [0.0, 0.0]
+    assert spread_of_equals([1.0], places[:1]).tolist() == [0.0, 0.0]
