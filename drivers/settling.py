@@ -13,20 +13,20 @@ if sys.platform == "linux":
 # Linux' <sys/mman.h> and <linux/prctl.h>.
 LOCK_CURRENT, LOCK_FUTURE = 1, 2
 SET_TIMER_SLACK = 29
-# With fewer cores, a core of the loop's own would be missed by the far end of its wires, or by all others.
-CORES_TO_SHARE = 3
 
 
 @dataclass(frozen=True)
 class Settled:
-    """What the process has got, in a few words, and what it has not, a sentence with the mend each."""
+    """What the process has got, in a few words, and what it has not, a sentence with the mend each; ``core`` is the
+    number of its own, None where it shares all."""
 
     words: str
     notes: tuple[str, ...] = ()
+    core: int | None = None
 
 
-def settle_in() -> Settled:
-    """Lock this process' memory, wake it up without slack, and give it a core of its own where there are more than two.
+def settle_in(core: int | None) -> Settled:
+    """Lock this process' memory and wake it up without slack. It may have a core of its own already.
 
     Its real-time priority, which :func:`drivers.punctual.punctual` takes while it counts, is only looked at.
     """
@@ -46,10 +46,9 @@ def settle_in() -> Settled:
             "/etc/security/limits.conf and log in again"
         )
     _wake_without_slack()
-    core = _take_core()
     if core is not None:
         had.append(f"core {core}")
-    return Settled(", ".join(had), tuple(missed))
+    return Settled(", ".join(had), tuple(missed), core)
 
 
 def _lock_memory() -> bool:
@@ -65,18 +64,3 @@ def _wake_without_slack() -> None:
     """Linux lets processes that are not in real time sleep up to 50 µs longer, to wake several at once."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(SET_TIMER_SLACK, 1, 0, 0, 0)
-
-
-def _take_core() -> int | None:
-    """The last of the cores that this process may use: the system prefers the first. None where all are shared."""
-    if sys.platform != "linux":
-        return None
-    cores = os.sched_getaffinity(0)
-    if len(cores) < CORES_TO_SHARE:
-        return None
-    core = max(cores)
-    try:
-        os.sched_setaffinity(0, {core})
-    except OSError:
-        return None
-    return core

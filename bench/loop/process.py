@@ -5,7 +5,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import replace
 from multiprocessing.connection import wait
 from typing import Any
@@ -35,6 +35,7 @@ from bench.loop.watchdogs import WatchdogFinding
 from bench.records import Event, Measured, SegmentInfo, Table, join
 from bench.rig.rig import Rig
 from bench.segments import Segment
+from drivers.cores import staying_off
 from drivers.errors import DeviceError
 from drivers.readings import DeviceIdentity
 from drivers.registry import load_backend
@@ -80,11 +81,13 @@ class LoopProcess:
         with _environment(ONE_THREAD):
             self._process.start()
         far_end.close()  # or the loop's end would never be seen
+        self._with_it = ExitStack()
         try:
             self._settled: Settled = self._wait_for_answer()
         except BaseException:
             self._end()
             raise
+        self._with_it.enter_context(staying_off(self._settled.core))
 
     @property
     def pid(self) -> int:
@@ -170,6 +173,7 @@ class LoopProcess:
         self.close()
 
     def _end(self) -> None:
+        self._with_it.close()
         self._orders.close()
         self._process.join(END_WITHIN_S)
         if self._process.is_alive():
@@ -214,7 +218,7 @@ class LoopProcess:
         ticks, seen_s = self._inbox.ticks, time.monotonic()
         while not (ready := wait([self._orders, self._process.sentinel], PART_S)) or self._orders not in ready:
             if ready:
-                raise self._lost(f"has died ({_ending(self._process.exitcode)})")
+                raise self._died()
             self._beat()
             look()
             now_s, before = time.monotonic(), ticks
@@ -227,11 +231,14 @@ class LoopProcess:
         try:
             return self._orders.recv()
         except (EOFError, OSError):
-            self._process.join(END_WITHIN_S)
-            raise self._lost(f"has died ({_ending(self._process.exitcode)})") from None
+            raise self._died() from None
 
     def _beat(self) -> None:
         self._beat_ns[0] = time.monotonic_ns()
+
+    def _died(self) -> SafetyStopError:
+        self._process.join(END_WITHIN_S)  # what it leaves is closed before its ending is known
+        return self._lost(f"has died ({_ending(self._process.exitcode)})")
 
     def _lost(self, how: str) -> SafetyStopError:
         """The error to raise; what the loop has put away until then is in the recording, and that it is gone."""

@@ -38,6 +38,7 @@ from bench.loop.session_watch import Pulse, SessionWatch
 from bench.loop.shared_outbox import SharedMemory, SharedOutbox
 from bench.loop.stop_word import StopWord
 from bench.rig.rig import Rig
+from drivers.cores import kept_awake, take_core
 from drivers.errors import DeviceError
 from drivers.punctual import LOOP_PRIORITY, punctual
 from drivers.registry import load_backend
@@ -59,7 +60,8 @@ class Shared:
 def serve_loop(rig: Rig, seed: int | None, shared: Shared, orders: "Connection[Any, Any]") -> None:
     """What the process runs, until the session closes the pipe or says so. Answers first how it settled in."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the session says what follows from it
-    settled = settle_in()
+    core = take_core()
+    settled = settle_in(None if core is None else core.number)
     with ExitStack() as stack:
         try:
             backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
@@ -195,8 +197,8 @@ class _Service:
 
 @contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Inside, in real time, and no garbage is collected: a tick leaves none that needs it."""
-    with punctual(LOOP_PRIORITY):
+    """Inside, in real time, its core awake, and no garbage is collected: a tick leaves none that needs it."""
+    with kept_awake(), punctual(LOOP_PRIORITY):
         gc.disable()
         try:
             yield
