@@ -6,9 +6,9 @@ from typing import Protocol
 
 # Sleeping alone wakes 50-100 µs late; the last stretch before a deadline is spent awake instead,
 SPIN_NS = 150_000
-# longer where there is something to do then, but nothing of it is begun when so little is left. With less of it the
-# latest hundredth of the ticks began 20 to 300 µs late.
-BUSY_NS, LATEST_NS = 450_000, 50_000
+# twice as long where there is something to do then, but nothing of it is begun when so little is left. With less of it
+# the latest hundredth of the ticks began 20 to 300 µs late.
+BUSY_NS, LATEST_NS = 300_000, 50_000
 # Of the time until the deadline, at most: a system may stop for a while who never sleeps in real time.
 BUSY_SHARE = 0.7
 

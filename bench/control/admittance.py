@@ -5,7 +5,6 @@
 Zero torque and prescribed motion are its two ends. See ``docs/control.md``.
 """
 
-from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from math import floor, nan
 
@@ -69,13 +68,6 @@ class AdmittanceController:
         self._choose(None)
         self._compile()
         self._last_target = Target()
-
-    def copied(self) -> "AdmittanceController":
-        """One that goes on from here by itself. What was designed is shared: it never changes."""
-        designs = [self.calibration, self._tracking, self._tracking.observer, self._regulator, self._gains]
-        if self._anticipation is not None:
-            designs += [self._anticipation, self._anticipation.observer, self._anticipation.gains]
-        return deepcopy(self, {id(design): design for design in designs})
 
     @property
     def lead_ticks(self) -> int:

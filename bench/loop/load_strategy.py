@@ -1,6 +1,5 @@
 """What the load drive does in a segment: coast, follow a torque, or obey the admittance law."""
 
-from copy import copy
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -22,9 +21,6 @@ class LoadStrategy(Protocol):
 
     def note_sent(self, load_torque_nm: float) -> None: ...
     def target(self, index: int) -> Target: ...
-    def copied(self, controller: AdmittanceController | None) -> "LoadStrategy":
-        """For the same segment, not yet begun, with another controller, which is one wherever this has one."""
-        ...
 
 
 @dataclass
@@ -48,9 +44,6 @@ class OpenLoop:
 
     def target(self, index: int) -> Target:
         return AT_REST
-
-    def copied(self, controller: AdmittanceController | None) -> "OpenLoop":
-        return OpenLoop(self.segment, controller)
 
 
 @dataclass
@@ -85,12 +78,6 @@ class Imposed:
         if index != self._now_index:
             self._now, self._now_index = self._made(index), index
         return self._now
-
-    def copied(self, controller: AdmittanceController | None) -> "Imposed":
-        assert controller is not None
-        other = copy(self)  # which shares the reference: making lists of it anew takes as long as a tick
-        other.controller = controller
-        return other
 
     def _made(self, index: int) -> Target:
         if self._last < 0:

@@ -4,34 +4,40 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from math import nan
+from typing import NamedTuple
 
 from bench.control.admittance import AdmittanceController
 from bench.errors import BenchError, OperatorStopError
-from bench.guard.commands import Commands
+from bench.guard.commands import Commands, DriveHealth
 from bench.guard.guard import Guard
 from bench.loop.alignment import Alignment
 from bench.loop.devices import Arrivals, Devices
 from bench.loop.learned import Learned
 from bench.loop.load_strategy import LoadStrategy, strategy_for
 from bench.loop.outbox import Outlet
-from bench.loop.played import Played, Stages, tick_row
 from bench.loop.segment_info import segment_info
 from bench.loop.troubles import TroubleLog
-from bench.loop.understudy import Understudy
 from bench.loop.watchdogs import WatchdogFinding
 from bench.records import Measured, SegmentInfo, join
-from bench.sample import Sample
+from bench.sample import Sample, Target
 from bench.segments import LoadMode, Segment
 from drivers.errors import DeviceError
 from drivers.readings import DeviceIdentity
-
-# What an understudy may take where the processor has nothing at hand: it does not begin with less time left.
-REHEARSAL_NS = 250_000
 
 
 def never_stop() -> str | None:
     """No operator is there to stop anything."""
     return None
+
+
+class Stages(NamedTuple):
+    """When a tick began, and when each of its stages was done."""
+
+    begun_ns: int
+    received_ns: int
+    controlled_ns: int
+    guarded_ns: int
+    sent_ns: int
 
 
 @dataclass
@@ -40,8 +46,7 @@ class Loop:
 
     ``stop_request`` is asked every tick and returns the operator's reason to stop, or None. ``controller`` is needed
     for segments in admittance mode, and watches all others so that it takes over without a bump. ``on_time`` is entered
-    while the loop runs. Where it ``rehearses``, an understudy goes through the last tick again while the loop waits, so
-    that the processor has all of it at hand when the next is due.
+    while the loop runs.
     """
 
     devices: Devices
@@ -52,7 +57,6 @@ class Loop:
     stop_request: Callable[[], str | None] = never_stop
     controller: AdmittanceController | None = None
     on_time: Callable[[], AbstractContextManager[None]] = nullcontext
-    rehearses: bool = False
     skipped_ticks: int = field(default=0, init=False)
     _next_ns: int = field(default=0, init=False)
     _segments: int = field(default=0, init=False)
@@ -61,14 +65,10 @@ class Loop:
     _position_rad: float = field(default=nan, init=False)
     _load_torque_nm: float = field(default=0.0, init=False)  # the last one sent
     _put_ns: int = field(default=0, init=False)  # what it took to put the last tick away
-    _missed: int = field(default=0, init=False)  # ticks, since the last that was run
-    _understudy: Understudy | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self._clock = self.devices.clock
         self._troubles = TroubleLog(self.devices, self.outbox.put_event)
-        self._rehearsal_ns = min(REHEARSAL_NS, self.tick_ns // 4)
-        self._fitted = self.devices.load is not None, self.devices.modulator is not None
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -125,7 +125,6 @@ class Loop:
     def _enabled(self) -> Iterator[None]:
         begun = self.devices.await_streams()
         self._sample(self.devices.clock.now_ns(), begun)
-        self._understudy = Understudy(self.guard, self.controller) if self.rehearses else None
         self.devices.enable()
         try:
             self._start()
@@ -172,9 +171,6 @@ class Loop:
         return join(parts)
 
     def _read_ahead(self) -> None:
-        understudy = self._understudy
-        if understudy is not None and understudy.behind and self._next_ns - self._clock.now_ns() > self._rehearsal_ns:
-            self.outbox.pack(self._row(understudy.play()))
         self.devices.link.poll()
         self.outbox.put_waiting()
 
@@ -182,8 +178,6 @@ class Loop:
         now_ns = self.devices.clock.now_ns()
         sample = self._sample(now_ns, self.devices.receive())
         self.guard.begin(sample)
-        if self._understudy is not None:
-            self._understudy.begin(sample)
         self._troubles.begin(now_ns)
         self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
         self._next_ns = now_ns + self.tick_ns
@@ -202,9 +196,9 @@ class Loop:
         sample = self._sample(now_ns, arrivals)
         # The controller steps from deadline to deadline.
         seen = sample if now_ns == deadline_ns else sample.counted_from(deadline_ns)
-        begins, self._begun = not self._begun, True
-        if begins:
+        if not self._begun:
             strategy.begin(seen)
+            self._begun = True
         wish = Commands(command, strategy.wish(seen, index), 0, modulation)
         controlled_ns = clock.now_ns()
         self._obey_operator()
@@ -217,16 +211,10 @@ class Loop:
         self._load_torque_nm = commands.load_torque_nm
         self._position_rad = sample.load_position_rad
         self._next_ns = deadline_ns + self.tick_ns
-        missed, self._missed = self._missed, 0
-        played = Played(deadline_ns, stages, sample, seen, wish, commands, drives, strategy, index, begins, missed)
-        full = self.outbox.put(self._row(played), arrivals)
-        if self._understudy is not None:
-            self._understudy.watch(played)
+        row = self._row(deadline_ns, stages, sample, wish, commands, strategy.target(index), drives)
+        full = self.outbox.put(row, arrivals)
         self._put_ns = clock.now_ns() - stages.sent_ns
         return sample, full
-
-    def _row(self, played: Played) -> tuple[float, ...]:
-        return tick_row(played, self._segments, self._put_ns, self._fitted)
 
     def _sample(self, now_ns: int, arrivals: Arrivals) -> Sample:
         return self.alignment.update(
@@ -260,7 +248,6 @@ class Loop:
         """Ticks whose whole period has passed are skipped, never made up for; the last command acted meanwhile."""
         missed = max((self._clock.now_ns() - self._next_ns) // self.tick_ns, 0)
         self.skipped_ticks += missed
-        self._missed += missed
         self._next_ns += missed * self.tick_ns
         for _ in range(missed):
             strategy.note_sent(self._load_torque_nm)
@@ -268,3 +255,46 @@ class Loop:
 
     def _info(self, segment: Segment, start_ns: int) -> SegmentInfo:
         return segment_info(segment, self._segments, start_ns, self._next_ns)
+
+    def _row(
+        self,
+        deadline_ns: int,
+        stages: Stages,
+        sample: Sample,
+        wish: Commands,
+        commands: Commands,
+        target: Target,
+        drives: tuple[DriveHealth, ...],
+    ) -> tuple[float, ...]:
+        devices = self.devices
+        return (
+            deadline_ns,
+            stages.begun_ns - deadline_ns,
+            stages.sent_ns - stages.begun_ns,
+            self._segments,
+            commands.command,
+            wish.load_torque_nm,
+            commands.load_torque_nm,
+            sample.torque_nm,
+            sample.torque_age_ns,
+            sample.position_rad,
+            sample.velocity_rad_s,
+            sample.motion_age_ns,
+            sample.load_position_rad,
+            sample.load_velocity_rad_s,
+            sample.load_motion_age_ns,
+            target.position_rad,
+            target.velocity_rad_s,
+            drives[0].status.transistor_temperature_c,
+            nan if devices.load is None else drives[1].status.transistor_temperature_c,
+            commands.limited,
+            max(stages.received_ns - stages.begun_ns, 0),
+            stages.controlled_ns - stages.received_ns,
+            stages.guarded_ns - stages.controlled_ns,
+            stages.sent_ns - stages.guarded_ns,
+            self._put_ns,
+            commands.modulation,
+            sample.modulator_position_rad,
+            sample.modulator_motion_age_ns,
+            nan if devices.modulator is None else drives[-1].status.transistor_temperature_c,
+        )

@@ -28,10 +28,6 @@ class Outlet(Protocol):
         """Put away what has come so far: called while the loop waits, and nothing waits for it."""
         ...
 
-    def pack(self, row: tuple[float, ...]) -> None:
-        """What is done with a row before it is put away: for one that is not to be."""
-        ...
-
     def put_event(self, stamp_ns: int, kind: str, text: str) -> None: ...
     def hand_on(self, segment: SegmentInfo | None = None) -> Measured:
         """Let go of what has been collected; ``segment`` is what it belongs to so far."""
@@ -64,9 +60,6 @@ class Outbox:
 
     def put_waiting(self) -> None:
         """What has been collected is handed on in parts."""
-
-    def pack(self, row: tuple[float, ...]) -> None:
-        """Rows are kept as they are."""
 
     def put_event(self, stamp_ns: int, kind: str, text: str) -> None:
         self._events.append(Event(stamp_ns, kind, text))

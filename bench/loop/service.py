@@ -72,7 +72,7 @@ def serve_loop(rig: Rig, seed: int | None, shared: Shared, orders: "Connection[A
             orders.send(Failed(_portable(error)))
             return
         outbox = SharedOutbox(shared.memory)
-        loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, rehearses=not backend.lock_step)
+        loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns)
         service = _Service(loop, outbox, shared, orders)
         with suppress(OSError):  # the session has gone; the drives are idle
             orders.send(Done(settled))

@@ -93,10 +93,6 @@ class SharedOutbox:
                 put(pack(stamp_ns, identifier, place, marks, len(piece), piece))
         self._frames.clear()
 
-    def pack(self, row: tuple[float, ...]) -> None:
-        """What is done with a row before it is put away: for one that is not to be."""
-        self._tick.pack(*row)
-
     def put_event(self, stamp_ns: int, kind: str, text: str) -> None:
         self._event_ring.put(EVENT.pack(stamp_ns, kind.encode(), text.encode()))
 

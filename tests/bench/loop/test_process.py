@@ -60,6 +60,10 @@ def process_lives(pid: int) -> bool:
     return state != "Z"
 
 
+def children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
 def push(seconds: float, command: float = 0.02) -> Segment:
     return coasting("test", "push", Use.PREPARE, np.full(round(seconds * 1e3), command))
 
@@ -130,6 +134,25 @@ def test_it_ticks_alone_and_hands_on_all_that_it_sees(rig: Rig, witness: Path) -
     assert all(whole.ticks[stage].min() >= 0 for stage in ("receive_ns", "control_ns", "guard_ns", "send_ns"))
     work_ns = sum(whole.ticks[stage] for stage in ("receive_ns", "control_ns", "guard_ns", "send_ns"))
     assert np.all(np.abs(whole.ticks["work_ns"] - work_ns) <= whole.ticks["receive_ns"])
+
+
+@pytest.mark.skipif(sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2, reason="no core to be had")
+def test_its_core_is_its_own_and_awake_while_drives_are_enabled(rig: Rig, witness: Path) -> None:
+    before = os.sched_getaffinity(0)
+    with opened(rig) as (loop, _):
+        if len(before - os.sched_getaffinity(loop.pid)) == 0:
+            pytest.skip("another test's loop has the core")
+        (core,) = os.sched_getaffinity(loop.pid)
+        assert loop.place.endswith(f", core {core}")
+        assert os.sched_getaffinity(0) == before - {core}
+        assert children(loop.pid) == []
+        with loop.running():
+            loop.run(push(0.3))
+            (sleepless,) = children(loop.pid)
+            assert os.sched_getscheduler(sleepless) == os.SCHED_IDLE
+            assert os.sched_getaffinity(sleepless) == {core}
+        assert children(loop.pid) == []
+    assert os.sched_getaffinity(0) == before
 
 
 def test_the_operators_word_stops_it_at_the_next_tick(rig: Rig, witness: Path) -> None:
