@@ -1,9 +1,8 @@
 """The machine's cores: one for a loop alone, which others stay off and which never sleeps while the loop runs.
 
-A core that sleeps for half a millisecond wakes up a stranger: clocked down, its caches and what it had learned of
-branches lost, in a virtual machine to whoever ran there meanwhile. The first tenth of a millisecond after that costs
-two to three times what it costs awake. Spinning until the next tick instead would starve everybody else on the core,
-and Linux stops real-time processes that never sleep; so a process that gives way to everybody keeps the core awake.
+A core that slept, be it for 50 µs, takes two to three times as long for what comes next: its caches are cold, and in a
+virtual machine somebody else may have run there meanwhile. Spinning from tick to tick would starve all others on the
+core, and Linux stops real-time processes that never sleep; so a process that gives way to everybody keeps it awake.
 """
 
 import os
@@ -11,7 +10,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,17 +71,25 @@ def kept_awake() -> Iterator[None]:
     if sys.platform != "linux" or len(os.sched_getaffinity(0)) > 1:
         yield
         return
-    # A process, not a thread: of a loop that is killed, what gives way to everybody would be the last to go.
+    with ExitStack() as stack:
+        with suppress(OSError):  # where no process can be started, the core sleeps as others do
+            stack.enter_context(_sleepless())
+        yield
+
+
+@contextmanager
+def _sleepless() -> Iterator[None]:
+    """A process, not a thread: of a loop that is killed, what gives way to everybody would be the last to go."""
     with subprocess.Popen(
         [sys.executable, "-I", "-S", sleepless.__file__, str(os.getpid())],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         process_group=0,  # Ctrl-C is not meant for it
-    ) as spinner:
+    ) as process:
         try:
             yield
         finally:
             with suppress(OSError):  # up again is not everybody's right; it then takes longer to go
-                os.sched_setscheduler(spinner.pid, os.SCHED_OTHER, os.sched_param(0))
-            spinner.kill()
+                os.sched_setscheduler(process.pid, os.SCHED_OTHER, os.sched_param(0))
+            process.kill()

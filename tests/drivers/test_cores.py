@@ -165,3 +165,15 @@ def test_who_is_not_bound_needs_no_core_awake(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(subprocess, "Popen", None)
     with kept_awake():
         assert len(os.sched_getaffinity(0)) > 1
+
+
+def test_where_no_process_can_be_started_the_loop_does_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise BlockingIOError("Resource temporarily unavailable")
+
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
+    monkeypatch.setattr(subprocess, "Popen", refused)
+    with kept_awake():
+        pass
+    with pytest.raises(PermissionError, match="of the loop"), kept_awake():
+        raise PermissionError("what goes wrong inside is of the loop")
