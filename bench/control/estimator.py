@@ -35,6 +35,7 @@ class Estimator:
         self._delays_s = c.torque_delay_s, c.position_delay_s, c.position_delay_s
         self._clocks, self._begun_ns = np.zeros((3, 4)), 0
         self.contacts = np.zeros((2, 2))  # load's, actuator's: its force [N m], and the load's position at which it was
+        self.contact = self.contacts[0]
         self.states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))
         self.commands = np.zeros(self.observer.whole + 2)
         self._compile()
@@ -44,15 +45,9 @@ class Estimator:
         return float(self.states[0, POSITION]), float(self.states[0, VELOCITY])
 
     @property
-    def contact(self) -> FloatArray:
-        """The load's friction contact, its row of ``contacts``."""
-        row: FloatArray = self.contacts[0]
-        return row
-
-    @property
     def contact_nm(self) -> float:
         """The force of the load's friction contact."""
-        return float(self.contacts[0, 0])
+        return float(self.contact[0])
 
     def torque_nm(self) -> float:
         """The port torque now."""

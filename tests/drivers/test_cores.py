@@ -4,14 +4,13 @@ import os
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
 from drivers.cores import kept_awake, staying_off, take_core
+from tests.processes import children, cpu_ticks, process_lives, soon
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="only Linux binds threads to cores"),
@@ -82,6 +81,32 @@ def test_where_there_are_no_cores_to_be_had_none_is_taken(monkeypatch: pytest.Mo
         assert os.sched_getaffinity(0) == before
 
 
+def test_a_core_that_may_not_be_had_is_left_free(two: set[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise OSError("Invalid argument")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "sched_setaffinity", refused)
+        patch.setattr(os, "sched_getaffinity", lambda _: two)
+        assert take_core() is None
+    with taking(two) as (_, said):
+        assert said.startswith(f"{max(two)} ")
+
+
+def test_a_thread_that_has_no_other_core_stays_where_it_is() -> None:
+    def bound() -> None:
+        core = max(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {core})
+        with staying_off(core):
+            seen.append(os.sched_getaffinity(0) == {core})
+
+    seen: list[bool] = []
+    thread = threading.Thread(target=bound)
+    thread.start()
+    thread.join()
+    assert seen == [True]
+
+
 def test_every_thread_stays_off_and_so_do_children() -> None:
     before = os.sched_getaffinity(0)
     core, go_on = max(before), threading.Event()
@@ -104,61 +129,49 @@ def test_every_thread_stays_off_and_so_do_children() -> None:
     thread.join()
 
 
-# Bound to one core, it keeps that awake, says who does so, and waits for a line before it goes on, or for its end.
+# Bound to one core, it keeps that awake, and waits for a line before it goes on, or for its end.
 KEEP = """
 import os, sys
-from pathlib import Path
 from drivers.cores import kept_awake
-def spinners():
-    tasks = Path(f"/proc/{os.getpid()}/task").iterdir()
-    return " ".join((task / "children").read_text().strip() for task in tasks)
 os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 with kept_awake():
-    print(spinners(), flush=True)
+    print(flush=True)
     sys.stdin.readline()
-print(spinners() or "none", flush=True)
+print(flush=True)
 sys.stdin.readline()
 """
+# Giving way to everybody may take its time on a machine that is busy.
+WITHIN_S = 20.0
 
 
 @contextmanager
 def keeping() -> Iterator[tuple[subprocess.Popen[str], int]]:
     with subprocess.Popen([sys.executable, "-c", KEEP], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as it:
         assert it.stdout is not None
-        yield it, int(it.stdout.readline())
+        it.stdout.readline()
+        (spinner,) = children(it.pid)
+        yield it, spinner
         it.kill()
-
-
-def until(happens: Callable[[], bool]) -> bool:
-    """Giving way to everybody may take its time on a machine that is busy."""
-    deadline_s = time.monotonic() + 20.0
-    while not (happened := happens()) and time.monotonic() < deadline_s:
-        time.sleep(0.01)
-    return happened
-
-
-def cpu_ticks(pid: int) -> int:
-    words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return int(words[11]) + int(words[12])
 
 
 def test_somebody_stays_awake_who_gives_way_to_everybody() -> None:
     with keeping() as (loop, spinner):
-        assert until(lambda: os.sched_getscheduler(spinner) == os.SCHED_IDLE)
+        soon(lambda: os.sched_getscheduler(spinner) == os.SCHED_IDLE, WITHIN_S)
         assert len(os.sched_getaffinity(spinner)) == 1
         before = cpu_ticks(spinner)
-        assert until(lambda: cpu_ticks(spinner) > before + 5)
+        soon(lambda: cpu_ticks(spinner) > before + 5, WITHIN_S)
         assert loop.stdin is not None
         assert loop.stdout is not None
         print(file=loop.stdin, flush=True)
-        assert loop.stdout.readline().strip() == "none"
+        loop.stdout.readline()
+        assert children(loop.pid) == []
 
 
 def test_of_a_loop_that_is_killed_nobody_is_left_awake() -> None:
     with keeping() as (loop, spinner):
-        assert until(lambda: cpu_ticks(spinner) > 5)
+        soon(lambda: cpu_ticks(spinner) > 5, WITHIN_S)
         loop.kill()
-        assert until(lambda: not Path(f"/proc/{spinner}").exists() or "Z" in Path(f"/proc/{spinner}/stat").read_text())
+        soon(lambda: not process_lives(spinner), WITHIN_S)
 
 
 def test_who_is_not_bound_needs_no_core_awake(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ from bench.rig.rig import Rig
 from bench.segments import Segment, Use
 from drivers.errors import ConnectionFailedError
 from tests.bench.served import rig_of_its_own, served
+from tests.processes import children, process_lives, soon
 
 pytestmark = pytest.mark.wall_time
 TABLES = ("ticks", "motion", "load_motion", "torque", "current", "load_current")
@@ -52,18 +53,6 @@ def opened(rig: Rig, stop: StopWord | None = None) -> Iterator[tuple[LoopProcess
     assert not process_lives(loop.pid)
 
 
-def process_lives(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-    return state != "Z"
-
-
-def children(pid: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
 def push(seconds: float, command: float = 0.02) -> Segment:
     return coasting("test", "push", Use.PREPARE, np.full(round(seconds * 1e3), command))
 
@@ -78,15 +67,6 @@ def armed(witness: Path) -> tuple[str, ...]:
     state = last_state(witness)
     assert state is not None
     return state.armed
-
-
-def soon(true: Callable[[], bool], within_s: float) -> float:
-    """How long it took."""
-    began_s = time.monotonic()
-    while not true():
-        assert time.monotonic() - began_s < within_s
-        time.sleep(0.002)
-    return time.monotonic() - began_s
 
 
 def once_it_ticks(loop: LoopProcess, parts: list[Measured], act: Callable[[], None]) -> list[int]:
@@ -147,7 +127,7 @@ def test_its_core_is_its_own_and_awake_while_drives_are_enabled(rig: Rig, witnes
         assert os.sched_getaffinity(0) == before - {core}
         assert children(loop.pid) == []
         with loop.running():
-            loop.run(push(0.3))
+            loop.run(push(1.0))  # while it starts
             (sleepless,) = children(loop.pid)
             assert os.sched_getscheduler(sleepless) == os.SCHED_IDLE
             assert os.sched_getaffinity(sleepless) == {core}
