@@ -234,7 +234,7 @@ def main() -> None:
 
 def carried_out(work: Callable[[int], Outcome | None], seeds: Iterable[int], jobs: int) -> Iterator[Outcome]:
     """Every session in turn, with a line of progress on stderr."""
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), max_tasks_per_child=8) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         for outcome in pool.map(work, seeds):
             if outcome is not None:
                 print(progress_line(outcome), file=sys.stderr, flush=True)
@@ -248,7 +248,7 @@ def progress_line(outcome: Outcome) -> str:
     if outcome.refusal:
         return head + outcome.refusal
     return head + " ".join(
-        f"{n.error / n.std:+.2f}" if n.status == Status.VALID else f"[{n.status}]" for n in outcome.numbers
+        f"{n.error / n.std:+.2f}" if n.status == Status.VALID.value else f"[{n.status}]" for n in outcome.numbers
     )
 
 
@@ -256,7 +256,7 @@ def show(outcomes: Sequence[Outcome]) -> None:
     """What was carried out, then one line for each group."""
     done = [outcome for outcome in outcomes if not outcome.refusal]
     print(f"{len(done)} of {len(outcomes)} sessions carried out")
-    valid = [(o.bench, n) for o in done for n in o.numbers if n.status == Status.VALID]
+    valid = [(o.bench, n) for o in done for n in o.numbers if n.status == Status.VALID.value]
     print(f"{len(valid)} of {sum(len(o.numbers) for o in done)} values valid")
     print(f"{'':32}{'values':>7}{'in 95 %':>9}{'rms/std':>9}{'rms/bound':>11}{'median std/bound':>18}")
     line("all", [n for _, n in valid])
