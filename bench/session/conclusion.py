@@ -12,6 +12,7 @@ from bench.errors import ExperimentError, UsageError
 from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
 from bench.identification.ambiguity.tabulated import tabulated_conditions
 from bench.identification.bench_ladder import bench_ladder
+from bench.identification.bootstrap import Readings
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
 from bench.identification.ladder import Rung
@@ -147,7 +148,8 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
     stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
     validates = any(segment.use is Use.VALIDATE for segment in segments)
     unseen, findings = _unseen(believed, tick_s) if validates else ((), believed.findings)
-    result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings)
+    readings = Readings(believed.measured, tick_s, Use.IDENTIFY)
+    result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings)
     checked = _where_measured(partial(validate_signals, result, unseen), segments) if unseen else None
     modelless, static = without_model(result, stretches, unseen, segments), found.source_map
     evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
