@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
+from bench.identification.coupling import Coupling
 from bench.identification.covariance import sandwich
 from bench.identification.fit import fit_signals
 from bench.identification.kernels import FULL_BAND
@@ -17,7 +18,7 @@ from bench.identification.quantisation import resolution_rad
 from bench.identification.regression import STILL, Regression, Rows
 from bench.identification.results import FitResult
 from bench.identification.separable import linear_solution
-from bench.identification.signals import Port, Signals, signals
+from bench.identification.signals import Port, Signals, sent_at_s, signals
 from bench.identification.soundness.recording import NOTHING_FOUND, Findings, sound
 from bench.records import Measured
 from bench.segments import Use
@@ -64,6 +65,29 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     stiffness, deviation, damping = _spring(load, actuator, result.motion_delay_s)
     step_rad = resolution_rad(measured.load_motion["position_rad"])
     return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad, weight_of(result))
+
+
+def coupling_of(measured: Measured, tick_s: float) -> Coupling | None:
+    """What the calibration tells of the spring between the two motors; None where it was not measured."""
+    if not len(measured.load_motion) or all(segment.use is not Use.CALIBRATE for segment in measured.segments):
+        return None
+    try:
+        fit = fit_load(measured, tick_s)
+    except ExperimentError:
+        return None
+    load, ticks = fit.result.network, measured.ticks
+    if not fit.result.converged or min(fit.sensor_stiffness_nm_rad, load.inertia_kgm2) <= 0.0:
+        return None
+    return Coupling(
+        stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
+        damping_nms_rad=fit.sensor_damping_nms_rad,
+        load_inertia_kgm2=load.inertia_kgm2,
+        load_gain=load.torque_gain,
+        load_bandwidth_rad_s=load.amplifier_bandwidth_rad_s,
+        load_delay_s=fit.result.command_delay_s,
+        sent_s=sent_at_s(ticks, int(ticks["tick_ns"][0])),
+        command_nm=np.ascontiguousarray(ticks["load_torque_nm"]),
+    )
 
 
 def fit_machine(load: tuple[Signals, ...], findings: Findings = NOTHING_FOUND) -> FitResult:

@@ -1,13 +1,13 @@
 """The load drive and the torque sensor, measured by the bench itself: all that the controller is tuned from."""
 
 from dataclasses import dataclass, field, replace
-from math import sqrt
 from typing import ClassVar
 
 import numpy as np
 
 from bench.control.calibration import ActuatorFriction, LoadCalibration
 from bench.errors import ExperimentError
+from bench.identification.coupling import least_damping_nms_rad
 from bench.identification.fit import fit_signals
 from bench.identification.load import LoadFit, fit_load
 from bench.identification.results import FitResult
@@ -34,8 +34,6 @@ SPEED_SHARE = 0.4
 STRONGER = 3.0
 BACK_OFF = 0.3
 GREATEST_STEP = 1.5
-# A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
-LEAST_DAMPING_RATIO = 0.005
 # Deviations up to which the controller builds on the actuator's friction, relative.
 WELL_KNOWN = {"inertia": 0.05, "coulomb_torque": 0.05, "presliding_stiffness": 0.2}
 
@@ -131,7 +129,7 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         measurement_delay_s=0.0,
         motion_delay_s=fit.result.motion_delay_s,
         sensor_stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
-        sensor_damping_nms_rad=max(fit.sensor_damping_nms_rad, least_damping_nms_rad(fit, actuator)),
+        sensor_damping_nms_rad=max(fit.sensor_damping_nms_rad, least_sensor_damping_nms_rad(fit, actuator)),
         torque_noise_nm=tare.torque_noise_nm,
         torque_bias_nm=tare.torque_bias_nm if fit.weight_nm else fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
@@ -170,8 +168,8 @@ def well_known(actuator: FitResult) -> bool:
     )
 
 
-def least_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:
+def least_sensor_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:
     """What the sensor must have at the resonance of the two machines on it, whatever the fit says."""
-    stiffness_nm_rad, actuator_kgm2 = fit.sensor_stiffness_nm_rad, first_inertia_kgm2(actuator)
+    actuator_kgm2 = first_inertia_kgm2(actuator)
     mobility = 1 / fit.result.network.inertia_kgm2 + (1 / actuator_kgm2 if actuator_kgm2 else 0.0)
-    return 2 * LEAST_DAMPING_RATIO * sqrt(max(stiffness_nm_rad, 0.0) / mobility)
+    return least_damping_nms_rad(fit.sensor_stiffness_nm_rad, mobility)

@@ -16,6 +16,7 @@ from bench.identification.bootstrap import Readings
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
 from bench.identification.ladder import Rung
+from bench.identification.load import coupling_of
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
 from bench.identification.residuals.diagnosis import ResidualTests, diagnose
@@ -148,7 +149,8 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
     stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
     validates = any(segment.use is Use.VALIDATE for segment in segments)
     unseen, findings = _unseen(believed, tick_s) if validates else ((), believed.findings)
-    readings = Readings(believed.measured, tick_s, Use.IDENTIFY)
+    coupling = coupling_of(believed.measured, tick_s)
+    readings = Readings(believed.measured, tick_s, Use.IDENTIFY, coupling=coupling)
     result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings)
     checked = _where_measured(partial(validate_signals, result, unseen), segments) if unseen else None
     modelless, static = without_model(result, stretches, unseen, segments), found.source_map

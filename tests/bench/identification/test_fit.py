@@ -67,13 +67,13 @@ def test_a_current_in_coarse_steps_widens_its_interval_alone(experiment, result)
     assert coarse.estimate("torque_gain") == result.estimate("torque_gain")
 
 
-def test_coarse_counts_widen_the_intervals_of_friction():
+def test_coarse_counts_widen_the_intervals_of_friction(result):
     """0.02 degrees: a sixth of the way in which this friction builds up."""
     measured = synthetic.experiment(1, bench=Bench(counts=18_000.0))
     coarse = fit(measured, command_unit="N*m", tick_s=TICK_S)
     assert np.all(np.abs(deviates(coarse, Truth())) < 3)
-    for name, least in (("presliding_stiffness", 0.007), ("presliding_damping", 0.014)):
-        assert coarse.estimate(name).std > least * coarse.estimate(name).value
+    for name in ("presliding_stiffness", "presliding_damping"):
+        assert coarse.estimate(name).std > 1.2 * result.estimate(name).std
 
 
 def test_delays_are_relative_to_the_torque(result):
@@ -109,8 +109,8 @@ def test_a_sensor_that_averages_is_no_lag_of_the_amplifier(experiment, result):
     told = fit(replace(averaged, torque_averaging_s=window_s), command_unit="N*m", tick_s=TICK_S)
     for name in ("amplifier_bandwidth", "inertia"):
         known, found = result.estimate(name), told.estimate(name)
-        assert found.value == pytest.approx(known.value, abs=2 * found.std)
-        assert found.std > 2 * known.std
+        assert found.value == pytest.approx(known.value, abs=2 * np.hypot(found.std, known.std))
+    assert told.estimate("amplifier_bandwidth").std > result.estimate("amplifier_bandwidth").std
     lag = not_told.estimate("amplifier_bandwidth")
     assert lag.value < 0.92 * result.estimate("amplifier_bandwidth").value
     assert result.estimate("amplifier_bandwidth").value - lag.value > 5 * lag.std
