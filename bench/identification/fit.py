@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from bench.errors import ExperimentError
 from bench.identification.bootstrap import DRAWS, Readings, scatter_of
+from bench.identification.coupling import Coupling
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
@@ -44,16 +45,23 @@ LEAST_EVIDENCE = 5.0
 
 
 def fit(
-    measured: Measured, *, command_unit: str, tick_s: float, use: Use = Use.IDENTIFY, draws: int = DRAWS
+    measured: Measured,
+    *,
+    command_unit: str,
+    tick_s: float,
+    use: Use = Use.IDENTIFY,
+    draws: int = DRAWS,
+    coupling: Coupling | None = None,
 ) -> FitResult:
     """Fit the actuator to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit.
 
     ``draws`` records are simulated for the deviations (:mod:`bench.identification.bootstrap`); with none of them the
-    fit takes a tenth of the time, and the deviations hold only what its residual shows.
+    fit takes a tenth of the time, and the deviations hold only what its residual shows. ``coupling`` is what the
+    calibration tells of the spring between the motors (:func:`bench.identification.load.coupling_of`).
     """
     believed = sound(measured)
     stretches = signals(believed.measured, tick_s, use)
-    readings = Readings(believed.measured, tick_s, use, draws) if draws else None
+    readings = Readings(believed.measured, tick_s, use, draws, coupling) if draws else None
     return fit_signals(stretches, command_unit=command_unit, findings=believed.findings, readings=readings)
 
 

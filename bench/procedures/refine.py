@@ -18,6 +18,7 @@ from bench.identification.information import (
     noise_density_nm,
     vague,
 )
+from bench.identification.load import coupling_of
 from bench.identification.quantisation import resolution_rad
 from bench.identification.results import FitResult
 from bench.identification.signals import signals
@@ -87,7 +88,8 @@ class RefineProcedure:
         before = known.refinement
         log = before if before is not None and not before.finished else Refinement(self.options.until)
         record = join(known.records)
-        result = fit(record, command_unit=known.rig.command.unit, tick_s=known.tick_s)
+        coupling = coupling_of(record, known.tick_s)
+        result = fit(record, command_unit=known.rig.command.unit, tick_s=known.tick_s, coupling=coupling)
         fault = why_no_basis(result, ALL)
         # The actuator's first fit, from its calibration, will do to choose by until there is a better one.
         basis = result if fault is None else known.actuator
