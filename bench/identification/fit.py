@@ -53,6 +53,8 @@ HELD_ERROR_PER_S = {"amplifier_bandwidth": 15.0, "inertia": 2.0, "presliding_dam
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 # The command must explain this many times what nothing explains, or the port's torque sets no scale.
 LEAST_EVIDENCE = 5.0
+# Deviations to which a residual can be told from the noise in it.
+TOLD_FROM_NOISE = 2.0
 
 
 def fit(measured: Measured, *, command_unit: str, tick_s: float, use: Use = Use.IDENTIFY) -> FitResult:
@@ -79,12 +81,15 @@ def fit_signals(
     measured = all(stretch.torque_nm is not None for stretch in stretches)
     doubtful = bool(findings.doubts)
     solution = solve(stretches, free_motion=not measured, roughly=doubtful, cogging=cogging)
-    if port is Port.LOAD and (not measured or scale_evidence(solution) < LEAST_EVIDENCE):
+    if port is Port.LOAD and not (
+        measured and scale_evidence(solution) >= LEAST_EVIDENCE * beyond_noise(solution) ** 0.5
+    ):
+        # Without a scale nothing is known of a load, so a noisy sensor is not held against it.
         raise ExperimentError(
             "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
             "actuator too, independently of the load, and see that the torque sensor works"
         )
-    if measured and scale_evidence(solution) < LEAST_EVIDENCE:
+    if port is Port.ACTUATOR and measured and scale_evidence(solution) < LEAST_EVIDENCE:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return _result(stretches, solution, command_unit, findings)
 
@@ -98,6 +103,19 @@ def scale_evidence(solution: Solution) -> float:
     lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
     alone = lag - linear_solution(others.T, lag) @ others.T
     return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)) / np.sqrt(np.mean(solution.innovation**2)))
+
+
+def beyond_noise(solution: Solution) -> float:
+    """The share of the residual's power that the torque readings' own noise does not explain, as far as can be told.
+
+    That noise makes a number uncertain, as its deviation says, but sets no wrong scale; the encoder's does. The power
+    of n normal errors is known to √(2/n) of itself (chi-squared), n rows that are not alike.
+    """
+    regression = solution.regression
+    counts = [row.usable.size for row in regression.rows]
+    noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
+    told = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
+    return float(np.clip(1.0 - noise / max(np.mean(solution.residual**2), 1e-300), min(told, 1.0), 1.0))
 
 
 def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
