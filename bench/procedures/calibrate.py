@@ -142,8 +142,11 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
 
 
 def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
-    """The actuator's inertia as far as the calibration tells it: a winding's lag can make it seem to be negative."""
-    if actuator is None:
+    """The actuator's inertia as far as the calibration tells it: a winding's lag can make it seem to be negative.
+
+    A noisy sensor may tell it only per unit of torque gain, which is not an inertia.
+    """
+    if actuator is None or actuator.estimate("inertia").status is Status.RATIO_ONLY:
         return None
     inertia_kgm2 = actuator.network.inertia_kgm2
     return inertia_kgm2 if actuator.converged and inertia_kgm2 > 0.0 else None
