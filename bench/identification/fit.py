@@ -115,7 +115,8 @@ def beyond_noise(solution: Solution) -> float:
     counts = [row.usable.size for row in regression.rows]
     noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
     told = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
-    return float(np.clip(1.0 - noise / max(np.mean(solution.residual**2), 1e-300), min(told, 1.0), 1.0))
+    left = float(np.mean(solution.residual**2))
+    return float(np.clip(1.0 - noise / max(left, 1e-300), min(told, 1.0), 1.0))
 
 
 def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
