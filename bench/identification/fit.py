@@ -70,10 +70,12 @@ def fit_signals(
     port: Port = Port.ACTUATOR,
     findings: Findings = NOTHING_FOUND,
     cogging: tuple[float, ...] = (),
+    both_driven: bool = False,
 ) -> FitResult:
     """The same, from signals that stand on one grid already, and what was found when they were made.
 
-    ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
+    ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for. With
+    ``both_driven`` both machines pushed on purpose, as they do for a load: a noisy sensor then hides no scale.
     Raises ExperimentError where no command was given.
     """
     if not any(np.ptp(stretch.command) > 0.0 for stretch in stretches):
@@ -81,15 +83,15 @@ def fit_signals(
     measured = all(stretch.torque_nm is not None for stretch in stretches)
     doubtful = bool(findings.doubts)
     solution = solve(stretches, free_motion=not measured, roughly=doubtful, cogging=cogging)
-    if port is Port.LOAD and not (
-        measured and scale_evidence(solution) >= LEAST_EVIDENCE * beyond_noise(solution) ** 0.5
-    ):
-        # Without a scale nothing is known of a load, so a noisy sensor is not held against it.
+    told = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
+        beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
+    )
+    if port is Port.LOAD and not told:
         raise ExperimentError(
             "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
             "actuator too, independently of the load, and see that the torque sensor works"
         )
-    if port is Port.ACTUATOR and measured and scale_evidence(solution) < LEAST_EVIDENCE:
+    if measured and not told:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return _result(stretches, solution, command_unit, findings)
 

@@ -89,7 +89,7 @@ class CalibrateProcedure:
 
     def _actuator(self, known: Knowledge, measured: Measured) -> FitResult:
         shaken = signals(sound(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
-        return fit_signals(shaken, command_unit=known.rig.command.unit)
+        return fit_signals(shaken, command_unit=known.rig.command.unit, both_driven=True)
 
     def _shake(self, known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
         """Load torque and actuator command, as great as the rig allows, and neither drowned by the other.
