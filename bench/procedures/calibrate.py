@@ -36,6 +36,10 @@ BACK_OFF = 0.3
 GREATEST_STEP = 1.5
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
+# Of a load's fit that did not converge: deviations, relative, that the controller's margins (`design.miscalibrated`)
+# allow for twice over; and what it may leave of the torque, noise included.
+SURE_OF_LOAD = {"torque_gain": 0.05, "inertia": 0.05, "coulomb_torque": 0.1}
+EXPLAINED = 0.5
 # Deviations up to which the controller builds on the actuator's friction, relative.
 WELL_KNOWN = {"inertia": 0.05, "coulomb_torque": 0.05, "presliding_stiffness": 0.2}
 
@@ -82,7 +86,7 @@ class CalibrateProcedure:
         if known.tare is None:
             raise ExperimentError("calibrate: needs the noise at rest; run the step 'tare' before it")
         fit = fit_load(measured, tick_s=known.tick_s)
-        if not fit.result.converged:
+        if not told_well_enough(fit.result):
             raise ExperimentError("calibrate: the load's fit did not converge; " + "; ".join(fit.result.verdict))
         actuator = self._actuator(known, measured) if known.rig.modelled else None
         return replace(known, calibration=calibration_from(fit, actuator, known), actuator=actuator)
@@ -139,6 +143,21 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         actuator_friction=first_friction(actuator),
         weight_nm=fit.weight_nm,
     )
+
+
+def told_well_enough(load: FitResult) -> bool:
+    """Whether a controller can be tuned from it: converged, or not quite but sure of what the margins build on.
+
+    A friction contact much shorter than a count cannot be told, and a search for it may go on for ever; gain, inertia
+    and Coulomb torque are what they are wherever it ends.
+    """
+    if load.converged:
+        return True
+    sure = all(
+        0.0 < estimate.std <= part * estimate.value
+        for estimate, part in ((load.estimate(name), part) for name, part in SURE_OF_LOAD.items())
+    )
+    return sure and load.torque_relative < EXPLAINED
 
 
 def first_inertia_kgm2(actuator: FitResult | None) -> float | None:

@@ -13,7 +13,7 @@ from bench.identification.results import FitResult, Trace
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
 from bench.procedures.blocked import BlockedProcedure
-from bench.procedures.calibrate import CalibrateProcedure, first_friction
+from bench.procedures.calibrate import CalibrateProcedure, first_friction, first_inertia_kgm2, told_well_enough
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import CATALOGUE, make_procedures
 from bench.procedures.directions import felt
@@ -243,6 +243,26 @@ def test_a_friction_that_it_does_not_tell_well_is_not(told: dict[str, tuple[floa
 def test_nor_is_one_of_a_fit_that_did_not_converge_or_was_not_made() -> None:
     assert first_friction(replace(told_by(**WELL), converged=False)) is None
     assert first_friction(None) is None
+
+
+def test_an_inertia_per_unit_of_torque_gain_is_none() -> None:
+    assert first_inertia_kgm2(told_by(**WELL)) == 5e-5
+    assert first_inertia_kgm2(told_by(**{**WELL, "inertia": (np.nan, Status.RATIO_ONLY)})) is None
+
+
+def test_a_load_whose_contact_no_count_can_tell_will_do() -> None:
+    """The search for its stiffness goes on for ever; the rest is sure."""
+
+    def fit_with(inertia: float, *, left: float = 0.1) -> FitResult:
+        told = {**WELL, "inertia": (inertia, Status.NOT_CONVERGED), "presliding_stiffness": (5.0, Status.NOT_CONVERGED)}
+        fit = told_by(**told)
+        gain = Estimate("torque_gain", 0.95, 0.01, "N*m/(N*m)", Status.NOT_CONVERGED)
+        return replace(fit, estimates=(gain, *fit.estimates), converged=False, torque_relative=left)
+
+    assert told_well_enough(fit_with(0.01))
+    assert not told_well_enough(fit_with(0.2))
+    assert not told_well_enough(fit_with(0.01, left=0.6))
+    assert told_well_enough(replace(fit_with(0.2), converged=True))
 
 
 def shaken_nm(command: Command, tare: Tare | None) -> float:
