@@ -62,10 +62,11 @@ class TareProcedure:
         """``push``, and faster ones until the torque sensor tells more than noise; all that was measured in them."""
         slow = yield push
         measured, last = slow, slow
-        if not rig.wiring.torque_sensor or not rig.modelled or turned(slow) < push.stop_at_velocity_rad_s:
+        readable = np.any(slow.torque["valid"]) and np.any(rest.torque["valid"])
+        if not readable or not rig.modelled or turned(slow) < push.stop_at_velocity_rad_s:
             return measured
         for faster in FASTER:
-            if not np.any(measured.torque["valid"]) or felt(measured, rest).tells:
+            if felt(measured, rest).tells:
                 break
             yield back(self.name, "after a push", rig, last, REST_S)
             stop_rad_s = faster * push.stop_at_velocity_rad_s
