@@ -42,6 +42,8 @@ PHYSICAL = (
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 # The command must explain this many times what nothing explains, or the port's torque sets no scale.
 LEAST_EVIDENCE = 5.0
+# Deviations to which a residual can be told from the noise in it.
+TOLD_FROM_NOISE = 2.0
 
 
 def fit(
@@ -73,11 +75,13 @@ def fit_signals(
     findings: Findings = NOTHING_FOUND,
     cogging: tuple[float, ...] = (),
     readings: Readings | None = None,
+    both_driven: bool = False,
 ) -> FitResult:
     """The same, from signals that stand on one grid already, and what was found when they were made.
 
     ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
-    ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows.
+    ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows. With
+    ``both_driven`` both machines pushed on purpose, as they do for a load: a noisy sensor then hides no scale.
     Raises ExperimentError where no command was given.
     """
     if not any(np.ptp(stretch.command) > 0.0 for stretch in stretches):
@@ -85,12 +89,15 @@ def fit_signals(
     measured = all(stretch.torque_nm is not None for stretch in stretches)
     doubtful = bool(findings.doubts)
     solution = solve(stretches, free_motion=not measured, roughly=doubtful, cogging=cogging)
-    if port is Port.LOAD and (not measured or scale_evidence(solution) < LEAST_EVIDENCE):
+    told = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
+        beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
+    )
+    if port is Port.LOAD and not told:
         raise ExperimentError(
             "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
             "actuator too, independently of the load, and see that the torque sensor works"
         )
-    if measured and scale_evidence(solution) < LEAST_EVIDENCE:
+    if measured and not told:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return _result(stretches, solution, command_unit, findings, None if doubtful else readings)
 
@@ -104,6 +111,20 @@ def scale_evidence(solution: Solution) -> float:
     lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
     alone = lag - linear_solution(others.T, lag) @ others.T
     return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)) / np.sqrt(np.mean(solution.innovation**2)))
+
+
+def beyond_noise(solution: Solution) -> float:
+    """The share of the residual's power that the torque readings' own noise does not explain, as far as can be told.
+
+    That noise makes a number uncertain, as its deviation says, but sets no wrong scale; the encoder's does. The power
+    of n normal errors is known to √(2/n) of itself (chi-squared), n rows that are not alike.
+    """
+    regression = solution.regression
+    counts = [row.usable.size for row in regression.rows]
+    noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
+    told = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
+    left = float(np.mean(solution.residual**2))
+    return float(np.clip(1.0 - noise / max(left, 1e-300), min(told, 1.0), 1.0))
 
 
 def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:

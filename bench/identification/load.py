@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import norm as normal
 
 from bench.errors import ExperimentError
 from bench.identification.coupling import Coupling
@@ -144,9 +145,22 @@ def _spring(
         compliance, relaxation_s, _, shift_s = solution
         delay_s += float(np.clip(shift_s, -5e-4, 5e-4))
     covariance = sandwich(columns.T, twist - solution @ columns, time_s)
+    compliance, uncertain = above_zero(float(compliance), float(np.sqrt(covariance[0, 0])))
     stiffness = 1.0 / compliance
-    deviation = np.hypot(np.sqrt(covariance[0, 0]) * stiffness**2, STIFFNESS_FLOOR * stiffness)
+    deviation = np.hypot(uncertain * stiffness**2, STIFFNESS_FLOOR * stiffness)
     return float(stiffness), float(deviation), float(relaxation_s * stiffness)
+
+
+def above_zero(value: float, std: float) -> tuple[float, float]:
+    """Mean and deviation of what was found to be ``value`` with ``std``, and is known to be above zero.
+
+    A normal distribution cut off at zero. It changes nothing that is told; where counts are too coarse for the twist of
+    a stiff sensor, it is what may be believed of its compliance.
+    """
+    below = -value / std
+    # The density over what is left: finite however far below zero it lies, where both vanish.
+    hazard = float(np.exp(normal.logpdf(below) - normal.logsf(below)))
+    return value + std * hazard, std * float(np.sqrt(max(1.0 + below * hazard - hazard**2, 0.0)))
 
 
 def _twist(actuator: Signals, load: Signals, load_delay_s: float, actuator_delay_s: float) -> FloatArray:

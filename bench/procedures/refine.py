@@ -30,6 +30,7 @@ from bench.procedures.options import RefineOptions
 from bench.procedures.refinement import IMPROVABLE, Interval, Refinement, in_percent, intervals_of, why_wide, words
 from bench.procedures.selection import Option, Selection, select
 from bench.procedures.waves import hold
+from bench.procedures.within import travel_left_rad
 from bench.records import Measured, SegmentInfo, join
 from bench.rig.rig import Rig
 from bench.segments import FloatArray, Use
@@ -153,7 +154,7 @@ class _View:
             at=at,
             noise_nm=noise_nm,
             resolution_rad=resolution_rad(record.motion["position_rad"]),
-            bounds=Bounds(known.rig, result.network, known.calibration, travel_left_rad(record, known.rig)),
+            bounds=Bounds(known.rig, result.network, known.calibration, travel_left_rad((record,), known.rig)),
             recorded_s=result.samples * known.tick_s,
         )
 
@@ -197,13 +198,6 @@ class _View:
         return information_of_plan(
             self.bounds.excitation(candidate), self.at, self.noise_nm, position_resolution_rad=self.resolution_rad
         )
-
-
-def travel_left_rad(record: Measured, rig: Rig) -> float:
-    """How far the shaft may go either way, from where it stands, within the window about where it stood at first."""
-    position_rad = record.ticks["position_rad"]
-    stood_rad = position_rad[np.isfinite(position_rad)]
-    return rig.limits.position_rad - abs(float(stood_rad[-1] - stood_rad[0]))
 
 
 def _without_number(result: FitResult) -> list[str]:

@@ -9,9 +9,10 @@ from bench.procedures.knowledge import Knowledge, Plan, require_model
 from bench.procedures.makers import imposed, zero_torque
 from bench.procedures.options import ValidateOptions
 from bench.procedures.waves import hold
+from bench.procedures.within import Sized, bounds_of, free_within, imposed_within, words_for
 from bench.records import Measured
 from bench.rig.rig import Rig
-from bench.segments import Use
+from bench.segments import FloatArray, Use
 
 REST_S = 0.4
 IMPOSED_AMPLITUDE = 0.4
@@ -33,16 +34,32 @@ class ValidateProcedure:
         return parts * (self.options.duration_s + REST_S)
 
     def plan(self, known: Knowledge) -> Plan:
-        seed, tick_s, rig = self.options.seed, known.tick_s, known.rig
+        tick_s, rig = known.tick_s, known.rig
         if rig.wiring.load is not None or rig.wiring.shaft == "free":
-            command = command_multisine(known, known.span(), self.options.duration_s, seed)
+            command = self._free(known)
+            command = free_within(bounds_of(known), command) * command
             yield zero_torque(self.name, "free multisine", Use.VALIDATE, command, rig)
             yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
         if rig.wiring.load is not None:
-            motion = imposed_multisine(known, IMPOSED_AMPLITUDE, self.options.duration_s, seed + 1)
-            command = command_multisine(known, known.span(), self.options.duration_s, seed + 2)
-            yield imposed(self.name, "imposed multisine", Use.VALIDATE, command, motion)
+            sized = self._imposed(known)
+            yield imposed(self.name, "imposed multisine", Use.VALIDATE, sized.command, sized.motion)
             yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
+
+    def spared(self, known: Knowledge) -> tuple[str, ...]:
+        free = free_within(bounds_of(known), self._free(known))
+        driven = self._imposed(known).share if known.rig.wiring.load is not None else 1.0
+        return (
+            *words_for(f"{self.name}, free multisine:", free),
+            *words_for(f"{self.name}, imposed multisine:", driven),
+        )
+
+    def _free(self, known: Knowledge) -> FloatArray:
+        return command_multisine(known, known.span(), self.options.duration_s, self.options.seed)
+
+    def _imposed(self, known: Knowledge) -> Sized:
+        motion = imposed_multisine(known, IMPOSED_AMPLITUDE, self.options.duration_s, self.options.seed + 1)
+        command = command_multisine(known, known.span(), self.options.duration_s, self.options.seed + 2)
+        return imposed_within(bounds_of(known), command, motion)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known

@@ -178,10 +178,20 @@ def test_the_load_is_fitted_by_the_same_core():
     assert found.position_resolution_rad == pytest.approx(2 * np.pi / 131072, rel=1e-3)
 
 
-def test_a_load_shaken_against_an_idle_actuator_tells_nothing():
+@pytest.mark.parametrize("noise_nm", [1e-3, 8e-3])
+def test_a_load_shaken_against_an_idle_actuator_tells_nothing(noise_nm):
     """The idle actuator answers the motion as the load does: the torque between them sets no scale."""
     with pytest.raises(ExperimentError, match="command the actuator too"):
-        fit_load(synthetic.calibration(1, share=0.0), TICK_S)
+        fit_load(synthetic.calibration(1, bench=Bench(noise_nm=noise_nm), share=0.0), TICK_S)
+
+
+def test_a_noisy_sensor_widens_the_loads_interval_and_hides_no_scale():
+    found = fit_load(synthetic.calibration(2, bench=Bench(noise_nm=8e-3)), TICK_S)
+    for name in ("torque_gain", "inertia", "coulomb_torque"):
+        estimate = found.result.estimate(name)
+        assert estimate.status is Status.VALID
+        assert abs(estimate.value - getattr(LOAD, name)) < 3.0 * estimate.std
+        assert estimate.std < 0.05 * estimate.value
 
 
 @pytest.mark.parametrize(
