@@ -23,6 +23,7 @@ import numpy as np
 from bench.control.admittance import AdmittanceController
 from bench.control.calibration import LoadCalibration
 from bench.control.preview import with_preview
+from bench.identification.fit import PHYSICAL
 from bench.identification.trials import TRIAL
 from bench.loop.alignment import Alignment
 from bench.loop.devices import open_devices
@@ -48,7 +49,7 @@ from sim_backend.truth import read_truth
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 STIFFNESSES_NM_RAD = (50, 200, 1000)
-NETWORK_ERRORS = (0.01, 0.03)
+NETWORK_ERRORS = (0.005, 0.02)
 # Bands and amplitudes of the actuator's command; with the first the undriven port sees about 13 mN m.
 COMMANDS = {"3 Hz": (3.0, 0.08), "3 Hz, stronger": (3.0, 0.1), "10 Hz": (10.0, 0.1)}
 DURATION_S = 8.0
@@ -64,7 +65,7 @@ class PlainPI:
     lead_ticks: int = 0
     _integral_nm: float = 0.0
 
-    def begin(self, sample: Sample, admittance: object, *, trusting: bool = False) -> None:
+    def begin(self, sample: Sample, admittance: object, *, mends_rad_s: float | None = None) -> None:
         self._integral_nm = 0.0
 
     def observe(self, sample: Sample) -> None:
@@ -190,7 +191,7 @@ def measure(bench: Benchmark, low_pass_hz: float, amplitude: float) -> dict[str,
     for error in NETWORK_ERRORS:
         network = nearly_true_network(bench.rig, error)
         seen = with_preview(zero, network, bench.calibration, bench.actuator_delay_s, tick_s)
-        found[f"preview, network {error:.0%} off, trusted"] = bench.rms_nm(replace(seen, trusted=True), controller)
+        found[f"preview, network {error:.1%} off"] = bench.rms_nm(seen, controller)
     return found
 
 
@@ -199,7 +200,8 @@ def nearly_true_network(rig: Rig, error: float) -> NortonNetwork:
     motor = read_truth(rig.simulated, seed=None, place=rig.place).actuator.motor
     true = np.array([motor.Km * motor.Ka, motor.beta, motor.Im, motor.B, motor.tau_c, motor.sigma_0, motor.sigma_1])
     off: FloatArray = true * (1 + error * np.random.default_rng(3).choice([-1.0, 1.0], len(true)))
-    return NortonNetwork(*off.tolist(), command_unit=rig.command.unit)
+    covariance = tuple(map(tuple, np.diag((error * true) ** 2).tolist()))
+    return NortonNetwork(*off.tolist(), command_unit=rig.command.unit, covariance_names=PHYSICAL, covariance=covariance)
 
 
 def decibels(undriven_nm: float, rms_nm: float) -> float:

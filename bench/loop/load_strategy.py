@@ -65,7 +65,7 @@ class Imposed:
         self._now_index = 0
 
     def begin(self, sample: Sample) -> None:
-        self.controller.begin(sample, self.segment.admittance, trusting=self.segment.trusted)
+        self.controller.begin(sample, self.segment.admittance, mends_rad_s=self.segment.mends_rad_s)
 
     def wish(self, sample: Sample, index: int) -> float:
         return self.controller.update(sample, self.target(index), self._made(index + self._lead_ticks))
