@@ -65,7 +65,9 @@ class PlainPI:
     lead_ticks: int = 0
     _integral_nm: float = 0.0
 
-    def begin(self, sample: Sample, admittance: object, *, mends_rad_s: float | None = None) -> None:
+    def begin(
+        self, sample: Sample, admittance: object, *, leads: bool = False, mends_rad_s: float | None = None
+    ) -> None:
         self._integral_nm = 0.0
 
     def observe(self, sample: Sample) -> None:

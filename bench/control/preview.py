@@ -53,14 +53,24 @@ def with_preview(
         longest_step_s=LONGEST_STEP_S,
         friction_torque_nm=min(max(left_nm, -coulomb_nm), coulomb_nm),
     )
+    slows = trusted(network) and not holds(segment.command)
     return replace(
         segment,
         position_rad=delayed(position, tick_s, delay_s),
         velocity_rad_s=delayed(velocity, tick_s, delay_s),
         acceleration_rad_s2=delayed(acceleration, tick_s, delay_s),
         preview=True,
-        mends_rad_s=_mending(network, calibration, velocity, acceleration, tick_s) if trusted(network) else None,
+        mends_rad_s=_mending(network, calibration, velocity, acceleration, tick_s) if slows else None,
     )
+
+
+def holds(command: FloatArray) -> bool:
+    """Whether a command (ticks,) stands still most of the time.
+
+    Its mean torque over each level is then what counts, to which the noise of quick feedback adds nothing, for the
+    integral makes the mean of the readings zero; slow feedback would leave in it what the steps between them left.
+    """
+    return bool(2 * np.count_nonzero(np.diff(command)) < len(command))
 
 
 def _mending(

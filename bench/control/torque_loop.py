@@ -23,15 +23,19 @@ class TorqueLoop:
     tick_s: float
     turn_rad: float
     play_rad: float
+    slow: float = 1.0
     _torque_nm: float = field(default=0.0, init=False)
     _damping_nm: float = field(default=0.0, init=False)
     _turned_at_rad: float = field(default=0.0, init=False)
     _farthest_rad: float = field(default=0.0, init=False)
+    _began_rad: float = field(default=0.0, init=False)
+    _reach_rad: float = field(default=0.0, init=False)
 
     def begin(self, torque_nm: float, position_rad: float, velocity_rad_s: float) -> None:
         """Sticking where the shaft is at rest; one that moves has slid, and its damping ended long ago."""
         self._torque_nm = torque_nm
         self._turned_at_rad, self._farthest_rad = position_rad - MOVING_S * velocity_rad_s, position_rad
+        self._began_rad, self._reach_rad = position_rad, 0.0
         self._damping_nm = -self._sticking(position_rad) * self.gains.damping_nms_rad * velocity_rad_s
 
     def change_nm(self, torque_nm: float, position_rad: float, velocity_rad_s: float, *, bold: bool) -> float:
@@ -40,10 +44,15 @@ class TorqueLoop:
         sticking = self._sticking(position_rad)
         boost = self.gains.boost + (1 - self.gains.boost) * sticking if bold else 1.0
         rise_nm, self._torque_nm = torque_nm - self._torque_nm, torque_nm
-        damping_nm = -sticking * self.gains.damping_nms_rad * velocity_rad_s
+        share = self._share(position_rad)
+        damping_nm = -share * sticking * self.gains.damping_nms_rad * velocity_rad_s
         damped_nm, self._damping_nm = damping_nm - self._damping_nm, damping_nm
         feedback_nm = self.gains.proportional * rise_nm + self.gains.integral_per_s * self.tick_s * torque_nm
-        return boost * feedback_nm + damped_nm
+        return share * boost * feedback_nm + damped_nm
+
+    def _share(self, position_rad: float) -> float:
+        self._reach_rad = max(self._reach_rad, abs(position_rad - self._began_rad))
+        return self.slow + (1 - self.slow) * exp(-self._reach_rad / self.turn_rad)
 
     def _sticking(self, position_rad: float) -> float:
         return exp(-abs(position_rad - self._turned_at_rad) / self.turn_rad)
@@ -57,12 +66,10 @@ class TorqueLoop:
             self._turned_at_rad, self._farthest_rad = self._farthest_rad, position_rad
 
 
-def slowed(gains: TorqueGains, calibration: LoadCalibration, rate_rad_s: float) -> TorqueGains:
-    """``gains`` made smaller by one factor, so that a standing torque at the port decays at ``rate_rad_s``.
+def slow_share(gains: TorqueGains, calibration: LoadCalibration, rate_rad_s: float) -> float:
+    """The share of ``gains`` with which a standing torque at the port decays at ``rate_rad_s``; 1 at most.
 
     That rate is the integral gain times what of a standing command the port sees. While both contacts slide that is
-    the actuator's share of the damping, while one sticks all of it: all of it is reckoned with. Gains are never made
-    greater, and never boosted.
+    the actuator's share of the damping, while one sticks all of it: all of it is reckoned with.
     """
-    share = min(rate_rad_s / (gains.integral_per_s * calibration.torque_gain), 1.0)
-    return TorqueGains(share * gains.proportional, share * gains.integral_per_s, 1.0, share * gains.damping_nms_rad)
+    return min(rate_rad_s / (gains.integral_per_s * calibration.torque_gain), 1.0)

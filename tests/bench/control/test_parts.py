@@ -23,7 +23,7 @@ from bench.control.preview import (
     with_preview,
 )
 from bench.control.reference import continued
-from bench.control.torque_loop import TorqueLoop, slowed
+from bench.control.torque_loop import TorqueLoop, slow_share
 from bench.control.virtual import VirtualBody
 from bench.errors import ExperimentError
 from bench.models.network import NortonNetwork
@@ -244,26 +244,38 @@ def test_a_clock_that_lost_its_device_begins_anew() -> None:
     assert dated(np.concatenate([1e-3 * np.arange(500), returned_s]))[500:] == pytest.approx(returned_s, abs=2e-5)
 
 
+GAINS = TorqueGains(0.3, 300.0, 1.0, 0.01)
+
+
 def test_slow_feedback_takes_a_standing_torque_away_at_its_rate_and_lets_less_noise_in() -> None:
-    """A shaft that sticks: the port sees the whole command. Noise makes the torque wander by σ √(ω T / 2)."""
+    """A shaft that has slid and then stands: the port sees the whole command. Noise makes the torque wander by
+    σ √(ω T / 2)."""
     rate_rad_s, noise_nm, random = 10.0, 1e-3, np.random.default_rng(2)
-    gains = slowed(TorqueGains(0.3, 300.0, 2.0, 0.01), CALIBRATION, rate_rad_s)
-    loop = TorqueLoop(gains, TICK_S, turn_rad=0.01, play_rad=1e-4)
-    loop.begin(0.01, 1.0, 0.0)
+    slow = slow_share(GAINS, CALIBRATION, rate_rad_s)
+    loop = TorqueLoop(GAINS, TICK_S, turn_rad=0.01, play_rad=1e-4, slow=slow)
+    loop.begin(0.01, 0.0, 0.0)
     command, torque = 0.0, []
     for noise in random.normal(0.0, noise_nm, 20_000):
         torque.append(0.01 - CALIBRATION.torque_gain * command)
-        command += loop.change_nm(torque[-1] + noise, 1.0, 0.0, bold=True)
+        command += loop.change_nm(torque[-1] + noise, 1.0, 0.0, bold=False)
     assert torque[100] == pytest.approx(0.01 * np.exp(-1.0), abs=1e-3)
-    # 100 times the memory of 0.1 s after the standing torque is gone: the deviation is known to a tenth or so.
+    # So many times the memory of 0.1 s that the deviation is known to a tenth or so.
     wander_nm = noise_nm * np.sqrt(0.5 * rate_rad_s * TICK_S)
     assert np.std(torque[1000:]) == pytest.approx(wander_nm, rel=0.3)
     assert abs(np.mean(torque[1000:])) < 4 * noise_nm / np.sqrt(19_000)
 
 
+def test_slow_feedback_begins_as_quick_as_designed_until_the_contacts_have_slid() -> None:
+    slow, quick = (TorqueLoop(GAINS, TICK_S, turn_rad=0.01, play_rad=1e-4, slow=share) for share in (0.02, 1.0))
+    for loop in (slow, quick):
+        loop.begin(0.0, 0.0, 0.0)
+    assert slow.change_nm(1e-3, 0.0, 0.0, bold=False) == quick.change_nm(1e-3, 0.0, 0.0, bold=False)
+    far_slow, far_quick = (loop.change_nm(2e-3, 0.2, 0.0, bold=False) for loop in (slow, quick))
+    assert far_slow == pytest.approx(0.02 * far_quick, rel=1e-6)
+
+
 def test_slow_feedback_is_never_quicker_than_the_design() -> None:
-    gains = TorqueGains(0.3, 300.0, 1.0, 0.01)
-    assert slowed(gains, CALIBRATION, 1e6) == gains
+    assert slow_share(GAINS, CALIBRATION, 1e6) == 1.0
 
 
 def test_the_more_noise_the_slower_what_is_foreseen_is_mended() -> None:
