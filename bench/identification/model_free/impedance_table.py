@@ -80,7 +80,7 @@ class ImpedanceTable:
         """How steeply torque falls with velocity there [N m s/rad], and the deviation of that: straight lines between
         the middles of neighbouring cells on the velocity's own side of rest, and level beyond them.
 
-        NaN where a side has no two columns, or a cell around is empty.
+        NaN where a side has no two columns; the slope is, where a cell around is empty.
         """
         side = 1.0 if velocity_rad_s > 0 else -1.0
         columns = np.flatnonzero(side * self.velocity_rad_s > 0)
