@@ -16,7 +16,7 @@ from bench.identification.coupling import Coupling
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
-from bench.identification.results import Cogging, FitResult, Trace
+from bench.identification.results import Cogging, FitResult, TorqueZero, Trace
 from bench.identification.separable import Solution, limits, linear_solution, solve
 from bench.identification.signals import Port, Signals, signals
 from bench.identification.soundness.doubts import Doubt, doubts, status_of
@@ -225,6 +225,7 @@ def _result(
         cogging=_cogging(solution, to_torque),
         torque_bias_nm=_bias(solution),
         repeated_std=repeated_std,
+        torque_zero=_zero(solution),
         verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
     )
 
@@ -277,6 +278,17 @@ def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) ->
 def _bias(solution: Solution) -> float:
     """The mean of the bias's hats, which follow the five linear unknowns and the pairs of the cogging."""
     return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + 2 * len(solution.regression.cogging) :]))
+
+
+def _zero(solution: Solution) -> TorqueZero | None:
+    """The bias's hats; None where no torque was fitted."""
+    if solution.free_motion:
+        return None
+    time_s, unknowns = solution.regression.time_s(), len(solution.linear)
+    first = 5 + 2 * len(solution.regression.cogging)
+    covariance = sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
+    knots_s = np.linspace(np.min(time_s), np.max(time_s), unknowns - first)  # as `hats` has them
+    return TorqueZero(knots_s, solution.linear[first:], covariance[first:unknowns, first:unknowns])
 
 
 def _without_scale(estimate: Estimate) -> Estimate:

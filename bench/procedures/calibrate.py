@@ -140,6 +140,8 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         actuator_inertia_kgm2=first_inertia_kgm2(actuator),
         actuator_friction=first_friction(actuator),
         weight_nm=fit.weight_nm,
+        covariance_names=network.covariance_names,
+        covariance=network.covariance,
     )
 
 

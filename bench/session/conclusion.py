@@ -17,6 +17,7 @@ from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
 from bench.identification.ladder import Rung
 from bench.identification.load import coupling_of
+from bench.identification.model_free.port_torque import PortTorque
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
 from bench.identification.residuals.diagnosis import ResidualTests, diagnose
@@ -131,7 +132,6 @@ def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, st
     told = believed.measured
     found = replace(
         found,
-        source_map=_where_measured(source_map, told),
         blocked_map=_where_measured(blocked_map, told),
         source=_where_measured(source_table, told),
         exertion=_where_measured(partial(exertion_table, tick_s=tick_s), told),
@@ -139,7 +139,8 @@ def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, st
         trials=trials(measured, tick_s, ITERATED),
     )
     if metadata.get("model") == NO_MODEL:
-        return replace(found, conditions=tabulated_conditions(found.source, found.exertion))
+        judged = tabulated_conditions(found.source, found.exertion)
+        return replace(found, source_map=_where_measured(source_map, told), conditions=judged)
     return _fitted(found, believed, metadata, network)
 
 
@@ -153,11 +154,15 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
     readings = Readings(believed.measured, tick_s, Use.IDENTIFY, coupling=coupling)
     result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings)
     checked = _where_measured(partial(validate_signals, result, unseen), segments) if unseen else None
-    modelless, static = without_model(result, stretches, unseen, segments), found.source_map
+    modelless = without_model(result, stretches, unseen, segments)
+    table = None if modelless is None else modelless.table
+    port = PortTorque.of(result, table, stretches[0].origin_ns)
+    static = _where_measured(partial(source_map, port=port), believed.measured)
     evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
     return replace(
         found,
         fit=result,
+        source_map=static,
         validation=checked,
         without_model=modelless,
         residuals=diagnose(result, stretches),
