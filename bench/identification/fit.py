@@ -197,6 +197,7 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
         cogging=_cogging(solution, to_torque),
         torque_bias_nm=_bias(solution),
         verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
+        doubted=doubted,
     )
 
 

@@ -12,9 +12,11 @@ from bench.errors import ExperimentError, UsageError
 from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
 from bench.identification.ambiguity.tabulated import tabulated_conditions
 from bench.identification.bench_ladder import bench_ladder
+from bench.identification.bounds import beyond_bounds, possible
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
 from bench.identification.ladder import Rung
+from bench.identification.model_error import ModelError, expanded, judged, model_error
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
 from bench.identification.residuals.diagnosis import ResidualTests, diagnose
@@ -52,6 +54,7 @@ class Conclusion:
 
     fit: FitResult | None = None
     validation: Validation | None = None
+    model_error: ModelError | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
     without_model: WithoutModel | None = None
@@ -103,6 +106,7 @@ def conclude(
         metadata=about,
         fit=found.fit,
         validation=found.validation,
+        model_error=found.model_error,
         source_map=found.source_map,
         blocked_map=found.blocked_map,
         source=found.source,
@@ -147,14 +151,19 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
     stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
     validates = any(segment.use is Use.VALIDATE for segment in segments)
     unseen, findings = _unseen(believed, tick_s) if validates else ((), believed.findings)
-    result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings)
-    checked = _where_measured(partial(validate_signals, result, unseen), segments) if unseen else None
+    fit = possible(fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings))
+    at = expanded(fit, stretches, unseen)
+    error = None if at is None else model_error(fit, at, stretches, unseen, believed.measured)
+    result = judged(fit, error)
+    zero = None if at is None else at.zero
+    checked = _where_measured(partial(validate_signals, result, unseen, zero=zero), segments) if unseen else None
     modelless, static = without_model(result, stretches, unseen, segments), found.source_map
     evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
     return replace(
         found,
         fit=result,
         validation=checked,
+        model_error=error,
         without_model=modelless,
         residuals=diagnose(result, stretches),
         conditions=conditions(evidence),
@@ -180,8 +189,9 @@ def _where_measured(result_of: Callable[[Part], Result], measured: Part) -> Resu
 
 
 def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path | None:
-    """The network file; none where the data contradict themselves: a file is used without its verdict."""
-    if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates):
+    """The network file; none where the data contradict themselves, or no machine has such values: a file is used
+    without its verdict."""
+    if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates) or beyond_bounds(result.network):
         return None
     result.network.with_provenance(provenance).save(path)
     return path
