@@ -13,8 +13,8 @@ UNITS = {"velocity": "rad/s", "acceleration": "rad/s^2"}
 class PredictionError:
     """What the rms error over some seconds of a motion not seen before stays below, in ``level`` of such stretches.
 
-    ``torque_nm`` under a measured motion, ``velocity_rad_s`` of the free motion under a command; NaN where nothing told of
-    it. Neither the sensors' noise nor their zero is in them. ``ranges`` has, for "velocity" [rad/s], "acceleration"
+    ``torque_nm`` under a measured motion, ``velocity_rad_s`` of the free motion under a command; NaN where it was not
+    seen. Neither the sensors' noise nor their zero is in them. ``ranges`` has, for "velocity" [rad/s], "acceleration"
     [rad/s²] and "command" [its unit], the least and the greatest value that they were seen with: they hold within.
     """
 
