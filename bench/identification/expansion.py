@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from bench.identification.fit import PHYSICAL
 from bench.identification.information import Linearised
+from bench.identification.kernels import Kernel
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Memory, Regression
 from bench.identification.results import FitResult
 from bench.identification.sensor_zero import SensorZero
@@ -51,6 +52,7 @@ class Expansion:
     fitted: npt.NDArray[np.bool_]
     knots_s: FloatArray  # of the hats
     noise_nm2: float  # variance that the readings' own errors leave in the residual
+    unknown_nm2: float  # and that instants known to within a tick, and places known to within a count, may leave
 
     @classmethod
     def of(cls, result: FitResult, fitted: Sequence[Signals], unseen: Sequence[Signals]) -> "Expansion":
@@ -86,6 +88,8 @@ class Expansion:
             fitted=np.arange(predicted.size) < count,
             knots_s=knots_s,
             noise_nm2=float(np.average(noise, axis=0, weights=weights) @ carried),
+            unknown_nm2=_unknown(slopes[-2:], fitted[0].tick_s, at.band)
+            + _within_counts(at, -columns[COULOMB], -columns[VISCOUS], max(each.count_rad for each in fitted)),
         )
 
     @property
@@ -131,6 +135,17 @@ class Expansion:
             "presliding_damping": relative[DAMPING],
         }
         return np.array([by_name[name] for name in PHYSICAL])
+
+
+def _unknown(slopes: FloatArray, tick_s: float, band: Kernel) -> float:
+    """The variance that instants make which lie anywhere within a tick, from the slopes with both delays (2, n)."""
+    return float(np.sum(np.mean(slopes**2, axis=1))) * tick_s**2 / 12 * band.energy(0)
+
+
+def _within_counts(at: Linearised, friction: FloatArray, velocity: FloatArray, count_rad: float) -> float:
+    """The variance that places make which lie anywhere within a count: the contact is as stiff there as dh/dx says."""
+    slope = at.network.presliding_stiffness_nm_rad * (1.0 - np.sign(velocity) * friction)
+    return float(np.mean(slope**2)) * count_rad**2 / 12
 
 
 @dataclass(frozen=True)

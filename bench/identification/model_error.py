@@ -59,6 +59,7 @@ class ModelError:
     """``rms_nm`` is what the network leaves of the torque on segments that its values were not fitted to, beyond the
     ``noise_nm`` of the readings; ``left_nm`` the same, were all ``departures`` in the model.
 
+    It is ``unexplained`` where most of that is neither noise nor what ticks and counts leave open.
     ``spread`` (7,) is how far each of fit.PHYSICAL moves, relative, when segments are left out one by one (jackknife).
     """
 
@@ -68,12 +69,8 @@ class ModelError:
     departures: tuple[Departure, ...]
     spread: FloatArray
     zero: Zero
+    unexplained: bool = False
     prediction: PredictionError = field(default_factory=PredictionError)
-
-    @property
-    def unexplained(self) -> bool:
-        """Whether more is left than noise and all that was named."""
-        return _mostly(self.left_nm**2, self.noise_nm**2)
 
     @property
     def change(self) -> FloatArray:
@@ -82,9 +79,11 @@ class ModelError:
 
 
 def expanded(result: FitResult, fitted: Sequence[Signals], unseen: Sequence[Signals]) -> Expansion | None:
-    """The equation about a fit to ``fitted``; None where torque tells no scale, or there is nothing to build upon."""
-    signals = (*fitted, *unseen)
-    if result.ratios_only or not result.converged or any(each.torque_nm is None for each in signals):
+    """The equation about a fit to ``fitted``; None where torque tells no scale, or the friction is none.
+
+    A fit that did not converge has one too: what the model lacks may be why.
+    """
+    if result.ratios_only or any(each.torque_nm is None for each in (*fitted, *unseen)):
         return None
     if min(result.network.coulomb_torque_nm, result.network.presliding_stiffness_nm_rad) <= 0.0:
         return None
@@ -105,6 +104,7 @@ def model_error(
         rms_nm=float(np.sqrt(beyond)),
         noise_nm=float(np.sqrt(noise_nm2)),
         left_nm=float(np.sqrt(max(left - noise_nm2, 0.0))),
+        unexplained=_mostly_no_noise(at, left),
         departures=found,
         spread=_spread(at),
         zero=zero,
@@ -114,12 +114,12 @@ def model_error(
 
 def _told_apart(at: Expansion, found: tuple[Departure, ...]) -> tuple[Departure, ...]:
     """Only the first where all of them leave more than noise: what comes next may be what its terms left of it."""
-    return found[:1] if found and _mostly(found[-1].left_nm ** 2 - at.noise_nm2, at.noise_nm2) else found
+    return found[:1] if found and _mostly_no_noise(at, found[-1].left_nm ** 2) else found
 
 
-def _mostly(left_nm2: float, noise_nm2: float) -> bool:
-    """Whether more than UNEXPLAINED of what is left is no noise."""
-    return left_nm2 > UNEXPLAINED * (left_nm2 + noise_nm2)
+def _mostly_no_noise(at: Expansion, left_nm2: float) -> bool:
+    """Whether more than UNEXPLAINED of the mean square left is neither noise nor what ticks and counts leave open."""
+    return (1 - UNEXPLAINED) * left_nm2 > at.noise_nm2 + at.unknown_nm2
 
 
 def bound(mean_squares: FloatArray) -> tuple[float, float]:

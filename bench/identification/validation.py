@@ -65,11 +65,12 @@ def network_trace(
     """Torque under the measured motion by the network alone: whatever else a fit found (cogging, say) stays in between.
 
     The friction's state after a rest is not predicted, nor is the sensor's slow zero, unless it is given: then it is
-    taken off the torque, and nothing is fitted here but that state. ``free_motion`` compares what the
-    network makes of the acceleration instead, as a torque per unit of torque gain: for networks that know only ratios.
+    taken off the torque, nothing is fitted here but that state, and all is seen in the band of the fit. ``free_motion``
+    compares what the network makes of the acceleration instead, as a torque per unit of torque gain: for networks that
+    know only ratios.
     """
     network = result.network
-    regression = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
+    regression = Regression.of(stretches, FULL_BAND if zero is None else result.band, free_motion=free_motion)
     s = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
     command_delay_s = result.command_delay_s + (result.motion_delay_s if free_motion else 0.0)
     columns, memory = regression.columns(

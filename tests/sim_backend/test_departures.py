@@ -49,7 +49,7 @@ def test_none_is_the_papers_motor():
 
 def test_friction_falls_with_speed():
     speed = steady(0.03, stribeck=Stribeck(drop=0.3, velocity="2 rad/s"))
-    assert GAIN * 0.03 == pytest.approx(DAMPING * speed + COULOMB * (1 - 0.3 * (1 - math.exp(-((speed / 2) ** 2)))))
+    assert pytest.approx(DAMPING * speed + COULOMB * (1 - 0.3 * (1 - math.exp(-((speed / 2) ** 2))))) == GAIN * 0.03
 
 
 @pytest.mark.parametrize(("command", "factor"), [(0.06, 1.1), (-0.06, 0.9)])
@@ -60,7 +60,7 @@ def test_friction_depends_on_the_direction(command, factor):
 
 def test_damping_grows_with_speed():
     speed = steady(0.06, quadratic_drag="3e-6 N*m*s^2/rad^2")
-    assert GAIN * 0.06 == pytest.approx(COULOMB + DAMPING * speed + 3e-6 * speed**2, rel=1e-6)
+    assert pytest.approx(COULOMB + DAMPING * speed + 3e-6 * speed**2, rel=1e-6) == GAIN * 0.06
 
 
 def test_the_torque_saturates():

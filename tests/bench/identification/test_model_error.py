@@ -113,7 +113,7 @@ def test_what_only_looked_like_a_change_is_no_longer_said(result, error):
 
 
 def test_more_than_noise_that_nothing_explains_spoils_all(result, error):
-    told = judged(result, replace(error, left_nm=1.01 * error.noise_nm))
+    told = judged(result, replace(error, unexplained=True))
     assert all(each.status is Status.INADEQUATE for each in told.estimates)
     assert "nothing that was looked at explains it" in told.verdict[0]
 
