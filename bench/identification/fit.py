@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
+from bench.identification.bootstrap import DRAWS, Readings, scatter_of
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
@@ -36,29 +37,24 @@ PHYSICAL = (
     "presliding_stiffness",
     "presliding_damping",
 )
-# What no residual shows: friction sees the motion between readings and within counts, the fit does not.
-# Relative deviations, from errors made on simulated benches of many true values (docs/identification.md).
-# Coarser counts than those benches', against the way in which friction builds up, hide more of it in proportion.
-USUAL_COUNT = 0.025  # presliding lengths
-GROW_WITH_COUNTS = ("presliding_stiffness", "presliding_damping")
-MODEL_ERROR = {
-    "viscous_damping": 0.0001,
-    "coulomb_torque": 0.0001,
-    "presliding_stiffness": 0.001,
-    "presliding_damping": 0.002,
-}
-# Of readings whose own age is not known, per second of it: an average over their ages is right on average only.
-HELD_ERROR_PER_S = {"amplifier_bandwidth": 15.0, "inertia": 2.0, "presliding_damping": 20.0}
 # What free motion tells only as a ratio to the torque gain.
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 # The command must explain this many times what nothing explains, or the port's torque sets no scale.
 LEAST_EVIDENCE = 5.0
 
 
-def fit(measured: Measured, *, command_unit: str, tick_s: float, use: Use = Use.IDENTIFY) -> FitResult:
-    """Fit the actuator to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit."""
+def fit(
+    measured: Measured, *, command_unit: str, tick_s: float, use: Use = Use.IDENTIFY, draws: int = DRAWS
+) -> FitResult:
+    """Fit the actuator to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit.
+
+    ``draws`` records are simulated for the deviations (:mod:`bench.identification.bootstrap`); with none of them the
+    fit takes a tenth of the time, and the deviations hold only what its residual shows.
+    """
     believed = sound(measured)
-    return fit_signals(signals(believed.measured, tick_s, use), command_unit=command_unit, findings=believed.findings)
+    stretches = signals(believed.measured, tick_s, use)
+    readings = Readings(believed.measured, tick_s, use, draws) if draws else None
+    return fit_signals(stretches, command_unit=command_unit, findings=believed.findings, readings=readings)
 
 
 def fit_signals(
@@ -68,10 +64,12 @@ def fit_signals(
     port: Port = Port.ACTUATOR,
     findings: Findings = NOTHING_FOUND,
     cogging: tuple[float, ...] = (),
+    readings: Readings | None = None,
 ) -> FitResult:
     """The same, from signals that stand on one grid already, and what was found when they were made.
 
     ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
+    ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows.
     Raises ExperimentError where no command was given.
     """
     if not any(np.ptp(stretch.command) > 0.0 for stretch in stretches):
@@ -86,7 +84,7 @@ def fit_signals(
         )
     if measured and scale_evidence(solution) < LEAST_EVIDENCE:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
-    return _result(stretches, solution, command_unit, findings)
+    return _result(stretches, solution, command_unit, findings, None if doubtful else readings)
 
 
 def scale_evidence(solution: Solution) -> float:
@@ -122,18 +120,7 @@ def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatA
     for position, unknown in enumerate(solution.free):
         row, slope = slopes[unknown]
         gradient[row, columns + position] = slope
-    unseen = _unseen(solution) * np.abs(ordered)
-    return ordered, gradient @ covariance @ gradient.T + np.diag(unseen**2)
-
-
-def _unseen(solution: Solution) -> FloatArray:
-    """Relative deviations that no residual shows, in the order of :func:`physical`, shape (9,)."""
-    step_rad = max(rows.signals.position_step_rad for rows in solution.regression.rows)
-    coarser = max(1.0, step_rad * solution.shape.s_per_rad / USUAL_COUNT)
-    deviations = [MODEL_ERROR.get(name, 0.0) * (coarser if name in GROW_WITH_COUNTS else 1.0) for name in PHYSICAL]
-    held_s = max(rows.signals.torque_averaging_s for rows in solution.regression.rows)
-    held = [HELD_ERROR_PER_S.get(name, 0.0) * held_s for name in PHYSICAL]
-    return np.array([*np.hypot(deviations, held), 0.0, 0.0])
+    return ordered, gradient @ covariance @ gradient.T
 
 
 def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
@@ -162,10 +149,22 @@ class _Found:
     has_current: bool
 
 
-def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: str, findings: Findings) -> FitResult:
+def _result(
+    stretches: tuple[Signals, ...],
+    solution: Solution,
+    command_unit: str,
+    findings: Findings,
+    readings: Readings | None,
+) -> FitResult:
     regression = solution.regression
     target = regression.target()
     values, covariance = physical(solution, regression.time_s())
+    repeated_std: dict[str, float] = {}
+    # Free motion is not simulated: its torque is nil, and what is measured of it follows from nothing else.
+    if readings is not None and solution.converged and not solution.free_motion:
+        scatter = scatter_of(readings, stretches, solution, physical)
+        repeated_std = dict(zip(PHYSICAL, scatter.bias_std(values).tolist(), strict=False))
+        values, covariance = scatter.applied(values, covariance)
     deviations = np.sqrt(np.diag(covariance))
     doubted = (
         *(Doubt(sentence) for sentence in findings.doubts),
@@ -196,6 +195,7 @@ def _result(stretches: tuple[Signals, ...], solution: Solution, command_unit: st
         band=regression.rows[0].kernel,
         cogging=_cogging(solution, to_torque),
         torque_bias_nm=_bias(solution),
+        repeated_std=repeated_std,
         verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
         doubted=doubted,
     )

@@ -1,5 +1,6 @@
 """What an identification says: estimates with their confidence, residuals, and what the data cannot tell."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,6 +59,8 @@ class FitResult:
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
     doubted: tuple[Doubt, ...] = ()  # what of the verdict makes estimates doubtful
+    # By name, the part of an estimate's deviation that every session of the same bench repeats.
+    repeated_std: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def doubtful(self) -> bool:

@@ -100,6 +100,17 @@ def solve(
     return _with_cogging(_iterate(counted, solution.shape, within=CONVERGED_STEP), within=CONVERGED_STEP)
 
 
+def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
+    """The same fit of another record of the same experiment, whose solution is ``near``: same band, same cogging."""
+    before = near.regression
+    regression = Regression.of(
+        stretches, before.rows[0].kernel, free_motion=before.free_motion, cogging=before.cogging
+    ).recounted(near.shape)
+    at = _At.of(regression, near.shape)
+    white = regression.whitened(near.shape, float(at.linear[COULOMB]), at.residual)
+    return _iterate(white, near.shape, within=CONVERGED_STEP)
+
+
 def told(stretches: Sequence[Signals], band: Kernel) -> Kernel:
     """The part of a band that sensors slower than the loop can tell."""
     periods_s = [(stretch.position_period_s, stretch.torque_period_s) for stretch in stretches]

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification import current
-from bench.identification.fit import MODEL_ERROR, PHYSICAL, network_of
+from bench.identification.fit import PHYSICAL, network_of
 from bench.identification.random_effects import Combined, combine
 from bench.identification.results import FitResult
 from bench.identification.verdict import LOOSE_BEYOND
@@ -16,8 +16,8 @@ from bench.models.parameters import PARAMETERS, Estimate, Status
 
 FloatArray = npt.NDArray[np.float64]
 
-# Relative errors that a fit makes alike in every session of one bench: no average makes them smaller.
-SHARED = {**MODEL_ERROR, "torque_constant": current.FLOOR, "amplifier_gain": current.FLOOR}
+# The relative error of the gain of the drive's own current sensor.
+OF_CURRENT = {"torque_constant": current.FLOOR, "amplifier_gain": current.FLOOR}
 # What chance may name, of all parameters together, as different between sessions where nothing is.
 ALARM = 0.05
 # Probabilities below this say no more than that they are.
@@ -87,7 +87,9 @@ def differing(spreads: Mapping[str, Combined]) -> tuple[str, ...]:
 def _combined(name: str, takers: Sequence[Fitted]) -> Combined:
     estimates = [session.fit.estimate(name) for session in takers]
     values = np.array([each.value for each in estimates])
-    shared = SHARED.get(name, 0.0) * float(np.mean(np.abs(values)))
+    # What a fit makes alike in every session of one bench: no average makes it smaller.
+    repeated = [session.fit.repeated_std.get(name, 0.0) for session in takers]
+    shared = float(np.mean(repeated) + OF_CURRENT.get(name, 0.0) * np.mean(np.abs(values)))
     return combine(values, np.array([each.std for each in estimates]), shared)
 
 

@@ -161,12 +161,18 @@ def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, coun
 
 def stream_of(table: Table, column: str, origin_ns: int) -> Stream:
     """One column of a table of readings, by the device's own clock where it sends its time."""
+    time_s, rows = instants(table, origin_ns)
+    value = np.ascontiguousarray(table[column], dtype=float)
+    return Stream(time_s, value[rows], nominal_period_s(table["arrival_ns"]))
+
+
+def instants(table: Table, origin_ns: int) -> tuple[FloatArray, IntArray]:
+    """When readings were taken [s], and which rows of the table they are: those that are later than the row before."""
     own = table["device_ns"] if "device_ns" in (table.dtype.names or ()) else None
     stamped = own is not None and bool(np.all(own != NO_DEVICE_TIME))
     time_s = sampled_at_s(table["arrival_ns"], own if stamped else None, origin_ns)
-    order = np.concatenate([[True], np.diff(time_s) > 0])
-    value = np.ascontiguousarray(table[column], dtype=float)
-    return Stream(time_s[order], value[order], nominal_period_s(table["arrival_ns"]))
+    rows = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > 0)
+    return time_s[rows], rows
 
 
 def _common_spans(measured: Measured, streams: dict[str, Stream], origin_ns: int) -> list[tuple[float, float]]:

@@ -52,6 +52,12 @@ def sampled_at_s(arrival_ns: IntArray, device_ns: IntArray | None, origin_ns: in
     return times_s
 
 
+def travel_s(arrival_ns: IntArray) -> FloatArray:
+    """How much longer than on average each reading travelled [s], shape (n,), as its arrival tells."""
+    arrival_s = np.asarray((arrival_ns - arrival_ns[0]) * 1e-9, dtype=np.float64)
+    return arrival_s - sampled_at_s(arrival_ns, None, int(arrival_ns[0]))
+
+
 def _usual_span(arrival_ns: IntArray) -> float:
     """The period from blocks of readings without a loss: the median over blocks of their mean step [s]."""
     block = min(64, arrival_ns.size - 1)

@@ -12,6 +12,7 @@ from bench.errors import ExperimentError, UsageError
 from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
 from bench.identification.ambiguity.tabulated import tabulated_conditions
 from bench.identification.bench_ladder import bench_ladder
+from bench.identification.bootstrap import Readings
 from bench.identification.bounds import beyond_bounds, possible
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
@@ -151,7 +152,8 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
     stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
     validates = any(segment.use is Use.VALIDATE for segment in segments)
     unseen, findings = _unseen(believed, tick_s) if validates else ((), believed.findings)
-    fit = possible(fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings))
+    readings = Readings(believed.measured, tick_s, Use.IDENTIFY)
+    fit = possible(fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings))
     at = expanded(fit, stretches, unseen)
     error = None if at is None else model_error(fit, at, stretches, unseen, believed.measured)
     result = judged(fit, error)

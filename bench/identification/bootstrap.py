@@ -1,0 +1,288 @@
+"""Deviations and biases from this bench's own errors: what was identified is simulated, and fitted again.
+
+A parametric bootstrap (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, ch. 6 and 10). The smoothed motion
+is taken for the true one and the fit for the true actuator. The measuring chain is as it was measured: noise and steps
+of the torque readings, counts of the encoder, the instants at which readings are taken, and how unevenly commands
+travel. Each simulated record goes the whole way of the real one, from readings to parameters. The scatter of the
+parameters is their deviation; their mean distance from the values that were put in is their bias.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.stats import t as student
+
+from bench.identification import loops, noise
+from bench.identification.kernels import Kernel
+from bench.identification.quantisation import resolution_rad
+from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS
+from bench.identification.separable import Solution, solve_again
+from bench.identification.signals import FINE, Signals, Stream, instants, signals, stream_of
+from bench.identification.timing import travel_s
+from bench.records import Measured, Table
+from bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+# Values and their covariance from a solution and the instants of its rows: (p,), (p, p).
+Physical = Callable[[Solution, FloatArray], tuple[FloatArray, FloatArray]]
+
+# Simulated records of one fit. The deviation of a parameter is then known to within a fifth; Student's distribution
+# allows for that.
+DRAWS = 12
+NORMAL_95 = 1.96  # deviations
+# The simulated friction follows the path this many times as finely as the fit does.
+FINER = 4
+# Noise is told from errors of the instants by readings in blocks of so many, fast ones and slow ones.
+BLOCK = 100
+# Above half the rate of the readings a shaft's inertia takes the motor's torque up, and the port shows none of it; so
+# nothing is there that sampling could fold down.
+PORT = Kernel(cutoff=0.45, half_width=24.0)
+# What readings tell of a motion without loss, and no more: a shaft does not move faster than that.
+SHAFT = Kernel(cutoff=0.22, half_width=16.0)
+NO_RESTS = np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class ReadingErrors:
+    """Errors of one stream's readings, as measured: independent noise, a step in which values come, and how far the
+    instants at which they are taken scatter."""
+
+    noise: float
+    step: float
+    jitter_s: float
+
+    @classmethod
+    def of(cls, stream: Stream, step: float) -> "ReadingErrors":
+        """The variance of a reading's error is a + b·rate²: b is that of its instant."""
+        squares = np.diff(stream.value, noise.ORDER) ** 2 / noise.VARIANCE
+        rate = np.gradient(stream.value, stream.time_s)[noise.ORDER // 2 : -(noise.ORDER // 2)]
+        count = squares.size // BLOCK
+        if count < noise.FEWEST_BLOCKS:
+            return cls(0.0, step, 0.0)
+        blocks = squares[: count * BLOCK].reshape(count, BLOCK)
+        # The median passes over shocks; for normal errors it is this much of the mean.
+        power = np.median(blocks, axis=1) / noise.NORMAL_MEDIAN_SQUARE
+        speed = np.mean(rate[: count * BLOCK].reshape(count, BLOCK) ** 2, axis=1)
+        constant, slope = _line(speed, power)
+        return cls(float(np.sqrt(max(constant - step**2 / 12, 0.0))), step, float(np.sqrt(slope)))
+
+    def drawn(self, values: FloatArray, rate: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Readings of ``values`` (n,), which change at ``rate`` (n,)."""
+        read = values + self.jitter_s * rate * random.standard_normal(values.size)
+        read += self.noise * random.standard_normal(values.size)
+        if self.step == 0.0:
+            return read
+        zero = self.step * random.uniform()
+        return np.asarray(np.round((read + zero) / self.step) * self.step - zero)
+
+
+def _line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Intercept and slope, neither negative, of values whose scatter goes with their size: shape (n,) each."""
+    constant, slope = float(np.median(y)), 0.0
+    for _ in range(10):
+        weight = 1.0 / np.maximum(constant + slope * x, 1e-30) ** 2
+        mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
+        spread = float(np.average((x - mean_x) ** 2, weights=weight))
+        slope = max(float(np.average((x - mean_x) * (y - mean_y), weights=weight)) / spread, 0.0) if spread > 0 else 0.0
+        constant = mean_y - slope * mean_x
+        if constant < 0.0:
+            constant, slope = 0.0, float(np.average(y, weights=weight) / mean_x)
+    return constant, slope
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One stretch as if the fit were true: its motion, and the torque under that motion without a command.
+
+    ``motion`` is on the motion's clock, ``passive_nm`` (n,) at ``time_s`` on the torque's, FINE times a tick.
+    """
+
+    stretch: Signals
+    motion: BSpline
+    time_s: FloatArray
+    passive_nm: FloatArray
+
+    @classmethod
+    def of(cls, stretch: Signals, solution: Solution) -> "Truth":
+        shape, linear = solution.shape, solution.linear
+        step_s = stretch.tick_s / FINE
+        time_s = stretch.time_s[0] + np.arange(stretch.path_rad.size) * step_s
+        motion = make_interp_spline(time_s, _filtered(stretch.path_rad, SHAFT), k=5)
+        finer_s = time_s[0] + shape.motion_delay_s + np.arange(time_s.size * FINER) * (step_s / FINER)
+        finer_s = np.clip(finer_s, time_s[0], time_s[-1])
+        at_s = finer_s[::FINER]
+        path, velocity, acceleration = motion(at_s), motion(at_s, 1), motion(at_s, 2)
+        h = loops.friction_path(motion(finer_s), shape.s_per_rad, NO_RESTS)[0]
+        rate = np.gradient(h, step_s / FINER) / shape.s_per_rad
+        torque = -linear[INERTIA] * acceleration - linear[VISCOUS] * velocity
+        torque -= linear[COULOMB] * h[::FINER] + linear[DAMPING] * rate[::FINER]
+        for index, periods in enumerate(solution.regression.cogging):
+            cosine, sine = linear[len(LINEAR) + 2 * index : len(LINEAR) + 2 * index + 2]
+            torque += cosine * np.cos(periods * path) + sine * np.sin(periods * path)
+        return cls(stretch, motion, time_s, torque)
+
+    def torque(self, solution: Solution, travel_s: FloatArray) -> BSpline:
+        """At the port, on the torque's clock, where each command travelled longer than usual by ``travel_s`` (m,)."""
+        stretch, shape = self.stretch, solution.shape
+        acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
+        lag = loops.mean_lag_of_held(
+            acts_s, stretch.command, shape.bandwidth_rad_s, self.time_s[0], stretch.tick_s / FINE, self.time_s.size
+        )
+        torque = _filtered(self.passive_nm, PORT) + solution.linear[GAIN] * _filtered(lag, PORT, of_means=True)
+        return make_interp_spline(self.time_s, torque, k=3)
+
+
+def _filtered(values: FloatArray, kernel: Kernel, *, of_means: bool = False) -> FloatArray:
+    """A signal known FINE times a tick, or its means over these steps, through a low-pass."""
+    reach = round(kernel.half_width * FINE)
+    taps = kernel.taps(np.arange(-reach, reach + 1) / FINE, 0, of_means=of_means, exact_to=3)[None, :]
+    return np.asarray(loops.filter_at(values, taps, -reach, 1, values.size)[0])
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What a fit's signals were made of, and how many such records are to be simulated."""
+
+    measured: Measured
+    tick_s: float
+    use: Use
+    draws: int = DRAWS
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What fits of simulated records gave, beside what was put in.
+
+    ``drawn`` (draws, p) are the values, ``put_in`` (p,); ``stated_std`` (p,) is what such fits say of themselves, from
+    their residuals alone, rms over the draws.
+    """
+
+    drawn: FloatArray
+    put_in: FloatArray
+    stated_std: FloatArray
+
+    @property
+    def bias(self) -> FloatArray:
+        """Mean of what comes out less what was put in, (p,)."""
+        return np.asarray(np.mean(self.drawn, axis=0) - self.put_in)
+
+    @property
+    def std(self) -> FloatArray:
+        """Of one fit, (p,), as wide as few draws make it: with it 1.96 deviations hold 95 %."""
+        draws = len(self.drawn)
+        few = float(student.ppf(0.975, draws - 1)) / NORMAL_95
+        return np.asarray(few * np.std(self.drawn, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / draws))
+
+    def bias_std(self, values: FloatArray) -> FloatArray:
+        """Of the bias that is taken off, (p,). The smoothed motion is not the true one: anything between no bias and
+        twice the one seen is held to be as likely, which deviates by the bias over the square root of 3."""
+        return np.asarray(np.abs(self.bias) / np.sqrt(3.0) * np.ones(values.size))
+
+    def applied(self, values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values without their bias, and their covariance, from those that the residual alone gives: (p,), (p, p).
+
+        Where the real residual gives a greater deviation than simulated ones do, the model or the noise is not as was
+        simulated: the difference of the squares is added.
+        """
+        stated = np.sqrt(np.diag(covariance))
+        unexplained = np.maximum(stated**2 - self.stated_std**2, 0.0)
+        std = np.sqrt(self.std**2 + self.bias_std(values) ** 2 + unexplained)
+        # A bias that the scatter hides is no bias; one as large as the value says only that nothing is known.
+        credible = np.abs(self.bias) < 0.5 * np.abs(values)
+        corrected = values - np.where(credible, self.bias, 0.0)
+        return corrected, covariance * np.outer(std / stated, std / stated)
+
+
+def scatter_of(readings: Readings, stretches: tuple[Signals, ...], solution: Solution, physical: Physical) -> Scatter:
+    """Simulate the bench with which ``solution`` was found, and fit each record again.
+
+    ``stretches`` are the signals that were fitted. Always the same for the same recording.
+    """
+    bench = _Bench.of(readings, stretches, solution)
+    fits = [physical(each, each.regression.time_s()) for each in _solutions(bench, readings.draws)]
+    put_in = physical(solution, solution.regression.time_s())[0]
+    variances = np.array([np.diag(covariance) for _, covariance in fits])
+    return Scatter(np.array([values for values, _ in fits]), put_in, np.sqrt(np.mean(variances, axis=0)))
+
+
+def _solutions(bench: "_Bench", draws: int) -> Iterator[Solution]:
+    """What the fit makes of each simulated record."""
+    for random in np.random.default_rng(0).spawn(draws):
+        stretches = signals(bench.record(random), bench.readings.tick_s, bench.readings.use)
+        yield solve_again(stretches, bench.solution)
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """Everything that a simulated record needs."""
+
+    readings: Readings
+    solution: Solution
+    truths: tuple[Truth, ...]
+    motion_rows: Table
+    torque_rows: Table
+    position: Stream
+    torque: Stream
+    position_errors: ReadingErrors
+    torque_errors: ReadingErrors
+    travel_s: FloatArray  # of commands, about its mean: as readings on the same wire had it
+
+    @classmethod
+    def of(cls, readings: Readings, stretches: tuple[Signals, ...], solution: Solution) -> "_Bench":
+        measured, origin_ns = readings.measured, stretches[0].origin_ns
+        valid = measured.torque[measured.torque["valid"]]
+        motion_rows = measured.motion[instants(measured.motion, origin_ns)[1]]
+        torque_rows = valid[instants(valid, origin_ns)[1]]
+        position = stream_of(motion_rows, "position_rad", origin_ns)
+        torque = stream_of(torque_rows, "torque_nm", origin_ns)
+        return cls(
+            readings,
+            solution,
+            tuple(Truth.of(stretch, solution) for stretch in stretches),
+            motion_rows,
+            torque_rows,
+            position,
+            torque,
+            ReadingErrors.of(position, stretches[0].count_rad),
+            ReadingErrors.of(torque, resolution_rad(torque.value)),
+            travel_s(measured.motion["arrival_ns"]),
+        )
+
+    def record(self, random: np.random.Generator) -> Measured:
+        """What would have been measured, with errors of its own."""
+        position_rad, velocity_rad_s = self.position.value.copy(), np.zeros(self.position.value.size)
+        torque_nm = self.torque.value.copy()
+        for truth in self.truths:
+            own = _within(self.position.time_s, truth.stretch.time_s)
+            position_rad[own] = truth.motion(self.position.time_s[own])
+            velocity_rad_s[own] = truth.motion(self.position.time_s[own], 1)
+            seen = _within(self.torque.time_s, truth.stretch.time_s)
+            torque_nm[seen] = self._torque(truth, self.torque.time_s[seen], random)
+        rate_nm_s = np.gradient(torque_nm, self.torque.time_s)
+        position_rad = self.position_errors.drawn(position_rad, velocity_rad_s, random)
+        torque_nm = self.torque_errors.drawn(torque_nm, rate_nm_s, random)
+        return replace(
+            self.readings.measured,
+            motion=_with(self.motion_rows, "position_rad", position_rad),
+            torque=_with(self.torque_rows, "torque_nm", torque_nm),
+        )
+
+    def _torque(self, truth: Truth, time_s: FloatArray, random: np.random.Generator) -> FloatArray:
+        travel_s = random.choice(self.travel_s, truth.stretch.sent_s.size)
+        if averaging_s := truth.stretch.torque_averaging_s:
+            time_s = time_s + averaging_s * random.uniform(-0.5, 0.5, time_s.size)
+        return np.asarray(truth.torque(self.solution, travel_s)(time_s))
+
+
+def _with(table: Table, column: str, values: FloatArray) -> Table:
+    other = table.copy()
+    other[column] = values
+    return other
+
+
+def _within(time_s: FloatArray, span_s: FloatArray) -> npt.NDArray[np.int64]:
+    """Which of ``time_s`` lie in a span."""
+    return np.arange(*np.searchsorted(time_s, [span_s[0], span_s[-1]]))
