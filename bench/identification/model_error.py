@@ -12,11 +12,13 @@ import numpy.typing as npt
 
 from bench.identification.expansion import Expansion, Sums
 from bench.identification.fit import PHYSICAL
+from bench.identification.ladder import Rung, selected
 from bench.identification.residuals.departures import CHANGE, Departure, departures
 from bench.identification.results import FitResult
 from bench.identification.sensor_zero import SensorZero
 from bench.identification.signals import Signals
 from bench.identification.validation import free_runs
+from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
 from bench.models.prediction import NAN, PredictionError
 from bench.records import Measured
@@ -154,7 +156,18 @@ def judged(result: FitResult, error: ModelError | None) -> FitResult:
     undoubted = bool(looked_like) and not told.doubted
     estimates = tuple(_judged(each, error, undoubted=undoubted) for each in result.estimates)
     concerned = [each.name for each in estimates if each.status is Status.INADEQUATE]
-    return replace(told, estimates=estimates, verdict=(*sentences(error, concerned), *told.verdict))
+    said = sentences(error, concerned)
+    network = _widened(result, estimates).with_provenance({"model": said[0]})
+    return replace(told, estimates=estimates, network=network, verdict=(*said, *told.verdict))
+
+
+def _widened(result: FitResult, estimates: Sequence[Estimate]) -> NortonNetwork:
+    """The network with the deviations of ``estimates``, correlated as they were."""
+    network = result.network
+    std = {estimate.name: estimate.std for estimate in estimates}
+    wider = np.array([std[name] / max(result.estimate(name).std, 1e-300) for name in network.covariance_names])
+    covariance = np.asarray(network.covariance) * np.outer(wider, wider)
+    return replace(network, covariance=tuple(tuple(float(value) for value in row) for row in covariance))
 
 
 def _judged(estimate: Estimate, error: ModelError, *, undoubted: bool) -> Estimate:
@@ -181,6 +194,18 @@ def sentences(error: ModelError, concerned: Sequence[str]) -> tuple[str, ...]:
         names = ", ".join(name.replace("_", " ") for name in concerned)
         said.append(f"Not to be built upon, because another model gives other values: {names}.")
     return tuple(said)
+
+
+def of_ladder(rungs: Sequence[Rung]) -> tuple[str, ...]:
+    """Which friction model leaves less than Dahl's on data held out, in a sentence; none where Dahl's is selected."""
+    dahl = next((rung for rung in rungs if rung.name == "dahl"), None)
+    if dahl is None or dahl.selected or not rungs:
+        return ()
+    best = selected(rungs)
+    return (
+        f"Of the friction models, {best.name} does best on data held out: it leaves {_milli(best.held_out_rms)} rms "
+        f"where Dahl's, the network's own, leaves {_milli(dahl.held_out_rms)}.",
+    )
 
 
 def _sentence(found: Departure) -> str:

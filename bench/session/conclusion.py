@@ -17,7 +17,7 @@ from bench.identification.bounds import beyond_bounds, possible
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
 from bench.identification.ladder import Rung
-from bench.identification.model_error import ModelError, expanded, judged, model_error
+from bench.identification.model_error import ModelError, expanded, judged, model_error, of_ladder
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
 from bench.identification.residuals.diagnosis import ResidualTests, diagnose
@@ -156,7 +156,9 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
     fit = possible(fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings))
     at = expanded(fit, stretches, unseen)
     error = None if at is None else model_error(fit, at, stretches, unseen, believed.measured)
-    result = judged(fit, error)
+    result, rungs = judged(fit, error), bench_ladder(stretches, fit)
+    if error is not None and (error.departures or error.unexplained):
+        result = replace(result, verdict=(*result.verdict, *of_ladder(rungs)))
     zero = None if at is None else at.zero
     checked = _where_measured(partial(validate_signals, result, unseen, zero=zero), segments) if unseen else None
     modelless, static = without_model(result, stretches, unseen, segments), found.source_map
@@ -169,7 +171,7 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
         without_model=modelless,
         residuals=diagnose(result, stretches),
         conditions=conditions(evidence),
-        ladder=bench_ladder(stretches, result),
+        ladder=rungs,
         network=_saved(result, network, metadata),
     )
 
