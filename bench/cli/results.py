@@ -126,6 +126,7 @@ def validation_figures(validation: Validation) -> dict[str, float]:
         "torque_relative": float(validation.torque_relative),
         "velocity_rms_rad_s": float(validation.velocity_rms_rad_s),
         "velocity_relative": float(validation.velocity_relative),
+        "velocity_noise_rad_s": float(validation.velocity_noise_rad_s),
     }
 
 
@@ -240,11 +241,19 @@ def with_digits(value: float, std: float) -> tuple[str, str]:
 
 def validation_sentence(validation: Validation) -> str:
     """What was validated; a rig without a torque sensor, or whose shaft is held, has only one of the two."""
+    noise = validation.velocity_noise_rad_s
+    readings = f"; readings alone are {noise:.2g} rad/s apart by their noise" if noise > 0.0 else ""
     predicted = [
-        f"{what} to {rms:.3g} {unit} rms ({relative:.1%} of it)"
-        for what, rms, unit, relative in (
-            ("torque", validation.torque_rms_nm, "N*m", validation.torque_relative),
-            ("free velocity", validation.velocity_rms_rad_s, "rad/s", validation.velocity_relative),
+        f"{what} to {rms:.3g} {unit} rms ({relative:.1%}{more})"
+        for what, rms, unit, relative, more in (
+            ("torque", validation.torque_rms_nm, "N*m", validation.torque_relative, " of it"),
+            (
+                "free velocity",
+                validation.velocity_rms_rad_s,
+                "rad/s",
+                validation.velocity_relative,
+                f" of it{readings}",
+            ),
         )
         if isfinite(rms)
     ]
