@@ -98,7 +98,7 @@ def _integrate(
         actuator_torque = motor_torque(state[ACTUATOR], machines[ACTUATOR], mean_current(state[ACTUATOR], h))
         load_torque = motor_torque(state[LOAD], machines[LOAD], mean_current(state[LOAD], h))
         spring = stiffness * (state[ACTUATOR, ANGLE] - state[LOAD, ANGLE])
-        _kick(state, machines, damping, actuator_torque - spring, load_torque + spring, h)
+        kick(state, machines, damping, actuator_torque - spring, load_torque + spring, h)
         stretch = h if step < count - 1 else h / 2
         drift(state[ACTUATOR], machines[ACTUATOR], machines[ACTUATOR, COULOMB], stretch)
         drift(state[LOAD], machines[LOAD], machines[LOAD, COULOMB], stretch)
@@ -143,7 +143,7 @@ def own_damping(state: NDArray[np.float64], machine: NDArray[np.float64], coulom
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _kick(
+def kick(
     state: NDArray[np.float64],
     machines: NDArray[np.float64],
     damping: float,

@@ -25,7 +25,7 @@ class PackedBench:
     """``machines`` has shape (2, MACHINE_COLUMNS); the joining spring is in N m/rad and N m s/rad.
 
     With a ``link`` (LINK_COLUMNS,) behind the actuator's body there is a third machine, its source, and where that
-    has a modulator, a fourth: the modulator's motor.
+    has a modulator, a fourth: the modulator's motor. ``departures`` (DEPARTURE_COLUMNS,) are the torque motor's.
     """
 
     machines: NDArray[np.float64]
@@ -33,6 +33,7 @@ class PackedBench:
     damping: float
     substep_s: float
     link: NDArray[np.float64] | None = None
+    departures: NDArray[np.float64] | None = None
 
 
 def pack(truth: Truth, shaft: str) -> PackedBench:
@@ -53,7 +54,9 @@ def pack(truth: Truth, shaft: str) -> PackedBench:
     longest_s = LARGEST_TURN_RAD / _fastest_rate_rad_s(machines, stiffness, damping, row)
     if truth.modulator is not None:
         machines = np.vstack([machines, _modulator(truth.modulator)])
-    return PackedBench(machines, stiffness, damping, min(LONGEST_SUBSTEP_S, longest_s), row)
+    departures = truth.actuator.departures if isinstance(truth.actuator, MotorTruth) else None
+    departs = None if departures is None else departures.row()
+    return PackedBench(machines, stiffness, damping, min(LONGEST_SUBSTEP_S, longest_s), row, departs)
 
 
 def _actuator(actuator: MotorTruth | Assembled) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim_backend import chain, integrator
+from sim_backend import chain, departures, integrator
 from sim_backend.integrator import (
     ACTUATOR,
     ANGLE,
@@ -89,10 +89,12 @@ class Plant:
         if to_ns < self.now_ns:
             raise ValueError(f"the plant stands at {self.now_ns} ns and cannot go back to {to_ns} ns")
         bench, state, step_s, now_ns = self._bench, self._state, self._substep_s, self.now_ns
-        if bench.link is None:
+        joint = (bench.stiffness, bench.damping)
+        if bench.departures is not None:
+            departures.advance(state, bench.machines, joint, bench.departures, step_s, now_ns, to_ns)
+        elif bench.link is None:
             integrator.advance(state, bench.machines, bench.stiffness, bench.damping, step_s, now_ns, to_ns)
         else:
-            joint = (bench.stiffness, bench.damping)
             chain.advance(state, bench.machines, joint, bench.link, self._reach, step_s, now_ns, to_ns)
         self.now_ns = to_ns
 

@@ -14,6 +14,7 @@ from bench.models.dahl_motor import DahlMotor
 from bench.models.parameters import BY_NAME
 from bench.units import parse_quantity
 from drivers.errors import WiringError
+from sim_backend.departures import Departures
 from sim_backend.machines import Commanded, Drive, Machine
 from sim_backend.plants.arm import ArmTruth
 from sim_backend.plants.assembled import Assembled
@@ -41,10 +42,11 @@ FAULTS = "fault"  # the key of the table's faults, which say what becomes of the
 
 
 class MotorTruth(Machine, Commanded):
-    """The device under test: the paper's torque motor with Dahl friction (section IV.D)."""
+    """The device under test: the paper's torque motor with Dahl friction (section IV.D), and how it departs from it."""
 
     model: Literal["dahl_motor"] = "dahl_motor"
     torque_constant_nm_a: TorqueConstant = Field(alias="torque_constant", gt=0, examples=["0.05 N*m/A"])
+    departures: Departures | None = None
 
     @property
     def motor(self) -> DahlMotor:

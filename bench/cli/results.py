@@ -1,7 +1,7 @@
 """The result of an identification, for programs and for people."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import floor, isfinite, log10
+from math import floor, isfinite, isnan, log10
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,11 @@ from bench.cli.tables import tables_data, tables_view
 from bench.identification.ambiguity.conditions import Judgement
 from bench.identification.in_situ import InSituResult
 from bench.identification.ladder import Rung
+from bench.identification.model_error import ModelError
 from bench.identification.results import FitResult, Validation
 from bench.identification.trials import TrialFigures, last_driven, settled
 from bench.models.parameters import BY_NAME, Estimate
+from bench.models.prediction import UNITS, PredictionError
 from bench.procedures.refinement import Refinement, in_percent, widest_of, words
 from bench.records import FOR_PROGRAMS, Measured
 from bench.report.loops import bench_time_s
@@ -31,6 +33,7 @@ def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
     return {
         "parameters": {estimate.name: parameter(estimate) for estimate in (fit.estimates if fit else ())},
         "validation": None if found.validation is None else validation_figures(found.validation),
+        "model_error": model_error_figures(found.model_error),
         "without_model": model_free(found.source_map, found.without_model),
         "residuals": residual_figures(found.residuals),
         "conditions": [condition_figures(judged) for judged in found.conditions],
@@ -123,6 +126,37 @@ def validation_figures(validation: Validation) -> dict[str, float]:
         "torque_relative": float(validation.torque_relative),
         "velocity_rms_rad_s": float(validation.velocity_rms_rad_s),
         "velocity_relative": float(validation.velocity_relative),
+        "velocity_noise_rad_s": float(validation.velocity_noise_rad_s),
+    }
+
+
+def model_error_figures(error: ModelError | None) -> dict[str, Any] | None:
+    """How far predictions are off beyond noise, and what that goes with; null where it was not looked at."""
+    if error is None:
+        return None
+    prediction = error.prediction
+    return {
+        "torque_nm": prediction.torque_nm,
+        "velocity_rad_s": None if isnan(prediction.velocity_rad_s) else prediction.velocity_rad_s,
+        "level": prediction.level,
+        "ranges": {name: list(span) for name, span in prediction.ranges.items()},
+        "rms_nm": error.rms_nm,
+        "noise_nm": error.noise_nm,
+        "left_nm": error.left_nm,
+        "zero_nm": error.zero.fitted_nm,
+        "zero_less_tare_nm": None if isnan(error.zero.moved_nm) else error.zero.moved_nm,
+        "departures": [
+            {
+                "cause": found.kind.name,
+                "rms_nm": found.rms_nm,
+                "share": found.share,
+                "left_nm": found.left_nm,
+                "p_value": found.p_value,
+                "periods_per_turn": found.periods_per_turn or None,
+            }
+            for found in error.departures
+        ],
+        "unexplained": error.unexplained,
     }
 
 
@@ -164,6 +198,8 @@ def summary(found: Conclusion, recording: Path) -> RenderableType:
     parts += map(str, found.conditions)
     if found.validation is not None:
         parts.append(validation_sentence(found.validation))
+    if found.model_error is not None:
+        parts.append(prediction_sentence(found.model_error.prediction, found.units.command))
     parts += of_trials(found)
     parts += tables_view(found)
     files = (
@@ -205,15 +241,42 @@ def with_digits(value: float, std: float) -> tuple[str, str]:
 
 def validation_sentence(validation: Validation) -> str:
     """What was validated; a rig without a torque sensor, or whose shaft is held, has only one of the two."""
+    noise = validation.velocity_noise_rad_s
+    readings = f"; readings alone are {noise:.2g} rad/s apart by their noise" if noise > 0.0 else ""
     predicted = [
-        f"{what} to {rms:.3g} {unit} rms ({relative:.1%} of it)"
-        for what, rms, unit, relative in (
-            ("torque", validation.torque_rms_nm, "N*m", validation.torque_relative),
-            ("free velocity", validation.velocity_rms_rad_s, "rad/s", validation.velocity_relative),
+        f"{what} to {rms:.3g} {unit} rms ({relative:.1%}{more})"
+        for what, rms, unit, relative, more in (
+            ("torque", validation.torque_rms_nm, "N*m", validation.torque_relative, " of it"),
+            (
+                "free velocity",
+                validation.velocity_rms_rad_s,
+                "rad/s",
+                validation.velocity_relative,
+                f" of it{readings}",
+            ),
         )
         if isfinite(rms)
     ]
     return f"Predicted where no fit has looked: {', '.join(predicted) or 'nothing'}."
+
+
+def prediction_sentence(prediction: PredictionError, command_unit: str) -> str:
+    """What the network's predictions are good for."""
+    bounds = [
+        f"{what} within {bound:.2g} {unit} rms"
+        for what, bound, unit in (
+            ("torque", prediction.torque_nm, "N*m"),
+            ("free velocity", prediction.velocity_rad_s, "rad/s"),
+        )
+        if isfinite(bound)
+    ]
+    seen = ", ".join(
+        f"{name} {low:.3g} to {high:.3g} {UNITS.get(name, command_unit)}"
+        for name, (low, high) in prediction.ranges.items()
+    )
+    return (
+        f"Predictions of motion not seen are right {prediction.level:.0%} of the time to: {', '.join(bounds)}; {seen}."
+    )
 
 
 def file_table(files: Sequence[tuple[str, Path | None]]) -> Table:

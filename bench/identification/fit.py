@@ -227,6 +227,7 @@ def _result(
         repeated_std=repeated_std,
         torque_zero=_zero(solution),
         verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
+        doubted=doubted,
     )
 
 

@@ -10,6 +10,7 @@ from scipy.interpolate import PchipInterpolator
 from bench.errors import ExperimentError
 from bench.identification.kernels import FULL_BAND, Kernel
 from bench.identification.model_free import branches
+from bench.identification.soundness.doubts import Doubt
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
 
@@ -78,6 +79,7 @@ class FitResult:
     cogging: tuple[Cogging, ...] = ()
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
+    doubted: tuple[Doubt, ...] = ()  # what of the verdict makes estimates doubtful
     # By name, the part of an estimate's deviation that every session of the same bench repeats.
     repeated_std: Mapping[str, float] = field(default_factory=dict)
     torque_zero: TorqueZero | None = None  # the same as it drifts; None where no torque was fitted
@@ -99,7 +101,11 @@ class FitResult:
 
 @dataclass(frozen=True)
 class Validation:
-    """Prediction of segments that no fit has seen: torque under the measured motion, and the free motion itself."""
+    """Prediction of segments that no fit has seen: torque under the measured motion, and the free motion itself.
+
+    The sensor's zero is that of the fit. The free motion is that under the torque measured at the port, whose noise and
+    that of the position's readings alone put ``velocity_noise_rad_s`` rms between the two.
+    """
 
     torque_rms_nm: float
     torque_relative: float
@@ -107,6 +113,7 @@ class Validation:
     velocity_relative: float
     torque: Trace
     velocity: Trace
+    velocity_noise_rad_s: float = 0.0
 
 
 @dataclass(frozen=True)

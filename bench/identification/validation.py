@@ -1,6 +1,7 @@
 """How well a network predicts what no fit has seen: the torque under a measured motion, and the free motion itself."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -8,9 +9,10 @@ import numpy.typing as npt
 from bench.errors import ExperimentError
 from bench.identification.fit import trace
 from bench.identification.kernels import FULL_BAND
-from bench.identification.regression import INERTIA, Regression, Shape
+from bench.identification.regression import INERTIA, Regression, Rows, Shape
 from bench.identification.results import FitResult, Trace, Validation
-from bench.identification.separable import linear_solution
+from bench.identification.sensor_zero import SensorZero
+from bench.identification.separable import LOW_BAND, linear_solution
 from bench.identification.signals import Signals, signals
 from bench.records import Measured, SegmentInfo
 from bench.segments import Use
@@ -20,6 +22,8 @@ FloatArray = npt.NDArray[np.float64]
 NAN = float("nan")
 # What happened this long before a free segment, friction and amplifier may still remember.
 MEMORY_S = 0.3
+# The noise that the torque's reading puts into a free motion's prediction is that of so many drawn beside it.
+NOISE_DRAWS = 4
 FREE_PROCEDURES = ("free", "validate")
 
 
@@ -32,15 +36,22 @@ def validate(result: FitResult, measured: Measured, *, tick_s: float, use: Use =
 
 
 def validate_signals(
-    result: FitResult, stretches: tuple[Signals, ...], segments: Sequence[SegmentInfo], *, use: Use = Use.VALIDATE
+    result: FitResult,
+    stretches: tuple[Signals, ...],
+    segments: Sequence[SegmentInfo],
+    *,
+    zero: SensorZero | None = None,
+    use: Use = Use.VALIDATE,
 ) -> Validation:
-    """The same, from signals that stand on one grid already."""
-    torque, torque_rms, torque_relative = _torque(result, stretches)
-    free = [segment for segment in segments if segment.use is use and is_free(segment)]
-    velocity, velocity_rms, velocity_relative = _free_motion(result, stretches, free)
+    """The same, from signals that stand on one grid already. ``zero`` is the fit's; else that of its mean."""
+    known = zero if zero is not None else SensorZero.constant(result.torque_bias_nm)
+    torque, torque_rms, torque_relative = _torque(result, stretches, known)
+    runs = free_runs(result, stretches, [segment for segment in segments if segment.use is use], known)
+    velocity, velocity_rms, velocity_relative = _free_motion(runs)
     if np.isnan(torque_rms) and np.isnan(velocity_rms):
         raise ExperimentError("nothing to validate on: neither torque under motion nor free motion was recorded")
-    return Validation(torque_rms, torque_relative, velocity_rms, velocity_relative, torque, velocity)
+    noise = float(np.sqrt(np.mean([run.noise_rad2_s2 for run in runs]))) if runs else NAN
+    return Validation(torque_rms, torque_relative, velocity_rms, velocity_relative, torque, velocity, noise)
 
 
 def is_free(segment: SegmentInfo) -> bool:
@@ -48,14 +59,18 @@ def is_free(segment: SegmentInfo) -> bool:
     return segment.procedure in FREE_PROCEDURES and (segment.name.startswith("free") or segment.procedure == "free")
 
 
-def network_trace(result: FitResult, stretches: tuple[Signals, ...], *, free_motion: bool = False) -> Trace:
+def network_trace(
+    result: FitResult, stretches: tuple[Signals, ...], *, zero: SensorZero | None = None, free_motion: bool = False
+) -> Trace:
     """Torque under the measured motion by the network alone: whatever else a fit found (cogging, say) stays in between.
 
-    The sensor's slow zero and the friction's state after a rest are not predicted. ``free_motion`` compares what the
-    network makes of the acceleration instead, as a torque per unit of torque gain: for networks that know only ratios.
+    The friction's state after a rest is not predicted, nor is the sensor's slow zero, unless it is given: then it is
+    taken off the torque, nothing is fitted here but that state, and all is seen in the band of the fit. ``free_motion``
+    compares what the network makes of the acceleration instead, as a torque per unit of torque gain: for networks that
+    know only ratios.
     """
     network = result.network
-    regression = Regression.of(stretches, FULL_BAND, free_motion=free_motion)
+    regression = Regression.of(stretches, FULL_BAND if zero is None else result.band, free_motion=free_motion)
     s = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
     command_delay_s = result.command_delay_s + (result.motion_delay_s if free_motion else 0.0)
     columns, memory = regression.columns(
@@ -78,61 +93,107 @@ def network_trace(result: FitResult, stretches: tuple[Signals, ...], *, free_mot
         known[INERTIA] = 0.0
         unknown = np.concatenate([columns[[INERTIA]], unknown])
     target = regression.target()
+    if zero is not None:
+        target = target - zero.at(regression.time_s())
+        unknown = unknown[:0]
     rest, seen = memory.taken_off(target - known @ columns[:5]), memory.taken_off(unknown)
-    predicted = target - rest + linear_solution(seen, rest) @ seen
+    predicted = target - rest + (linear_solution(seen, rest) @ seen if len(seen) else 0.0)
     return trace(stretches, target * to_torque, predicted * to_torque)
 
 
-def _torque(result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Trace, float, float]:
+def _torque(result: FitResult, stretches: tuple[Signals, ...], zero: SensorZero) -> tuple[Trace, float, float]:
     if any(stretch.torque_nm is None for stretch in stretches):
         return _nothing("N*m"), NAN, NAN
-    told = network_trace(result, stretches)
+    told = network_trace(result, stretches, zero=zero)
     rms = float(np.sqrt(np.nanmean((told.measured - told.predicted) ** 2)))
     return told, rms, rms / float(np.sqrt(np.nanmean(told.measured**2)))
 
 
-def _free_motion(
-    result: FitResult, stretches: tuple[Signals, ...], segments: list[SegmentInfo]
-) -> tuple[Trace, float, float]:
-    """Free velocity predicted from the command alone, started from rest before each segment."""
-    pieces = [
-        piece
+@dataclass(frozen=True)
+class FreeRun:
+    """One segment of free motion: time, velocity as measured and as predicted, all (n,).
+
+    ``noise_rad2_s2`` is the mean square that the noise of both readings, torque and position, leaves between them.
+    """
+
+    time_s: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    noise_rad2_s2: float
+
+
+def free_runs(
+    result: FitResult, stretches: Sequence[Signals], segments: Sequence[SegmentInfo], zero: SensorZero
+) -> tuple[FreeRun, ...]:
+    """The free motion of every free segment, predicted from the command and the torque that was measured at the port.
+
+    Zero torque is never quite zero, and what is left of it moves the shaft. Both velocities have passed the same
+    low-pass, so that the encoder's counts are no error of the prediction.
+    """
+    return tuple(
+        run
         for segment in segments
+        if is_free(segment)
         for stretch in stretches
-        if (piece := _one_free_motion(result, stretch, segment)) is not None
-    ]
-    if not pieces:
+        if (run := _free_run(result, stretch, segment, zero)) is not None
+    )
+
+
+def _free_motion(runs: Sequence[FreeRun]) -> tuple[Trace, float, float]:
+    if not runs:
         return _nothing("rad/s"), NAN, NAN
-    time_s, measured, predicted = (np.concatenate([piece[row] for piece in pieces]) for row in range(3))
+    time_s, measured, predicted = (
+        np.concatenate([getattr(run, name) for run in runs]) for name in ("time_s", "measured", "predicted")
+    )
     rms = float(np.sqrt(np.mean((measured - predicted) ** 2)))
-    relative = rms / float(np.sqrt(np.mean(measured**2)))
-    return Trace(time_s, measured, predicted, "rad/s"), rms, relative
+    return Trace(time_s, measured, predicted, "rad/s"), rms, rms / float(np.sqrt(np.mean(measured**2)))
 
 
-def _one_free_motion(result: FitResult, stretch: Signals, segment: SegmentInfo) -> FloatArray | None:
-    inside = np.flatnonzero((stretch.segment == segment.index) & stretch.usable)
+def _free_run(result: FitResult, stretch: Signals, segment: SegmentInfo, zero: SensorZero) -> FreeRun | None:
+    reach = int(np.ceil(LOW_BAND.half_width))
+    inside = np.flatnonzero((stretch.segment == segment.index) & stretch.usable)[:-reach]
     if inside.size < 2:
         return None
     tick_s, network = stretch.tick_s, result.network
     first = max(0, inside[0] - round(MEMORY_S / tick_s))
-    time_s = stretch.time_s[first : inside[-1] + 1]
+    time_s = stretch.time_s[first : inside[-1] + 1 + reach]
     # The command that acts at an instant of the motion was sent this much earlier, to the nearest tick; the rest of
     # the delay is made up for by comparing at shifted instants.
     sent_s = time_s - result.command_delay_s
     index = np.clip(np.searchsorted(stretch.sent_s, sent_s, side="right") - 1, 0, stretch.command.size - 1)
     shift_s = float(np.median(sent_s - stretch.sent_s[index]))
-    measured = Regression.of((stretch,), FULL_BAND).rows[0].kinematics(Shape(1.0, 1.0, 0.0, result.motion_delay_s))[0]
+    rows = Rows(stretch, LOW_BAND)
+    measured = rows.kinematics(Shape(1.0, 1.0, 0.0, result.motion_delay_s))[0]
     start = float(measured[first])
-    predicted = network.free_motion(
-        stretch.command[index],
-        tick_s,
-        velocity_rad_s=start,
-        motor_torque_nm=network.torque_gain * stretch.command[index[0]],
-        friction_torque_nm=network.coulomb_torque_nm * float(np.sign(start)),
-    )[1]
-    at = inside - first
-    later = np.interp(time_s[at], time_s - shift_s, predicted)
-    return np.stack([time_s[at], measured[inside], later])
+    taps = LOW_BAND.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
+
+    def predicted(port_nm: FloatArray) -> FloatArray:
+        velocity = network.free_motion(
+            stretch.command[index],
+            tick_s,
+            port_torque_nm=port_nm,
+            velocity_rad_s=start,
+            motor_torque_nm=network.torque_gain * stretch.command[index[0]],
+            friction_torque_nm=network.coulomb_torque_nm * float(np.sign(start)),
+        )[1]
+        smooth = np.convolve(velocity, taps, "same")
+        return np.asarray(np.interp(time_s[inside - first], time_s - shift_s, smooth))
+
+    port_nm = _port_torque(result, stretch, time_s - shift_s + 0.5 * tick_s, zero)
+    exact = predicted(port_nm)
+    deviation_nm = 0.0 if stretch.torque_nm is None else float(np.sqrt(stretch.torque_noise / tick_s))
+    draws = np.random.default_rng(0).normal(0.0, deviation_nm, (NOISE_DRAWS, time_s.size))
+    noise = 0.0
+    if deviation_nm > 0.0 and not result.ratios_only:
+        noise = float(np.mean([(predicted(port_nm + draw) - exact) ** 2 for draw in draws]))
+    return FreeRun(time_s[inside - first], measured[inside], exact, noise + float(rows.noise()[2]))
+
+
+def _port_torque(result: FitResult, stretch: Signals, time_s: FloatArray, zero: SensorZero) -> FloatArray:
+    """As measured, at instants (n,); none where it was not, or where the network has no scale of torque."""
+    if stretch.torque_nm is None or result.ratios_only:
+        return np.zeros(time_s.size)
+    return np.asarray(np.interp(time_s, stretch.time_s, stretch.torque_nm) - zero.at(time_s))
 
 
 def _nothing(unit: str) -> Trace:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from bench.errors import UsageError
 from bench.models.parameters import BY_NAME
+from bench.models.prediction import PredictionError
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -72,6 +73,7 @@ class NortonNetwork:
     covariance_names: tuple[str, ...] = ()
     covariance: tuple[tuple[float, ...], ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
+    prediction: PredictionError | None = None  # how far it is off on motion not seen, where that was looked at
 
     @classmethod
     def of_parameters(cls, values: Mapping[str, float], command_unit: str, **more: Any) -> "NortonNetwork":
@@ -96,6 +98,7 @@ class NortonNetwork:
         command: npt.ArrayLike,
         tick_s: float,
         *,
+        port_torque_nm: npt.ArrayLike = 0.0,
         position_rad: float = 0.0,
         velocity_rad_s: float = 0.0,
         motor_torque_nm: float = 0.0,
@@ -104,15 +107,19 @@ class NortonNetwork:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The motion source: position [rad], velocity [rad/s] and acceleration [rad/s²] at each tick, shape (n,).
 
-        ``command`` (n,) is held from each tick to the next. The state is that at the first tick; ``friction_torque_nm``
-        is what the deflected contact (σ0·φ) holds then. Steps longer than the default are quicker and less exact.
+        ``command`` (n,) is held from each tick to the next, and so is ``port_torque_nm``, (n,) or one for all: what the
+        shaft exerts on its load where that is not quite zero. The state is that at the first tick;
+        ``friction_torque_nm`` is what the deflected contact (σ0·φ) holds then. Steps longer than the default are
+        quicker and less exact.
         """
         from bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
 
         s = self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
         phi = friction_torque_nm / self.presliding_stiffness_nm_rad
+        held = np.ascontiguousarray(command, dtype=float)
         motion = network_steps.free_motion(
-            np.ascontiguousarray(command, dtype=float),
+            held,
+            np.ascontiguousarray(np.broadcast_to(np.asarray(port_torque_nm, dtype=float), held.shape)),
             tick_s,
             ceil(tick_s / longest_step_s - 1e-9),
             self.torque_gain,
@@ -181,6 +188,7 @@ class NortonNetwork:
             "command_unit": self.command_unit,
             "parameters": parameters,
             "covariance": {"names": list(self.covariance_names), "matrix": [list(row) for row in self.covariance]},
+            **({} if self.prediction is None else {"prediction": self.prediction.as_json(self.command_unit)}),
             "provenance": dict(self.provenance),
         }
 
@@ -205,7 +213,13 @@ class NortonNetwork:
             covariance_names=tuple(str(name) for name in covariance.get("names", [])),
             covariance=_read_matrix(path, covariance),
             provenance={str(key): str(value) for key, value in _object(content.get("provenance", {})).items()},
+            prediction=_read_prediction(path, content.get("prediction")),
         )
+
+
+def impossible(name: str, value: float) -> bool:
+    """Whether no network may have this value of a parameter of the table."""
+    return (value < 0.0 and name not in SIGNED) or (value == 0.0 and name != "presliding_damping")
 
 
 def _second_difference(position: FloatArray, tick_s: float) -> FloatArray:
@@ -241,10 +255,19 @@ def _read_parameters(path: Path | str, parameters: dict[str, Any]) -> dict[str, 
             continue
         if not isinstance(value, (int, float)) or isinstance(value, bool) or not isfinite(value):
             raise UsageError(f'{path}: parameters.{name} needs a finite number under "value", not {value!r}')
-        if (value < 0.0 and name not in SIGNED) or (value == 0.0 and name != "presliding_damping"):
+        if impossible(name, value):
             raise UsageError(f"{path}: parameters.{name} = {value} is not possible; it must be positive")
         values[attribute] = float(value)
     return values
+
+
+def _read_prediction(path: Path | str, content: object) -> PredictionError | None:
+    if content is None:
+        return None
+    try:
+        return PredictionError.from_json(_object(content))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise UsageError(f'{path}: "prediction" is not as docs/identification.md has it; leave it out') from error
 
 
 def _read_matrix(path: Path | str, covariance: dict[str, Any]) -> tuple[tuple[float, ...], ...]:

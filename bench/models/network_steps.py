@@ -74,6 +74,7 @@ def mean_velocity(
 @njit(cache=True, nogil=True)
 def free_motion(
     command: FloatArray,
+    port: FloatArray,
     tick_s: float,
     substeps: int,
     gain: float,
@@ -85,9 +86,10 @@ def free_motion(
     sigma_1: float,
     start: FloatArray,
 ) -> FloatArray:
-    """Position, velocity and acceleration at every tick, shape (3, n), under no port torque.
+    """Position, velocity and acceleration at every tick, shape (3, n), while the shaft exerts ``port`` (n,).
 
-    ``start`` is position, velocity, motor torque and Dahl state before the first command acts.
+    Command and port torque are held from tick to tick. ``start`` is position, velocity, motor torque and Dahl state
+    before the first command acts.
     """
     step_s = tick_s / substeps
     decay = exp(-bandwidth * step_s)
@@ -99,9 +101,9 @@ def free_motion(
         friction = sigma_0 * phi + sigma_1 * (velocity - s * abs(velocity) * phi)
         motion[0, k] = position
         motion[1, k] = velocity
-        motion[2, k] = (motor - friction - viscous * velocity) / inertia
+        motion[2, k] = (motor - port[k] - friction - viscous * velocity) / inertia
         for _ in range(substeps):
-            torque = asked + (motor - asked) * mean_decay
+            torque = asked + (motor - asked) * mean_decay - port[k]
             mean = mean_velocity(torque, velocity, phi, step_s, inertia, viscous, s, sigma_0, sigma_1)
             phi = dahl_flow(phi, mean * step_s, s)
             position += mean * step_s

@@ -44,6 +44,7 @@ class Status(Enum):
     AT_BOUND = "at bound"  # pushed against the edge of what was searched: not an estimate
     RATIO_ONLY = "ratio only"  # known only up to a common factor
     NOT_CONVERGED = "not converged"
+    INADEQUATE = "inadequate"  # the machine does what the model does not have, and the value depends on it
     DOUBTFUL = "doubtful"  # the data contradict the model, or themselves: not an estimate
 
 

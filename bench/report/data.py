@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from bench.identification.ambiguity.conditions import Judgement
 from bench.identification.in_situ import InSituResult
 from bench.identification.ladder import Rung
+from bench.identification.model_error import ModelError
 from bench.identification.model_free.without_model import WithoutModel
 from bench.identification.residuals.diagnosis import ResidualTests
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
@@ -31,6 +32,7 @@ class ReportData:
     metadata: Mapping[str, str] = field(default_factory=dict)
     fit: FitResult | None = None
     validation: Validation | None = None
+    model_error: ModelError | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
     source: SourceTable | None = None

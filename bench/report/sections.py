@@ -14,6 +14,7 @@ from bench.report.figures_network import blocked_figure, impedance_figure, sourc
 from bench.report.figures_timing import timing_figure
 from bench.report.loops import bench_time_s, presliding_loops, sliding_samples
 from bench.report.section import Facts, Section
+from bench.report.sections_model_error import model_error_section
 from bench.report.sections_tables import (
     exertion_section,
     modulation_section,
@@ -256,6 +257,7 @@ MAKERS: tuple[Callable[[ReportData], Section | None], ...] = (
     source_section,
     impedance_section,
     validation_section,
+    model_error_section,
     without_model_section,
     fit_section,
     residuals_section,

@@ -13,10 +13,12 @@ from bench.identification.ambiguity.conditions import Judgement, conditions, evi
 from bench.identification.ambiguity.tabulated import tabulated_conditions
 from bench.identification.bench_ladder import bench_ladder
 from bench.identification.bootstrap import Readings
+from bench.identification.bounds import beyond_bounds, possible
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
 from bench.identification.ladder import Rung
 from bench.identification.load import coupling_of
+from bench.identification.model_error import ModelError, expanded, judged, model_error, of_ladder
 from bench.identification.model_free.port_torque import PortTorque
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
@@ -55,6 +57,7 @@ class Conclusion:
 
     fit: FitResult | None = None
     validation: Validation | None = None
+    model_error: ModelError | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
     without_model: WithoutModel | None = None
@@ -106,6 +109,7 @@ def conclude(
         metadata=about,
         fit=found.fit,
         validation=found.validation,
+        model_error=found.model_error,
         source_map=found.source_map,
         blocked_map=found.blocked_map,
         source=found.source,
@@ -152,8 +156,14 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
     unseen, findings = _unseen(believed, tick_s) if validates else ((), believed.findings)
     coupling = coupling_of(believed.measured, tick_s)
     readings = Readings(believed.measured, tick_s, Use.IDENTIFY, coupling=coupling)
-    result = fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings)
-    checked = _where_measured(partial(validate_signals, result, unseen), segments) if unseen else None
+    fit = possible(fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings))
+    at = expanded(fit, stretches, unseen)
+    error = None if at is None else model_error(fit, at, stretches, unseen, believed.measured)
+    result, rungs = judged(fit, error), bench_ladder(stretches, fit)
+    if error is not None and (error.departures or error.unexplained):
+        result = replace(result, verdict=(*result.verdict, *of_ladder(rungs)))
+    zero = None if at is None else at.zero
+    checked = _where_measured(partial(validate_signals, result, unseen, zero=zero), segments) if unseen else None
     modelless = without_model(result, stretches, unseen, segments)
     table = None if modelless is None else modelless.table
     port = PortTorque.of(result, table, stretches[0].origin_ns)
@@ -164,10 +174,11 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
         fit=result,
         source_map=static,
         validation=checked,
+        model_error=error,
         without_model=modelless,
         residuals=diagnose(result, stretches),
         conditions=conditions(evidence),
-        ladder=bench_ladder(stretches, result),
+        ladder=rungs,
         network=_saved(result, network, metadata),
     )
 
@@ -189,8 +200,9 @@ def _where_measured(result_of: Callable[[Part], Result], measured: Part) -> Resu
 
 
 def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path | None:
-    """The network file; none where the data contradict themselves: a file is used without its verdict."""
-    if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates):
+    """The network file; none where the data contradict themselves, or no machine has such values: a file is used
+    without its verdict."""
+    if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates) or beyond_bounds(result.network):
         return None
     result.network.with_provenance(provenance).save(path)
     return path

@@ -42,10 +42,11 @@ DELAYS = {2: "command", 3: "motion"}
 
 @dataclass(frozen=True)
 class Doubt:
-    """A sentence, and the estimates it concerns; none named: all."""
+    """A sentence, and the estimates it concerns; none named: all. ``midway``: something changed at some instant."""
 
     sentence: str
     names: tuple[str, ...] = ()
+    midway: bool = False
 
 
 def doubts(solution: Solution, values: FloatArray, deviations: FloatArray, *, tick_s: float) -> tuple[Doubt, ...]:
@@ -141,7 +142,8 @@ def _changing(solution: Solution, tick_s: float) -> Iterator[Doubt]:
         at_s = solution.regression.time_s()[best[2] * BLOCK_ROWS]
         yield Doubt(
             f"{best[1]} before and after {at_s:.3g} s; a clock jumped, readings were lost, or a sensor or the machine "
-            "changed: record it again."
+            "changed: record it again.",
+            midway=True,
         )
 
 

@@ -14,6 +14,7 @@ SIGNS = {
     Status.AT_BOUND: ("▲", BAD),
     Status.RATIO_ONLY: ("÷", WARNING),
     Status.NOT_CONVERGED: ("✗", BAD),
+    Status.INADEQUATE: ("≠", BAD),
     Status.DOUBTFUL: ("?", BAD),
 }
 # A bar is full at ± 100 % and empty at ± 0.01 %.

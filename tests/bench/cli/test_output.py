@@ -1,6 +1,7 @@
 """What the command line prints: JSON for programs, tables for people."""
 
 import json
+from dataclasses import replace
 from io import StringIO
 from math import inf, nan
 from pathlib import Path
@@ -14,15 +15,28 @@ from rich.console import Console, RenderableType
 from bench.cli.output import Output, to_json
 from bench.cli.results import identification, parameter_table, summary, with_digits
 from bench.identification.in_situ import InSituResult
+from bench.identification.model_error import ModelError, Zero
+from bench.identification.residuals.departures import STRIBECK, Departure
 from bench.identification.results import FitResult, Trace, Validation
 from bench.identification.trials import TrialFigures
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
+from bench.models.prediction import PredictionError
+from bench.report.words import Units
 from bench.session.conclusion import Conclusion
 from bench.session.summary import in_situ_sentence, trials_sentence
 
 TRACE = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
-VALIDATION = Validation(1.5e-3, 0.012, 0.2, 0.034, TRACE, TRACE)
+VALIDATION = Validation(1.5e-3, 0.012, 0.2, 0.034, TRACE, TRACE, 0.05)
+MODEL_ERROR = ModelError(
+    rms_nm=1.6e-3,
+    noise_nm=6e-4,
+    left_nm=7e-5,
+    departures=(Departure(STRIBECK, 1.6e-3, 0.88, 6e-4, 1e-48, np.zeros(7)),),
+    spread=np.zeros(7),
+    zero=Zero(3.1e-3, 3e-3, 2e-5),
+    prediction=PredictionError(2e-3, nan, 0.95, {"velocity": (-50.0, 50.0), "command": (-0.08, 0.08)}),
+)
 ESTIMATES = (
     Estimate("torque_gain", 0.9004, 0.0012, "N*m/(N*m)", Status.VALID),
     Estimate("inertia", 5.003e-5, 1.2e-7, "kg*m^2", Status.VALID),
@@ -65,10 +79,25 @@ def test_json_has_the_documented_shape(fit: FitResult) -> None:
         "torque_relative": 0.012,
         "velocity_rms_rad_s": 0.2,
         "velocity_relative": 0.034,
+        "velocity_noise_rad_s": 0.05,
     }
+    assert data["model_error"] is None
     assert data["verdict"] == ["free motion tells ratios"]
     assert data["converged"] is True
     assert (data["recording"], data["network"], data["report"]) == tuple(map(str, FILES))
+
+
+def test_the_models_error_is_told_to_programs_and_people(fit: FitResult) -> None:
+    found = replace(concluded(fit), model_error=MODEL_ERROR, units=Units("N*m"))
+    told = json.loads(to_json(identification(found, FILES[0])))["model_error"]
+    assert (told["torque_nm"], told["velocity_rad_s"], told["level"]) == (2e-3, None, 0.95)
+    assert told["ranges"]["command"] == [-0.08, 0.08]
+    assert told["zero_less_tare_nm"] == pytest.approx(1e-4)
+    assert told["departures"][0]["cause"] == "stribeck"
+    assert told["departures"][0]["periods_per_turn"] is None
+    said = " ".join(shown(summary(found, FILES[0])).split())
+    assert "right 95% of the time to: torque within 0.002 N*m rms; velocity -50 to 50 rad/s, command" in said
+    assert "free velocity to 0.2 rad/s rms (3.4% of it; readings alone are 0.05 rad/s apart" in said
 
 
 def test_json_of_a_session_that_told_nothing() -> None:

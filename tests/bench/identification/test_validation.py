@@ -7,7 +7,10 @@ import pytest
 
 from bench.errors import ExperimentError
 from bench.identification.model_free.source_map import blocked_map, source_map
-from bench.identification.validation import validate
+from bench.identification.sensor_zero import SensorZero
+from bench.identification.signals import signals
+from bench.identification.validation import validate, validate_signals
+from bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
 
@@ -35,6 +38,27 @@ def test_unseen_free_motion_is_predicted(result, free_shaft):
     validation = validate(result, measured, tick_s=TICK_S)
     assert validation.velocity_relative < 0.06
     assert validation.velocity.unit == "rad/s"
+
+
+def test_a_torque_left_at_the_port_is_no_error_of_the_prediction(result):
+    """On the bench's own load, whose control leaves torque at the port; and a wrong zero of the sensor does show."""
+    measured = synthetic.validation(9)
+    zero = SensorZero.constant(result.torque_bias_nm)
+    segments = [segment for segment in measured.segments if segment.use is Use.VALIDATE]
+    stretches = signals(measured, TICK_S, Use.VALIDATE)
+    known = validate_signals(result, stretches, segments, zero=zero)
+    ignored = validate_signals(result, _without_torque(stretches), segments, zero=SensorZero.constant(0.0))
+    assert known.velocity_relative < 0.015
+    assert ignored.velocity_rms_rad_s > 2 * known.velocity_rms_rad_s
+    assert 0.02 < known.velocity_noise_rad_s < known.velocity_rms_rad_s * 1.2
+    wrong = validate_signals(result, stretches, segments, zero=zero.moved(0.5e-3))
+    assert wrong.velocity_rms_rad_s > 0.3  # 0.5 mN·m over 1 mN·m·s/rad, where it slides
+    assert wrong.torque_rms_nm > known.torque_rms_nm
+
+
+def _without_torque(stretches):
+    """As if nothing had been left at the port."""
+    return tuple(replace(each, torque_nm=None) for each in stretches)
 
 
 def test_without_unseen_segments_it_refuses(experiment, result):

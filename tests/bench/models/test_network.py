@@ -1,6 +1,7 @@
 """The Norton network against the paper's equations, integrated by scipy, and against its own closed forms."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from bench.errors import UsageError
 from bench.models.dahl_motor import DahlMotor
 from bench.models.network import NortonNetwork
 from bench.models.network_steps import dahl_flow
+from bench.models.prediction import PredictionError
 
 NETWORK = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")
 TICK_S = 1e-3
@@ -174,3 +176,44 @@ def test_a_missing_or_binary_file_is_refused(tmp_path):
         NortonNetwork.load(tmp_path / "b.json")
     with pytest.raises(UsageError, match="cannot write"):
         NETWORK.save(tmp_path / "no" / "such" / "folder.json")
+
+
+def test_what_the_port_exerts_slows_the_shaft_down():
+    """Constant in sliding: the steady velocity less by the torque over the damping; and the impedance agrees."""
+    command = np.full(1500, 0.08)
+    free, held_back = (NETWORK.free_motion(command, TICK_S, port_torque_nm=torque) for torque in (0.0, 0.01))
+    assert free[1][-1] - held_back[1][-1] == pytest.approx(0.01 / NETWORK.viscous_damping_nms_rad, rel=1e-6)
+    wave = 0.01 * np.sin(2 * np.pi * 3 * np.arange(1500) * TICK_S)
+    position, _, acceleration = NETWORK.free_motion(command, TICK_S, port_torque_nm=wave)
+    torque = NETWORK.torque(command, position, TICK_S)
+    assert torque[50:-5] == pytest.approx(wave[50:-5], abs=2e-4)
+    assert acceleration[0] == 0.0
+
+
+PREDICTION = PredictionError(3e-4, 0.1, 0.95, {"velocity": (-50.0, 51.0), "command": (-0.08, 0.08)})
+
+
+@pytest.mark.parametrize("prediction", [None, PREDICTION])
+def test_a_file_keeps_how_far_the_network_is_off(tmp_path, prediction):
+    path = tmp_path / "network.json"
+    replace(NETWORK, prediction=prediction).save(path)
+    assert ("prediction" in json.loads(path.read_text(encoding="utf-8"))) == (prediction is not None)
+    assert NortonNetwork.load(path).prediction == prediction
+
+
+def test_what_was_not_seen_is_null_in_a_file(tmp_path):
+    path = tmp_path / "network.json"
+    replace(NETWORK, prediction=PredictionError(torque_nm=3e-4, level=0.9)).save(path)
+    told = json.loads(path.read_text(encoding="utf-8"))["prediction"]
+    assert told["free_velocity"] == {"value": None, "unit": "rad/s"}
+    assert np.isnan(NortonNetwork.load(path).prediction.velocity_rad_s)
+
+
+@pytest.mark.parametrize("wrong", [{}, [1], {"torque": 1, "free_velocity": 2, "level": 0.9, "ranges": {}}])
+def test_a_wrong_prediction_is_refused_in_one_sentence(tmp_path, wrong):
+    path = tmp_path / "network.json"
+    NETWORK.save(path)
+    content = json.loads(path.read_text(encoding="utf-8")) | {"prediction": wrong}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(UsageError, match="prediction"):
+        NortonNetwork.load(path)

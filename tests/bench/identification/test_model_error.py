@@ -1,0 +1,159 @@
+"""The model's own error: bounds that hold, statuses and sentences where something is missing, silence where not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.identification.bounds import beyond_bounds, possible
+from bench.identification.fit import PHYSICAL
+from bench.identification.model_error import LEVEL, bound, expanded, judged, model_error
+from bench.identification.residuals.departures import CHANGE, DRAG, Departure
+from bench.identification.signals import signals
+from bench.identification.soundness.doubts import Doubt
+from bench.models.network import NortonNetwork
+from bench.models.parameters import Status
+from bench.segments import Use
+from tests.bench.identification import synthetic
+from tests.bench.identification.synthetic import TICK_S
+
+
+@pytest.fixture(scope="module")
+def stretches(experiment):
+    return signals(experiment, TICK_S, Use.IDENTIFY)
+
+
+@pytest.fixture(scope="module")
+def unseen():
+    return signals(synthetic.validation(9), TICK_S, Use.VALIDATE)
+
+
+@pytest.fixture(scope="module")
+def error(result, stretches, experiment):
+    return model_error(result, expanded(result, stretches, ()), stretches, (), experiment)
+
+
+def changed(error, relative, kind=DRAG):
+    """The same with a departure that moves the damping by so much, relative."""
+    change = np.zeros(len(PHYSICAL))
+    change[PHYSICAL.index("viscous_damping")] = relative
+    return replace(error, departures=(Departure(kind, 5e-4, 0.5, 6e-4, 1e-9, change),))
+
+
+@pytest.mark.parametrize("count", [5, 30, 60])
+def test_the_bound_holds_the_next_as_often_as_it_says(count):
+    """Whatever the distribution: here a skewed one."""
+    rng = np.random.default_rng(count)
+    draws = rng.exponential(size=(4000, count + 1)) ** 2
+    levels = [bound(draw[:-1]) for draw in draws]
+    held = np.mean([draw[-1] <= at for draw, (at, _) in zip(draws, levels, strict=True)])
+    said = levels[0][1]
+    assert said == pytest.approx(min(LEVEL, count / (count + 1)))
+    assert said - 3 * np.sqrt(said * (1 - said) / 4000) < held < said + 1 / (count + 1) + 0.012
+
+
+def test_nothing_is_said_of_the_papers_motor(result, error):
+    assert error.departures == ()
+    assert not error.unexplained
+    told = judged(result, error)
+    assert told.estimates == result.estimates
+    assert told.verdict == result.verdict
+    assert told.network.prediction == error.prediction
+
+
+def test_the_stated_error_holds_what_was_not_modelled(error):
+    """0.3 mN·m of cogging are in no network: 0.21 mN·m rms."""
+    assert 0.15e-3 < error.rms_nm < 0.27e-3
+    assert 0.2e-3 < error.prediction.torque_nm < 0.5e-3
+    assert error.prediction.level == pytest.approx(LEVEL)
+    low, high = error.prediction.ranges["velocity"]
+    assert low < -20 < 20 < high
+
+
+def test_a_wrong_network_states_a_greater_error(result, stretches, unseen, experiment):
+    """Of segments that no fit has seen: values that are off show there."""
+    wrong = replace(result, network=replace(result.network, coulomb_torque_nm=1.1 * result.network.coulomb_torque_nm))
+    at = expanded(wrong, stretches, unseen)
+    left = model_error(wrong, at, stretches, unseen, experiment)
+    assert left.prediction.torque_nm > 1e-3
+
+
+def test_a_value_that_another_model_moves_is_no_estimate(result, error):
+    told = judged(result, changed(error, -0.05))
+    damping = told.estimate("viscous_damping")
+    assert damping.status is Status.INADEQUATE
+    assert damping.std > 0.05 * damping.value
+    assert told.estimate("inertia").status is Status.VALID
+    assert "goes with the speed" in told.verdict[0]
+    assert "viscous damping" in told.verdict[1]
+    assert "inertia" not in told.verdict[1]
+
+
+def test_a_value_that_it_hardly_moves_stays_one(result, error):
+    damping = result.estimate("viscous_damping")
+    told = judged(result, changed(error, 0.3 * damping.std / damping.value)).estimate("viscous_damping")
+    assert told.status is Status.VALID
+    assert told.std >= damping.std
+
+
+def test_what_only_looked_like_a_change_is_no_longer_said(result, error):
+    doubt = Doubt("The inertia is not the same throughout.", midway=True)
+    doubtful = replace(
+        result,
+        doubted=(doubt,),
+        verdict=(doubt.sentence, *result.verdict),
+        estimates=tuple(replace(each, status=Status.DOUBTFUL) for each in result.estimates),
+    )
+    explained = judged(doubtful, changed(error, -0.05))
+    assert doubt.sentence not in explained.verdict
+    assert explained.estimate("inertia").status is Status.VALID
+    stays = judged(doubtful, changed(error, -0.05, CHANGE))
+    assert doubt.sentence in stays.verdict
+    assert stays.doubtful
+
+
+def test_more_than_noise_that_nothing_explains_spoils_all(result, error):
+    told = judged(result, replace(error, unexplained=True))
+    assert all(each.status is Status.INADEQUATE for each in told.estimates)
+    assert "nothing that was looked at explains it" in told.verdict[0]
+
+
+def test_the_zero_is_compared_with_the_tare(result, stretches, experiment, error):
+    """0.3 s of 1 mN·m of noise tell the zero to 0.06 mN·m; what was read at rest stands where the two differ."""
+    assert abs(error.zero.moved_nm) < 4 * error.zero.tare_std_nm
+    assert error.zero.tare_std_nm == pytest.approx(1e-3 / np.sqrt(300), rel=0.15)
+    rest = experiment.segments[0]
+    torque = experiment.torque.copy()
+    torque["torque_nm"][torque["arrival_ns"] < rest.end_ns] -= 2e-3
+    strained = replace(experiment, torque=torque)
+    moved = model_error(result, expanded(result, stretches, ()), stretches, (), strained)
+    assert moved.zero.moved_nm == pytest.approx(error.zero.moved_nm + 2e-3, abs=1e-5)
+    assert moved.prediction.torque_nm > 1.9e-3
+
+
+def test_ratios_have_no_torque_to_be_off(result, stretches):
+    ratios = replace(result, network=replace(result.network, provenance={"scale": "free motion only"}))
+    assert expanded(ratios, stretches, ()) is None
+
+
+def test_presliding_damping_below_zero_is_none_in_the_network(result, tmp_path):
+    below = replace(
+        result,
+        network=replace(result.network, presliding_damping_nms_rad=-1e-4),
+        estimates=tuple(
+            replace(each, value=-1e-4, std=1e-5) if each.name == "presliding_damping" else each
+            for each in result.estimates
+        ),
+    )
+    told = possible(below)
+    told.network.save(tmp_path / "network.json")
+    assert NortonNetwork.load(tmp_path / "network.json").presliding_damping_nms_rad == 0.0
+    assert told.estimate("presliding_damping").status is Status.AT_BOUND
+    assert told.verdict[-1] == "Presliding damping comes out below zero: the network has none."
+    assert possible(result) is result
+
+
+def test_no_machine_has_a_negative_inertia(result):
+    below = possible(replace(result, network=replace(result.network, inertia_kgm2=-1e-5)))
+    assert beyond_bounds(below.network) == ("inertia",)
+    assert "No network is written" in below.verdict[-1]
