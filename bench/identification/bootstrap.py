@@ -277,12 +277,13 @@ class _Bench:
         """What would have been measured, with errors of its own."""
         position_rad, velocity_rad_s = self.position.value.copy(), np.zeros(self.position.value.size)
         torque_nm = self.torque.value.copy()
+        coupling = None if self.readings.coupling is None else self.readings.coupling.drawn(random)
         for truth in self.truths:
             own = _within(self.position.time_s, truth.stretch.time_s)
             position_rad[own] = truth.motion(self.position.time_s[own])
             velocity_rad_s[own] = truth.motion(self.position.time_s[own], 1)
             seen = _within(self.torque.time_s, truth.stretch.time_s)
-            torque_nm[seen] = self._torque(truth, self.torque.time_s[seen], random)
+            torque_nm[seen] = self._torque(truth, self.torque.time_s[seen], coupling, random)
         rate_nm_s = np.gradient(torque_nm, self.torque.time_s)
         position_rad = self.position_errors.drawn(position_rad, velocity_rad_s, random)
         torque_nm = self.torque_errors.drawn(torque_nm, rate_nm_s, random)
@@ -292,11 +293,13 @@ class _Bench:
             torque=_with(self.torque_rows, "torque_nm", torque_nm),
         )
 
-    def _torque(self, truth: Truth, time_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    def _torque(
+        self, truth: Truth, time_s: FloatArray, coupling: Coupling | None, random: np.random.Generator
+    ) -> FloatArray:
         travel_s = random.choice(self.travel_s, truth.stretch.sent_s.size)
         if averaging_s := truth.stretch.torque_averaging_s:
             time_s = time_s + averaging_s * random.uniform(-0.5, 0.5, time_s.size)
-        return np.asarray(truth.torque(self.solution, travel_s, self.readings.coupling)(time_s))
+        return np.asarray(truth.torque(self.solution, travel_s, coupling)(time_s))
 
 
 def _with(table: Table, column: str, values: FloatArray) -> Table:

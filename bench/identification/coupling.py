@@ -1,6 +1,6 @@
 """The spring between the two motors, as far as the torque sensor's readings feel it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
@@ -26,13 +26,25 @@ class Coupling:
     """
 
     stiffness_nm_rad: float
+    stiffness_std_nm_rad: float
     damping_nms_rad: float
+    damping_std_nms_rad: float
     load_inertia_kgm2: float
     load_gain: float
     load_bandwidth_rad_s: float
     load_delay_s: float
     sent_s: FloatArray
     command_nm: FloatArray
+
+    def drawn(self, random: np.random.Generator) -> "Coupling":
+        """One of the springs that this may be: where its resonance lies near the rate of the readings, a little more or
+        less of either decides how much of the steps the readings fold down."""
+        relative = self.stiffness_std_nm_rad / self.stiffness_nm_rad * random.standard_normal()
+        return replace(
+            self,
+            stiffness_nm_rad=self.stiffness_nm_rad * float(np.exp(relative)),
+            damping_nms_rad=self.damping_nms_rad + self.damping_std_nms_rad * random.standard_normal(),
+        )
 
     def response(self, frequency_hz: FloatArray, inertia_kgm2: float) -> npt.NDArray[np.complex128]:
         """Torque of the spring over the difference of the accelerations that drive its ends [N m s²/rad], (n,)."""

@@ -49,6 +49,7 @@ class LoadFit:
     sensor_stiffness_nm_rad: float
     sensor_stiffness_std_nm_rad: float
     sensor_damping_nms_rad: float
+    sensor_damping_std_nms_rad: float
     torque_bias_nm: float
     position_resolution_rad: float
     weight_nm: float = 0.0
@@ -63,9 +64,9 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     if len(load) != len(actuator):
         raise ExperimentError("one drive's readings were interrupted while the other's went on: repeat the calibration")
     result = fit_machine(load, believed.findings)
-    stiffness, deviation, damping = _spring(load, actuator, result.motion_delay_s)
+    spring = _spring(load, actuator, result.motion_delay_s)
     step_rad = resolution_rad(measured.load_motion["position_rad"])
-    return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad, weight_of(result))
+    return LoadFit(result, *spring, -result.torque_bias_nm, step_rad, weight_of(result))
 
 
 def coupling_of(measured: Measured, tick_s: float) -> Coupling | None:
@@ -81,7 +82,9 @@ def coupling_of(measured: Measured, tick_s: float) -> Coupling | None:
         return None
     return Coupling(
         stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
+        stiffness_std_nm_rad=fit.sensor_stiffness_std_nm_rad,
         damping_nms_rad=fit.sensor_damping_nms_rad,
+        damping_std_nms_rad=fit.sensor_damping_std_nms_rad,
         load_inertia_kgm2=load.inertia_kgm2,
         load_gain=load.torque_gain,
         load_bandwidth_rad_s=load.amplifier_bandwidth_rad_s,
@@ -127,8 +130,8 @@ def _hanging(load: tuple[Signals, ...], findings: Findings) -> FitResult | None:
 
 def _spring(
     load: tuple[Signals, ...], actuator: tuple[Signals, ...], load_delay_s: float
-) -> tuple[float, float, float]:
-    """Stiffness and its deviation, and damping, from twist against torque.
+) -> tuple[float, float, float, float]:
+    """Stiffness and its deviation, damping and its deviation, from twist against torque.
 
     The twist is a few counts, so it is the noisy one, and is explained by the torque rather than the other way. The
     actuator's encoder has a delay of its own: by how much its motion is to be moved is one more linear unknown,
@@ -148,7 +151,8 @@ def _spring(
     compliance, uncertain = above_zero(float(compliance), float(np.sqrt(covariance[0, 0])))
     stiffness = 1.0 / compliance
     deviation = np.hypot(uncertain * stiffness**2, STIFFNESS_FLOOR * stiffness)
-    return float(stiffness), float(deviation), float(relaxation_s * stiffness)
+    damping_deviation = np.sqrt(covariance[1, 1]) * stiffness
+    return float(stiffness), float(deviation), float(relaxation_s * stiffness), float(damping_deviation)
 
 
 def above_zero(value: float, std: float) -> tuple[float, float]:

@@ -99,7 +99,7 @@ def test_a_bias_as_large_as_the_value_is_not_taken_off_but_leaves_nothing_known(
 def test_two_inertias_on_a_spring_answer_as_their_equations_do() -> None:
     inertia, load, stiffness, damping = 5e-5, 1.2e-4, 200.0, 0.01
     none = np.empty(0)
-    coupling = Coupling(stiffness, damping, load, 1.0, 1000.0, 0.0, none, none)
+    coupling = Coupling(stiffness, 2.0, damping, 0.0, load, 1.0, 1000.0, 0.0, none, none)
     # States: twist and its rate; input: the difference of the accelerations that drive the two ends.
     mobility = 1 / inertia + 1 / load
     dynamics = np.array([[0.0, 1.0], [-stiffness * mobility, -damping * mobility]])
@@ -114,3 +114,12 @@ def test_two_inertias_on_a_spring_answer_as_their_equations_do() -> None:
     assert bare.response(frequency_hz, inertia) == pytest.approx(
         replace(coupling, damping_nms_rad=least).response(frequency_hz, inertia)
     )
+
+
+def test_springs_are_drawn_as_uncertain_as_the_calibration_left_them() -> None:
+    none, random = np.empty(0), np.random.default_rng(1)
+    coupling = Coupling(1000.0, 20.0, 0.01, 0.004, 1e-4, 1.0, 1000.0, 0.0, none, none)
+    drawn = [coupling.drawn(random) for _ in range(2000)]
+    # 2000 draws tell a deviation to 1.6 %.
+    assert np.std([each.stiffness_nm_rad for each in drawn]) == pytest.approx(20.0, rel=0.06)
+    assert np.std([each.damping_nms_rad for each in drawn]) == pytest.approx(0.004, rel=0.06)
