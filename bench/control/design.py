@@ -52,10 +52,15 @@ class TorqueGains:
 
 @dataclass(frozen=True)
 class Tracking:
-    """Observer and regulator of prescribed motion."""
+    """Observer and regulator of prescribed motion.
+
+    ``gentler`` is by what factor its command may change more slowly for an error than with the gentlest usual gains;
+    1 where those were kept to.
+    """
 
     observer: Observer
     regulator: Regulator
+    gentler: float = 1.0
 
 
 def nominal_bench(calibration: LoadCalibration, tick_s: float) -> Bench:
@@ -106,6 +111,18 @@ def walls(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
 
 def design_torque_loop(calibration: LoadCalibration, observer: Observer, tick_s: float) -> TorqueGains:
     """The greatest integral gain with margins. Raises ExperimentError where there is none."""
+    found = _torque_gains(calibration, observer, tick_s)
+    if found is None:
+
+        def works(better: LoadCalibration) -> bool:
+            tracking = _tracking(better, tick_s)
+            return tracking is not None and _torque_gains(better, tracking.observer, tick_s) is not None
+
+        raise ExperimentError(f"zero torque: no feedback keeps its margins on this bench; {_mend(calibration, works)}")
+    return found
+
+
+def _torque_gains(calibration: LoadCalibration, observer: Observer, tick_s: float) -> TorqueGains | None:
     sliding, still = tuple(sliding_benches(calibration, tick_s)), tuple(walls(calibration, tick_s))
     stuck = tuple(bench for bench in sticking_benches(calibration, tick_s) if bench.load_spring_nm_rad > 0)
 
@@ -128,10 +145,7 @@ def design_torque_loop(calibration: LoadCalibration, observer: Observer, tick_s:
         if found:
             integral, (time_s, damping) = found, shape
     if integral == 0.0:
-        raise ExperimentError(
-            "zero torque: no feedback keeps its margins with this load calibration; calibrate the load again, and look "
-            f"at the delay from command to torque ({1e3 * calibration.command_delay_s:.2f} ms)"
-        )
+        return None
     boosted = _greatest(partial(slides, time_s=time_s), integral, MOST_BOOST * integral)
     return TorqueGains(integral * time_s, integral, max(boosted / integral, 1.0), damping)
 
@@ -142,6 +156,14 @@ def design_tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:
     A controller that takes the actuator for heavier than it is forgives more: where the likely inertia gives no
     margins, heavier ones are tried. Raises ExperimentError where none is stable throughout.
     """
+    found = _tracking(calibration, tick_s)
+    if found is None:
+        mend = _mend(calibration, lambda better: _tracking(better, tick_s) is not None)
+        raise ExperimentError(f"prescribed motion: no feedback, however gentle, is stable on this bench; {mend}")
+    return found
+
+
+def _tracking(calibration: LoadCalibration, tick_s: float) -> Tracking | None:
     benches = (*sliding_benches(calibration, tick_s), *sticking_benches(calibration, tick_s))
     best, least = None, inf
     for candidate in _candidates(calibration, tick_s):
@@ -150,12 +172,32 @@ def design_tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:
             best, least = candidate, sensitivity
         if sensitivity <= TRACKING_SENSITIVITY:
             break
-    if best is None:
-        raise ExperimentError(
-            "prescribed motion: no feedback is stable with this load calibration; calibrate the load again, and look "
-            f"at the delay from command to torque ({1e3 * calibration.command_delay_s:.2f} ms)"
-        )
     return best
+
+
+def _mend(calibration: LoadCalibration, works: Callable[[LoadCalibration], bool]) -> str:
+    """What would have to be better of the bench, each by itself and by so much that it no longer counts."""
+    c = calibration
+    delay_ms = 1e3 * (c.drive_delay_s + c.torque_delay_s)
+    betters = (
+        (f"a shorter delay from command to torque ({delay_ms:.2f} ms)", replace(c, command_delay_s=-c.shift_s)),
+        (
+            f"finer counts of the encoders ({1e3 * c.position_resolution_rad:.2g} mrad)",
+            replace(c, position_resolution_rad=c.position_resolution_rad / 16),
+        ),
+        (
+            f"a quieter torque sensor ({1e3 * c.torque_noise_nm:.2g} mN m a reading)",
+            replace(c, torque_noise_nm=c.torque_noise_nm / 16),
+        ),
+        (
+            f"a softer torque sensor ({c.sensor_stiffness_nm_rad:.3g} N m/rad)",
+            replace(c, sensor_stiffness_nm_rad=c.sensor_stiffness_nm_rad / 4),
+        ),
+    )
+    helpful = [words for words, better in betters if works(better)]
+    if not helpful:
+        return "the calibration itself may be wrong: run 'calibrate' again, for longer"
+    return f"it would take {' or '.join(helpful)}"
 
 
 def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Tracking]:
@@ -164,7 +206,8 @@ def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Trackin
         bench = replace(nominal, actuator_inertia_kgm2=heavier * nominal.actuator_inertia_kgm2)
         observer = _observer(calibration, bench, tick_s)
         for effort in efforts:
-            yield Tracking(observer, design_regulator(bench, effort, tick_s))
+            gentler = max(effort / EFFORTS[-1], 1.0)
+            yield Tracking(observer, design_regulator(bench, effort, tick_s), gentler)
 
 
 def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float) -> Observer:
