@@ -104,8 +104,8 @@ def _gentler(known: Knowledge) -> tuple[str, ...]:
         return ()
     return (
         f"imposed: the load follows with gains {gentler:.0f} times gentler than usual, the boldest that are stable on "
-        "this bench: the actuator's command moves the shaft off its motion by so much more, and its motion is less like "
-        "what was planned; finer counts, or less delay from command to torque, would mend that",
+        "this bench: the actuator's command moves the shaft off its motion by so much more, and it moves less as "
+        "planned; finer counts, or less delay from command to torque, would mend that",
     )
 
 
