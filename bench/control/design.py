@@ -6,8 +6,8 @@ what the load's own calibration makes likely; where it sticks it is a spring, an
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import product
+from functools import cache, partial
+from itertools import chain, product
 from math import ceil, inf, sqrt
 
 from bench.control.calibration import LoadCalibration
@@ -34,7 +34,12 @@ GROWTH = 1.004
 MOST_BOOST = 4.0
 DOUBTS = tuple(2.0**power for power in range(1, 9))  # deviation taken for the encoders, in counts
 EFFORTS = tuple(0.5 * 2.0**step for step in range(8))  # see `design_regulator`; the stiffest first
-# Where none of those keeps its margins: gains that fall, to next to nothing. The shaft then follows by what is fed
+# The actuator's inertia is taken for so many times the likely one.
+HEAVIER = (1.0, 2.0, 4.0)
+# Where none of those keeps its margins: observers that go by the encoders, and hardly by the torque reading. It is what
+# shows the sensor's resonance, which a softer sensor has at frequencies that the loop still acts upon.
+DISTRUSTS = (5.0, 25.0, 125.0)
+# And where not even those do: gains that fall, to next to nothing. The shaft then follows by what is fed
 # forward, and strays by what that is off.
 GENTLE_EFFORTS = tuple(EFFORTS[-1] * 2.0**step for step in range(1, 9))
 WALL = 50.0  # an inertia so many times the load's does not move
@@ -52,10 +57,15 @@ class TorqueGains:
 
 @dataclass(frozen=True)
 class Tracking:
-    """Observer and regulator of prescribed motion."""
+    """Observer and regulator of prescribed motion.
+
+    ``gentler`` is by what factor its command may change more slowly for an error than with the gentlest usual gains;
+    1 where those were kept to.
+    """
 
     observer: Observer
     regulator: Regulator
+    gentler: float = 1.0
 
 
 def nominal_bench(calibration: LoadCalibration, tick_s: float) -> Bench:
@@ -106,6 +116,18 @@ def walls(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
 
 def design_torque_loop(calibration: LoadCalibration, observer: Observer, tick_s: float) -> TorqueGains:
     """The greatest integral gain with margins. Raises ExperimentError where there is none."""
+    found = _torque_gains(calibration, observer, tick_s)
+    if found is None:
+
+        def works(better: LoadCalibration) -> bool:
+            tracking = _tracking(better, tick_s)
+            return tracking is not None and _torque_gains(better, tracking.observer, tick_s) is not None
+
+        raise ExperimentError(f"zero torque: no feedback keeps its margins on this bench; {_mend(calibration, works)}")
+    return found
+
+
+def _torque_gains(calibration: LoadCalibration, observer: Observer, tick_s: float) -> TorqueGains | None:
     sliding, still = tuple(sliding_benches(calibration, tick_s)), tuple(walls(calibration, tick_s))
     stuck = tuple(bench for bench in sticking_benches(calibration, tick_s) if bench.load_spring_nm_rad > 0)
 
@@ -128,10 +150,7 @@ def design_torque_loop(calibration: LoadCalibration, observer: Observer, tick_s:
         if found:
             integral, (time_s, damping) = found, shape
     if integral == 0.0:
-        raise ExperimentError(
-            "zero torque: no feedback keeps its margins with this load calibration; calibrate the load again, and look "
-            f"at the delay from command to torque ({1e3 * calibration.command_delay_s:.2f} ms)"
-        )
+        return None
     boosted = _greatest(partial(slides, time_s=time_s), integral, MOST_BOOST * integral)
     return TorqueGains(integral * time_s, integral, max(boosted / integral, 1.0), damping)
 
@@ -140,8 +159,17 @@ def design_tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:
     """The stiffest regulator with margins, or else the one with the best margins of all that are stable throughout.
 
     A controller that takes the actuator for heavier than it is forgives more: where the likely inertia gives no
-    margins, heavier ones are tried. Raises ExperimentError where none is stable throughout.
+    margins, heavier ones are tried; then observers that trust the torque reading less, and gentler gains at last.
+    Raises ExperimentError where none is stable throughout.
     """
+    found = _tracking(calibration, tick_s)
+    if found is None:
+        mend = _mend(calibration, lambda better: _tracking(better, tick_s) is not None)
+        raise ExperimentError(f"prescribed motion: no feedback, however gentle, is stable on this bench; {mend}")
+    return found
+
+
+def _tracking(calibration: LoadCalibration, tick_s: float) -> Tracking | None:
     benches = (*sliding_benches(calibration, tick_s), *sticking_benches(calibration, tick_s))
     best, least = None, inf
     for candidate in _candidates(calibration, tick_s):
@@ -150,44 +178,79 @@ def design_tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:
             best, least = candidate, sensitivity
         if sensitivity <= TRACKING_SENSITIVITY:
             break
-    if best is None:
-        raise ExperimentError(
-            "prescribed motion: no feedback is stable with this load calibration; calibrate the load again, and look "
-            f"at the delay from command to torque ({1e3 * calibration.command_delay_s:.2f} ms)"
-        )
     return best
 
 
+def _mend(calibration: LoadCalibration, works: Callable[[LoadCalibration], bool]) -> str:
+    """What would have to be better of the bench, each by itself and by so much that it no longer counts."""
+    c = calibration
+    delay_ms = 1e3 * (c.drive_delay_s + c.torque_delay_s)
+    betters = (
+        (f"a shorter delay from command to torque ({delay_ms:.2f} ms)", replace(c, command_delay_s=-c.shift_s)),
+        (
+            f"finer counts of the encoders ({1e3 * c.position_resolution_rad:.2g} mrad)",
+            replace(c, position_resolution_rad=c.position_resolution_rad / 16),
+        ),
+        (
+            f"a quieter torque sensor ({1e3 * c.torque_noise_nm:.2g} mN m a reading)",
+            replace(c, torque_noise_nm=c.torque_noise_nm / 16),
+        ),
+        (
+            f"a softer torque sensor ({c.sensor_stiffness_nm_rad:.3g} N m/rad)",
+            replace(c, sensor_stiffness_nm_rad=c.sensor_stiffness_nm_rad / 4),
+        ),
+    )
+    helpful = [words for words, better in betters if works(better)]
+    if not helpful:
+        return "the calibration itself may be wrong: run 'calibrate' again, for longer"
+    return f"it would take {' or '.join(helpful)}"
+
+
 def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Tracking]:
+    """The usual ones first; of the others the stiffest first, whichever observer it takes."""
     nominal = nominal_bench(calibration, tick_s)
-    for efforts, heavier in product((EFFORTS, GENTLE_EFFORTS), (1.0, 2.0, 4.0)):
+
+    @cache
+    def seen(heavier: float, distrust: float) -> tuple[Bench, Observer]:
         bench = replace(nominal, actuator_inertia_kgm2=heavier * nominal.actuator_inertia_kgm2)
-        observer = _observer(calibration, bench, tick_s)
-        for effort in efforts:
-            yield Tracking(observer, design_regulator(bench, effort, tick_s))
+        return bench, _observer(calibration, bench, tick_s, distrust)
+
+    trusting, distrusting = tuple(product(HEAVIER, (1.0,))), tuple(product((1.0,), DISTRUSTS))
+    usual = ((effort, kind) for kind in trusting for effort in EFFORTS)
+    for effort, kind in chain(usual, product(EFFORTS, distrusting), product(GENTLE_EFFORTS, trusting + distrusting)):
+        bench, observer = seen(*kind)
+        yield Tracking(observer, design_regulator(bench, effort, tick_s), max(effort / EFFORTS[-1], 1.0))
 
 
-def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float) -> Observer:
+def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float, distrust: float) -> Observer:
     """The quickest that holds for readings of any age."""
     torque_nm = doubted_torque_nm(calibration)
     free_rad_s2 = 100 * torque_nm / bench.actuator_inertia_kgm2  # per root second
     for doubt in DOUBTS:
-        observer = doubting_observer(calibration, bench, doubt, (free_rad_s2, free_rad_s2, 30 * torque_nm), tick_s)
+        walks = (free_rad_s2, free_rad_s2, 30 * torque_nm)
+        observer = doubting_observer(calibration, bench, doubt, walks, tick_s, distrust)
         if holds_at_any_age(observer, bench, tick_s):
             break
     return observer
 
 
 def doubting_observer(
-    calibration: LoadCalibration, bench: Bench, doubt: float, walks: tuple[float, float, float], tick_s: float
+    calibration: LoadCalibration,
+    bench: Bench,
+    doubt: float,
+    walks: tuple[float, float, float],
+    tick_s: float,
+    distrust: float = 1.0,
 ) -> Observer:
-    """Takes the encoders for off by ``doubt`` counts; ``walks`` are the last three of :class:`Noise`.
+    """Takes the encoders for off by ``doubt`` counts, and the torque sensor for ``distrust`` times as noisy as it is.
+
+    ``walks`` are the last three of :class:`Noise`.
 
     The sensor is damped artificially: a controller must not build on where its resonance is. Encoders are trusted less
     than they deserve, the less the stiffer the sensor: a twist of a few counts must not pass for torque.
     """
     position_rad = doubt * max(calibration.position_resolution_rad, 1e-9)
-    noise = Noise(doubted_torque_nm(calibration), position_rad, *walks)
+    noise = Noise(distrust * doubted_torque_nm(calibration), position_rad, *walks)
     return design_observer(bench.with_damping(1.0), noise, tick_s, past_ticks(calibration, tick_s))
 
 

@@ -65,7 +65,8 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
         raise ExperimentError("one drive's readings were interrupted while the other's went on: repeat the calibration")
     result = fit_machine(load, believed.findings)
     spring = _spring(load, actuator, result.motion_delay_s)
-    step_rad = resolution_rad(measured.load_motion["position_rad"])
+    # Of the coarser: a controller must not take the other's steps for a twist.
+    step_rad = max(resolution_rad(table["position_rad"]) for table in (measured.load_motion, measured.motion))
     return LoadFit(result, *spring, -result.torque_bias_nm, step_rad, weight_of(result))
 
 

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from bench.control.design import design_tracking
 from bench.errors import RigError
 from bench.procedures.free import command_multisine
 from bench.procedures.knowledge import Knowledge, Plan, require_load
@@ -66,11 +67,12 @@ class ImposedProcedure:
         yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
 
     def spared(self, known: Knowledge) -> tuple[str, ...]:
-        return tuple(
+        smaller = tuple(
             sentence
             for name, sized in self._stretches(known)
             for sentence in words_for(f"{self.name}, {name}:", sized.share)
         )
+        return (*_gentler(known), *smaller)
 
     def _stretches(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
         """What is imposed, one after the other, with its name."""
@@ -93,6 +95,18 @@ class ImposedProcedure:
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known
+
+
+def _gentler(known: Knowledge) -> tuple[str, ...]:
+    """What it costs that the load follows more gently than usual; nothing where it does not."""
+    gentler = 1.0 if known.calibration is None else design_tracking(known.calibration, known.tick_s).gentler
+    if gentler == 1.0:
+        return ()
+    return (
+        f"imposed: the load follows with gains {gentler:.0f} times gentler than usual, the boldest that are stable on "
+        "this bench: the actuator's command moves the shaft off its motion by so much more, and it moves less as "
+        "planned; finer counts, or less delay from command to torque, would mend that",
+    )
 
 
 def imposed_multisine(known: Knowledge, amplitude: float, duration_s: float, seed: int) -> Motion:

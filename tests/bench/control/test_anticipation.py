@@ -158,3 +158,28 @@ def test_another_observer_goes_on_where_the_last_one_was() -> None:
     assert not np.allclose(controller._estimator.states, before)  # friction is no part of the free acceleration now
     controller.begin(plant.sample(), ZERO_TORQUE, leads=True)
     np.testing.assert_allclose(controller._estimator.states, before)
+
+
+@pytest.mark.parametrize(("leads_before", "jumps"), [(True, True), (False, False)])
+def test_what_was_fed_forward_goes_on_from_segment_to_segment(leads_before: bool, jumps: bool) -> None:
+    """The actuator's command jumps where the second begins: the load's does so too, if it was led before."""
+    settings = PlantSettings()
+    plant = Plant(settings)
+    calibration = calibrated(settings)
+    controller = AdmittanceController(calibration, TICK_S, LIMIT_NM)
+    for _ in range(20):
+        controller.observe(plant.sample())
+        controller.note_sent(0.0)
+        plant.step(0.0, 0.0)
+    controller.begin(plant.sample(), ZERO_TORQUE, leads=leads_before)
+    wishes = []
+    for acceleration in (0.0, 100.0):
+        target = Target(0.0, 10.0, acceleration)
+        for _ in range(5):
+            wishes.append(controller.update(plant.sample(), target, target))
+            controller.note_sent(wishes[-1])
+        controller.begin(plant.sample(), ZERO_TORQUE, leads=True)
+    needed_nm = 100.0 * calibration.inertia_kgm2 / calibration.torque_gain
+    rise_nm = wishes[7] - wishes[4]  # a command arrives within a tick, and then acts along the reference
+    assert (rise_nm > 0.8 * needed_nm) == jumps
+    assert jumps or abs(rise_nm) < 0.2 * needed_nm

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.control import design
 from bench.control.calibration import LoadCalibration
 from bench.identification.results import FitResult, Trace
 from bench.models.network import NortonNetwork
@@ -23,6 +24,7 @@ from bench.records import Measured
 from bench.rig.load import load_rig
 from bench.rig.rig import Rig
 from bench.segments import PRESCRIBED_MOTION, LoadMode, Segment
+from tests.bench.control.test_design import COARSE
 from tests.bench.procedures.test_procedures import played
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
@@ -114,6 +116,15 @@ def test_a_free_command_that_the_load_cannot_follow_is_made_smaller() -> None:
     command = 0.3 * np.sin(2 * np.pi * 20.0 * np.arange(1000) * RIG.tick_s)
     assert not bounds.allow_free(command, SHARE)
     assert bounds.allow_free(LEAST * command, SHARE)
+
+
+def test_gentler_gains_are_said_to_cost_something(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coarse counts behind a stiff sensor: see the tests of the design."""
+    monkeypatch.setattr(design, "DISTRUSTS", ())
+    known = replace(known_of(STRONG), calibration=COARSE)
+    gentle = [sentence for sentence in ImposedProcedure().spared(known) if "times gentler" in sentence]
+    assert len(gentle) == 1
+    assert not [sentence for sentence in ImposedProcedure().spared(known_of(STRONG)) if "times gentler" in sentence]
 
 
 def test_without_a_fit_to_judge_by_there_are_no_bounds() -> None:
