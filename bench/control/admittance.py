@@ -20,7 +20,7 @@ from bench.control.feed_forward import FeedForward
 from bench.control.observer import FREE_RATE
 from bench.control.reference import Reference, continued
 from bench.control.regulator import FREE, LOAD
-from bench.control.torque_loop import TorqueLoop, slow_share
+from bench.control.torque_loop import TorqueLoop, settles_s
 from bench.control.virtual import VirtualBody
 from bench.sample import Sample, Target
 from bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance
@@ -92,7 +92,8 @@ class AdmittanceController:
         self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, False
         self._choose(self._anticipation if self._frees and not leads else None)
         if mends_rad_s is not None:
-            self._loop.slow = slow_share(self._gains, self.calibration, mends_rad_s)
+            self._loop.settles_s = settles_s(self._gains, self.calibration)
+            self._loop.slow = min(mends_rad_s * self._loop.settles_s, 1.0)
 
     def observe(self, sample: Sample) -> None:
         """Keep watching while the load torque is decided elsewhere."""

@@ -24,18 +24,20 @@ class TorqueLoop:
     turn_rad: float
     play_rad: float
     slow: float = 1.0
+    settles_s: float = 0.0
     _torque_nm: float = field(default=0.0, init=False)
     _damping_nm: float = field(default=0.0, init=False)
     _turned_at_rad: float = field(default=0.0, init=False)
     _farthest_rad: float = field(default=0.0, init=False)
     _began_rad: float = field(default=0.0, init=False)
     _reach_rad: float = field(default=0.0, init=False)
+    _known_s: float = field(default=0.0, init=False)
 
     def begin(self, torque_nm: float, position_rad: float, velocity_rad_s: float) -> None:
         """Sticking where the shaft is at rest; one that moves has slid, and its damping ended long ago."""
         self._torque_nm = torque_nm
         self._turned_at_rad, self._farthest_rad = position_rad - MOVING_S * velocity_rad_s, position_rad
-        self._began_rad, self._reach_rad = position_rad, 0.0
+        self._began_rad, self._reach_rad, self._known_s = position_rad, 0.0, 0.0
         self._damping_nm = -self._sticking(position_rad) * self.gains.damping_nms_rad * velocity_rad_s
 
     def change_nm(self, torque_nm: float, position_rad: float, velocity_rad_s: float, *, bold: bool) -> float:
@@ -52,7 +54,9 @@ class TorqueLoop:
 
     def _share(self, position_rad: float) -> float:
         self._reach_rad = max(self._reach_rad, abs(position_rad - self._began_rad))
-        return self.slow + (1 - self.slow) * exp(-self._reach_rad / self.turn_rad)
+        if self.slow < 1.0:
+            self._known_s += self.tick_s * (1 - exp(-self._reach_rad / self.turn_rad))
+        return max(self.slow, self.settles_s / (self.settles_s + self._known_s)) if self._known_s else 1.0
 
     def _sticking(self, position_rad: float) -> float:
         return exp(-abs(position_rad - self._turned_at_rad) / self.turn_rad)
@@ -66,10 +70,10 @@ class TorqueLoop:
             self._turned_at_rad, self._farthest_rad = self._farthest_rad, position_rad
 
 
-def slow_share(gains: TorqueGains, calibration: LoadCalibration, rate_rad_s: float) -> float:
-    """The share of ``gains`` with which a standing torque at the port decays at ``rate_rad_s``; 1 at most.
+def settles_s(gains: TorqueGains, calibration: LoadCalibration) -> float:
+    """The time constant with which a standing torque at the port decays under ``gains``.
 
-    That rate is the integral gain times what of a standing command the port sees. While both contacts slide that is
-    the actuator's share of the damping, while one sticks all of it: all of it is reckoned with.
+    One over that is the integral gain times what of a standing command the port sees. While both contacts slide that
+    is the actuator's share of the damping, while one sticks all of it: all of it is reckoned with.
     """
-    return min(rate_rad_s / (gains.integral_per_s * calibration.torque_gain), 1.0)
+    return 1.0 / (gains.integral_per_s * calibration.torque_gain)
