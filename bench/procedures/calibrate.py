@@ -34,9 +34,9 @@ SPEED_SHARE = 0.4
 STRONGER = 3.0
 BACK_OFF = 0.3
 GREATEST_STEP = 1.5
-# Of a load's fit that did not converge: deviations, relative, that the controller's margins (`design.miscalibrated`)
+# Of a fit that did not converge: deviations, relative, that the controller's margins (`design.miscalibrated`)
 # allow for twice over; and what it may leave of the torque, noise included.
-SURE_OF_LOAD = {"torque_gain": 0.05, "inertia": 0.05, "coulomb_torque": 0.1}
+SURE_OF = {"torque_gain": 0.05, "inertia": 0.05, "coulomb_torque": 0.1}
 EXPLAINED = 0.5
 # Deviations up to which the controller builds on the actuator's friction, relative.
 WELL_KNOWN = {"inertia": 0.05, "coulomb_torque": 0.05, "presliding_stiffness": 0.2}
@@ -145,19 +145,19 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
     )
 
 
-def told_well_enough(load: FitResult) -> bool:
-    """Whether a controller can be tuned from it: converged, or not quite but sure of what the margins build on.
+def told_well_enough(machine: FitResult) -> bool:
+    """Whether controllers and plans can build on a fit: converged, or not quite but sure of what margins come from.
 
     A friction contact much shorter than a count cannot be told, and a search for it may go on for ever; gain, inertia
     and Coulomb torque are what they are wherever it ends.
     """
-    if load.converged:
+    if machine.converged:
         return True
     sure = all(
         0.0 < estimate.std <= part * estimate.value
-        for estimate, part in ((load.estimate(name), part) for name, part in SURE_OF_LOAD.items())
+        for estimate, part in ((machine.estimate(name), part) for name, part in SURE_OF.items())
     )
-    return sure and load.torque_relative < EXPLAINED
+    return sure and machine.torque_relative < EXPLAINED
 
 
 def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
@@ -168,7 +168,7 @@ def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
     if actuator is None or actuator.estimate("inertia").status is Status.RATIO_ONLY:
         return None
     inertia_kgm2 = actuator.network.inertia_kgm2
-    return inertia_kgm2 if actuator.converged and inertia_kgm2 > 0.0 else None
+    return inertia_kgm2 if told_well_enough(actuator) and inertia_kgm2 > 0.0 else None
 
 
 def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:

@@ -1,11 +1,11 @@
 """Plans that keep to every limit of the rig, by what has been measured so far: made smaller until they do."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.models.parameters import Status
+from bench.procedures.calibrate import first_inertia_kgm2
 from bench.procedures.excitations import SHARE, Bounds
 from bench.procedures.knowledge import Knowledge, why_no_basis
 from bench.procedures.waves import Motion
@@ -33,11 +33,17 @@ class Sized:
 def bounds_of(known: Knowledge) -> Bounds | None:
     """The rig's limits, judged by the calibration and the actuator's first fit; None where one is missing."""
     fit = known.actuator
-    if known.calibration is None or fit is None or why_no_basis(fit, "the actuator") is not None:
+    if known.calibration is None or fit is None or first_inertia_kgm2(fit) is None:
         return None
-    if fit.estimate("inertia").status is Status.RATIO_ONLY:
+    if why_no_basis(replace(fit, converged=True), "the actuator") is not None:
         return None
-    return Bounds(known.rig, fit.network, known.calibration, travel_left_rad(known.records, known.rig))
+    # A damping that the fit hardly tells may come out below zero, and would make the motion foreseen run away.
+    network = replace(
+        fit.network,
+        viscous_damping_nms_rad=max(fit.network.viscous_damping_nms_rad, 0.0),
+        presliding_damping_nms_rad=max(fit.network.presliding_damping_nms_rad, 0.0),
+    )
+    return Bounds(known.rig, network, known.calibration, travel_left_rad(known.records, known.rig))
 
 
 def travel_left_rad(records: Sequence[Measured], rig: Rig) -> float:

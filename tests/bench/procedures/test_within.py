@@ -127,6 +127,13 @@ def test_gentler_gains_are_said_to_cost_something(monkeypatch: pytest.MonkeyPatc
     assert not [sentence for sentence in ImposedProcedure().spared(known_of(STRONG)) if "times gentler" in sentence]
 
 
+def test_a_damping_below_zero_does_not_make_the_motion_foreseen_run_away() -> None:
+    command = np.repeat(np.linspace(-0.2, 0.2, 5), 400)
+    bounds = bounds_of(known_of(replace(STRONG, presliding_damping_nms_rad=-0.1)))
+    assert bounds is not None
+    assert bounds.allow_free(command, SHARE)
+
+
 def test_without_a_fit_to_judge_by_there_are_no_bounds() -> None:
     known = known_of(STRONG)
     assert bounds_of(replace(known, actuator=fit_of(STRONG, Status.RATIO_ONLY))) is None
