@@ -50,8 +50,8 @@ class Segment:
     """One stretch of the experiment; every array has shape (ticks,).
 
     ``position_rad`` is relative to where the load stands when the segment begins. ``preview`` says that the reference
-    motion is the free motion predicted from the network identified so far, to be fed forward under zero torque, and
-    ``trusted`` that this network is known to a per cent.
+    motion is the free motion predicted from the network identified so far, to be fed forward under zero torque.
+    ``mends_rad_s`` is how quickly feedback then does best to mend what is left; None for as quickly as it can.
     """
 
     procedure: str
@@ -65,7 +65,7 @@ class Segment:
     acceleration_rad_s2: FloatArray = field(default_factory=lambda: np.empty(0))
     load_torque_nm: FloatArray = field(default_factory=lambda: np.empty(0))
     preview: bool = False
-    trusted: bool = False
+    mends_rad_s: float | None = None
     modulation: FloatArray = field(default_factory=lambda: np.empty(0))  # of the modulator; empty: zero throughout
     stop_at_velocity_rad_s: float = float("inf")  # end early, without alarm, once |actuator velocity| reaches this
 

@@ -31,8 +31,9 @@ import numpy as np
 import verdicts
 
 from bench.errors import ExperimentError
-from bench.identification.fit import PHYSICAL, fit_signals, network_of
+from bench.identification.fit import PHYSICAL, fit, network_of
 from bench.identification.information import KNOWN, Linearised, information
+from bench.identification.load import coupling_of
 from bench.identification.results import FitResult
 from bench.identification.signals import Signals, signals
 from bench.models.parameters import Status
@@ -83,7 +84,8 @@ def outcomes(rig: Rig, seed: int, condition: str) -> Iterator[Outcome]:
     with TemporaryDirectory() as folder:
         measured = record_session(quiet, standard_session(quiet), out=Path(folder), seed=seed).measured
     stretches = signals(measured, rig.tick_s, Use.IDENTIFY)
-    result = fit_signals(stretches, command_unit=rig.command.unit)
+    coupling = coupling_of(measured, rig.tick_s)
+    result = fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s, coupling=coupling)
     truth = read_truth(rig.simulated, seed=seed, place=rig.place, command_unit=rig.command.unit)
     true = {name: true_parameters(truth, rig.command.unit)[name][0] for name in PHYSICAL}
     best = bounds(stretches, result, true, noise(truth))

@@ -1,28 +1,33 @@
 """How near to zero the port torque is held in the zero-torque experiment, through the real loop on the simulated bench.
 
-The same command is run with the load undriven, under a plain torque PI, under the bench's own controller (feedback
-alone), with preview of the free motion, and repeated with what each trial taught, at three stiffnesses of the torque
-sensor. The controller is tuned from the bench's own tare and calibration; the preview's network is the one just
-identified, or the true one with every parameter off by the errors named and trusted all the same. Figures are of the
-true port torque, which only the simulation knows. Run with
-``python benchmarks/zero_torque.py [--json]``.
+The same command is run with the load undriven, under the bench's own controller (feedback alone), and with preview of
+the free motion, by three movements and over ten seeds; the bench is calibrated anew by its own tare and calibration in
+each, and the preview's network is the one just identified there. With the first seed alone there are, besides: a plain
+torque PI; networks with every parameter off by the errors named, used as the bench uses a network that says so of
+itself; the movement repeated with what each trial taught; and torque sensors of other stiffnesses. Figures are of the
+true port torque, which only the simulation knows; decibels include its mean, which is the drift of the sensor's zero.
+Run with ``python benchmarks/zero_torque.py [--seeds 1-10] [--json] [--jobs 2]``; some 15 minutes on two cores.
 """
 
 import argparse
 import json
+import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from math import isfinite, log10
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
 from bench.control.admittance import AdmittanceController
 from bench.control.calibration import LoadCalibration
-from bench.control.preview import with_preview
+from bench.control.preview import foreseeing, with_preview
+from bench.identification.fit import PHYSICAL
 from bench.identification.trials import TRIAL
 from bench.loop.alignment import Alignment
 from bench.loop.devices import open_devices
@@ -47,11 +52,13 @@ from sim_backend.backend import SimulatedBackend
 from sim_backend.truth import read_truth
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
-STIFFNESSES_NM_RAD = (50, 200, 1000)
-NETWORK_ERRORS = (0.01, 0.03)
+STIFFNESS_NM_RAD = 200.0
+OTHERS_NM_RAD = (50.0, 1000.0)
+NETWORK_ERRORS = (0.005, 0.02)
 # Bands and amplitudes of the actuator's command; with the first the undriven port sees about 13 mN m.
 COMMANDS = {"3 Hz": (3.0, 0.08), "3 Hz, stronger": (3.0, 0.1), "10 Hz": (10.0, 0.1)}
 DURATION_S = 8.0
+FEEDBACK, PREVIEW = "feedback", "preview, network just identified"
 LOOK_NS = 100_000
 
 
@@ -64,7 +71,9 @@ class PlainPI:
     lead_ticks: int = 0
     _integral_nm: float = 0.0
 
-    def begin(self, sample: Sample, admittance: object, *, trusting: bool = False) -> None:
+    def begin(
+        self, sample: Sample, admittance: object, *, leads: bool = False, mends_rad_s: float | None = None
+    ) -> None:
         self._integral_nm = 0.0
 
     def observe(self, sample: Sample) -> None:
@@ -83,17 +92,20 @@ class Eyes:
     """Looks at the true port torque ten times a tick."""
 
     backend: SimulatedBackend
-    squares: list[float] = field(default_factory=list)
+    seen_nm: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         world = self.backend.world
         world.every(LOOK_NS, self._look, first_ns=world.now_ns + LOOK_NS)
 
     def _look(self, _now_ns: int) -> None:
-        self.squares.append(self.backend.world.plant.true_port_torque_nm() ** 2)
+        self.seen_nm.append(self.backend.world.plant.true_port_torque_nm())
 
     def rms_nm(self) -> float:
-        return float(np.sqrt(np.mean(self.squares)))
+        return float(np.sqrt(np.mean(np.square(self.seen_nm))))
+
+    def mean_nm(self) -> float:
+        return float(np.mean(self.seen_nm))
 
 
 @dataclass
@@ -113,19 +125,19 @@ class Benchmark:
         self.loop.controller = controller  # type: ignore[assignment]
         with self.loop.running():
             self.loop.run(Segment("benchmark", "rest", Use.PREPARE, hold(0.0, 0.3, self.rig.tick_s)))
-            self.eyes.squares.clear()
+            self.eyes.seen_nm.clear()
             self.loop.run(segment)
             return self.eyes.rms_nm()
 
 
 @contextmanager
-def ready(stiffness_nm_rad: float) -> Iterator[Benchmark]:
+def ready(stiffness_nm_rad: float, seed: int) -> Iterator[Benchmark]:
     """The demonstration rig with another torque sensor, tared and calibrated."""
     text = RIG.read_text(encoding="utf-8").replace(
         'stiffness = "200 N*m/rad"', f'stiffness = "{stiffness_nm_rad} N*m/rad"'
     )
     rig = parse_rig(text, place=str(RIG))
-    backend = load_backend("simulated")(rig.wiring, rig.simulated, seed=1, place=rig.place)
+    backend = load_backend("simulated")(rig.wiring, rig.simulated, seed=seed, place=rig.place)
     assert isinstance(backend, SimulatedBackend)
     devices = open_devices(rig, backend)
     loop = Loop(devices, guard_for(rig, devices), Outbox(()), Alignment(), rig.tick_ns)
@@ -154,7 +166,7 @@ class Watched:
         return self.bench.loop.running()
 
     def run(self, segment: Segment) -> Measured:
-        self.bench.eyes.squares.clear()
+        self.bench.eyes.seen_nm.clear()
         measured = self.bench.loop.run(segment)
         if segment.name.startswith(TRIAL):
             self.rms_nm.append(self.bench.eyes.rms_nm())
@@ -171,27 +183,33 @@ def iterated(bench: Benchmark, highest_hz: float, amplitude: float) -> list[floa
     return watched.rms_nm
 
 
-def measure(bench: Benchmark, low_pass_hz: float, amplitude: float) -> dict[str, float]:
-    """RMS of the true port torque [N m] by how the load is driven."""
+def measure(bench: Benchmark, low_pass_hz: float, amplitude: float, *, rivals: bool) -> dict[str, tuple[float, float]]:
+    """RMS and mean of the true port torque [N m] by how the load is driven."""
     tick_s = bench.rig.tick_s
     command = amplitude * multisine(DURATION_S, tick_s, low_hz=0.2, high_hz=low_pass_hz, seed=2, slope=-0.5)
     undriven = Segment("benchmark", "undriven", Use.PREPARE, command)
     zero = Segment("benchmark", "zero torque", Use.PREPARE, command, LoadMode.ADMITTANCE, ZERO_TORQUE)
     controller = AdmittanceController(bench.calibration, tick_s, bench.rig.limits.load_torque_nm)
-    found = {
-        "undriven": bench.rms_nm(undriven, None),
-        "plain PI": bench.rms_nm(zero, PlainPI()),
-        "feedback": bench.rms_nm(zero, controller),
-    }
     assert bench.known.actuator is not None
-    identified = bench.known.actuator.network
-    seen = with_preview(zero, identified, bench.calibration, bench.actuator_delay_s, tick_s)
-    found["preview, network just identified"] = bench.rms_nm(seen, controller)
-    for error in NETWORK_ERRORS:
-        network = nearly_true_network(bench.rig, error)
-        seen = with_preview(zero, network, bench.calibration, bench.actuator_delay_s, tick_s)
-        found[f"preview, network {error:.0%} off, trusted"] = bench.rms_nm(replace(seen, trusted=True), controller)
-    return found
+    ways: dict[str, tuple[Segment, object]] = {
+        "undriven": (undriven, None),
+        PREVIEW: (as_the_bench_does(bench, zero, bench.known.actuator.network), controller),
+        FEEDBACK: (zero, controller),
+    }
+    if rivals:
+        ways["plain PI"] = (zero, PlainPI())
+        for error in NETWORK_ERRORS:
+            network = nearly_true_network(bench.rig, error)
+            ways[f"network {error:.1%} off"] = (as_the_bench_does(bench, zero, network), controller)
+    return {way: (bench.rms_nm(segment, driven), bench.eyes.mean_nm()) for way, (segment, driven) in ways.items()}
+
+
+def as_the_bench_does(bench: Benchmark, zero: Segment, network: NortonNetwork) -> Segment:
+    """With the free motion foreseen by ``network`` where the bench would trust it, by feedback alone where not."""
+    chosen = foreseeing(network, None, knows_friction=bench.calibration.actuator_friction is not None)
+    if chosen is None:
+        return zero
+    return with_preview(zero, chosen, bench.calibration, bench.actuator_delay_s, bench.rig.tick_s)
 
 
 def nearly_true_network(rig: Rig, error: float) -> NortonNetwork:
@@ -199,41 +217,108 @@ def nearly_true_network(rig: Rig, error: float) -> NortonNetwork:
     motor = read_truth(rig.simulated, seed=None, place=rig.place).actuator.motor
     true = np.array([motor.Km * motor.Ka, motor.beta, motor.Im, motor.B, motor.tau_c, motor.sigma_0, motor.sigma_1])
     off: FloatArray = true * (1 + error * np.random.default_rng(3).choice([-1.0, 1.0], len(true)))
-    return NortonNetwork(*off.tolist(), command_unit=rig.command.unit)
+    covariance = tuple(map(tuple, np.diag((error * true) ** 2).tolist()))
+    return NortonNetwork(*off.tolist(), command_unit=rig.command.unit, covariance_names=PHYSICAL, covariance=covariance)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One movement with one sensor at one seed; ``rivals`` adds what is run at the first seed alone."""
+
+    seed: int
+    stiffness_nm_rad: float
+    command: str
+    rivals: bool
+
+    def __str__(self) -> str:
+        return f"seed {self.seed}, {self.stiffness_nm_rad:.0f} N m/rad, command to {self.command}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """``rms_nm`` and ``mean_nm`` of the true port torque by way; ``iterated_rms_nm`` trial by trial."""
+
+    case: Case
+    rms_nm: dict[str, float]
+    mean_nm: dict[str, float]
+    iterated_rms_nm: list[float]
+
+    def below_db(self, way: str) -> float:
+        return decibels(self.rms_nm["undriven"], self.rms_nm[way])
+
+
+def one(case: Case) -> Outcome:
+    """Calibrated anew: within minutes the sensor drifts by more than what preview leaves."""
+    low_pass_hz, amplitude = COMMANDS[case.command]
+    with ready(case.stiffness_nm_rad, case.seed) as bench:
+        found = measure(bench, low_pass_hz, amplitude, rivals=case.rivals)
+    trials_nm: list[float] = []
+    if case.rivals:
+        with ready(case.stiffness_nm_rad, case.seed) as bench:
+            trials_nm = iterated(bench, low_pass_hz, amplitude)
+    rms_nm, mean_nm = ({way: pair[place] for way, pair in found.items()} for place in (0, 1))
+    return Outcome(case, rms_nm, mean_nm, trials_nm)
+
+
+def cases(first: int, last: int) -> list[Case]:
+    every = product(range(first, last + 1), COMMANDS)
+    main = [Case(seed, STIFFNESS_NM_RAD, command, seed == first) for seed, command in every]
+    return main + [Case(first, stiffness, command, True) for stiffness, command in product(OTHERS_NM_RAD, COMMANDS)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", default="1-10", help="first-last, 1-10 unless told")
+    parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="cases at a time")
+    parser.add_argument("--json", action="store_true", help="data only, on stdout")
+    options = parser.parse_args()
+    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(threads, "1")
+    first, _, last = options.seeds.partition("-")
+    found: list[Outcome] = []
+    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+        for outcome in pool.map(one, cases(int(first), int(last or first))):
+            found.append(outcome)
+            ways = ", ".join(f"{way} {outcome.below_db(way):.1f} dB" for way in (FEEDBACK, PREVIEW))
+            print(f"{outcome.case}: {ways}", file=sys.stderr, flush=True)
+    if options.json:
+        json.dump([asdict(outcome) for outcome in found], sys.stdout, indent=2)
+        return
+    for command in COMMANDS:
+        show_seeds(
+            command, [o for o in found if o.case.command == command and o.case.stiffness_nm_rad == STIFFNESS_NM_RAD]
+        )
+    for outcome in found:
+        if outcome.case.rivals:
+            show(outcome)
+
+
+def show_seeds(command: str, found: Sequence[Outcome]) -> None:
+    """What a movement came to over the seeds: mean, and from the least to the most."""
+    print(f"command to {command}, {len(found)} seeds, {STIFFNESS_NM_RAD:.0f} N m/rad")
+    for way in (FEEDBACK, PREVIEW):
+        below = np.array([outcome.below_db(way) for outcome in found])
+        means = 1e3 * np.array([outcome.mean_nm[way] for outcome in found])
+        print(f"    {way:32s} {np.mean(below):5.1f} dB below ({np.min(below):.1f} to {np.max(below):.1f})", end="; ")
+        print(f"mean torque {np.mean(means):+.3f} mN m ({np.min(means):+.3f} to {np.max(means):+.3f})")
+    gains = [outcome.below_db(PREVIEW) - outcome.below_db(FEEDBACK) for outcome in found]
+    print(f"    preview over feedback alone {min(gains):+.1f} to {max(gains):+.1f} dB")
+
+
+def show(outcome: Outcome) -> None:
+    """One line a way of driving the load; what is iterated is compared with its own first trial."""
+    print(f"{outcome.case}: undriven {1e3 * outcome.rms_nm['undriven']:.1f} mN m")
+    for way, rms_nm in outcome.rms_nm.items():
+        if way != "undriven":
+            print(f"    {way:32s} {1e3 * rms_nm:6.2f} mN m {outcome.below_db(way):6.1f} dB below")
+    first_nm, *others_nm = outcome.iterated_rms_nm
+    below = ", ".join(f"{decibels(first_nm, rms_nm):.1f}" for rms_nm in others_nm)
+    print(f"    iterated, from {1e3 * first_nm:.1f} mN m: trials 2 to {1 + len(others_nm)} {below} dB below")
 
 
 def decibels(undriven_nm: float, rms_nm: float) -> float:
     """How far below the undriven port torque."""
     return 20 * log10(undriven_nm / rms_nm) if isfinite(rms_nm) and rms_nm > 0 else float("nan")
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true", help="data only, on stdout")
-    as_json = parser.parse_args().json
-    results = []
-    for stiffness, (name, (low_pass_hz, amplitude)) in product(STIFFNESSES_NM_RAD, COMMANDS.items()):
-        # Calibrated anew: within five minutes the sensor drifts by more than what preview leaves.
-        with ready(stiffness) as bench:
-            found, trials_nm = measure(bench, low_pass_hz, amplitude), iterated(bench, low_pass_hz, amplitude)
-        rig = {"stiffness_nm_rad": stiffness, "command": name}
-        results.append({**rig, "rms_nm": found, "iterated_rms_nm": trials_nm})
-        if not as_json:
-            show(stiffness, name, found, trials_nm)
-    if as_json:
-        json.dump(results, sys.stdout, indent=2)
-
-
-def show(stiffness: float, name: str, found: dict[str, float], trials_nm: list[float]) -> None:
-    """One line a way of driving the load; what is iterated is compared with its own first trial."""
-    undriven = found["undriven"]
-    print(f"{stiffness:5.0f} N m/rad, command to {name}: undriven {1e3 * undriven:.1f} mN m")
-    for way, rms_nm in found.items():
-        if way != "undriven":
-            print(f"    {way:32s} {1e3 * rms_nm:6.2f} mN m {decibels(undriven, rms_nm):6.1f} dB below")
-    first_nm, *others_nm = trials_nm
-    below = ", ".join(f"{decibels(first_nm, rms_nm):.1f}" for rms_nm in others_nm)
-    print(f"    iterated, from {1e3 * first_nm:.1f} mN m: trials 2 to {len(trials_nm)} {below} dB below")
 
 
 if __name__ == "__main__":

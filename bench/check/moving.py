@@ -107,31 +107,31 @@ class _Pushes:
     def perform(self) -> None:
         rest = self._rest()
         if self.rig.wiring.shaft == "clamped" and self.devices.load is None:
-            self._push_against_the_clamp()
+            self._push_against_the_clamp(rest)
             return
-        by_load = self._push_with_the_load() if self.devices.load is not None else None
-        by_actuator = self._push_with_the_actuator() if not self.faults else None
+        by_load = self._push_with_the_load(rest) if self.devices.load is not None else None
+        by_actuator = self._push_with_the_actuator(rest) if not self.faults else None
         if by_load is not None and by_actuator is not None and not self.faults:
             self._compare_torques(rest, by_load, by_actuator)
 
-    def _push_with_the_load(self) -> Measured:
+    def _push_with_the_load(self, rest: Measured) -> Measured:
         torque_nm = growth(self.rig.limits.load_torque_nm, SEARCH_S, self.rig.tick_s)
         push = pushed(NAME, "load pushes", Use.TARE, torque_nm, stop_at_velocity_rad_s=moving_rad_s(self.rig))
         measured = self.loop.run(push)
-        self._judge("the load", measured, list(load_push_faults(measured, push, moving_rad_s(self.rig))))
+        self._judge("the load", measured, list(load_push_faults(measured, push, moving_rad_s(self.rig), rest)))
         return measured
 
-    def _push_with_the_actuator(self) -> Measured:
+    def _push_with_the_actuator(self, rest: Measured) -> Measured:
         command = growth(self.rig.command.limit, SEARCH_S, self.rig.tick_s)
         push = coasting(NAME, "actuator pushes", Use.TARE, command, stop_at_velocity_rad_s=moving_rad_s(self.rig))
         measured = self.loop.run(push)
-        self._judge("the actuator", measured, list(actuator_push_faults(measured, push, moving_rad_s(self.rig))))
+        self._judge("the actuator", measured, list(actuator_push_faults(measured, push, moving_rad_s(self.rig), rest)))
         return measured
 
-    def _push_against_the_clamp(self) -> None:
+    def _push_against_the_clamp(self, rest: Measured) -> None:
         command = ramp(0.0, self.rig.command.limit, CLAMPED_S, self.rig.tick_s)
         measured = self.loop.run(coasting(NAME, "actuator pushes", Use.TARE, command))
-        self.faults += torque_sign_faults(measured, expected=1)
+        self.faults += torque_sign_faults(measured, rest, expected=1)
         self.said.append("the shaft is clamped: of directions, only the torque sensor's can be seen")
 
     def _judge(self, who: str, push: Measured, faults: list[str]) -> None:

@@ -59,6 +59,8 @@ def _source(source: SourceMap) -> dict[str, Any]:
         "low_rad_s": low.tolist(),
         "high_rad_s": high.tolist(),
         "settling_s": source.settling_s,
+        "port_torque_nm": source.port_torque_nm.tolist(),
+        "port_torque_std_nm": source.port_torque_std_nm.tolist(),
         "dead_zone": {"rising": _zone(source.dead_zone(True)), "falling": _zone(source.dead_zone(False))},
         "hysteresis": _hysteresis(source.hysteresis()),
     }

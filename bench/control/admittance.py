@@ -20,7 +20,7 @@ from bench.control.feed_forward import FeedForward
 from bench.control.observer import FREE_RATE
 from bench.control.reference import Reference, continued
 from bench.control.regulator import FREE, LOAD
-from bench.control.torque_loop import TorqueLoop
+from bench.control.torque_loop import TorqueLoop, slow_share
 from bench.control.virtual import VirtualBody
 from bench.sample import Sample, Target
 from bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance
@@ -47,7 +47,8 @@ class AdmittanceController:
     torque_limit_nm: float
     _frees: bool = field(default=True, init=False)  # zero torque is asked for
     _rigid: bool = field(default=False, init=False)
-    _trusting: bool = field(default=False, init=False)
+    _leads: bool = field(default=False, init=False)  # along a free motion that was foreseen
+    _goes_on: bool = field(default=False, init=False)  # and did so until now
     _anticipating: Anticipation | None = field(default=None, init=False)
     _deciding: bool = field(default=False, init=False)
 
@@ -74,17 +75,24 @@ class AdmittanceController:
         """How far ahead :meth:`update` wants to know the reference."""
         return self._whole + 2
 
-    def begin(self, sample: Sample, admittance: Admittance, *, trusting: bool = False) -> None:
+    def begin(
+        self, sample: Sample, admittance: Admittance, *, leads: bool = False, mends_rad_s: float | None = None
+    ) -> None:
         """Take over without a bump: the command continues from the last one sent.
 
-        ``trusting``: under zero torque the reference is known so well that feedback mends only what is beyond noise.
+        ``leads``: under zero torque the reference is the free motion, foreseen. What was fed forward along such a
+        reference before is taken along: it may ask for another torque at once, where the actuator's command jumps.
+        ``mends_rad_s``: it is foreseen so well that feedback had better be so slow; None for as quick as its margins
+        allow.
         """
-        self._trusting = trusting
+        self._goes_on, self._leads = leads and self._leads and self._deciding, leads
         if admittance not in (ZERO_TORQUE, PRESCRIBED_MOTION):
             mass = max(admittance.mass_kgm2, LEAST_MASS * self.calibration.inertia_kgm2)
             self._body = VirtualBody(replace(admittance, mass_kgm2=mass), self.tick_s)
         self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, False
-        self._choose(None if trusting or not self._frees else self._anticipation)
+        self._choose(self._anticipation if self._frees and not leads else None)
+        if mends_rad_s is not None:
+            self._loop.slow = slow_share(self._gains, self.calibration, mends_rad_s)
 
     def observe(self, sample: Sample) -> None:
         """Keep watching while the load torque is decided elsewhere."""
@@ -124,7 +132,6 @@ class AdmittanceController:
             self.tick_s,
             SLIDING_LENGTHS * c.coulomb_torque_nm / c.presliding_stiffness_nm_rad,
             PLAY_COUNTS * c.position_resolution_rad,
-            c.torque_noise_nm,
         )
 
     def _choose(self, anticipation: Anticipation | None) -> None:
@@ -148,9 +155,12 @@ class AdmittanceController:
         if begins:
             self._loop.begin(sample.torque_nm, *motion)
         anticipation = self._anticipating
-        fed_nm = self._anticipated(anticipation, begins) if anticipation else self._fed_forward(ahead, begins)
-        nothing_known = ahead.velocity_rad_s == 0.0 and ahead.acceleration_rad_s2 == 0.0
-        return fed_nm + self._loop.change_nm(sample.torque_nm, *motion, bold=nothing_known, trusting=self._trusting)
+        if anticipation:
+            fed_nm = self._anticipated(anticipation, begins)
+        else:
+            fed_nm = self._fed_forward(ahead, begins and not self._goes_on)
+        nothing_known = not self._leads and ahead.velocity_rad_s == 0.0 and ahead.acceleration_rad_s2 == 0.0
+        return fed_nm + self._loop.change_nm(sample.torque_nm, *motion, bold=nothing_known)
 
     def _track(self, target: Target, ahead: Target, begins: bool) -> float:
         if begins:

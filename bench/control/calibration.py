@@ -51,6 +51,9 @@ class LoadCalibration:
     actuator_inertia_kgm2: float | None = None  # a first estimate; None: the controller allows for a wide range
     actuator_friction: ActuatorFriction | None = None  # with its inertia; None where either is not well known
     weight_nm: float = 0.0  # the greatest torque of an arm that hangs on the load
+    # Of the load's parameters, as in NortonNetwork; empty where it is not known.
+    covariance_names: tuple[str, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -80,6 +83,8 @@ class LoadCalibration:
             presliding_stiffness_nm_rad=self.presliding_stiffness_nm_rad,
             presliding_damping_nms_rad=self.presliding_damping_nms_rad,
             command_unit="N*m",
+            covariance_names=self.covariance_names,
+            covariance=self.covariance,
         )
 
     @property

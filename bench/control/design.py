@@ -23,7 +23,9 @@ TRACKING_SENSITIVITY = 3.5
 GAIN_ERROR, STIFFNESS_ERROR, DELAY_ERROR_TICKS = 0.1, 0.2, 0.5
 # The actuator's inertia over the load's where nothing is known of it, and over its first estimate.
 UNKNOWN_INERTIA, ESTIMATED_INERTIA = (0.125, 2.0), (0.7, 1.4)
-STICKING = (0.5, 1.0, 2.0)  # the actuator's friction contact over the load's
+STICKING = (0.5, 1.0, 2.0)  # the actuator's friction contact over the load's, where nothing is known of it
+# And over its own first estimate: two deviations of `calibrate`'s WELL_KNOWN, to either side.
+STICKING_AS_KNOWN = (0.7, 1.0, 1.4)
 INTEGRAL_TIMES_S = (1e-3, 2e-3, 3e-3)  # proportional over integral gain
 DAMPING_RATES_RAD_S = (200.0, 100.0, 0.0)  # D over the load's inertia
 # A cycle between two stuck contacts may grow by this factor a tick: their hysteresis, which no linear model has, holds
@@ -32,6 +34,9 @@ GROWTH = 1.004
 MOST_BOOST = 4.0
 DOUBTS = tuple(2.0**power for power in range(1, 9))  # deviation taken for the encoders, in counts
 EFFORTS = tuple(0.5 * 2.0**step for step in range(8))  # see `design_regulator`; the stiffest first
+# Where none of those keeps its margins: gains that fall, to next to nothing. The shaft then follows by what is fed
+# forward, and strays by what that is off.
+GENTLE_EFFORTS = tuple(EFFORTS[-1] * 2.0**step for step in range(1, 9))
 WALL = 50.0  # an inertia so many times the load's does not move
 
 
@@ -79,11 +84,12 @@ def sliding_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Ben
 def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
     """The actuator's contact sticks: it is a spring, and so is the load's or not."""
     c, bench = calibration, nominal_bench(calibration, tick_s)
-    for factor in STICKING:
+    contact, factors = (c, STICKING) if c.actuator_friction is None else (c.actuator_friction, STICKING_AS_KNOWN)
+    for factor in factors:
         stuck = replace(
             bench,
-            actuator_spring_nm_rad=factor * c.presliding_stiffness_nm_rad,
-            actuator_damper_nms_rad=factor * c.presliding_damping_nms_rad,
+            actuator_spring_nm_rad=factor * contact.presliding_stiffness_nm_rad,
+            actuator_damper_nms_rad=factor * contact.presliding_damping_nms_rad,
         )
         yield stuck
         yield replace(
@@ -154,10 +160,10 @@ def design_tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:
 
 def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Tracking]:
     nominal = nominal_bench(calibration, tick_s)
-    for heavier in (1.0, 2.0, 4.0):
+    for efforts, heavier in product((EFFORTS, GENTLE_EFFORTS), (1.0, 2.0, 4.0)):
         bench = replace(nominal, actuator_inertia_kgm2=heavier * nominal.actuator_inertia_kgm2)
         observer = _observer(calibration, bench, tick_s)
-        for effort in EFFORTS:
+        for effort in efforts:
             yield Tracking(observer, design_regulator(bench, effort, tick_s))
 
 

@@ -1,15 +1,11 @@
 """Zero torque: proportional-integral feedback, damped while contacts stick and bolder while they slide."""
 
 from dataclasses import dataclass, field
-from math import exp, sqrt
+from math import exp
 
+from bench.control.calibration import LoadCalibration
 from bench.control.design import TorqueGains
 
-# Where the foreseen motion is trusted, feedback waits until the torque, averaged over so many ticks, is beyond so many
-# deviations of the sensor's noise, and forgets what it added within this time.
-AVERAGED_TICKS = 5.0
-DEVIATIONS = 3.0
-FORGETS_S = 0.1
 # A shaft that moves is taken to have been moving so for this long.
 MOVING_S = 0.1
 
@@ -27,46 +23,36 @@ class TorqueLoop:
     tick_s: float
     turn_rad: float
     play_rad: float
-    noise_nm: float = 0.0  # standard deviation of one torque reading
-    _averaged_nm: float = field(default=0.0, init=False)
-    _added_nm: float = field(default=0.0, init=False)
+    slow: float = 1.0
     _torque_nm: float = field(default=0.0, init=False)
     _damping_nm: float = field(default=0.0, init=False)
     _turned_at_rad: float = field(default=0.0, init=False)
     _farthest_rad: float = field(default=0.0, init=False)
+    _began_rad: float = field(default=0.0, init=False)
+    _reach_rad: float = field(default=0.0, init=False)
 
     def begin(self, torque_nm: float, position_rad: float, velocity_rad_s: float) -> None:
         """Sticking where the shaft is at rest; one that moves has slid, and its damping ended long ago."""
         self._torque_nm = torque_nm
-        self._averaged_nm = self._added_nm = 0.0
         self._turned_at_rad, self._farthest_rad = position_rad - MOVING_S * velocity_rad_s, position_rad
+        self._began_rad, self._reach_rad = position_rad, 0.0
         self._damping_nm = -self._sticking(position_rad) * self.gains.damping_nms_rad * velocity_rad_s
 
-    def change_nm(
-        self, torque_nm: float, position_rad: float, velocity_rad_s: float, *, bold: bool, trusting: bool = False
-    ) -> float:
-        """What to add to the last command; not ``bold`` where little is left to mend, and noise would be most of it.
-
-        ``trusting`` a foreseen motion that is known to a per cent, only what noise cannot explain is mended.
-        """
-        share = self._beyond_noise(torque_nm) if trusting else 1.0
+    def change_nm(self, torque_nm: float, position_rad: float, velocity_rad_s: float, *, bold: bool) -> float:
+        """What to add to the last command; not ``bold`` where little is left to mend, and noise would be most of it."""
         self._follow(position_rad)
         sticking = self._sticking(position_rad)
         boost = self.gains.boost + (1 - self.gains.boost) * sticking if bold else 1.0
         rise_nm, self._torque_nm = torque_nm - self._torque_nm, torque_nm
+        share = self._share(position_rad)
         damping_nm = -share * sticking * self.gains.damping_nms_rad * velocity_rad_s
         damped_nm, self._damping_nm = damping_nm - self._damping_nm, damping_nm
         feedback_nm = self.gains.proportional * rise_nm + self.gains.integral_per_s * self.tick_s * torque_nm
-        added_nm = share * boost * feedback_nm - (self._added_nm * self.tick_s / FORGETS_S if trusting else 0.0)
-        self._added_nm += added_nm
-        return added_nm + damped_nm
+        return share * boost * feedback_nm + damped_nm
 
-    def _beyond_noise(self, torque_nm: float) -> float:
-        """The share of the averaged torque that is no noise, 0 to 1."""
-        weight = 1 / AVERAGED_TICKS
-        self._averaged_nm += weight * (torque_nm - self._averaged_nm)
-        hidden_nm = DEVIATIONS * self.noise_nm * sqrt(weight / (2 - weight))
-        return max(1.0 - hidden_nm**2 / max(self._averaged_nm**2, 1e-18), 0.0)
+    def _share(self, position_rad: float) -> float:
+        self._reach_rad = max(self._reach_rad, abs(position_rad - self._began_rad))
+        return self.slow + (1 - self.slow) * exp(-self._reach_rad / self.turn_rad)
 
     def _sticking(self, position_rad: float) -> float:
         return exp(-abs(position_rad - self._turned_at_rad) / self.turn_rad)
@@ -78,3 +64,12 @@ class TorqueLoop:
             self._farthest_rad = position_rad
         elif abs(beyond) > self.play_rad:
             self._turned_at_rad, self._farthest_rad = self._farthest_rad, position_rad
+
+
+def slow_share(gains: TorqueGains, calibration: LoadCalibration, rate_rad_s: float) -> float:
+    """The share of ``gains`` with which a standing torque at the port decays at ``rate_rad_s``; 1 at most.
+
+    That rate is the integral gain times what of a standing command the port sees. While both contacts slide that is
+    the actuator's share of the damping, while one sticks all of it: all of it is reckoned with.
+    """
+    return min(rate_rad_s / (gains.integral_per_s * calibration.torque_gain), 1.0)

@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.stats import t as student
 
 from bench.identification import loops, noise
+from bench.identification.coupling import Coupling
 from bench.identification.kernels import Kernel
 from bench.identification.quantisation import resolution_rad
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS
@@ -37,8 +38,8 @@ NORMAL_95 = 1.96  # deviations
 FINER = 4
 # Noise is told from errors of the instants by readings in blocks of so many, fast ones and slow ones.
 BLOCK = 100
-# Above half the rate of the readings a shaft's inertia takes the motor's torque up, and the port shows none of it; so
-# nothing is there that sampling could fold down.
+# The motion that was measured tells the port's torque up to nearly half the rate of the readings. Above that, inertia
+# and coupling alone decide what the sensor feels of the motors.
 PORT = Kernel(cutoff=0.45, half_width=24.0)
 # What readings tell of a motion without loss, and no more: a shaft does not move faster than that.
 SHAFT = Kernel(cutoff=0.22, half_width=16.0)
@@ -124,15 +125,34 @@ class Truth:
             torque += cosine * np.cos(periods * path) + sine * np.sin(periods * path)
         return cls(stretch, motion, time_s, torque)
 
-    def torque(self, solution: Solution, travel_s: FloatArray) -> BSpline:
+    def torque(self, solution: Solution, travel_s: FloatArray, coupling: Coupling | None) -> BSpline:
         """At the port, on the torque's clock, where each command travelled longer than usual by ``travel_s`` (m,)."""
         stretch, shape = self.stretch, solution.shape
         acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
-        lag = loops.mean_lag_of_held(
-            acts_s, stretch.command, shape.bandwidth_rad_s, self.time_s[0], stretch.tick_s / FINE, self.time_s.size
-        )
-        torque = _filtered(self.passive_nm, PORT) + solution.linear[GAIN] * _filtered(lag, PORT, of_means=True)
+        motor_nm = solution.linear[GAIN] * self.lag(acts_s, stretch.command, shape.bandwidth_rad_s)
+        torque = _filtered(self.passive_nm, PORT) + _filtered(motor_nm, PORT, of_means=True)
+        if coupling is not None:
+            torque += self.quick(motor_nm, coupling, abs(float(solution.linear[INERTIA])))
         return make_interp_spline(self.time_s, torque, k=3)
+
+    def lag(self, acts_s: FloatArray, command: FloatArray, bandwidth_rad_s: float) -> FloatArray:
+        """Of commands (m,) that act from these instants on: (n,)."""
+        step_s = self.stretch.tick_s / FINE
+        return np.asarray(
+            loops.mean_lag_of_held(acts_s, command, bandwidth_rad_s, self.time_s[0], step_s, self.time_s.size)
+        )
+
+    def quick(self, motor_nm: FloatArray, coupling: Coupling, inertia_kgm2: float) -> FloatArray:
+        """What the sensor feels of both motors above PORT's band, (n,)."""
+        load_nm = coupling.load_gain * self.lag(
+            coupling.sent_s + coupling.load_delay_s, coupling.command_nm, coupling.load_bandwidth_rad_s
+        )
+        driving = motor_nm / inertia_kgm2 - load_nm / coupling.load_inertia_kgm2
+        above = driving - _filtered(driving, PORT, of_means=True)
+        frequency_hz = np.fft.rfftfreq(above.size, self.stretch.tick_s / FINE)
+        spectrum = np.fft.rfft(above)
+        spectrum *= coupling.response(np.asarray(frequency_hz), inertia_kgm2)
+        return np.asarray(np.fft.irfft(spectrum, above.size), dtype=np.float64)
 
 
 def _filtered(values: FloatArray, kernel: Kernel, *, of_means: bool = False) -> FloatArray:
@@ -150,6 +170,7 @@ class Readings:
     tick_s: float
     use: Use
     draws: int = DRAWS
+    coupling: Coupling | None = None  # where it is known
 
 
 @dataclass(frozen=True)
@@ -185,11 +206,12 @@ class Scatter:
         """Values without their bias, and their covariance, from those that the residual alone gives: (p,), (p, p).
 
         Where the real residual gives a greater deviation than simulated ones do, the model or the noise is not as was
-        simulated: the difference of the squares is added.
+        simulated: the difference of the squares is added. Nothing becomes better known than the residual says.
         """
         stated = np.sqrt(np.diag(covariance))
         unexplained = np.maximum(stated**2 - self.stated_std**2, 0.0)
-        std = np.sqrt(self.std**2 + self.bias_std(values) ** 2 + unexplained)
+        scattered = np.maximum(self.std**2 + unexplained, stated**2)
+        std = np.sqrt(scattered + self.bias_std(values) ** 2)
         # A bias that the scatter hides is no bias; one as large as the value says only that nothing is known.
         credible = np.abs(self.bias) < 0.5 * np.abs(values)
         corrected = values - np.where(credible, self.bias, 0.0)
@@ -274,7 +296,7 @@ class _Bench:
         travel_s = random.choice(self.travel_s, truth.stretch.sent_s.size)
         if averaging_s := truth.stretch.torque_averaging_s:
             time_s = time_s + averaging_s * random.uniform(-0.5, 0.5, time_s.size)
-        return np.asarray(truth.torque(self.solution, travel_s)(time_s))
+        return np.asarray(truth.torque(self.solution, travel_s, self.readings.coupling)(time_s))
 
 
 def _with(table: Table, column: str, values: FloatArray) -> Table:

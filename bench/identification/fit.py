@@ -12,10 +12,11 @@ import numpy.typing as npt
 
 from bench.errors import ExperimentError
 from bench.identification.bootstrap import DRAWS, Readings, scatter_of
+from bench.identification.coupling import Coupling
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
-from bench.identification.results import Cogging, FitResult, Trace
+from bench.identification.results import Cogging, FitResult, TorqueZero, Trace
 from bench.identification.separable import Solution, limits, linear_solution, solve
 from bench.identification.signals import Port, Signals, signals
 from bench.identification.soundness.doubts import Doubt, doubts, status_of
@@ -41,19 +42,28 @@ PHYSICAL = (
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 # The command must explain this many times what nothing explains, or the port's torque sets no scale.
 LEAST_EVIDENCE = 5.0
+# Deviations to which a residual can be told from the noise in it.
+TOLD_FROM_NOISE = 2.0
 
 
 def fit(
-    measured: Measured, *, command_unit: str, tick_s: float, use: Use = Use.IDENTIFY, draws: int = DRAWS
+    measured: Measured,
+    *,
+    command_unit: str,
+    tick_s: float,
+    use: Use = Use.IDENTIFY,
+    draws: int = DRAWS,
+    coupling: Coupling | None = None,
 ) -> FitResult:
     """Fit the actuator to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit.
 
     ``draws`` records are simulated for the deviations (:mod:`bench.identification.bootstrap`); with none of them the
-    fit takes a tenth of the time, and the deviations hold only what its residual shows.
+    fit takes a tenth of the time, and the deviations hold only what its residual shows. ``coupling`` is what the
+    calibration tells of the spring between the motors (:func:`bench.identification.load.coupling_of`).
     """
     believed = sound(measured)
     stretches = signals(believed.measured, tick_s, use)
-    readings = Readings(believed.measured, tick_s, use, draws) if draws else None
+    readings = Readings(believed.measured, tick_s, use, draws, coupling) if draws else None
     return fit_signals(stretches, command_unit=command_unit, findings=believed.findings, readings=readings)
 
 
@@ -65,11 +75,13 @@ def fit_signals(
     findings: Findings = NOTHING_FOUND,
     cogging: tuple[float, ...] = (),
     readings: Readings | None = None,
+    both_driven: bool = False,
 ) -> FitResult:
     """The same, from signals that stand on one grid already, and what was found when they were made.
 
     ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
-    ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows.
+    ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows. With
+    ``both_driven`` both machines pushed on purpose, as they do for a load: a noisy sensor then hides no scale.
     Raises ExperimentError where no command was given.
     """
     if not any(np.ptp(stretch.command) > 0.0 for stretch in stretches):
@@ -77,12 +89,15 @@ def fit_signals(
     measured = all(stretch.torque_nm is not None for stretch in stretches)
     doubtful = bool(findings.doubts)
     solution = solve(stretches, free_motion=not measured, roughly=doubtful, cogging=cogging)
-    if port is Port.LOAD and (not measured or scale_evidence(solution) < LEAST_EVIDENCE):
+    told = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
+        beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
+    )
+    if port is Port.LOAD and not told:
         raise ExperimentError(
             "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
             "actuator too, independently of the load, and see that the torque sensor works"
         )
-    if measured and scale_evidence(solution) < LEAST_EVIDENCE:
+    if measured and not told:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return _result(stretches, solution, command_unit, findings, None if doubtful else readings)
 
@@ -96,6 +111,20 @@ def scale_evidence(solution: Solution) -> float:
     lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
     alone = lag - linear_solution(others.T, lag) @ others.T
     return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)) / np.sqrt(np.mean(solution.innovation**2)))
+
+
+def beyond_noise(solution: Solution) -> float:
+    """The share of the residual's power that the torque readings' own noise does not explain, as far as can be told.
+
+    That noise makes a number uncertain, as its deviation says, but sets no wrong scale; the encoder's does. The power
+    of n normal errors is known to √(2/n) of itself (chi-squared), n rows that are not alike.
+    """
+    regression = solution.regression
+    counts = [row.usable.size for row in regression.rows]
+    noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
+    told = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
+    left = float(np.mean(solution.residual**2))
+    return float(np.clip(1.0 - noise / max(left, 1e-300), min(told, 1.0), 1.0))
 
 
 def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -196,6 +225,7 @@ def _result(
         cogging=_cogging(solution, to_torque),
         torque_bias_nm=_bias(solution),
         repeated_std=repeated_std,
+        torque_zero=_zero(solution),
         verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
         doubted=doubted,
     )
@@ -249,6 +279,17 @@ def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) ->
 def _bias(solution: Solution) -> float:
     """The mean of the bias's hats, which follow the five linear unknowns and the pairs of the cogging."""
     return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + 2 * len(solution.regression.cogging) :]))
+
+
+def _zero(solution: Solution) -> TorqueZero | None:
+    """The bias's hats; None where no torque was fitted."""
+    if solution.free_motion:
+        return None
+    time_s, unknowns = solution.regression.time_s(), len(solution.linear)
+    first = 5 + 2 * len(solution.regression.cogging)
+    covariance = sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
+    knots_s = np.linspace(np.min(time_s), np.max(time_s), unknowns - first)  # as `hats` has them
+    return TorqueZero(knots_s, solution.linear[first:], covariance[first:unknowns, first:unknowns])
 
 
 def _without_scale(estimate: Estimate) -> Estimate:

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import norm as normal
 
 from bench.errors import ExperimentError
+from bench.identification.coupling import Coupling
 from bench.identification.covariance import sandwich
 from bench.identification.fit import fit_signals
 from bench.identification.kernels import FULL_BAND
@@ -17,7 +19,7 @@ from bench.identification.quantisation import resolution_rad
 from bench.identification.regression import STILL, Regression, Rows
 from bench.identification.results import FitResult
 from bench.identification.separable import linear_solution
-from bench.identification.signals import Port, Signals, signals
+from bench.identification.signals import Port, Signals, sent_at_s, signals
 from bench.identification.soundness.recording import NOTHING_FOUND, Findings, sound
 from bench.records import Measured
 from bench.segments import Use
@@ -64,6 +66,29 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     stiffness, deviation, damping = _spring(load, actuator, result.motion_delay_s)
     step_rad = resolution_rad(measured.load_motion["position_rad"])
     return LoadFit(result, stiffness, deviation, damping, -result.torque_bias_nm, step_rad, weight_of(result))
+
+
+def coupling_of(measured: Measured, tick_s: float) -> Coupling | None:
+    """What the calibration tells of the spring between the two motors; None where it was not measured."""
+    if not len(measured.load_motion) or all(segment.use is not Use.CALIBRATE for segment in measured.segments):
+        return None
+    try:
+        fit = fit_load(measured, tick_s)
+    except ExperimentError:
+        return None
+    load, ticks = fit.result.network, measured.ticks
+    if not fit.result.converged or min(fit.sensor_stiffness_nm_rad, load.inertia_kgm2) <= 0.0:
+        return None
+    return Coupling(
+        stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
+        damping_nms_rad=fit.sensor_damping_nms_rad,
+        load_inertia_kgm2=load.inertia_kgm2,
+        load_gain=load.torque_gain,
+        load_bandwidth_rad_s=load.amplifier_bandwidth_rad_s,
+        load_delay_s=fit.result.command_delay_s,
+        sent_s=sent_at_s(ticks, int(ticks["tick_ns"][0])),
+        command_nm=np.ascontiguousarray(ticks["load_torque_nm"]),
+    )
 
 
 def fit_machine(load: tuple[Signals, ...], findings: Findings = NOTHING_FOUND) -> FitResult:
@@ -120,9 +145,22 @@ def _spring(
         compliance, relaxation_s, _, shift_s = solution
         delay_s += float(np.clip(shift_s, -5e-4, 5e-4))
     covariance = sandwich(columns.T, twist - solution @ columns, time_s)
+    compliance, uncertain = above_zero(float(compliance), float(np.sqrt(covariance[0, 0])))
     stiffness = 1.0 / compliance
-    deviation = np.hypot(np.sqrt(covariance[0, 0]) * stiffness**2, STIFFNESS_FLOOR * stiffness)
+    deviation = np.hypot(uncertain * stiffness**2, STIFFNESS_FLOOR * stiffness)
     return float(stiffness), float(deviation), float(relaxation_s * stiffness)
+
+
+def above_zero(value: float, std: float) -> tuple[float, float]:
+    """Mean and deviation of what was found to be ``value`` with ``std``, and is known to be above zero.
+
+    A normal distribution cut off at zero. It changes nothing that is told; where counts are too coarse for the twist of
+    a stiff sensor, it is what may be believed of its compliance.
+    """
+    below = -value / std
+    # The density over what is left: finite however far below zero it lies, where both vanish.
+    hazard = float(np.exp(normal.logpdf(below) - normal.logsf(below)))
+    return value + std * hazard, std * float(np.sqrt(max(1.0 + below * hazard - hazard**2, 0.0)))
 
 
 def _twist(actuator: Signals, load: Signals, load_delay_s: float, actuator_delay_s: float) -> FloatArray:

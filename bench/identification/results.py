@@ -36,6 +36,27 @@ class Cogging:
 
 
 @dataclass(frozen=True)
+class TorqueZero:
+    """What the torque sensor reads with nothing at the port: straight lines between knots, in the port's own sign.
+
+    ``knots_s`` (knots,) count from the recording's first tick; ``covariance_nm2`` (knots, knots) is that of the values.
+    """
+
+    knots_s: FloatArray
+    values_nm: FloatArray
+    covariance_nm2: FloatArray
+
+    def weights(self, time_s: npt.ArrayLike) -> FloatArray:
+        """How much each knot counts at these instants, shape (n, knots); before the first and after the last, that."""
+        at_s = np.asarray(time_s, dtype=float)
+        return np.stack([np.interp(at_s, self.knots_s, one) for one in np.eye(self.knots_s.size)], axis=-1)
+
+    def at(self, time_s: npt.ArrayLike) -> FloatArray:
+        """The zero [N m] at these instants, shape (n,)."""
+        return np.asarray(self.weights(time_s) @ self.values_nm)
+
+
+@dataclass(frozen=True)
 class FitResult:
     """One fit of the Norton network.
 
@@ -61,6 +82,7 @@ class FitResult:
     doubted: tuple[Doubt, ...] = ()  # what of the verdict makes estimates doubtful
     # By name, the part of an estimate's deviation that every session of the same bench repeats.
     repeated_std: Mapping[str, float] = field(default_factory=dict)
+    torque_zero: TorqueZero | None = None  # the same as it drifts; None where no torque was fitted
 
     @property
     def doubtful(self) -> bool:
@@ -99,8 +121,10 @@ class SourceMap:
     """The static motion source as measured: steady free velocity against command; arrays of shape (levels,).
 
     ``rising`` says from which side each level was approached. ``resampled_rad_s`` (resamples, levels) are velocities as
-    a repetition of the experiment might have given them (block bootstrap): every interval comes from them.
+    a repetition of the experiment might have given them: every interval comes from them.
     ``settling_s`` is the time constant with which the shaft was seen to settle, 0 where it was not.
+    ``port_torque_nm`` and ``port_torque_std_nm`` (levels,) are the mean torque at the port while each level was held,
+    less the sensor's zero: velocities are those without it. Empty where it is not known, and velocities as measured.
     """
 
     command: FloatArray
@@ -109,6 +133,8 @@ class SourceMap:
     rising: npt.NDArray[np.bool_]
     resampled_rad_s: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     settling_s: float = 0.0
+    port_torque_nm: FloatArray = field(default_factory=lambda: np.empty(0))
+    port_torque_std_nm: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def velocity(self, command: npt.ArrayLike, rising: bool) -> FloatArray:
         """Steady free velocity [rad/s] on one branch, of the shape of ``command``: monotonic between the levels, NaN

@@ -166,6 +166,11 @@ def stream_of(table: Table, column: str, origin_ns: int) -> Stream:
     return Stream(time_s, value[rows], nominal_period_s(table["arrival_ns"]))
 
 
+def sent_at_s(ticks: Table, origin_ns: int) -> FloatArray:
+    """When the commands of each tick were sent [s since ``origin_ns``], shape (ticks,)."""
+    return np.asarray((ticks["tick_ns"] + ticks["lateness_ns"] + ticks["work_ns"] - origin_ns) * 1e-9)
+
+
 def instants(table: Table, origin_ns: int) -> tuple[FloatArray, IntArray]:
     """When readings were taken [s], and which rows of the table they are: those that are later than the row before."""
     own = table["device_ns"] if "device_ns" in (table.dtype.names or ()) else None
@@ -215,7 +220,7 @@ def _stretch(
     edge = round(INTERPOLATION.half_width)
     covered[:edge], covered[-edge:] = False, False
     ticks = measured.ticks
-    sent_s = (ticks["tick_ns"] + ticks["lateness_ns"] + ticks["work_ns"] - origin_ns) * 1e-9
+    sent_s = sent_at_s(ticks, origin_ns)
     chosen = (sent_s >= start_s - LONGEST_GAP_S) & (sent_s <= end_s)
     column = "command" if port is Port.ACTUATOR else "load_torque_nm"
     segment, in_use = _segments(measured, origin_ns, time_s, use)

@@ -7,7 +7,7 @@ off; the mean is left out, for a sensor drifts.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import log10, sqrt
+from math import hypot, log10, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -51,7 +51,7 @@ class TrialFigures:
     """The port torque of one trial in the taught band, rms: with the sensor's noise in it, and the noise alone.
 
     ``hidden_nm`` is the greatest torque that noise and chance may hide. ``driven`` is False where the load was left to
-    itself.
+    itself. ``learnt_nm`` is what the noise of earlier trials, learnt with the rest, may have put at the port.
     """
 
     number: int
@@ -59,6 +59,7 @@ class TrialFigures:
     noise_nm: float
     hidden_nm: float
     driven: bool = True
+    learnt_nm: float = 0.0
 
     @property
     def torque_nm(self) -> float:
@@ -67,8 +68,8 @@ class TrialFigures:
 
     @property
     def at_floor(self) -> bool:
-        """Whether noise hides what is left."""
-        return self.torque_nm <= self.hidden_nm
+        """Whether noise explains what is left: that of the readings, and that which was learnt."""
+        return self.torque_nm <= hypot(self.hidden_nm, self.learnt_nm)
 
     def below_db(self, first: "TrialFigures") -> float:
         """How far its torque lies below that of ``first``, at least: what may be hidden is taken to be there."""
@@ -100,7 +101,14 @@ def figures_of(number: int, torque_nm: FloatArray, noise_nm: float, tick_s: floa
     chance = CHANCE * sqrt(2.0 / (share * len(band)))  # of a mean of so many independent squares
     band_noise_nm = sqrt(share) * noise_nm
     hidden_nm = band_noise_nm * sqrt(HIDDEN_SHARE + chance)
-    return TrialFigures(number, sqrt(float(np.mean(band**2))), band_noise_nm, hidden_nm, driven=number > 1)
+    learnt_nm = band_noise_nm / sqrt(max(averaged(number), 1)) if number > 1 else 0.0
+    return TrialFigures(number, sqrt(float(np.mean(band**2))), band_noise_nm, hidden_nm, number > 1, learnt_nm)
+
+
+def averaged(number: int) -> int:
+    """How many lessons are averaged in a trial: those of the driven ones before it, beside which the undriven first
+    one's weighs nothing. 0 where there is only that."""
+    return max(number - 2, 0)
 
 
 def trials(measured: Measured, tick_s: float, procedure: str) -> tuple[TrialFigures, ...]:

@@ -65,7 +65,8 @@ class Imposed:
         self._now_index = 0
 
     def begin(self, sample: Sample) -> None:
-        self.controller.begin(sample, self.segment.admittance, trusting=self.segment.trusted)
+        segment = self.segment
+        self.controller.begin(sample, segment.admittance, leads=segment.preview, mends_rad_s=segment.mends_rad_s)
 
     def wish(self, sample: Sample, index: int) -> float:
         return self.controller.update(sample, self.target(index), self._made(index + self._lead_ticks))

@@ -11,6 +11,7 @@ from bench.procedures.knowledge import Knowledge, Plan
 from bench.procedures.makers import coasting, imposed
 from bench.procedures.options import BlockedOptions
 from bench.procedures.waves import Motion, from_velocity, hold, ramp
+from bench.procedures.within import bounds_of, held_within, words_for
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import Segment, Use
@@ -56,9 +57,24 @@ class BlockedProcedure:
         )
 
     def plan(self, known: Knowledge) -> Plan:
-        low, high = known.span()
-        levels = np.linspace(low, high, self.options.levels)
+        levels = self._levels(known)[0]
         return self._clamped(known, levels) if known.rig.wiring.load is None else self._driven(known, levels)
+
+    def spared(self, known: Knowledge) -> tuple[str, ...]:
+        return words_for(f"{self.name}: levels", self._levels(known)[1])
+
+    def _levels(self, known: Knowledge) -> tuple[np.ndarray, float]:
+        """The commands held, and their share of what was found free."""
+        fastest = max((APPROACH_SHARES.get(history, 0.0) for history in self.options.histories), default=0.0)
+        approach, bounds, share = (
+            self._approach(known, fastest * known.rig.limits.velocity_rad_s),
+            bounds_of(known),
+            1.0,
+        )
+        for level in known.span():
+            command = np.full(len(approach.position_rad), share * level)
+            share *= held_within(bounds, command, approach).share
+        return share * np.linspace(*known.span(), self.options.levels), share
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known

@@ -1,13 +1,13 @@
 """The load drive and the torque sensor, measured by the bench itself: all that the controller is tuned from."""
 
 from dataclasses import dataclass, field, replace
-from math import sqrt
 from typing import ClassVar
 
 import numpy as np
 
 from bench.control.calibration import ActuatorFriction, LoadCalibration
 from bench.errors import ExperimentError
+from bench.identification.coupling import least_damping_nms_rad
 from bench.identification.fit import fit_signals
 from bench.identification.load import LoadFit, fit_load
 from bench.identification.results import FitResult
@@ -34,8 +34,10 @@ SPEED_SHARE = 0.4
 STRONGER = 3.0
 BACK_OFF = 0.3
 GREATEST_STEP = 1.5
-# A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
-LEAST_DAMPING_RATIO = 0.005
+# Of a load's fit that did not converge: deviations, relative, that the controller's margins (`design.miscalibrated`)
+# allow for twice over; and what it may leave of the torque, noise included.
+SURE_OF_LOAD = {"torque_gain": 0.05, "inertia": 0.05, "coulomb_torque": 0.1}
+EXPLAINED = 0.5
 # Deviations up to which the controller builds on the actuator's friction, relative.
 WELL_KNOWN = {"inertia": 0.05, "coulomb_torque": 0.05, "presliding_stiffness": 0.2}
 
@@ -82,14 +84,14 @@ class CalibrateProcedure:
         if known.tare is None:
             raise ExperimentError("calibrate: needs the noise at rest; run the step 'tare' before it")
         fit = fit_load(measured, tick_s=known.tick_s)
-        if not fit.result.converged:
+        if not told_well_enough(fit.result):
             raise ExperimentError("calibrate: the load's fit did not converge; " + "; ".join(fit.result.verdict))
         actuator = self._actuator(known, measured) if known.rig.modelled else None
         return replace(known, calibration=calibration_from(fit, actuator, known), actuator=actuator)
 
     def _actuator(self, known: Knowledge, measured: Measured) -> FitResult:
         shaken = signals(sound(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
-        return fit_signals(shaken, command_unit=known.rig.command.unit)
+        return fit_signals(shaken, command_unit=known.rig.command.unit, both_driven=True)
 
     def _shake(self, known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
         """Load torque and actuator command, as great as the rig allows, and neither drowned by the other.
@@ -131,19 +133,39 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         measurement_delay_s=0.0,
         motion_delay_s=fit.result.motion_delay_s,
         sensor_stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
-        sensor_damping_nms_rad=max(fit.sensor_damping_nms_rad, least_damping_nms_rad(fit, actuator)),
+        sensor_damping_nms_rad=max(fit.sensor_damping_nms_rad, least_sensor_damping_nms_rad(fit, actuator)),
         torque_noise_nm=tare.torque_noise_nm,
         torque_bias_nm=tare.torque_bias_nm if fit.weight_nm else fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
         actuator_inertia_kgm2=first_inertia_kgm2(actuator),
         actuator_friction=first_friction(actuator),
         weight_nm=fit.weight_nm,
+        covariance_names=network.covariance_names,
+        covariance=network.covariance,
     )
 
 
+def told_well_enough(load: FitResult) -> bool:
+    """Whether a controller can be tuned from it: converged, or not quite but sure of what the margins build on.
+
+    A friction contact much shorter than a count cannot be told, and a search for it may go on for ever; gain, inertia
+    and Coulomb torque are what they are wherever it ends.
+    """
+    if load.converged:
+        return True
+    sure = all(
+        0.0 < estimate.std <= part * estimate.value
+        for estimate, part in ((load.estimate(name), part) for name, part in SURE_OF_LOAD.items())
+    )
+    return sure and load.torque_relative < EXPLAINED
+
+
 def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
-    """The actuator's inertia as far as the calibration tells it: a winding's lag can make it seem to be negative."""
-    if actuator is None:
+    """The actuator's inertia as far as the calibration tells it: a winding's lag can make it seem to be negative.
+
+    A noisy sensor may tell it only per unit of torque gain, which is not an inertia.
+    """
+    if actuator is None or actuator.estimate("inertia").status is Status.RATIO_ONLY:
         return None
     inertia_kgm2 = actuator.network.inertia_kgm2
     return inertia_kgm2 if actuator.converged and inertia_kgm2 > 0.0 else None
@@ -170,8 +192,8 @@ def well_known(actuator: FitResult) -> bool:
     )
 
 
-def least_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:
+def least_sensor_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:
     """What the sensor must have at the resonance of the two machines on it, whatever the fit says."""
-    stiffness_nm_rad, actuator_kgm2 = fit.sensor_stiffness_nm_rad, first_inertia_kgm2(actuator)
+    actuator_kgm2 = first_inertia_kgm2(actuator)
     mobility = 1 / fit.result.network.inertia_kgm2 + (1 / actuator_kgm2 if actuator_kgm2 else 0.0)
-    return 2 * LEAST_DAMPING_RATIO * sqrt(max(stiffness_nm_rad, 0.0) / mobility)
+    return least_damping_nms_rad(fit.sensor_stiffness_nm_rad, mobility)

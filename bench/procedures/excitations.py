@@ -31,6 +31,8 @@ SPRING = 1.5
 # Each try is so much smaller than the last; one that never fits is left out.
 SMALLER = 0.8
 MOST_TRIES = 40
+# A command that changes in less than this share of its ticks is a staircase.
+STEPS_SHARE = 0.1
 
 CRUISE_SHARES = (0.05, 0.3, 1.0)
 COMMAND_BANDS_HZ = ((0.5, 30.0), (5.0, 100.0), (20.0, 200.0))
@@ -94,6 +96,26 @@ class Bounds:
             (port_nm, limits.torque_nm),
             (port_nm * velocity_rad_s, limits.power_w),
             (load_nm, limits.load_torque_nm),
+        )
+        return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
+
+    def allow_free(self, command: FloatArray, share: float) -> bool:
+        """Whether command, its rate, the free motion under it and what takes the load along stay within ``share``.
+
+        Where a staircase steps, the load's torque and the command's rate are not looked at: a load that reaches its
+        limit for some milliseconds is behind by as much, long before the dwell is read.
+        """
+        rig, limits, load, tick_s = self.rig, self.rig.limits, self.load, self.rig.tick_s
+        position_rad, velocity_rad_s, acceleration_rad_s2 = self.network.free_motion(command, tick_s)
+        friction_nm = load.viscous_damping_nms_rad * np.abs(velocity_rad_s) + load.coulomb_torque_nm
+        load_nm = (np.abs(load.inertia_kgm2 * acceleration_rad_s2) + friction_nm) / load.torque_gain
+        rate_per_s = np.diff(command, prepend=command[0]) / tick_s
+        steps = bool(np.count_nonzero(rate_per_s) < STEPS_SHARE * command.size)
+        pairs = (
+            (command, rig.command.limit),
+            (velocity_rad_s, limits.velocity_rad_s),
+            (position_rad, self.travel_rad),
+            *(() if steps else ((rate_per_s, limits.command_rate_per_s), (load_nm, limits.load_torque_nm))),
         )
         return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
 

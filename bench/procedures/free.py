@@ -1,5 +1,6 @@
 """Zero torque: the free motion is the motion source itself (paper, section IV.B.1)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -10,6 +11,7 @@ from bench.procedures.knowledge import Knowledge, Plan
 from bench.procedures.makers import zero_torque
 from bench.procedures.options import FreeOptions
 from bench.procedures.waves import growth, highest_hz, hold, multisine, ramp, staircase
+from bench.procedures.within import bounds_of, free_within
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import FloatArray, Use
@@ -56,28 +58,39 @@ class FreeProcedure:
             )
             found.append(float(measured.ticks["command"][-1]))
             yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
-        low, high = found
+        low, high = self._span_within(known, found)
         for name, levels in self._stairs(low, high):
             yield zero_torque(self.name, f"approach {name}", Use.PREPARE, ramp(0.0, levels[0], MOVE_S, tick_s), rig)
             yield zero_torque(
                 self.name, f"staircase {name}", Use.IDENTIFY, staircase(levels, self.options.dwell_s, tick_s), rig
             )
             yield zero_torque(self.name, f"leave {name}", Use.PREPARE, ramp(levels[-1], 0.0, MOVE_S, tick_s), rig)
-        yield zero_torque(
-            self.name, "multisine", Use.IDENTIFY, command_multisine(known, (low, high), self.options.duration_s, 1), rig
-        )
+        command = command_multisine(known, (low, high), self.options.duration_s, 1)
+        command = free_within(bounds_of(known), command) * command
+        yield zero_torque(self.name, "multisine", Use.IDENTIFY, command, rig)
         yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         searches = [segment for segment in measured.segments if segment.name == "search"]
         ends = [measured.between(s.start_ns, s.end_ns).ticks["command"][-1] for s in searches]
-        span = (float(min(ends)), float(max(ends)))
+        span = self._span_within(known, ends)
         if turned(measured) < 0.05 * self.options.amplitude * known.rig.limits.velocity_rad_s:
             raise ExperimentError(
                 f"free: the actuator hardly moved up to its greatest command {known.rig.command.limit:g} "
                 f"{known.rig.command.unit}; raise [actuator] command limit, or free the shaft"
             )
         return replace(known, command_span=span)
+
+    def _span_within(self, known: Knowledge, ends: Sequence[float]) -> tuple[float, float]:
+        """The commands found, less where the shaft, given time, would go on to gain more speed than it should.
+
+        A search ends at once where the speed is reached. A shaft that is heavy for its damping has a long way to go
+        then; where the calibration tells it, the stairs are foreseen.
+        """
+        bounds, low, high = bounds_of(known), float(min(ends)), float(max(ends))
+        stairs = [staircase(levels, self.options.dwell_s, known.tick_s) for _, levels in self._stairs(low, high)]
+        share = min(free_within(bounds, command) for command in stairs)
+        return share * low, share * high
 
     def _stairs(self, low: float, high: float) -> list[tuple[str, FloatArray]]:
         levels = np.linspace(low, high, self.options.levels)

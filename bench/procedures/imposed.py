@@ -1,5 +1,6 @@
 """Prescribed motion: the impedance is what answers when the port is moved off the source's motion (section IV.B.1)."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -11,6 +12,7 @@ from bench.procedures.knowledge import Knowledge, Plan, require_load
 from bench.procedures.makers import imposed
 from bench.procedures.options import ImposedOptions
 from bench.procedures.waves import Motion, hold, multisine_motion, ramp, sine_motion, velocity_steps
+from bench.procedures.within import Sized, bounds_of, imposed_within, words_for
 from bench.records import Measured
 from bench.rig.rig import Rig
 from bench.segments import Use
@@ -59,7 +61,20 @@ class ImposedProcedure:
         return greatest * np.array([0.1, -0.1, 0.4, -0.4, 1.0, -1.0])
 
     def plan(self, known: Knowledge) -> Plan:
-        tick_s = known.tick_s
+        for name, sized in self._stretches(known):
+            yield imposed(self.name, name, Use.IDENTIFY, sized.command, sized.motion)
+        yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
+
+    def spared(self, known: Knowledge) -> tuple[str, ...]:
+        return tuple(
+            sentence
+            for name, sized in self._stretches(known)
+            for sentence in words_for(f"{self.name}, {name}:", sized.share)
+        )
+
+    def _stretches(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
+        """What is imposed, one after the other, with its name."""
+        tick_s, bounds = known.tick_s, bounds_of(known)
         low, high = known.span()
         steps = velocity_steps(self.velocities_rad_s(known.rig), CHANGE_S, DWELL_S, tick_s)
         ticks = len(steps.velocity_rad_s)
@@ -67,15 +82,14 @@ class ImposedProcedure:
             command = np.full(ticks, level)
             rise = ramp(0.0, level, CHANGE_S, tick_s)
             command[: len(rise)], command[-len(rise) :] = rise, rise[::-1]
-            yield imposed(self.name, f"grid {level:+.3g}", Use.IDENTIFY, command, steps)
+            yield f"grid {level:+.3g}", imposed_within(bounds, command, steps)
         for amplitude_rad in LOOP_AMPLITUDES_RAD:
             loop = sine_motion(amplitude_rad, LOOP_HZ, LOOP_CYCLES, tick_s)
-            command = np.zeros(len(loop.position_rad))
-            yield imposed(self.name, f"loop {amplitude_rad * 1e3:g} mrad", Use.IDENTIFY, command, loop)
+            still = np.zeros(len(loop.position_rad))
+            yield f"loop {amplitude_rad * 1e3:g} mrad", imposed_within(bounds, still, loop)
         motion = imposed_multisine(known, self.options.amplitude, self.options.duration_s, seed=3)
         command = command_multisine(known, (low, high), self.options.duration_s, seed=4)
-        yield imposed(self.name, "multisine", Use.IDENTIFY, command, motion)
-        yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
+        yield "multisine", imposed_within(bounds, command, motion)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known

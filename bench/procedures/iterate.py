@@ -87,7 +87,7 @@ class IterateProcedure:
         fault = _no_basis(known)
         if fault is not None:
             return _done(known, so_far.ended(fault))
-        if so_far.settled:
+        if so_far.settled and (so_far.averaged or len(so_far.trials) >= self.options.trials):
             return _done(known, so_far.ended())
         if so_far.diverges:
             reason = "it does not converge: two trials in a row were worse than one before them"

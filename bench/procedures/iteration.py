@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass, replace
 
-from bench.identification.trials import TrialFigures, diverge, settled
+from bench.identification.trials import TrialFigures, averaged, diverge, settled
 from bench.procedures.learning import Lesson
 from bench.segments import FloatArray
+
+# Lessons are averaged until their noise has a quarter of the power that one has: the next would take off a twentieth.
+AVERAGED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,11 @@ class Iteration:
     @property
     def settled(self) -> bool:
         return settled(self.trials)
+
+    @property
+    def averaged(self) -> bool:
+        """Whether another trial would hardly lessen the noise that was learnt."""
+        return averaged(len(self.trials)) >= AVERAGED
 
     @property
     def diverges(self) -> bool:

@@ -95,6 +95,15 @@ class Telling(Protocol):
         ...
 
 
+@runtime_checkable
+class Sparing(Protocol):
+    """A procedure that asks for less than usual where the rig's limits demand it."""
+
+    def spared(self, known: Knowledge) -> tuple[str, ...]:
+        """What it makes smaller, in sentences with what that costs; before it is carried out."""
+        ...
+
+
 @dataclass(frozen=True)
 class Decision:
     """What an adaptive step does next: None when it is done. ``said`` is worth a line to whoever watches."""

@@ -18,6 +18,7 @@ from bench.identification.information import (
     noise_density_nm,
     vague,
 )
+from bench.identification.load import coupling_of
 from bench.identification.quantisation import resolution_rad
 from bench.identification.results import FitResult
 from bench.identification.signals import signals
@@ -29,6 +30,7 @@ from bench.procedures.options import RefineOptions
 from bench.procedures.refinement import IMPROVABLE, Interval, Refinement, in_percent, intervals_of, why_wide, words
 from bench.procedures.selection import Option, Selection, select
 from bench.procedures.waves import hold
+from bench.procedures.within import travel_left_rad
 from bench.records import Measured, SegmentInfo, join
 from bench.rig.rig import Rig
 from bench.segments import FloatArray, Use
@@ -87,7 +89,8 @@ class RefineProcedure:
         before = known.refinement
         log = before if before is not None and not before.finished else Refinement(self.options.until)
         record = join(known.records)
-        result = fit(record, command_unit=known.rig.command.unit, tick_s=known.tick_s)
+        coupling = coupling_of(record, known.tick_s)
+        result = fit(record, command_unit=known.rig.command.unit, tick_s=known.tick_s, coupling=coupling)
         fault = why_no_basis(result, ALL)
         # The actuator's first fit, from its calibration, will do to choose by until there is a better one.
         basis = result if fault is None else known.actuator
@@ -151,7 +154,7 @@ class _View:
             at=at,
             noise_nm=noise_nm,
             resolution_rad=resolution_rad(record.motion["position_rad"]),
-            bounds=Bounds(known.rig, result.network, known.calibration, travel_left_rad(record, known.rig)),
+            bounds=Bounds(known.rig, result.network, known.calibration, travel_left_rad((record,), known.rig)),
             recorded_s=result.samples * known.tick_s,
         )
 
@@ -195,13 +198,6 @@ class _View:
         return information_of_plan(
             self.bounds.excitation(candidate), self.at, self.noise_nm, position_resolution_rad=self.resolution_rad
         )
-
-
-def travel_left_rad(record: Measured, rig: Rig) -> float:
-    """How far the shaft may go either way, from where it stands, within the window about where it stood at first."""
-    position_rad = record.ticks["position_rad"]
-    stood_rad = position_rad[np.isfinite(position_rad)]
-    return rig.limits.position_rad - abs(float(stood_rad[-1] - stood_rad[0]))
 
 
 def _without_number(result: FitResult) -> list[str]:

@@ -1,25 +1,29 @@
 """The bench at rest, and which way is which: bias, noise, ages, and the signs of every device."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
 from bench.errors import ExperimentError
-from bench.procedures.directions import actuator_push_faults, load_push_faults
+from bench.procedures.directions import actuator_push_faults, felt, load_push_faults, turned
 from bench.procedures.knowledge import Knowledge, Plan, Tare
 from bench.procedures.makers import back, coasting, pushed
 from bench.procedures.options import TareOptions
 from bench.procedures.waves import growth, hold
-from bench.records import Measured
+from bench.records import Measured, join
 from bench.rig.rig import Rig
-from bench.segments import Use
+from bench.segments import Segment, Use
 
 SEARCH_S = 2.5  # how long a torque grows in search of motion
 REST_S = 0.3
 # Motion that counts as such: this share of the velocity limit.
 MOVING = 0.03
+# Where the torque sensor tells nothing yet: further pushes, to so many times that speed. The torque at the port grows
+# with it, and every push averages more of the noise.
+FASTER = (2.0, 4.0, 8.0)
+AGAIN = " again"
 
 
 @dataclass(frozen=True)
@@ -39,20 +43,36 @@ class TareProcedure:
     def plan(self, known: Knowledge) -> Plan:
         rig = known.rig
         moving_rad_s = MOVING * rig.limits.velocity_rad_s
-        yield coasting(self.name, "rest", Use.TARE, hold(0.0, self.options.duration_s, known.tick_s))
+        rest = yield coasting(self.name, "rest", Use.TARE, hold(0.0, self.options.duration_s, known.tick_s))
         if rig.wiring.load is not None:
             torque_nm = growth(greatest_load_torque(rig), SEARCH_S, known.tick_s)
             push = pushed(self.name, "load pushes", Use.TARE, torque_nm, stop_at_velocity_rad_s=moving_rad_s)
-            measured = yield push
-            _refuse(load_push_faults(measured, push, moving_rad_s))
+            measured = yield from self._pushes(push, rig, rest)
+            _refuse(load_push_faults(measured, push, moving_rad_s, rest))
             yield back(self.name, "after a push", rig, measured, REST_S)
         if rig.wiring.shaft == "clamped" and rig.wiring.load is None:
             return
         command = growth(rig.command.limit, SEARCH_S, known.tick_s)
         push = coasting(self.name, "actuator pushes", Use.TARE, command, stop_at_velocity_rad_s=moving_rad_s)
-        measured = yield push
-        _refuse(actuator_push_faults(measured, push, moving_rad_s))
+        measured = yield from self._pushes(push, rig, rest)
+        _refuse(actuator_push_faults(measured, push, moving_rad_s, rest))
         yield back(self.name, "after a push", rig, measured, REST_S)
+
+    def _pushes(self, push: Segment, rig: Rig, rest: Measured) -> Generator[Segment, Measured, Measured]:
+        """``push``, and faster ones until the torque sensor tells more than noise; all that was measured in them."""
+        slow = yield push
+        measured, last = slow, slow
+        readable = np.any(slow.torque["valid"]) and np.any(rest.torque["valid"])
+        if not readable or not rig.modelled or turned(slow) < push.stop_at_velocity_rad_s:
+            return measured
+        for faster in FASTER:
+            if felt(measured, rest).tells:
+                break
+            yield back(self.name, "after a push", rig, last, REST_S)
+            stop_rad_s = faster * push.stop_at_velocity_rad_s
+            last = yield replace(push, name=push.name + AGAIN, stop_at_velocity_rad_s=stop_rad_s)
+            measured = join([measured, last])
+        return measured
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         parts = {segment.name: measured.between(segment.start_ns, segment.end_ns) for segment in measured.segments}

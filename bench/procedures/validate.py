@@ -1,5 +1,6 @@
 """Unseen command and unseen motion: nothing measured here is ever fitted."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -11,9 +12,10 @@ from bench.procedures.knowledge import Knowledge, Plan, require_model
 from bench.procedures.makers import imposed, zero_torque
 from bench.procedures.options import ValidateOptions
 from bench.procedures.waves import hold, ramp, sine_motion, velocity_steps
+from bench.procedures.within import Sized, bounds_of, free_within, imposed_within, words_for
 from bench.records import Measured
 from bench.rig.rig import Rig
-from bench.segments import Use
+from bench.segments import FloatArray, Use
 
 REST_S = 0.4
 IMPOSED_AMPLITUDE = 0.4
@@ -46,35 +48,46 @@ class ValidateProcedure:
         return 2 * free_s + SLOW_S + slides_s + len(LOOPS_RAD) * LOOP_CYCLES / LOOP_HZ
 
     def plan(self, known: Knowledge) -> Plan:
-        seed, tick_s, rig = self.options.seed, known.tick_s, known.rig
+        tick_s, rig = known.tick_s, known.rig
         if rig.wiring.load is not None or rig.wiring.shaft == "free":
-            command = command_multisine(known, known.span(), self.options.duration_s, seed)
+            command = self._free(known)
+            command = free_within(bounds_of(known), command) * command
             yield zero_torque(self.name, "free multisine", Use.VALIDATE, command, rig)
             yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
         if rig.wiring.load is not None:
-            motion = imposed_multisine(known, IMPOSED_AMPLITUDE, self.options.duration_s, seed + 1)
-            command = command_multisine(known, known.span(), self.options.duration_s, seed + 2)
-            yield imposed(self.name, "imposed multisine", Use.VALIDATE, command, motion)
-            yield from self._unlike(known)
+            for name, sized in self._driven(known):
+                yield imposed(self.name, name, Use.VALIDATE, sized.command, sized.motion)
             yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
 
-    def _unlike(self, known: Knowledge) -> Plan:
-        """Slow motion, sliding at other speeds, small loops."""
-        tick_s, greatest_rad_s = known.tick_s, IMPOSED_AMPLITUDE * known.rig.limits.velocity_rad_s
+    def spared(self, known: Knowledge) -> tuple[str, ...]:
+        shares = [("free multisine", free_within(bounds_of(known), self._free(known)))]
+        if known.rig.wiring.load is not None:
+            shares += [(name, sized.share) for name, sized in self._driven(known)]
+        return tuple(sentence for name, share in shares for sentence in words_for(f"{self.name}, {name}:", share))
+
+    def _free(self, known: Knowledge) -> FloatArray:
+        return command_multisine(known, known.span(), self.options.duration_s, self.options.seed)
+
+    def _driven(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
+        """A multisine, slow motion, sliding at other speeds, small loops, each with its name."""
+        seed, tick_s, bounds = self.options.seed, known.tick_s, bounds_of(known)
         low, high = known.span()
-        slow = imposed_multisine(known, IMPOSED_AMPLITUDE, SLOW_S, self.options.seed + 3).scaled(SLOW_SHARE)
-        command = SLOW_SHARE * command_multisine(known, known.span(), SLOW_S, self.options.seed + 4)
-        yield imposed(self.name, "imposed slowly", Use.VALIDATE, command, slow)
+        motion = imposed_multisine(known, IMPOSED_AMPLITUDE, self.options.duration_s, seed + 1)
+        command = command_multisine(known, known.span(), self.options.duration_s, seed + 2)
+        yield "imposed multisine", imposed_within(bounds, command, motion)
+        slow = imposed_multisine(known, IMPOSED_AMPLITUDE, SLOW_S, seed + 3).scaled(SLOW_SHARE)
+        command = SLOW_SHARE * command_multisine(known, known.span(), SLOW_S, seed + 4)
+        yield "imposed slowly", imposed_within(bounds, command, slow)
+        greatest_rad_s = IMPOSED_AMPLITUDE * known.rig.limits.velocity_rad_s
         steps = velocity_steps(greatest_rad_s * np.array(SPEED_SHARES), CHANGE_S, DWELL_S, tick_s)
-        ticks = len(steps.velocity_rad_s)
         for level in (COMMAND_SHARES[0] * high, COMMAND_SHARES[1] * low):
-            command, rise = np.full(ticks, level), ramp(0.0, level, CHANGE_S, tick_s)
+            command, rise = np.full(len(steps.velocity_rad_s), level), ramp(0.0, level, CHANGE_S, tick_s)
             command[: len(rise)], command[-len(rise) :] = rise, rise[::-1]
-            yield imposed(self.name, f"imposed speeds {level:+.3g}", Use.VALIDATE, command, steps)
+            yield f"imposed speeds {level:+.3g}", imposed_within(bounds, command, steps)
         for amplitude_rad in LOOPS_RAD:
             loop = sine_motion(amplitude_rad, LOOP_HZ, LOOP_CYCLES, tick_s)
             still = np.zeros(len(loop.position_rad))
-            yield imposed(self.name, f"imposed loop {amplitude_rad * 1e3:g} mrad", Use.VALIDATE, still, loop)
+            yield f"imposed loop {amplitude_rad * 1e3:g} mrad", imposed_within(bounds, still, loop)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known

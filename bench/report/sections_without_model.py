@@ -2,6 +2,8 @@
 
 from math import isfinite
 
+import numpy as np
+
 from bench.identification.model_free.stop_operator import StopOperator
 from bench.identification.model_free.without_model import Prediction, WithoutModel
 from bench.identification.residuals.dependence import SIGNIFICANCE, Dependence
@@ -48,6 +50,12 @@ def source_sentences(source: SourceMap, unit: str) -> list[str]:
                 f"Measured with the command {name}, the dead zone is {number(zone.width, 3)} {unit} wide "
                 f"(95\u00a0%: {low}\u00a0…\u00a0{high})."
             )
+    if source.port_torque_nm.size:
+        most = number(1e3 * float(np.max(np.abs(source.port_torque_nm))), 2)
+        sentences.append(
+            f"Velocities are those without torque at the port: up to {most}\u00a0mN·m of it, as read while a level was "
+            "held, have been taken off by the measured slope."
+        )
     found = source.hysteresis()
     if found is not None:
         size, band = number(abs(found.difference_rad_s), 2), number(found.band_rad_s, 2)

@@ -17,7 +17,9 @@ from bench.identification.bounds import beyond_bounds, possible
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
 from bench.identification.ladder import Rung
+from bench.identification.load import coupling_of
 from bench.identification.model_error import ModelError, expanded, judged, model_error, of_ladder
+from bench.identification.model_free.port_torque import PortTorque
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
 from bench.identification.residuals.diagnosis import ResidualTests, diagnose
@@ -134,7 +136,6 @@ def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, st
     told = believed.measured
     found = replace(
         found,
-        source_map=_where_measured(source_map, told),
         blocked_map=_where_measured(blocked_map, told),
         source=_where_measured(source_table, told),
         exertion=_where_measured(partial(exertion_table, tick_s=tick_s), told),
@@ -142,7 +143,8 @@ def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, st
         trials=trials(measured, tick_s, ITERATED),
     )
     if metadata.get("model") == NO_MODEL:
-        return replace(found, conditions=tabulated_conditions(found.source, found.exertion))
+        judged = tabulated_conditions(found.source, found.exertion)
+        return replace(found, source_map=_where_measured(source_map, told), conditions=judged)
     return _fitted(found, believed, metadata, network)
 
 
@@ -152,7 +154,8 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
     stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
     validates = any(segment.use is Use.VALIDATE for segment in segments)
     unseen, findings = _unseen(believed, tick_s) if validates else ((), believed.findings)
-    readings = Readings(believed.measured, tick_s, Use.IDENTIFY)
+    coupling = coupling_of(believed.measured, tick_s)
+    readings = Readings(believed.measured, tick_s, Use.IDENTIFY, coupling=coupling)
     fit = possible(fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings))
     at = expanded(fit, stretches, unseen)
     error = None if at is None else model_error(fit, at, stretches, unseen, believed.measured)
@@ -161,11 +164,15 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
         result = replace(result, verdict=(*result.verdict, *of_ladder(rungs)))
     zero = None if at is None else at.zero
     checked = _where_measured(partial(validate_signals, result, unseen, zero=zero), segments) if unseen else None
-    modelless, static = without_model(result, stretches, unseen, segments), found.source_map
+    modelless = without_model(result, stretches, unseen, segments)
+    table = None if modelless is None else modelless.table
+    port = PortTorque.of(result, table, stretches[0].origin_ns)
+    static = _where_measured(partial(source_map, port=port), believed.measured)
     evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
     return replace(
         found,
         fit=result,
+        source_map=static,
         validation=checked,
         model_error=error,
         without_model=modelless,

@@ -7,7 +7,7 @@ from bench.errors import OperatorStopError
 from bench.loop.bench_loop import BenchLoop
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import CATALOGUE, needed_by
-from bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Telling
+from bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Sparing, Telling
 from bench.procedures.tare import TareProcedure
 from bench.recording.recorder import Recorder
 from bench.records import Measured
@@ -26,6 +26,8 @@ from bench.session.supervision import learned
 
 # Kinds of events that whoever watches should see at once; an experiment goes on all the same.
 TROUBLES = ("bus", "device")
+# The kind of what is recorded of a plan that had to be made smaller.
+PLAN = "plan"
 
 
 @dataclass
@@ -145,6 +147,10 @@ class Run:
 
     def _carry_out_now(self, procedure: Procedure) -> None:
         self.recorder.check()
+        if isinstance(procedure, Sparing):
+            for sentence in procedure.spared(self.so_far.known):
+                self.progress.note(sentence)
+                self.loop.tell(PLAN, sentence)
         known = carry_out(procedure, self.so_far.known, self.loop, self._foresee)
         self.learn(with_last_on_disk(self._on_one_clock(known), self.recorder.path.parent))
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 
 from bench.errors import ExperimentError
 from bench.identification.fit import fit
+from bench.identification.load import coupling_of
 from bench.identification.results import FitResult
 from bench.models.parameters import Estimate
 from bench.procedures.knowledge import Adaptive, Knowledge, Procedure
@@ -81,7 +82,9 @@ class SoFar:
             if not records:
                 raise ExperimentError("nothing has been measured yet: run a step before you ask for its results")
             unit, tick_s = self.known.rig.command.unit, self.known.tick_s
-            self._fitted = fit(join(records), command_unit=unit, tick_s=tick_s)
+            measured = join(records)
+            coupling = coupling_of(measured, tick_s)
+            self._fitted = fit(measured, command_unit=unit, tick_s=tick_s, coupling=coupling)
             self._fitted_records = len(records)
         return self._fitted
 

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from bench.errors import BenchError
 from bench.identification.fit import fit
+from bench.identification.load import coupling_of
 from bench.identification.results import FitResult
 from bench.models.parameters import Estimate, Status
 from bench.recording.reader import read_recording
@@ -98,7 +99,8 @@ class Simulated:
         rig = replace(self.rig, candump=False)
         with TemporaryDirectory(prefix="norton-bench-") as folder_name:
             measured = record_session(rig, self.session, out=Path(folder_name), seed=self.seed).measured
-        return fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s)
+        coupling = coupling_of(measured, rig.tick_s)
+        return fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s, coupling=coupling)
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,8 @@ class Recorded:
         recording = read_recording(self.path, raw_frames=False)
         check_metadata(self.path, recording.metadata)
         unit, tick_s = recording.metadata["command_unit"], float(recording.metadata["tick_s"])
-        return fit(with_past(self.path, recording), command_unit=unit, tick_s=tick_s)
+        measured = with_past(self.path, recording)
+        return fit(measured, command_unit=unit, tick_s=tick_s, coupling=coupling_of(measured, tick_s))
 
 
 def carry_out(task: Task) -> Outcome:

@@ -71,7 +71,7 @@ def dead_zone(command: FloatArray, velocity: FloatArray, draws: FloatArray) -> D
     order = np.argsort(command)
     levels, values, drawn = command[order], velocity[order], draws[:, order]
     deviation = np.std(drawn, axis=0) if len(drawn) else np.zeros_like(values)
-    rest = np.abs(values) <= np.maximum(REST_SHARE * np.max(np.abs(values)), REST_DEVIATIONS * deviation)
+    rest = resting(values, deviation)
     direction = 1.0 if np.dot(levels - levels.mean(), values) >= 0 else -1.0
     forward = np.flatnonzero(~rest & (direction * values > 0))
     backward = np.flatnonzero(~rest & (direction * values < 0))[::-1]
@@ -84,6 +84,13 @@ def dead_zone(command: FloatArray, velocity: FloatArray, draws: FloatArray) -> D
     width = np.maximum(high - low, 0.0)
     return DeadZone(
         float(low[0]), float(high[0]), float(width[0]), _interval(low[1:]), _interval(high[1:]), _interval(width[1:])
+    )
+
+
+def resting(velocity: FloatArray, deviation: FloatArray) -> npt.NDArray[np.bool_]:
+    """At which levels the shaft rests, as far as can be told; all of shape (levels,)."""
+    return np.asarray(
+        np.abs(velocity) <= np.maximum(REST_SHARE * np.max(np.abs(velocity)), REST_DEVIATIONS * deviation)
     )
 
 

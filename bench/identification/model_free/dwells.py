@@ -1,11 +1,19 @@
-"""Where a velocity settles to while a command is held, and how well that is known (block bootstrap)."""
+"""Where a velocity settles to while a command is held, and how well that is known.
+
+While the shaft still approaches its steady velocity v∞, and while a torque e · B acts on it, inertia and damping make
+its velocity follow
+
+    v + T dv/dt = v∞ − e + d,        T = I / B
+
+So v + T dv/dt + e says v∞ at every instant, whatever approach or disturbance is under way; what is left, d, is what
+disturbs the shaft unseen, and the torque sensor's noise. Unlike the velocity itself it does not wander.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as f_distribution
-from scipy.stats import t as t_distribution
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -13,14 +21,11 @@ FloatArray = npt.NDArray[np.float64]
 PIECES = 16
 SKIPPED_SHARE = 0.25
 # The settling time may be this share of what is looked at, from the fastest to be told from none to the slowest that
-# shows its end.
-SETTLING_SHARES = np.geomspace(0.05, 0.5, 24)
+# shows its end. Chance gives one that is told from none so much less often than the level named.
+SETTLING_SHARES = np.geomspace(0.05, 0.5, 96)
 SETTLING_P = 0.01
 RESAMPLES = 400
 SEED = 6
-# Pieces are resampled in runs so long that what lies a run apart hardly correlates any more.
-RUNS = (1, 2, 4)
-LOW_CORRELATION = 0.2
 
 
 @dataclass(frozen=True)
@@ -43,69 +48,51 @@ def pieces_of(time_s: FloatArray, position: FloatArray) -> FloatArray:
     return velocity
 
 
-def settled(velocity: FloatArray, span_s: FloatArray) -> Settled:
+def settled(velocity: FloatArray, span_s: FloatArray, lost: FloatArray | None = None) -> Settled:
     """From velocities in pieces (dwells, PIECES); ``span_s`` (dwells,) is how long each dwell's pieces last in all.
 
-    A shaft still approaches its velocity while it is looked at; the approach is taken as exponential with one time
-    constant for all dwells, where the data show it at all.
+    ``lost`` (dwells, PIECES) is the velocity that torque at the port took from the shaft, steadily: e above. Only inner
+    pieces count: they have a neighbour on both sides.
     """
-    dwells = len(velocity)
-    plain = velocity - velocity.mean(axis=1, keepdims=True)
-    costs = [float(np.sum(_remainder(velocity, _design(share)) ** 2)) for share in SETTLING_SHARES]
-    best = int(np.argmin(costs))
-    freedom = dwells * (PIECES - 2) - 1
-    gain = (float(np.sum(plain**2)) - costs[best]) / max(costs[best], 1e-300) * freedom / (dwells + 1)
-    shows = bool(f_distribution.sf(gain, dwells + 1, freedom) < SETTLING_P)
-    share = float(SETTLING_SHARES[best]) if shows else 0.0
-    design = _design(share) if shows else np.ones((PIECES, 1))
-    centre = velocity @ np.linalg.pinv(design)[0]
-    resampled = _resampled(_remainder(velocity, design), design, share)
-    return Settled(centre, centre + resampled, share * float(np.mean(span_s)))
-
-
-def _design(share: float) -> FloatArray:
-    middle = (np.arange(PIECES) + 0.5) / PIECES
-    return np.stack([np.ones(PIECES), np.exp(-middle / share)], axis=1)
-
-
-def _remainder(velocity: FloatArray, design: FloatArray) -> FloatArray:
-    return np.asarray(velocity - velocity @ np.linalg.pinv(design).T @ design.T)
-
-
-def _resampled(remainder: FloatArray, design: FloatArray, share: float) -> FloatArray:
-    """Deviations of each dwell's steady velocity: (RESAMPLES, dwells), centred on zero."""
-    run = _run(remainder)
+    share = _settling_share(velocity)
+    taken = np.zeros_like(velocity) if lost is None else lost
+    # In steps of a piece h. Of an exponential approach the difference of neighbours is sinh(h / T) of it.
+    time = 1 / PIECES / np.sinh(1 / PIECES / share) if share else 0.0
+    rate = (velocity[:, 2:] - velocity[:, :-2]) * PIECES / 2
+    inner = (velocity + taken)[:, 1:-1] + time * rate
+    centre, left = inner.mean(axis=1), inner - inner.mean(axis=1, keepdims=True)
+    count = left.shape[1]
+    deviation = np.sqrt(np.sum(left**2, axis=1) / (count - 1) / count * _alike(left))
     random = np.random.default_rng(SEED)
-    starts = random.integers(0, PIECES, (RESAMPLES, len(remainder), -(-PIECES // run)))
-    places = (starts[..., None] + np.arange(run)).reshape(RESAMPLES, len(remainder), -1)[..., :PIECES] % PIECES
-    drawn = np.take_along_axis(np.broadcast_to(remainder, (RESAMPLES, *remainder.shape)), places, axis=2)
-    return np.asarray(_widening(design, share, run) * (drawn @ np.linalg.pinv(design)[0]))
+    drawn = centre + deviation * random.standard_t(count - 1, (RESAMPLES, len(velocity)))
+    return Settled(centre, drawn, share * float(np.mean(span_s)))
 
 
-def _widening(design: FloatArray, share: float, run: int) -> float:
-    """What a bootstrap of so few pieces misses, for disturbances that wander as slowly as the shaft settles.
+def _settling_share(velocity: FloatArray) -> float:
+    """Settling time over the span of a dwell; 0 where it cannot be told from none.
 
-    The same inertia and friction that make the shaft settle pass disturbances on as a first-order wander with the same
-    time constant; part of it the estimate takes for the steady velocity itself, and what is left has few degrees of
-    freedom (Satterthwaite), hence Student's wider tails.
+    The approach is taken as exponential, with one time constant for all dwells.
     """
-    lag = np.abs(np.subtract.outer(np.arange(PIECES), np.arange(PIECES)))
-    wander = np.exp(-lag / (share * PIECES)) if share else np.eye(PIECES)
-    inverse = np.linalg.pinv(design)
-    left = np.eye(PIECES) - design @ inverse
-    seen = left @ wander @ left
-    around = (np.arange(PIECES)[:, None] + np.arange(PIECES)) % PIECES
-    circular = seen[np.arange(PIECES)[:, None], around].mean(axis=0)
-    together = np.subtract.outer(np.arange(PIECES) // run, np.arange(PIECES) // run) == 0
-    expected = inverse[0] @ (circular[lag] * together) @ inverse[0]
-    freedom = np.trace(seen) ** 2 / np.sum(seen**2)
-    student = float(t_distribution.ppf(0.975, max(freedom, 1.0))) / 1.96
-    return float(student * np.sqrt(inverse[0] @ wander @ inverse[0] / expected))
+    freedom = len(velocity) * (PIECES - 2) - 1
+    plain = float(np.sum((velocity - velocity.mean(axis=1, keepdims=True)) ** 2))
+    costs = [_cost(velocity, share) for share in SETTLING_SHARES]
+    best = int(np.argmin(costs))
+    gain = (plain - costs[best]) / max(costs[best], 1e-300) * freedom / (len(velocity) + 1)
+    shows = f_distribution.sf(gain, len(velocity) + 1, freedom) < SETTLING_P
+    return float(SETTLING_SHARES[best]) if shows else 0.0
 
 
-def _run(remainder: FloatArray) -> int:
-    scatter = max(float(np.mean(remainder**2)), 1e-300)
-    for run in RUNS:
-        if float(np.mean(remainder[:, run:] * remainder[:, :-run])) < LOW_CORRELATION * scatter:
-            return run
-    return RUNS[-1]
+def _cost(velocity: FloatArray, share: float) -> float:
+    """What a constant and an approach leave of all dwells: the sum of squares."""
+    middle = (np.arange(PIECES) + 0.5) / PIECES
+    design = np.stack([np.ones(PIECES), np.exp(-middle / share)], axis=1)
+    return float(np.sum((velocity - velocity @ np.linalg.pinv(design).T @ design.T) ** 2))
+
+
+def _alike(left: FloatArray) -> float:
+    """What neighbours that are alike add to the variance of a mean, as in a first-order process; never below 1."""
+    power = max(float(np.sum(left**2)), 1e-300)
+    # A mean that is taken off makes neighbours unlike by one over their number.
+    alike = float(np.sum(left[:, 1:] * left[:, :-1])) / power + 1 / left.shape[1]
+    alike = min(max(alike, 0.0), 0.9)
+    return float((1 + alike) / (1 - alike))

@@ -76,6 +76,26 @@ class ImpedanceTable:
                 )
         return torque
 
+    def fall(self, command: float, velocity_rad_s: float) -> tuple[float, float]:
+        """How steeply torque falls with velocity there [N m s/rad], and the deviation of that: straight lines between
+        the middles of neighbouring cells on the velocity's own side of rest, and level beyond them.
+
+        NaN where a side has no two columns; the slope is, where a cell around is empty.
+        """
+        side = 1.0 if velocity_rad_s > 0 else -1.0
+        columns = np.flatnonzero(side * self.velocity_rad_s > 0)
+        if columns.size < 2:
+            return float("nan"), float("nan")
+        apart = np.diff(self.velocity_rad_s[columns])
+        falls = -np.diff(self.torque_nm[:, columns], axis=1) / apart
+        deviations = np.hypot(self.torque_std_nm[:, columns[1:]], self.torque_std_nm[:, columns[:-1]]) / apart
+        middles = 0.5 * (self.velocity_rad_s[columns[1:]] + self.velocity_rad_s[columns[:-1]])
+        value, deviation = (
+            float(np.interp(command, self.command, [np.interp(velocity_rad_s, middles, row) for row in rows]))
+            for rows in (falls, deviations)
+        )
+        return value, deviation
+
     def predict(self, stretches: Sequence[Aligned]) -> FloatArray:
         """Port torque at every usable instant from command and velocity alone, shape (samples,): no inertia, no lag."""
         return usable_of(stretches, [self.torque(each.command, each.velocity_rad_s) for each in stretches])

@@ -1,10 +1,15 @@
 """The two static experiments, as measured: the motion source (free) and the Thévenin source (blocked), section IV.D."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
 import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
-from bench.identification.model_free.dwells import PIECES, SKIPPED_SHARE, pieces_of, settled
+from bench.identification.model_free.branches import resting
+from bench.identification.model_free.dwells import PIECES, RESAMPLES, SKIPPED_SHARE, pieces_of, settled
+from bench.identification.model_free.port_torque import PortTorque
 from bench.identification.results import BlockedMap, SourceMap
 from bench.records import Measured, SegmentInfo, Table
 
@@ -18,30 +23,101 @@ LEAST_READINGS = 3 * PIECES
 FAST, FROM_REST = ", fast", "hold from rest"
 # Holds are averaged in this many blocks; the scatter of the blocks is that of correlated noise.
 BLOCKS = 5
+SEED = 10
 
 
-def source_map(measured: Measured) -> SourceMap:
-    """Steady free velocity against command, from the staircases. Raises ExperimentError where there is none."""
-    levels, velocities, spans_s = [], [], []
-    for segment in measured.segments:
-        if not is_staircase(segment):
-            continue
+def source_map(measured: Measured, port: PortTorque | None = None) -> SourceMap:
+    """Steady free velocity against command, from the staircases, without what torque at the ``port`` took from it.
+
+    Velocities are as measured where the port's torque is not known. Raises ExperimentError where there is no staircase.
+    """
+    levels = list(_levels(measured))
+    if not levels:
+        raise ExperimentError("no staircase was recorded: run the step 'free' to measure the static source map")
+    command, rising = np.array([level.command for level in levels]), np.array([level.rising for level in levels])
+    velocity, span_s = np.stack([level.velocity for level in levels]), np.array([level.span_s for level in levels])
+    found = settled(velocity, span_s)
+    deviation = np.std(found.resampled, axis=0)
+    source = SourceMap(command, found.velocity, deviation, rising, found.resampled, found.settling_s)
+    torque = np.stack([level.torque_nm for level in levels])
+    if port is None or not np.isfinite(torque).all():
+        return source
+    time_s = np.array([level.middle_ns - port.origin_ns for level in levels]) * 1e-9
+    return _without_torque(source, velocity, span_s, torque, time_s, port)
+
+
+def _without_torque(
+    source: SourceMap,
+    velocity: FloatArray,
+    span_s: FloatArray,
+    torque: FloatArray,
+    time_s: FloatArray,
+    port: PortTorque,
+) -> SourceMap:
+    """``source`` with each moving level taken to where the port has no torque; a shaft at rest is held by its friction.
+
+    ``velocity`` and ``torque`` [N m] are in pieces (levels, PIECES), as read; ``time_s`` (levels,) is each level's.
+    """
+    port_nm = torque - port.zero.at(time_s)[:, None]
+    slopes = np.array([port.slope(*level) for level in zip(source.command, source.velocity_rad_s, strict=True)])
+    moves = ~resting(source.velocity_rad_s, source.velocity_std_rad_s) & np.isfinite(slopes).all(axis=1)
+    per_nm = np.where(moves, 1.0 / slopes[:, 0], 0.0)
+    found = settled(velocity, span_s, port_nm * per_nm[:, None])
+    mean_nm, scatter_nm = port_nm.mean(axis=1), port_nm.std(axis=1, ddof=1) / np.sqrt(PIECES)
+    # What is the same in all levels: the zero, and the slope.
+    random, weights = np.random.default_rng(SEED), port.zero.weights(time_s)
+    zeros_nm = random.multivariate_normal(np.zeros(weights.shape[1]), port.zero.covariance_nm2, RESAMPLES) @ weights.T
+    slope_errors = np.where(moves, mean_nm * per_nm**2 * slopes[:, 1], 0.0) * random.standard_normal((RESAMPLES, 1))
+    drawn = found.resampled + per_nm * zeros_nm + slope_errors
+    zero_std_nm = np.sqrt(np.einsum("ij,jk,ik->i", weights, port.zero.covariance_nm2, weights))
+    return replace(
+        source,
+        velocity_rad_s=found.velocity,
+        velocity_std_rad_s=np.std(drawn, axis=0),
+        resampled_rad_s=drawn,
+        port_torque_nm=mean_nm,
+        port_torque_std_nm=np.hypot(scatter_nm, zero_std_nm),
+    )
+
+
+@dataclass(frozen=True)
+class _Level:
+    """One dwell: velocity and torque as read, in pieces (PIECES,), the latter NaN where too little of it was."""
+
+    command: float
+    rising: bool
+    velocity: FloatArray
+    torque_nm: FloatArray
+    span_s: float
+    middle_ns: int
+
+
+def _levels(measured: Measured) -> Iterator[_Level]:
+    torque = measured.torque[measured.torque["valid"]]
+    for segment in filter(is_staircase, measured.segments):
         before = _command_before(measured.ticks, segment)
         for command, begin_ns, end_ns in dwells(measured.ticks, segment):
             start_ns = round(begin_ns + SKIPPED_SHARE * (end_ns - begin_ns))
             rows = measured.motion[_rows(measured.motion, "arrival_ns", start_ns, end_ns)]
             if len(rows) >= LEAST_READINGS:
-                levels.append((command, command >= before))
                 time_s = (rows["arrival_ns"] - rows["arrival_ns"][0]) * 1e-9
-                velocities.append(pieces_of(time_s, rows["position_rad"]))
-                spans_s.append(time_s[-1])
+                read_nm = torque["torque_nm"][_rows(torque, "arrival_ns", start_ns, end_ns)]
+                yield _Level(
+                    command,
+                    command >= before,
+                    pieces_of(time_s, rows["position_rad"]),
+                    _means(read_nm),
+                    float(time_s[-1]),
+                    (start_ns + end_ns) // 2,
+                )
             before = command
-    if not levels:
-        raise ExperimentError("no staircase was recorded: run the step 'free' to measure the static source map")
-    command, rising = np.array(levels, dtype=float).T
-    found = settled(np.array(velocities), np.array(spans_s))
-    deviation = np.std(found.resampled, axis=0)
-    return SourceMap(command, found.velocity, deviation, rising > 0, found.resampled, found.settling_s)
+
+
+def _means(values: FloatArray) -> FloatArray:
+    """Of PIECES equal parts."""
+    if len(values) < PIECES:
+        return np.full(PIECES, np.nan)
+    return np.array([float(np.mean(part)) for part in np.array_split(values, PIECES)])
 
 
 def blocked_map(measured: Measured) -> BlockedMap:

@@ -24,7 +24,10 @@ def printed(data: object) -> dict:
 
 
 def test_the_documented_shape() -> None:
-    source = SourceMap(LEVELS, VELOCITY, np.full(5, 0.1), np.ones(5, bool), np.tile(VELOCITY, (9, 1)))
+    port_nm = np.full(5, 1e-4)
+    source = SourceMap(
+        LEVELS, VELOCITY, np.full(5, 0.1), np.ones(5, bool), np.tile(VELOCITY, (9, 1)), 0.05, port_nm, 0.5 * port_nm
+    )
     table = ImpedanceTable(
         LEVELS[:2], VELOCITY[:2], np.array([[1.0, np.nan], [2.0, 3.0]]), np.ones((2, 2)), np.ones((2, 2))
     )
@@ -35,6 +38,8 @@ def test_the_documented_shape() -> None:
     assert data["source"]["dead_zone"]["falling"] is None
     assert data["source"]["hysteresis"] is None
     assert data["source"]["low_rad_s"] == VELOCITY.tolist()
+    assert data["source"]["port_torque_nm"] == [1e-4] * 5
+    assert data["source"]["port_torque_std_nm"] == [5e-5] * 5
     assert data["table"]["torque_nm"] == [[1.0, None], [2.0, 3.0]]
     assert data["table"]["empty_cells"] == 1
     assert data["operator"]["abrupt_share"] == 0.5

@@ -156,5 +156,5 @@ def test_another_observer_goes_on_where_the_last_one_was() -> None:
     before = controller._estimator.states.copy()
     controller.begin(plant.sample(), ZERO_TORQUE)
     assert not np.allclose(controller._estimator.states, before)  # friction is no part of the free acceleration now
-    controller.begin(plant.sample(), ZERO_TORQUE, trusting=True)
+    controller.begin(plant.sample(), ZERO_TORQUE, leads=True)
     np.testing.assert_allclose(controller._estimator.states, before)

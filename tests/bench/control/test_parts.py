@@ -13,9 +13,17 @@ from bench.control import core
 from bench.control.design import TorqueGains, nominal_bench
 from bench.control.dynamics import COMMAND, FloatArray, look_back, sampled
 from bench.control.feed_forward import FeedForward
-from bench.control.preview import LONGEST_STEP_S, delayed, foreseeing, trusted, with_preview
+from bench.control.preview import (
+    LONGEST_STEP_S,
+    delayed,
+    expected_error_nm,
+    foreseeing,
+    mending_rad_s,
+    trusted,
+    with_preview,
+)
 from bench.control.reference import continued
-from bench.control.torque_loop import TorqueLoop
+from bench.control.torque_loop import TorqueLoop, slow_share
 from bench.control.virtual import VirtualBody
 from bench.errors import ExperimentError
 from bench.models.network import NortonNetwork
@@ -236,21 +244,67 @@ def test_a_clock_that_lost_its_device_begins_anew() -> None:
     assert dated(np.concatenate([1e-3 * np.arange(500), returned_s]))[500:] == pytest.approx(returned_s, abs=2e-5)
 
 
-def test_a_trusted_motion_is_mended_only_where_noise_cannot_explain_the_torque() -> None:
-    gains = TorqueGains(0.3, 300.0, 1.0, 0.0)
-    random = np.random.default_rng(2)
+GAINS = TorqueGains(0.3, 300.0, 1.0, 0.01)
 
-    def added_nm(torque_nm: float, *, trusting: bool) -> float:
-        """How far the command wanders, rms, under noise about a standing torque."""
-        loop, command, path = TorqueLoop(gains, TICK_S, turn_rad=0.01, play_rad=1e-4, noise_nm=1e-3), 0.0, []
+
+def test_slow_feedback_takes_a_standing_torque_away_at_its_rate_and_lets_less_noise_in() -> None:
+    """A shaft that has slid and then stands: the port sees the whole command. Noise makes the torque wander by
+    σ √(ω T / 2)."""
+    rate_rad_s, noise_nm, random = 10.0, 1e-3, np.random.default_rng(2)
+    slow = slow_share(GAINS, CALIBRATION, rate_rad_s)
+    loop = TorqueLoop(GAINS, TICK_S, turn_rad=0.01, play_rad=1e-4, slow=slow)
+    loop.begin(0.01, 0.0, 0.0)
+    command, torque = 0.0, []
+    for noise in random.normal(0.0, noise_nm, 20_000):
+        torque.append(0.01 - CALIBRATION.torque_gain * command)
+        command += loop.change_nm(torque[-1] + noise, 1.0, 0.0, bold=False)
+    assert torque[100] == pytest.approx(0.01 * np.exp(-1.0), abs=1e-3)
+    # So many times the memory of 0.1 s that the deviation is known to a tenth or so.
+    wander_nm = noise_nm * np.sqrt(0.5 * rate_rad_s * TICK_S)
+    assert np.std(torque[1000:]) == pytest.approx(wander_nm, rel=0.3)
+    assert abs(np.mean(torque[1000:])) < 4 * noise_nm / np.sqrt(19_000)
+
+
+def test_slow_feedback_begins_as_quick_as_designed_until_the_contacts_have_slid() -> None:
+    slow, quick = (TorqueLoop(GAINS, TICK_S, turn_rad=0.01, play_rad=1e-4, slow=share) for share in (0.02, 1.0))
+    for loop in (slow, quick):
         loop.begin(0.0, 0.0, 0.0)
-        for noise in random.normal(0.0, 1e-3, 400):
-            command += loop.change_nm(torque_nm + noise, 1.0, 0.0, bold=False, trusting=trusting)
-            path.append(command)
-        return float(np.sqrt(np.mean(np.square(path))))
+    assert slow.change_nm(1e-3, 0.0, 0.0, bold=False) == quick.change_nm(1e-3, 0.0, 0.0, bold=False)
+    far_slow, far_quick = (loop.change_nm(2e-3, 0.2, 0.0, bold=False) for loop in (slow, quick))
+    assert far_slow == pytest.approx(0.02 * far_quick, rel=1e-6)
 
-    assert added_nm(0.0, trusting=True) < 0.3 * added_nm(0.0, trusting=False)
-    assert added_nm(0.01, trusting=True) > 0.05
+
+def test_slow_feedback_is_never_quicker_than_the_design() -> None:
+    assert slow_share(GAINS, CALIBRATION, 1e6) == 1.0
+
+
+def test_the_more_noise_the_slower_what_is_foreseen_is_mended() -> None:
+    error_nm = 2e-4 * np.sign(np.sin(10 * TICK_S * np.arange(4000)))
+    quiet, usual, noisy = (mending_rad_s(error_nm, noise_nm, TICK_S) for noise_nm in (0.1e-3, 1e-3, 10e-3))
+    assert quiet > 2 * usual > 4 * noisy
+
+
+def test_a_standing_error_is_gone_from_the_mean_of_a_segment_however_short() -> None:
+    """What decays within the segment leaves no more in its mean than the noise of its readings would hide."""
+    standing_nm, lasts_s = 2e-4, 0.4
+    rate_rad_s = mending_rad_s(np.full(400, standing_nm), 1e-3, TICK_S)
+    mean_nm = standing_nm * (1 - np.exp(-rate_rad_s * lasts_s)) / (rate_rad_s * lasts_s)
+    assert mean_nm <= 1e-3 / np.sqrt(400)
+
+
+def test_the_error_expected_of_a_preview_is_what_the_networks_miss_of_their_own_equations() -> None:
+    """Against networks drawn from their covariances, along a motion that slides."""
+    velocity, acceleration = np.array([20.0, -5.0, 30.0]), np.array([100.0, -300.0, 0.0])
+    load, random = CALIBRATION.network, np.random.default_rng(4)
+    known = np.array([0.9, 5e-5, 1e-3, 0.02])
+    needed = known[1] * acceleration + known[2] * velocity + known[3] * np.sign(velocity)
+    drawn = known * (1 + 0.005 * random.standard_normal((4000, 4)))
+    missed = drawn[:, :1] / known[0] * needed - (
+        drawn[:, 1:2] * acceleration + drawn[:, 2:3] * velocity + drawn[:, 3:] * np.sign(velocity)
+    )
+    expected = expected_error_nm(SURE, load, velocity, acceleration)
+    np.testing.assert_allclose(np.abs(expected), missed.std(axis=0), rtol=5 / np.sqrt(2 * 4000))
+    assert np.all(np.sign(expected) == np.sign(velocity))
 
 
 NETWORK = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")

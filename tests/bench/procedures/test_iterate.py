@@ -87,9 +87,10 @@ def with_actuator_off(known: Knowledge, share: float) -> Knowledge:
     return replace(known, actuator=replace(known.actuator, network=worse))
 
 
-def test_the_true_port_torque_comes_down_to_a_fiftieth(iterated: Iterated) -> None:
+def test_the_true_port_torque_comes_down_to_a_fortieth(iterated: Iterated) -> None:
+    """Cogging leaves 0.14 mN m beyond the band, and noise learnt from four trials as much within it: 0.2 of 9.6."""
     assert iterated.state.converged
-    assert iterated.below_db(len(iterated.true_rms_nm)) > 34.0
+    assert iterated.below_db(len(iterated.true_rms_nm)) > 32.0
     assert iterated.said[-1].endswith("converged")
 
 
@@ -149,6 +150,25 @@ def test_it_stops_where_it_does_not_converge(iterated: Iterated) -> None:
     )
     assert decision.procedure is None
     assert "does not converge" in decision.said
+
+
+def test_noise_that_was_learnt_is_no_failure_to_learn(iterated: Iterated) -> None:
+    """One lesson brings the noise of its trial to the port; four bring a quarter of its power, and that is enough."""
+    step = IterateProcedure(replace(STEP.options, trials=10))
+
+    def after(count: int, torque_nm: float) -> str:
+        noise_nm = 3e-4
+        figures = tuple(
+            TrialFigures(n, float(np.hypot(torque_nm, noise_nm)), noise_nm, 1e-4, True, noise_nm / np.sqrt(n - 2))
+            for n in range(3, count + 1)
+        )
+        trials = (TrialFigures(1, 1e-2, noise_nm, 1e-4, False), TrialFigures(2, 4e-4, noise_nm, 1e-4), *figures)
+        state = replace(iterated.state, trials=trials, lessons=iterated.state.lessons[:1], finished=False)
+        return step.following(replace(iterated.known, iteration=state)).said
+
+    assert "converged" not in after(5, 1.4e-4)
+    assert after(6, 1.4e-4).endswith("converged")
+    assert "converged" not in after(6, 2.5e-4)
 
 
 def test_trials_diverge_only_beside_one_that_was_better() -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from bench.control.calibration import ActuatorFriction
@@ -12,16 +13,18 @@ from bench.identification.results import FitResult, Trace
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
 from bench.procedures.blocked import BlockedProcedure
-from bench.procedures.calibrate import CalibrateProcedure, first_friction
+from bench.procedures.calibrate import CalibrateProcedure, first_friction, first_inertia_kgm2, told_well_enough
 from bench.procedures.carry_out import carry_out
 from bench.procedures.catalogue import CATALOGUE, make_procedures
+from bench.procedures.directions import felt
+from bench.procedures.directions import torque_sign_faults as signs
 from bench.procedures.free import FreeProcedure
 from bench.procedures.imposed import ImposedProcedure
 from bench.procedures.knowledge import Knowledge, Procedure, Tare
 from bench.procedures.options import CalibrateOptions, TareOptions
 from bench.procedures.tare import TareProcedure
 from bench.procedures.validate import ValidateProcedure
-from bench.records import Measured
+from bench.records import TICK, TORQUE, Measured
 from bench.rig.load import load_rig
 from bench.rig.rig import Command, Rig
 from bench.segments import LoadMode, Segment
@@ -133,6 +136,47 @@ def test_a_wrong_sign_in_the_rig_file_is_found_and_named(section: str, words: st
         carry_out(TareProcedure(TareOptions(0.5)), Knowledge(wrong), bench.loop)
 
 
+def with_sensor(**changes: str) -> Rig:
+    """The rig with another torque sensor."""
+    sensor = {**RIG.simulated["torque_sensor"], **changes}
+    return replace(RIG, simulated={**RIG.simulated, "torque_sensor": sensor})
+
+
+def test_a_push_that_noise_hides_is_made_again_and_faster() -> None:
+    """The port feels 14 mN m of it: of 60 mN m of noise, one push of 1.2 s tells that to some four deviations."""
+    noisy = with_sensor(noise="60 mN*m")
+    with opened(noisy) as bench:
+        known = carry_out(TareProcedure(TareOptions(1.0)), Knowledge(noisy), bench.loop)
+    segments = known.records[-1].segments
+    assert "load pushes again" in [segment.name for segment in segments]
+    assert known.tare is not None
+    assert known.tare.moving_load_nm == pytest.approx(0.035, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_felt_of_a_push_has_an_honest_deviation(seed: int) -> None:
+    """A torque in proportion to the push, among noise, in counts of 1 mN m."""
+    random = np.random.default_rng(seed)
+    felt_nm, noise_nm, count = 5e-3, 2e-3, 1000
+
+    def read(torque_nm: npt.NDArray[np.float64], start_ns: int) -> Measured:
+        ticks, readings = np.zeros(count, TICK), np.zeros(count, TORQUE)
+        ticks["tick_ns"] = readings["arrival_ns"] = start_ns + 1_000_000 * np.arange(count)
+        ticks["command"] = torque_nm
+        seen = 8e-3 + felt_nm * torque_nm + noise_nm * random.standard_normal(count)
+        readings["torque_nm"], readings["valid"] = np.round(seen, 3), True
+        return Measured(ticks=ticks, torque=readings)
+
+    rest, push = read(np.zeros(count), 0), read(np.geomspace(0.01, 1.0, count), 2_000_000_000)
+    answer = felt(push, rest)
+    assert answer.tells
+    assert abs(answer.torque_nm - felt_nm) < 3.5 * answer.deviation_nm
+    assert answer.deviation_nm < 0.15 * noise_nm
+    unfelt = replace(read(np.zeros(count), 2_000_000_000), ticks=push.ticks)
+    assert any("does not feel the push" in fault and "mN m a reading" in fault for fault in signs(unfelt, rest, 1))
+    assert list(signs(push, rest, 1)) == []
+
+
 def test_tare_finds_bias_and_noise() -> None:
     with opened(RIG) as bench:
         known = carry_out(TareProcedure(TareOptions(1.0)), Knowledge(RIG), bench.loop)
@@ -199,6 +243,26 @@ def test_a_friction_that_it_does_not_tell_well_is_not(told: dict[str, tuple[floa
 def test_nor_is_one_of_a_fit_that_did_not_converge_or_was_not_made() -> None:
     assert first_friction(replace(told_by(**WELL), converged=False)) is None
     assert first_friction(None) is None
+
+
+def test_an_inertia_per_unit_of_torque_gain_is_none() -> None:
+    assert first_inertia_kgm2(told_by(**WELL)) == 5e-5
+    assert first_inertia_kgm2(told_by(**{**WELL, "inertia": (np.nan, Status.RATIO_ONLY)})) is None
+
+
+def test_a_load_whose_contact_no_count_can_tell_will_do() -> None:
+    """The search for its stiffness goes on for ever; the rest is sure."""
+
+    def fit_with(inertia: float, *, left: float = 0.1) -> FitResult:
+        told = {**WELL, "inertia": (inertia, Status.NOT_CONVERGED), "presliding_stiffness": (5.0, Status.NOT_CONVERGED)}
+        fit = told_by(**told)
+        gain = Estimate("torque_gain", 0.95, 0.01, "N*m/(N*m)", Status.NOT_CONVERGED)
+        return replace(fit, estimates=(gain, *fit.estimates), converged=False, torque_relative=left)
+
+    assert told_well_enough(fit_with(0.01))
+    assert not told_well_enough(fit_with(0.2))
+    assert not told_well_enough(fit_with(0.01, left=0.6))
+    assert told_well_enough(replace(fit_with(0.2), converged=True))
 
 
 def shaken_nm(command: Command, tare: Tare | None) -> float:

@@ -112,3 +112,10 @@ def test_the_branches_in_words(full: ReportData) -> None:
     assert "rising, the dead zone is 0.04" in text
     assert "falling, the dead zone is 0.04" in text
     assert "hysteresis" in text or "branches differ" in text
+    assert "torque at the port" not in text
+
+
+def test_torque_that_was_taken_off_is_told(full: ReportData) -> None:
+    port_nm = np.full(22, -2e-4)
+    source = replace(full.source_map, port_torque_nm=port_nm, port_torque_std_nm=np.full(22, 5e-5))
+    assert "up to 0.20\u00a0mN·m of it" in " ".join(source_sentences(source, "N·m"))

@@ -13,8 +13,9 @@ from bench.identification.fit import fit
 from bench.models.parameters import Status
 from bench.procedures import refine
 from bench.procedures.options import CalibrateOptions, ImposedOptions, RefineOptions, TareOptions
-from bench.procedures.refine import RefineProcedure, travel_left_rad
+from bench.procedures.refine import RefineProcedure
 from bench.procedures.refinement import half_width
+from bench.procedures.within import travel_left_rad
 from bench.records import Measured
 from bench.rig.load import load_rig
 from bench.segments import Use
@@ -151,7 +152,7 @@ def test_the_window_of_positions_is_counted_from_where_the_shaft_first_stood() -
     ticks = np.zeros(4, Measured().ticks.dtype)
     ticks["position_rad"] = [np.nan, 1.0, 5.0, -2.0]
     rig = replace(RIG, limits=replace(RIG.limits, position_rad=10.0))
-    assert travel_left_rad(Measured(ticks=ticks), rig) == pytest.approx(7.0)
+    assert travel_left_rad((Measured(ticks=ticks),), rig) == pytest.approx(7.0)
 
 
 def test_a_rig_without_a_load_is_refused() -> None:

@@ -1,0 +1,43 @@
+"""The spring between the two motors, as far as the torque sensor's readings feel it."""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+# A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
+LEAST_DAMPING_RATIO = 0.005
+
+
+def least_damping_nms_rad(stiffness_nm_rad: float, mobility_1_kgm2: float) -> float:
+    """Of a spring between two inertias; ``mobility_1_kgm2`` is the sum of their inverses."""
+    return 2 * LEAST_DAMPING_RATIO * sqrt(max(stiffness_nm_rad, 0.0) / mobility_1_kgm2)
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """What the calibration tells of it and of the load drive, whose delay is on the torque's clock.
+
+    Steps of the commands reach the sensor through it faster than its readings come, and sampling folds them down into
+    the band that is fitted. ``command_nm`` (m,) was sent to the load drive at ``sent_s`` (m,).
+    """
+
+    stiffness_nm_rad: float
+    damping_nms_rad: float
+    load_inertia_kgm2: float
+    load_gain: float
+    load_bandwidth_rad_s: float
+    load_delay_s: float
+    sent_s: FloatArray
+    command_nm: FloatArray
+
+    def response(self, frequency_hz: FloatArray, inertia_kgm2: float) -> npt.NDArray[np.complex128]:
+        """Torque of the spring over the difference of the accelerations that drive its ends [N m s²/rad], (n,)."""
+        mobility = 1.0 / inertia_kgm2 + 1.0 / self.load_inertia_kgm2
+        s = 2j * np.pi * frequency_hz
+        damping = max(self.damping_nms_rad, least_damping_nms_rad(self.stiffness_nm_rad, mobility))
+        spring = self.stiffness_nm_rad + damping * s
+        return np.asarray(spring / (s**2 + mobility * spring))

@@ -1,0 +1,45 @@
+"""What is looked for before and after an instant counts the readings' errors as the fit does."""
+
+import numpy as np
+import pytest
+
+from bench.identification.regression import INERTIA, VISCOUS
+from bench.identification.separable import Solution, solve
+from bench.identification.signals import signals
+from bench.identification.soundness.doubts import BLOCK_ROWS, _Blocks, doubts
+from bench.segments import Use
+from tests.bench.identification import synthetic
+from tests.bench.identification.synthetic import TICK_S, Bench, Truth
+
+
+@pytest.fixture(scope="module")
+def coarse() -> Solution:
+    """Free motion, then imposed, of a light actuator with a coarse encoder: the two tell very unlike accelerations."""
+    truth, bench = Truth(inertia=2e-5), Bench(counts=8192.0, noise_nm=4e-3)
+    measured = synthetic.experiment(2, truth, bench, blocked=False, multisine_s=10.0)
+    return solve(signals(measured, TICK_S, Use.IDENTIFY))
+
+
+def test_blocks_add_up_to_a_fit_that_is_at_its_optimum(coarse: Solution) -> None:
+    """Were the errors in the columns left in, what pulls at the inertia would not be nil, but all of them."""
+    count = len(coarse.residual) // BLOCK_ROWS
+    blocks = _Blocks.of(coarse, count)
+    pull = blocks.score.sum(axis=0)
+    scatter = np.sqrt(np.sum(blocks.score**2, axis=0))
+    for column in (INERTIA, VISCOUS):
+        assert abs(pull[column]) < scatter[column]
+    left_in = coarse.contamination[INERTIA] * coarse.linear[INERTIA] / blocks.scale[INERTIA]
+    assert left_in > 2.0 * scatter[INERTIA]
+
+
+def test_a_machine_that_stays_the_same_is_not_doubted(coarse: Solution) -> None:
+    nine = np.ones(9)
+    assert doubts(coarse, nine, 0.01 * nine, tick_s=TICK_S) == ()
+
+
+def test_what_is_told_grows_from_nothing_to_all(coarse: Solution) -> None:
+    count = len(coarse.residual) // BLOCK_ROWS
+    told = _Blocks.of(coarse, count).told(INERTIA)
+    assert told[0] == 0.0
+    assert np.all(np.diff(told) >= 0.0)
+    assert 0.5 < told[-1] < 1.0

@@ -1,0 +1,116 @@
+"""Simulated records: errors of readings found again, no bias where there are none, and what is made of a scatter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.identification.bootstrap import (
+    NORMAL_95,
+    ReadingErrors,
+    Readings,
+    Scatter,
+    _Bench,  # the bench with errors of a test's own
+    scatter_of,
+)
+from bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
+from bench.identification.fit import PHYSICAL, physical
+from bench.identification.separable import solve, solve_again
+from bench.identification.signals import Stream, signals
+from bench.segments import Use
+from tests.bench.identification import synthetic
+from tests.bench.identification.synthetic import TICK_S
+
+NO_ERRORS = ReadingErrors(0.0, 0.0, 0.0)
+
+
+def stream(noise: float, step: float, jitter_s: float) -> Stream:
+    """A motion, now slow, now fast, with errors of readings of these sizes."""
+    random = np.random.default_rng(3)
+    time_s = np.arange(60_000) * TICK_S
+    at_s = time_s + jitter_s * random.standard_normal(time_s.size)
+    value = 20.0 * np.sin(0.2 * at_s) * np.sin(3.0 * at_s) + noise * random.standard_normal(time_s.size)
+    return Stream(time_s, np.round(value / step) * step if step else value, TICK_S)
+
+
+@pytest.mark.parametrize(("noise", "step", "jitter_s"), [(1e-4, 0.0, 0.0), (1e-4, 2e-4, 0.0), (0.0, 2e-4, 3e-5)])
+def test_errors_of_readings_are_told_from_the_readings(noise: float, step: float, jitter_s: float) -> None:
+    found = ReadingErrors.of(stream(noise, step, jitter_s), step)
+    # 600 blocks tell each variance to 6 %; a shock-proof median of a hundred squares adds 2 % of bias.
+    assert found.noise == pytest.approx(noise, rel=0.1, abs=2e-5)
+    assert found.jitter_s == pytest.approx(jitter_s, rel=0.1, abs=3e-6)
+
+
+def test_readings_have_the_errors_that_they_are_given() -> None:
+    errors, random = ReadingErrors(noise=2e-3, step=1e-3, jitter_s=1e-4), np.random.default_rng(5)
+    rate = np.full(20_000, 10.0)
+    read = errors.drawn(np.linspace(0.0, 50.0, rate.size), rate, random)
+    steps = np.diff(read) / errors.step
+    assert np.allclose(steps, np.round(steps), atol=1e-6)
+    expected = np.sqrt(2e-3**2 + 1e-3**2 / 12 + (1e-4 * 10.0) ** 2)
+    assert np.std(read - np.linspace(0.0, 50.0, rate.size)) == pytest.approx(expected, rel=0.02)
+
+
+def test_without_errors_of_readings_the_fit_gives_back_what_was_put_in() -> None:
+    """What is left is the fit's own numerics: far less than noise makes of it."""
+    measured = synthetic.experiment(4, free=False)
+    stretches = signals(measured, TICK_S, Use.IDENTIFY)
+    solution = solve(stretches)
+    values, covariance = physical(solution, solution.regression.time_s())
+    bench = _Bench.of(Readings(measured, TICK_S, Use.IDENTIFY), stretches, solution)
+    exact = replace(bench, position_errors=NO_ERRORS, torque_errors=NO_ERRORS, travel_s=np.zeros(1))
+    record = exact.record(np.random.default_rng(0))
+    again = solve_again(signals(record, TICK_S, Use.IDENTIFY), solution)
+    given = physical(again, again.regression.time_s())[0]
+    deviations = (given - values)[:7] / np.sqrt(np.diag(covariance))[:7]
+    assert np.all(np.abs(deviations) < 0.5), dict(zip(PHYSICAL, deviations, strict=True))
+
+
+def test_the_same_recording_gives_the_same_scatter_and_the_size_that_residuals_give() -> None:
+    measured = synthetic.experiment(4, free=False, blocked=False)
+    stretches = signals(measured, TICK_S, Use.IDENTIFY)
+    solution = solve(stretches)
+    readings = Readings(measured, TICK_S, Use.IDENTIFY, draws=6)
+    scatter = scatter_of(readings, stretches, solution, physical)
+    assert np.array_equal(scatter.drawn, scatter_of(readings, stretches, solution, physical).drawn)
+    # The torque gain is blurred by the torque's noise alone, which residuals show: six draws tell it to a third.
+    raw = float(np.std(scatter.drawn[:, 0], ddof=1))
+    assert 0.4 < raw / scatter.stated_std[0] < 2.0
+
+
+def test_a_bias_is_taken_off_and_what_simulation_does_not_explain_is_added() -> None:
+    draws = np.array([[1.1, 10.0], [1.3, 10.4], [1.2, 9.6], [1.2, 10.0]])
+    scatter = Scatter(draws, put_in=np.array([1.0, 10.0]), stated_std=np.array([0.05, 0.1]))
+    values, covariance = scatter.applied(np.array([1.0, 10.0]), np.diag([0.05**2, 0.5**2]))
+    assert values == pytest.approx([0.8, 10.0])
+    few = 3.182446 / NORMAL_95 * np.sqrt(1.25)  # Student's 97.5 % of 3 degrees of freedom
+    first = (few * np.std(draws[:, 0], ddof=1)) ** 2 + 0.2**2 / 3
+    second = (few * np.std(draws[:, 1], ddof=1)) ** 2 + 0.5**2 - 0.1**2
+    assert np.diag(covariance) == pytest.approx([first, second], rel=1e-5)
+
+
+def test_a_bias_as_large_as_the_value_is_not_taken_off_but_leaves_nothing_known() -> None:
+    scatter = Scatter(np.array([[3.0], [3.1], [2.9]]), put_in=np.array([1.0]), stated_std=np.array([0.1]))
+    values, covariance = scatter.applied(np.array([1.0]), np.array([[0.01]]))
+    assert values == pytest.approx([1.0])
+    assert covariance[0, 0] > 1.0
+
+
+def test_two_inertias_on_a_spring_answer_as_their_equations_do() -> None:
+    inertia, load, stiffness, damping = 5e-5, 1.2e-4, 200.0, 0.01
+    none = np.empty(0)
+    coupling = Coupling(stiffness, damping, load, 1.0, 1000.0, 0.0, none, none)
+    # States: twist and its rate; input: the difference of the accelerations that drive the two ends.
+    mobility = 1 / inertia + 1 / load
+    dynamics = np.array([[0.0, 1.0], [-stiffness * mobility, -damping * mobility]])
+    frequency_hz = np.array([10.0, 380.0, 850.0, 1500.0])
+    s = 2j * np.pi * frequency_hz[:, None, None]
+    states = np.linalg.solve(s * np.eye(2) - dynamics, np.broadcast_to([[0.0], [1.0]], (4, 2, 1)))
+    expected = (np.array([stiffness, damping]) @ states)[:, 0]
+    assert coupling.response(frequency_hz, inertia) == pytest.approx(expected, rel=1e-9)
+    bare = replace(coupling, damping_nms_rad=-0.01)
+    least = least_damping_nms_rad(stiffness, mobility)
+    assert least == pytest.approx(2 * LEAST_DAMPING_RATIO * np.sqrt(stiffness / mobility))
+    assert bare.response(frequency_hz, inertia) == pytest.approx(
+        replace(coupling, damping_nms_rad=least).response(frequency_hz, inertia)
+    )

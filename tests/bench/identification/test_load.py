@@ -1,0 +1,29 @@
+"""The load and the torque sensor, where encoders are too coarse for some of it."""
+
+import numpy as np
+import pytest
+from scipy.stats import truncnorm
+
+from bench.identification.load import above_zero, fit_load
+from tests.bench.identification import synthetic
+from tests.bench.identification.synthetic import TICK_S, Bench
+
+
+@pytest.mark.parametrize(("value", "std"), [(2.0, 0.1), (1.0, 1.0), (0.0, 1.0), (-2.0, 1.0), (-3e-4, 5e-4)])
+def test_what_is_known_to_be_positive_is_a_normal_distribution_cut_off(value: float, std: float) -> None:
+    expected = truncnorm(-value / std, np.inf, loc=value, scale=std)
+    assert above_zero(value, std) == pytest.approx((expected.mean(), expected.std()), rel=1e-6)
+
+
+def test_nothing_changes_where_the_sign_is_told() -> None:
+    assert above_zero(1.0, 0.05) == pytest.approx((1.0, 0.05), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_sensor_too_stiff_for_the_encoders_is_stiff_and_not_negative(seed: int) -> None:
+    """Under 30 mN m it twists by a hundredth of a count: its compliance is as likely to come out below zero as not."""
+    bench = Bench(counts=4096.0, stiffness=2000.0, noise_nm=3e-3)
+    found = fit_load(synthetic.calibration(seed, bench=bench, duration_s=4.0), TICK_S)
+    assert found.sensor_stiffness_nm_rad > 200.0
+    compliance, std = 1 / found.sensor_stiffness_nm_rad, found.sensor_stiffness_std_nm_rad
+    assert abs(compliance - 1 / 2000.0) < 3.5 * std * compliance**2

@@ -1,0 +1,132 @@
+"""Steps plan within every limit of the rig, by what was measured before them, and say what that costs."""
+
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.control.calibration import LoadCalibration
+from bench.identification.results import FitResult, Trace
+from bench.models.network import NortonNetwork
+from bench.models.parameters import Estimate, Status
+from bench.procedures.blocked import BlockedProcedure
+from bench.procedures.excitations import SHARE, Bounds
+from bench.procedures.free import FreeProcedure
+from bench.procedures.imposed import ImposedProcedure
+from bench.procedures.knowledge import Knowledge, Procedure, Sparing
+from bench.procedures.validate import ValidateProcedure
+from bench.procedures.waves import Motion
+from bench.procedures.within import LEAST, bounds_of, words_for
+from bench.records import Measured
+from bench.rig.load import load_rig
+from bench.rig.rig import Rig
+from bench.segments import PRESCRIBED_MOTION, LoadMode, Segment
+from tests.bench.procedures.test_procedures import played
+
+RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
+# A heavy machine that a light one drives: at speed it takes more than 10 W to turn it round.
+STRONG = NortonNetwork(0.9, 600.0, 1.5e-4, 2e-3, 0.04, 10.0, 0.01, command_unit="N*m")
+# Time constant 0.9 s: a search that ends at 48 rad/s has found commands that lead to 80 and more.
+SLOW = NortonNetwork(0.049, 220.0, 2.2e-4, 2.4e-4, 0.045, 3.3, 0.023, command_unit="N*m")
+LOAD = LoadCalibration(
+    0.95, 1e3, 1.2e-4, 3e-4, 0.008, 8.0, 0.005, 1.5e-3, 0.0, 200.0, 0.01, 1e-3, 0.0, 4.8e-5, -1e-3, 5e-5
+)
+STEPS: tuple[Procedure, ...] = (BlockedProcedure(), ImposedProcedure(), ValidateProcedure())
+
+
+def fit_of(network: NortonNetwork, status: Status = Status.VALID) -> FitResult:
+    values = {"torque_gain": network.torque_gain, "inertia": network.inertia_kgm2}
+    estimates = tuple(Estimate(name, value, 0.01 * value, "", status) for name, value in values.items())
+    nothing = np.zeros(0)
+    return FitResult(
+        estimates, network, True, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0.0, trace=Trace(nothing, nothing, nothing, "N*m")
+    )
+
+
+def known_of(network: NortonNetwork, rig: Rig = RIG, span: tuple[float, float] = (-0.26, 0.26)) -> Knowledge:
+    return Knowledge(rig, calibration=LOAD, actuator=fit_of(network), command_span=span)
+
+
+def within(segment: Segment, bounds: Bounds) -> bool:
+    motion = Motion(segment.position_rad, segment.velocity_rad_s, segment.acceleration_rad_s2)
+    return bounds.allow(segment.command, motion, SHARE)
+
+
+@pytest.mark.parametrize("power_w", [20.0, 5.0])
+@pytest.mark.parametrize("procedure", STEPS, ids=lambda procedure: procedure.name)
+def test_every_imposed_segment_keeps_to_every_limit(procedure: Procedure, power_w: float) -> None:
+    known = known_of(STRONG, replace(RIG, limits=replace(RIG.limits, power_w=power_w)))
+    bounds = bounds_of(known)
+    assert bounds is not None
+    driven = [
+        segment
+        for segment in played(procedure, known)
+        if segment.mode is LoadMode.ADMITTANCE and segment.admittance == PRESCRIBED_MOTION
+    ]
+    assert driven
+    assert all(within(segment, bounds) for segment in driven if "release" not in segment.name)
+
+
+def test_the_usual_plan_would_have_gone_beyond_the_power_limit_and_says_what_less_of_it_costs() -> None:
+    rig = replace(RIG, limits=replace(RIG.limits, power_w=10.0))
+    known, procedure = known_of(STRONG, rig), ImposedProcedure()
+    bounds = bounds_of(known)
+    assert bounds is not None
+    usual = [segment for segment in played(procedure, replace(known, actuator=None)) if len(segment.velocity_rad_s)]
+    torque_nm = STRONG.torque(usual[0].command, usual[0].position_rad, RIG.tick_s)
+    assert np.max(np.abs(torque_nm * usual[0].velocity_rad_s)) > rig.limits.power_w
+    assert isinstance(procedure, Sparing)
+    sentences = procedure.spared(known)
+    assert sentences
+    assert all("times less finely" in sentence for sentence in sentences)
+
+
+@pytest.mark.parametrize("procedure", STEPS, ids=lambda procedure: procedure.name)
+def test_nothing_is_made_smaller_that_fits(procedure: Procedure) -> None:
+    weak = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")
+    known = known_of(weak, span=(-0.08, 0.08))
+    assert isinstance(procedure, Sparing)
+    assert procedure.spared(known) == ()
+    blind = played(procedure, replace(known, actuator=None))
+    for segment, other in zip(played(procedure, known), blind, strict=True):
+        np.testing.assert_array_equal(segment.command, other.command)
+        np.testing.assert_array_equal(segment.velocity_rad_s, other.velocity_rad_s)
+
+
+def test_stairs_of_a_shaft_that_is_slow_to_gain_speed_stay_within_the_velocity_limit() -> None:
+    strong = replace(RIG, command=replace(RIG.command, limit=9.0))
+    known, procedure = known_of(SLOW, strong), FreeProcedure()
+    low, high = procedure._span_within(known, (-1.7, 1.71))
+    assert -1.7 < low < -1.0
+    assert 1.0 < high < 1.71
+    for _, levels in procedure._stairs(low, high):
+        command = np.repeat(levels, round(procedure.options.dwell_s / RIG.tick_s))
+        speed_rad_s = np.max(np.abs(SLOW.free_motion(command, RIG.tick_s)[1]))
+        assert 0.5 * RIG.limits.velocity_rad_s < speed_rad_s <= SHARE * RIG.limits.velocity_rad_s
+    assert procedure._span_within(replace(known, actuator=None), (-1.7, 1.71)) == (-1.7, 1.71)
+
+
+def test_a_free_command_that_the_load_cannot_follow_is_made_smaller() -> None:
+    bounds = bounds_of(known_of(STRONG, replace(RIG, limits=replace(RIG.limits, load_torque_nm=0.1))))
+    assert bounds is not None
+    command = 0.3 * np.sin(2 * np.pi * 20.0 * np.arange(1000) * RIG.tick_s)
+    assert not bounds.allow_free(command, SHARE)
+    assert bounds.allow_free(LEAST * command, SHARE)
+
+
+def test_without_a_fit_to_judge_by_there_are_no_bounds() -> None:
+    known = known_of(STRONG)
+    assert bounds_of(replace(known, actuator=fit_of(STRONG, Status.RATIO_ONLY))) is None
+    assert bounds_of(replace(known, calibration=None)) is None
+    bounds = bounds_of(replace(known, records=(Measured(),)))
+    assert bounds is not None
+    assert bounds.travel_rad == inf
+
+
+def test_words_only_where_something_was_made_smaller() -> None:
+    assert words_for("imposed:", 1.0) == ()
+    (sentence,) = words_for("imposed:", 0.5)
+    assert sentence.startswith("imposed: at 50% of its usual size")
+    assert "2.0 times less finely" in sentence
