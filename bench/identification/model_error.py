@@ -10,13 +10,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from bench.errors import ExperimentError
+from bench.identification.bounds import possible
+from bench.identification.coupling import Coupling
 from bench.identification.expansion import Expansion, Sums
-from bench.identification.fit import PHYSICAL
+from bench.identification.fit import PHYSICAL, fit
 from bench.identification.ladder import Rung, selected
 from bench.identification.residuals.departures import CHANGE, Departure, departures
 from bench.identification.results import FitResult
 from bench.identification.sensor_zero import SensorZero
-from bench.identification.signals import Signals
+from bench.identification.signals import Signals, signals
+from bench.identification.soundness.recording import sound
 from bench.identification.validation import free_runs
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
@@ -122,6 +126,22 @@ def _told_apart(at: Expansion, found: tuple[Departure, ...]) -> tuple[Departure,
 def _mostly_no_noise(at: Expansion, left_nm2: float) -> bool:
     """Whether more than UNEXPLAINED of the mean square left is neither noise nor what ticks and counts leave open."""
     return (1 - UNEXPLAINED) * left_nm2 > at.noise_nm2 + at.unknown_nm2
+
+
+def fit_judged(measured: Measured, *, command_unit: str, tick_s: float, coupling: Coupling | None = None) -> FitResult:
+    """The fit of what was recorded, with statuses and deviations as a session concludes them, and nothing else.
+
+    Arguments are those of :func:`bench.identification.fit.fit`. Raises ExperimentError where there is nothing to fit.
+    """
+    result = possible(fit(measured, command_unit=command_unit, tick_s=tick_s, coupling=coupling))
+    believed = sound(measured).measured
+    fitted = signals(believed, tick_s, Use.IDENTIFY)
+    try:
+        unseen = signals(believed, tick_s, Use.VALIDATE)
+    except ExperimentError:  # the session has no such step
+        unseen = ()
+    at = expanded(result, fitted, unseen)
+    return result if at is None else judged(result, model_error(result, at, fitted, unseen, believed))
 
 
 def bound(mean_squares: FloatArray) -> tuple[float, float]:

@@ -174,7 +174,8 @@ class _Blocks:
     @classmethod
     def of(cls, solution: Solution, count: int) -> "_Blocks":
         jacobian, residual = solution.jacobian, solution.innovation
-        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+        scale = np.linalg.norm(jacobian, axis=0)
+        scale[scale == 0.0] = 1.0  # a free shaft has no torque to go with the inertia
         rows = (jacobian[: count * BLOCK_ROWS] / scale).reshape(count, BLOCK_ROWS, -1)
         left = residual[: count * BLOCK_ROWS].reshape(count, BLOCK_ROWS, 1)
         across = rows.transpose(0, 2, 1)

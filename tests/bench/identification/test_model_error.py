@@ -7,7 +7,7 @@ import pytest
 
 from bench.identification.bounds import beyond_bounds, possible
 from bench.identification.fit import PHYSICAL
-from bench.identification.model_error import LEVEL, bound, expanded, judged, model_error
+from bench.identification.model_error import LEVEL, bound, expanded, fit_judged, judged, model_error
 from bench.identification.residuals.departures import CHANGE, DRAG, Departure
 from bench.identification.signals import signals
 from bench.identification.soundness.doubts import Doubt
@@ -157,3 +157,17 @@ def test_no_machine_has_a_negative_inertia(result):
     below = possible(replace(result, network=replace(result.network, inertia_kgm2=-1e-5)))
     assert beyond_bounds(below.network) == ("inertia",)
     assert "No network is written" in below.verdict[-1]
+
+
+def test_a_fit_alone_is_judged_as_a_session_is(experiment, result):
+    """What a sweep reports: here with friction that is not the same both ways."""
+    torque = experiment.torque.copy()
+    stamps = experiment.motion["arrival_ns"].astype(float)
+    velocity = np.gradient(experiment.motion["position_rad"], stamps * 1e-9)
+    speed = np.interp(torque["arrival_ns"].astype(float), stamps, np.abs(velocity))
+    torque["torque_nm"] -= 2e-3 * (speed > 0.5)
+    told = fit_judged(replace(experiment, torque=torque), command_unit="N*m", tick_s=TICK_S)
+    assert "the direction of motion" in told.verdict[0]
+    assert Status.INADEQUATE in {each.status for each in told.estimates}
+    # The mean of both ways is what it was.
+    assert told.estimate("coulomb_torque").value == pytest.approx(result.estimate("coulomb_torque").value, rel=0.01)
