@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test check guard compiled bench clean
+.PHONY: demo test check guard compiled rounding bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -17,6 +17,10 @@ demo: $(READY)  ## identify a simulated actuator through real frames and bytes
 test: $(READY)  ## everything CI runs
 	$(MAKE) --jobs 2 check guard compiled
 	$(BIN)/pytest
+	$(MAKE) rounding
+
+rounding: $(READY)  ## what rounding might decide, once more as a processor without vector extensions rounds
+	OPENBLAS_CORETYPE=Nehalem $(BIN)/pytest -q tests/bench/procedures/test_iterate.py tests/bench/identification/test_sessions.py
 
 check: $(READY)  ## style, types, import floors
 	$(BIN)/ruff check .
@@ -34,6 +38,8 @@ compiled: $(READY)  ## the numerical code and the tests, once, for all processes
 bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/identification.py --seeds 1-5
 	$(BIN)/python benchmarks/fit_speed.py
+	$(BIN)/python benchmarks/wide_family.py --quick
+	$(BIN)/python benchmarks/other_worlds.py --quick
 	$(BIN)/python benchmarks/zero_torque.py
 	$(BIN)/python benchmarks/simulation_speed.py
 	$(BIN)/python benchmarks/recording.py
