@@ -32,7 +32,7 @@ SPRING = 1.5
 SMALLER = 0.8
 MOST_TRIES = 40
 # A command that changes in less than this share of its ticks is a staircase.
-STEPS_SHARE = 0.1
+STEPS_SHARE = 0.5
 
 CRUISE_SHARES = (0.05, 0.3, 1.0)
 COMMAND_BANDS_HZ = ((0.5, 30.0), (5.0, 100.0), (20.0, 200.0))

@@ -87,9 +87,18 @@ class FreeProcedure:
         A search ends at once where the speed is reached. A shaft that is heavy for its damping has a long way to go
         then; where the calibration tells it, the stairs are foreseen.
         """
-        bounds, low, high = bounds_of(known), float(min(ends)), float(max(ends))
-        stairs = [staircase(levels, self.options.dwell_s, known.tick_s) for _, levels in self._stairs(low, high)]
-        share = min(free_within(bounds, command) for command in stairs)
+        low, high, tick_s = float(min(ends)), float(max(ends)), known.tick_s
+        # One after the other: a shaft that is slow to gain speed is slow to lose it, too.
+        stairs = [
+            part
+            for _, levels in self._stairs(low, high)
+            for part in (
+                ramp(0.0, levels[0], MOVE_S, tick_s),
+                staircase(levels, self.options.dwell_s, tick_s),
+                ramp(levels[-1], 0.0, MOVE_S, tick_s),
+            )
+        ]
+        share = free_within(bounds_of(known), np.concatenate(stairs))
         return share * low, share * high
 
     def _stairs(self, low: float, high: float) -> list[tuple[str, FloatArray]]:
