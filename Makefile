@@ -35,6 +35,7 @@ bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/identification.py --seeds 1-5
 	$(BIN)/python benchmarks/fit_speed.py
 	$(BIN)/python benchmarks/zero_torque.py
+	$(BIN)/python benchmarks/source_map.py --seeds 1-5
 	$(BIN)/python benchmarks/simulation_speed.py
 	$(BIN)/python benchmarks/recording.py
 	$(BIN)/python benchmarks/fuzz.py
