@@ -41,6 +41,7 @@ bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/wide_family.py --quick
 	$(BIN)/python benchmarks/other_worlds.py --quick
 	$(BIN)/python benchmarks/zero_torque.py
+	$(BIN)/python benchmarks/source_map.py --seeds 1-5
 	$(BIN)/python benchmarks/simulation_speed.py
 	$(BIN)/python benchmarks/recording.py
 	$(BIN)/python benchmarks/fuzz.py
