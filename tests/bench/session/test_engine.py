@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from bench.control.admittance import AdmittanceController
-from bench.identification.fit import fit
 from bench.identification.results import LiveEstimate
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
@@ -168,9 +167,9 @@ def test_a_recording_that_lost_its_end_and_was_recovered_gives_the_very_same_res
     killed = tmp_path / "killed.mcap"
     content = performed.result.recording.read_bytes()
     killed.write_bytes(content[: content.index(METADATA_OF_THE_END) - 20])
-    recovered = read_recording(recover(killed).path, raw_frames=False).measured
-    result = fit(recovered, command_unit=RIG.command.unit, tick_s=RIG.tick_s)
-    assert result.estimates == estimates(performed)
+    _, conclusion = conclude_recording(recover(killed).path, tmp_path)
+    assert conclusion.fit is not None
+    assert conclusion.fit.estimates == estimates(performed)
 
 
 def test_replaying_a_recording_gives_the_same_live_estimates(recording: Recording) -> None:
