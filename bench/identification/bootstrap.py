@@ -23,6 +23,7 @@ from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, LIN
 from bench.identification.separable import Solution, solve_again
 from bench.identification.signals import FINE, Signals, Stream, instants, signals, stream_of
 from bench.identification.timing import travel_s
+from bench.identification.verdict import LOOSE_BEYOND
 from bench.records import Measured, Table
 from bench.segments import Use
 
@@ -197,10 +198,11 @@ class Scatter:
         few = float(student.ppf(0.975, draws - 1)) / NORMAL_95
         return np.asarray(few * np.std(self.drawn, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / draws))
 
-    def bias_std(self, values: FloatArray) -> FloatArray:
+    @property
+    def bias_std(self) -> FloatArray:
         """Of the bias that is taken off, (p,). The smoothed motion is not the true one: anything between no bias and
         twice the one seen is held to be as likely, which deviates by the bias over the square root of 3."""
-        return np.asarray(np.abs(self.bias) / np.sqrt(3.0) * np.ones(values.size))
+        return np.asarray(np.abs(self.bias) / np.sqrt(3.0))
 
     def applied(self, values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values without their bias, and their covariance, from those that the residual alone gives: (p,), (p, p).
@@ -211,21 +213,23 @@ class Scatter:
         stated = np.sqrt(np.diag(covariance))
         unexplained = np.maximum(stated**2 - self.stated_std**2, 0.0)
         scattered = np.maximum(self.std**2 + unexplained, stated**2)
-        std = np.sqrt(scattered + self.bias_std(values) ** 2)
-        # A bias that the scatter hides is no bias; one as large as the value says only that nothing is known.
-        credible = np.abs(self.bias) < 0.5 * np.abs(values)
+        std = np.sqrt(scattered + self.bias_std**2)
+        # A bias of such a share of the value says only that nothing is known: it widens, and is not taken off.
+        credible = np.abs(self.bias) < LOOSE_BEYOND * np.abs(values)
         corrected = values - np.where(credible, self.bias, 0.0)
         return corrected, covariance * np.outer(std / stated, std / stated)
 
 
-def scatter_of(readings: Readings, stretches: tuple[Signals, ...], solution: Solution, physical: Physical) -> Scatter:
+def scatter_of(
+    readings: Readings, stretches: tuple[Signals, ...], solution: Solution, put_in: FloatArray, physical: Physical
+) -> Scatter:
     """Simulate the bench with which ``solution`` was found, and fit each record again.
 
-    ``stretches`` are the signals that were fitted. Always the same for the same recording.
+    ``stretches`` are the signals that were fitted, ``put_in`` (p,) what ``physical`` makes of ``solution``.
+    Always the same for the same recording.
     """
     bench = _Bench.of(readings, stretches, solution)
     fits = [physical(each, each.regression.time_s()) for each in _solutions(bench, readings.draws)]
-    put_in = physical(solution, solution.regression.time_s())[0]
     variances = np.array([np.diag(covariance) for _, covariance in fits])
     return Scatter(np.array([values for values, _ in fits]), put_in, np.sqrt(np.mean(variances, axis=0)))
 

@@ -191,8 +191,8 @@ def _result(
     repeated_std: dict[str, float] = {}
     # Free motion is not simulated: its torque is nil, and what is measured of it follows from nothing else.
     if readings is not None and solution.converged and not solution.free_motion:
-        scatter = scatter_of(readings, stretches, solution, physical)
-        repeated_std = dict(zip(PHYSICAL, scatter.bias_std(values).tolist(), strict=False))
+        scatter = scatter_of(readings, stretches, solution, values, physical)
+        repeated_std = dict(zip(PHYSICAL, scatter.bias_std.tolist(), strict=False))
         values, covariance = scatter.applied(values, covariance)
     deviations = np.sqrt(np.diag(covariance))
     doubted = (

@@ -70,9 +70,10 @@ def test_the_same_recording_gives_the_same_scatter_and_the_size_that_residuals_g
     measured = synthetic.experiment(4, free=False, blocked=False)
     stretches = signals(measured, TICK_S, Use.IDENTIFY)
     solution = solve(stretches)
+    values = physical(solution, solution.regression.time_s())[0]
     readings = Readings(measured, TICK_S, Use.IDENTIFY, draws=6)
-    scatter = scatter_of(readings, stretches, solution, physical)
-    assert np.array_equal(scatter.drawn, scatter_of(readings, stretches, solution, physical).drawn)
+    scatter = scatter_of(readings, stretches, solution, values, physical)
+    assert np.array_equal(scatter.drawn, scatter_of(readings, stretches, solution, values, physical).drawn)
     # The torque gain is blurred by the torque's noise alone, which residuals show: six draws tell it to a third.
     raw = float(np.std(scatter.drawn[:, 0], ddof=1))
     assert 0.4 < raw / scatter.stated_std[0] < 2.0
