@@ -87,6 +87,21 @@ class Event:
 
 
 @dataclass(frozen=True)
+class Chain:
+    """What is known of the devices beforehand, and shows in no single reading.
+
+    ``torque_averaging_s`` is the time over which the torque sensor itself averages. ``released_at_zero`` are the roles
+    whose drive switches its bridge off at a command of zero: the current then ends without the lag of its loop.
+    """
+
+    torque_averaging_s: float = 0.0
+    released_at_zero: frozenset[str] = frozenset()
+
+
+PLAIN_CHAIN = Chain()
+
+
+@dataclass(frozen=True)
 class Measured:
     """Everything measured over a stretch of time. Tables are sorted by time; readings appear once each."""
 
@@ -99,7 +114,7 @@ class Measured:
     events: tuple[Event, ...] = ()
     frames: tuple[RawFrame, ...] = ()
     load_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
-    torque_averaging_s: float = 0.0  # over which the torque sensor itself averages
+    chain: Chain = PLAIN_CHAIN
     modulator_motion: Table = field(default_factory=lambda: np.empty(0, MOTION))  # the encoder of the second drive
     modulator_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
 
@@ -123,7 +138,7 @@ class Measured:
             segments=tuple(s for s in self.segments if s.start_ns < end_ns and s.end_ns > start_ns),
             events=tuple(e for e in self.events if start_ns <= e.stamp_ns < end_ns),
             frames=tuple(f for f in self.frames if start_ns <= f.stamp_ns < end_ns),
-            torque_averaging_s=self.torque_averaging_s,
+            chain=self.chain,
         )
 
     def without_frames(self) -> "Measured":
@@ -151,5 +166,5 @@ def join(parts: Iterable[Measured]) -> Measured:
         segments=tuple(segments.values()),
         events=tuple(event for piece in pieces for event in piece.events),
         frames=tuple(frame for piece in pieces for frame in piece.frames),
-        torque_averaging_s=max((piece.torque_averaging_s for piece in pieces), default=0.0),
+        chain=pieces[0].chain if pieces else PLAIN_CHAIN,
     )

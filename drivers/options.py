@@ -20,6 +20,12 @@ class DeviceOptions(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False, populate_by_name=False)
 
+    @property
+    def released_at_zero(self) -> bool:
+        """Whether the drive switches its bridge off at a command of zero: the motor's current then ends at once,
+        without the lag of its current loop."""
+        return False
+
 
 class TorqueSensorOptions(DeviceOptions):
     """Base of every shipped torque sensor's options: what the identification must know of how it measures."""

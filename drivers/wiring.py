@@ -30,6 +30,7 @@ class DeviceSettings:
     port: str | None = None  # a serial port: a path or any pyserial URL
     direction: int = 1
     options: Mapping[str, Any] = field(default_factory=dict)
+    released_at_zero: bool = False  # as its driver's options have it
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,7 @@ def _align(rows: Rows, motion_delay_s: float) -> Aligned:
         signals.time_s[0],
         signals.tick_s / FINE,
         signals.position_rad.size,
+        signals.released_at_zero,
     )
     position, velocity, acceleration = rows.of_fine_signal(signals.position_rad, (0, 1, 2), motion_delay_s)
     return Aligned(

@@ -130,23 +130,28 @@ class Truth:
         """At the port, on the torque's clock, where each command travelled longer than usual by ``travel_s`` (m,)."""
         stretch, shape = self.stretch, solution.shape
         acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
-        motor_nm = solution.linear[GAIN] * self.lag(acts_s, stretch.command, shape.bandwidth_rad_s)
+        motor_nm = solution.linear[GAIN] * self.lag(
+            acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero
+        )
         torque = _filtered(self.passive_nm, PORT) + _filtered(motor_nm, PORT, of_means=True)
         if coupling is not None:
             torque += self.quick(motor_nm, coupling, abs(float(solution.linear[INERTIA])))
         return make_interp_spline(self.time_s, torque, k=3)
 
-    def lag(self, acts_s: FloatArray, command: FloatArray, bandwidth_rad_s: float) -> FloatArray:
+    def lag(self, acts_s: FloatArray, command: FloatArray, bandwidth_rad_s: float, *, released: bool) -> FloatArray:
         """Of commands (m,) that act from these instants on: (n,)."""
         step_s = self.stretch.tick_s / FINE
         return np.asarray(
-            loops.mean_lag_of_held(acts_s, command, bandwidth_rad_s, self.time_s[0], step_s, self.time_s.size)
+            loops.mean_lag_of_held(acts_s, command, bandwidth_rad_s, self.time_s[0], step_s, self.time_s.size, released)
         )
 
     def quick(self, motor_nm: FloatArray, coupling: Coupling, inertia_kgm2: float) -> FloatArray:
         """What the sensor feels of both motors above PORT's band, (n,)."""
         load_nm = coupling.load_gain * self.lag(
-            coupling.sent_s + coupling.load_delay_s, coupling.command_nm, coupling.load_bandwidth_rad_s
+            coupling.sent_s + coupling.load_delay_s,
+            coupling.command_nm,
+            coupling.load_bandwidth_rad_s,
+            released=coupling.load_released_at_zero,
         )
         driving = motor_nm / inertia_kgm2 - load_nm / coupling.load_inertia_kgm2
         above = driving - _filtered(driving, PORT, of_means=True)

@@ -35,6 +35,7 @@ class Coupling:
     load_delay_s: float
     sent_s: FloatArray
     command_nm: FloatArray
+    load_released_at_zero: bool = False  # as in records.Chain
 
     def drawn(self, random: np.random.Generator) -> "Coupling":
         """One of the springs that this may be: where its resonance lies near the rate of the readings, a little more or

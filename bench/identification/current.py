@@ -121,6 +121,6 @@ def _lag(stretch: Signals, bandwidth_rad_s: float, at_s: FloatArray) -> FloatArr
     """The lagged command and its rate at any instants, shape (2, m): exact, so nothing needs filtering."""
     if not at_s.size:
         return np.empty((2, 0))
-    lag = loops.lag_of_held(stretch.sent_s, stretch.command, bandwidth_rad_s, at_s)
+    lag = loops.lag_of_held(stretch.sent_s, stretch.command, bandwidth_rad_s, at_s, stretch.released_at_zero)
     held = stretch.command[np.clip(np.searchsorted(stretch.sent_s, at_s, side="right") - 1, 0, None)]
     return np.stack([lag, bandwidth_rad_s * (held - lag)])

@@ -92,6 +92,7 @@ def coupling_of(measured: Measured, tick_s: float) -> Coupling | None:
         load_delay_s=fit.result.command_delay_s,
         sent_s=sent_at_s(ticks, int(ticks["tick_ns"][0])),
         command_nm=np.ascontiguousarray(ticks["load_torque_nm"]),
+        load_released_at_zero=Port.LOAD.value in measured.chain.released_at_zero,
     )
 
 

@@ -66,10 +66,13 @@ def filter_at(values: FloatArray, taps: FloatArray, first: int, stride: int, cou
 
 
 @njit(cache=True, nogil=True)
-def lag_of_held(sent: FloatArray, command: FloatArray, bandwidth: float, grid: FloatArray) -> FloatArray:
+def lag_of_held(
+    sent: FloatArray, command: FloatArray, bandwidth: float, grid: FloatArray, released: bool = False
+) -> FloatArray:
     """A first-order lag of a command held from each instant in ``sent`` on, exactly, at the times in ``grid``.
 
-    Before the first instant the lag is taken as settled at the first command.
+    Before the first instant the lag is taken as settled at the first command. With ``released`` a command of zero ends
+    it at once, as a drive does that then switches its bridge off.
     """
     output = np.empty(grid.size)
     state, held, now, event = command[0], command[0], grid[0], 0
@@ -79,6 +82,8 @@ def lag_of_held(sent: FloatArray, command: FloatArray, bandwidth: float, grid: F
                 state = held + (state - held) * exp(-bandwidth * (sent[event] - now))
                 now = sent[event]
             held = command[event]
+            if released and held == 0.0:
+                state = 0.0
             event += 1
         state = held + (state - held) * exp(-bandwidth * (grid[k] - now))
         now = grid[k]
@@ -88,7 +93,13 @@ def lag_of_held(sent: FloatArray, command: FloatArray, bandwidth: float, grid: F
 
 @njit(cache=True, nogil=True)
 def mean_lag_of_held(
-    sent: FloatArray, command: FloatArray, bandwidth: float, start: float, cell: float, count: int
+    sent: FloatArray,
+    command: FloatArray,
+    bandwidth: float,
+    start: float,
+    cell: float,
+    count: int,
+    released: bool = False,
 ) -> FloatArray:
     """The exact mean of the same lag over each cell of time; cell k is centred at ``start + k · cell``."""
     output = np.empty(count)
@@ -116,6 +127,8 @@ def mean_lag_of_held(
             now = until
             if arrived:
                 held = command[event]
+                if released and held == 0.0:
+                    state = 0.0
                 event += 1
         output[k] = area / cell
     return output
@@ -243,7 +256,13 @@ def friction_bank(position: FloatArray, last: float, s: FloatArray, h: FloatArra
 
 @njit(cache=True, nogil=True)
 def lag_bank(
-    sent: FloatArray, command: FloatArray, bandwidth: FloatArray, grid: FloatArray, start: float, state: FloatArray
+    sent: FloatArray,
+    command: FloatArray,
+    bandwidth: FloatArray,
+    grid: FloatArray,
+    start: float,
+    state: FloatArray,
+    released: bool = False,
 ) -> FloatArray:
     """Many lags of one held command at ``grid``, shape (members, n), going on from ``state``, in place."""
     output = np.empty((bandwidth.size, grid.size))
@@ -264,6 +283,8 @@ def lag_bank(
             if not arrived:
                 break
             held = command[event]
+            if released and held == 0.0:
+                state[:] = 0.0
             event += 1
         output[:, k] = state
     return output

@@ -128,7 +128,13 @@ class Rows:
         lag = self._recent.once(
             ("lag", bandwidth),
             lambda: loops.mean_lag_of_held(
-                signals.sent_s, signals.command, bandwidth, signals.time_s[0], fine_s, count
+                signals.sent_s,
+                signals.command,
+                bandwidth,
+                signals.time_s[0],
+                fine_s,
+                count,
+                signals.released_at_zero,
             ),
         )
         return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])

@@ -75,6 +75,7 @@ class Signals:
     torque_averaging_s: float = 0.0  # over which the sensor itself averages, or how old its held readings may be
     smoothed: "Stream | None" = None
     count_rad: float = 0.0  # the step in which positions are read; 0 where none can be seen
+    released_at_zero: bool = False  # the drive: as in records.Chain
 
 
 def signals(measured: Measured, tick_s: float, use: Use, port: Port = Port.ACTUATOR) -> tuple[Signals, ...]:
@@ -248,9 +249,10 @@ def _stretch(
         position_period_s=streams["position"].period_s,
         position_step_rad=streams["position"].step,
         torque_period_s=0.0 if torque is None else torque.period_s,
-        torque_averaging_s=measured.torque_averaging_s,
+        torque_averaging_s=measured.chain.torque_averaging_s,
         smoothed=streams["path"].between(start_s - LONGEST_GAP_S, end_s + LONGEST_GAP_S),
         count_rad=count_rad,
+        released_at_zero=port.value in measured.chain.released_at_zero,
     )
 
 

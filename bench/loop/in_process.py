@@ -50,7 +50,7 @@ def loop_in_process(
     """The rig's devices, open, with a loop. Raises WiringError, RigError, ConnectionFailedError."""
     devices = open_devices(rig, backend)
     try:
-        outbox = Outbox(torque_averaging_s=rig.torque_averaging_s)
+        outbox = Outbox(chain=rig.chain)
         loop = InProcessLoop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, stop_request)
         if not backend.lock_step:
             loop.on_time = partial(punctual, LOOP_PRIORITY)

@@ -7,7 +7,19 @@ from typing import Protocol
 import numpy as np
 
 from bench.loop.devices import Arrivals
-from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Event, Measured, SegmentInfo, Table
+from bench.records import (
+    CURRENT,
+    MOTION,
+    NO_DEVICE_TIME,
+    PLAIN_CHAIN,
+    TICK,
+    TORQUE,
+    Chain,
+    Event,
+    Measured,
+    SegmentInfo,
+    Table,
+)
 from drivers.readings import CurrentReading, MotionReading, RawFrame, TorqueReading
 
 Consumer = Callable[[Measured], None]
@@ -43,7 +55,7 @@ class Outbox:
 
     consumers: Sequence[Consumer] = ()
     part_ticks: int = PART_TICKS
-    torque_averaging_s: float = 0.0  # as in Measured
+    chain: Chain = PLAIN_CHAIN  # of the devices whose readings these are
     _rows: list[tuple[float, ...]] = field(default_factory=list, init=False)
     _arrivals: Arrivals = field(default_factory=Arrivals, init=False)
     _events: list[Event] = field(default_factory=list, init=False)
@@ -78,7 +90,7 @@ class Outbox:
             segments=() if segment is None else (segment,),
             events=tuple(self._events),
             frames=tuple(self._frames),
-            torque_averaging_s=self.torque_averaging_s,
+            chain=self.chain,
         )
         self._rows, self._arrivals, self._events, self._frames = [], Arrivals(), [], []
         for consumer in self.consumers:

@@ -259,9 +259,7 @@ class LoopProcess:
         measured = self._inbox.take()
         if segment is not None and info is None and len(measured.ticks):
             info = self._so_far(segment, measured.ticks)
-        part = replace(
-            measured, segments=() if info is None else (info,), torque_averaging_s=self._rig.torque_averaging_s
-        )
+        part = replace(measured, segments=() if info is None else (info,), chain=self._rig.chain)
         if not part.empty:
             self._consumer(part)
         return part.without_frames()

@@ -39,5 +39,5 @@ def _part(measured: Measured, ticks: slice, start_ns: int, end_ns: int) -> Measu
         **tables,
         segments=tuple(each for each in measured.segments if each.start_ns <= last_ns and each.end_ns > first_ns),
         events=tuple(each for each in measured.events if start_ns <= each.stamp_ns < end_ns),
-        torque_averaging_s=measured.torque_averaging_s,
+        chain=measured.chain,
     )

@@ -27,7 +27,7 @@ from bench.recording.streams import (
     STREAMS,
     Stream,
 )
-from bench.records import Event, Measured, SegmentInfo, Table
+from bench.records import Chain, Event, Measured, SegmentInfo, Table
 from bench.segments import Use
 from drivers.readings import RawFrame
 
@@ -78,7 +78,7 @@ def recording_in(found: Scan, path: Path) -> Recording:
     metadata = _metadata(found, path)
     try:
         segments = tuple(_segment(message) for message in _messages(found, SEGMENTS, "Segment"))
-        measured = _measured(found, segments, float(metadata.get("torque_averaging_s", "0")))
+        measured = _measured(found, segments, _chain(metadata))
         live = tuple(_estimates(message) for message in _messages(found, ESTIMATES, "Estimates"))
     except (ValueError, KeyError, DecodeError) as error:
         raise UsageError(
@@ -101,13 +101,19 @@ def _fault(found: Scan) -> str:
     return f"damaged in {found.damaged} place{'s' if found.damaged > 1 else ''}"
 
 
-def _measured(found: Scan, segments: Iterable[SegmentInfo], torque_averaging_s: float) -> Measured:
+def _chain(metadata: Mapping[str, str]) -> Chain:
+    return Chain(
+        float(metadata.get("torque_averaging_s", "0")), frozenset(metadata.get("released_at_zero", "").split())
+    )
+
+
+def _measured(found: Scan, segments: Iterable[SegmentInfo], chain: Chain) -> Measured:
     return Measured(
         **{stream.table: _table(found, stream) for stream in STREAMS},
         segments=tuple({segment.index: segment for segment in segments}.values()),
         events=tuple(_event(message) for message in _messages(found, EVENTS, "Event")),
         frames=frames_in(found),
-        torque_averaging_s=torque_averaging_s,
+        chain=chain,
     )
 
 

@@ -1,16 +1,19 @@
 """A rig file to a :class:`Rig`: every mistake in it is told at once, in a sentence each, before anything is opened."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from bench.errors import RigError
 from bench.rig.checks import check
 from bench.rig.draft import Draft, read_draft
+from bench.rig.driver_options import declared_by
 from bench.rig.files import parse_toml, read_text
 from bench.rig.mistakes import Mistakes
 from bench.rig.rig import Command, Limits, Rig, Supervision
 from bench.rig.schema import ActuatorSection, CommandSection, DeviceSection, LimitsSection, RigSection
+from drivers import registry
 from drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 
 
@@ -72,20 +75,26 @@ def _wiring(draft: Draft, rig: RigSection, actuator: ActuatorSection) -> Wiring:
             for name, bus in draft.buses.items()
             if bus is not None
         ),
-        actuator=_device("actuator", actuator, draft.options["actuator"]),
+        actuator=_drive("actuator", actuator, draft.options["actuator"]),
         torque_sensor=_device("torque_sensor", draft.torque_sensor, draft.options["torque_sensor"])
         if draft.torque_sensor
         else None,
-        load=_device("load", draft.load, draft.options["load"]) if draft.load else None,
+        load=_drive("load", draft.load, draft.options["load"]) if draft.load else None,
         shaft=rig.shaft,
         command_unit=actuator.command.unit,
-        modulator=_device("modulator", draft.modulator, draft.options["modulator"]) if draft.modulator else None,
+        modulator=_drive("modulator", draft.modulator, draft.options["modulator"]) if draft.modulator else None,
         modulation_unit=draft.modulator.command.unit if draft.modulator else "",
     )
 
 
 def _device(role: str, section: DeviceSection, options: Mapping[str, Any]) -> DeviceSettings:
     return DeviceSettings(role, section.driver, section.bus, section.port, section.direction, options)
+
+
+def _drive(role: str, section: DeviceSection, options: Mapping[str, Any]) -> DeviceSettings:
+    model = declared_by(registry.AMPLIFIERS, section.driver).model
+    released = model is not None and model.model_validate(dict(options)).released_at_zero
+    return replace(_device(role, section, options), released_at_zero=released)
 
 
 def _limits(section: LimitsSection, load_torque_nm: float | None) -> Limits:

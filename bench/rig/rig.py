@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
+from bench.records import Chain
 from drivers.wiring import Wiring
 
 NO_MODEL = "none"  # what a rig calls an actuator that is identified by tables alone
@@ -87,7 +88,10 @@ class Rig:
         return self.wiring.tick_ns * 1e-9
 
     @property
-    def torque_averaging_s(self) -> float:
-        """Over how long the torque sensor averages by itself, where its driver has such an option."""
+    def chain(self) -> Chain:
+        """What is known of the devices that no single reading tells."""
         sensor = self.wiring.torque_sensor
-        return 0.0 if sensor is None else float(sensor.options.get("averaging", 0.0))
+        return Chain(
+            0.0 if sensor is None else float(sensor.options.get("averaging", 0.0)),
+            frozenset(device.role for device in self.wiring.devices() if device.released_at_zero),
+        )

@@ -27,7 +27,8 @@ def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[D
         "modulation_unit": "" if rig.modulation is None else rig.modulation.unit,
         "model": rig.model,
         "tick_s": repr(rig.tick_s),
-        "torque_averaging_s": repr(rig.torque_averaging_s),
+        "torque_averaging_s": repr(rig.chain.torque_averaging_s),
+        "released_at_zero": " ".join(sorted(rig.chain.released_at_zero)),
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "devices": "; ".join(
             " ".join(filter(None, (device.driver, device.address, device.hardware, device.firmware)))

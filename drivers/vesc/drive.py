@@ -90,6 +90,10 @@ class VescOptions(DeviceOptions):
         """The command that one ampere is."""
         return self.torque_constant_nm_a if self.mode == "torque" and self.torque_constant_nm_a else 1.0
 
+    @property
+    def released_at_zero(self) -> bool:
+        return self.mode != "duty" and self.minimum_current_a > 0.0
+
     @field_validator("torque_constant_nm_a")
     @classmethod
     def _is_there_for_torque(cls, constant: float | None, info: ValidationInfo) -> float | None:

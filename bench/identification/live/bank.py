@@ -91,7 +91,15 @@ class LiveBank:
     def _extend(self, piece: Piece) -> None:
         fine_s = np.asarray(piece.time_s[0] + np.arange(piece.path_rad.size) * (self.tick_s / FINE), dtype=np.float64)
         sliding = loops.friction_bank(piece.path_rad, self._last, S_NODES, self._h)
-        lag = loops.lag_bank(piece.sent_s, piece.command, BANDWIDTH_NODES, fine_s, self._end_s, self._lag)
+        lag = loops.lag_bank(
+            piece.sent_s,
+            piece.command,
+            BANDWIDTH_NODES,
+            fine_s,
+            self._end_s,
+            self._lag,
+            piece.released_at_zero,
+        )
         self._last = float(piece.path_rad[-1])
         self._end_s = float(piece.time_s[-1] + self.tick_s)
         # The lags stand at the last fine instant; the next piece goes on from the end of this one.

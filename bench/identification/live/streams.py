@@ -8,7 +8,7 @@ import numpy.typing as npt
 from bench.identification import noise
 from bench.identification.live.sanity import sound
 from bench.identification.quantisation import moving, resolution_rad, unquantised
-from bench.identification.signals import FINE, LONGEST_GAP_S, Stream, stream_of
+from bench.identification.signals import FINE, LONGEST_GAP_S, Port, Stream, stream_of
 from bench.records import Measured, Table, stacked
 
 FloatArray = npt.NDArray[np.float64]
@@ -39,6 +39,7 @@ class Piece:
     sent_s: FloatArray
     command: FloatArray
     count_variance_rad2: float  # of the positions' errors, as one reading a tick would have it
+    released_at_zero: bool = False  # the drive: as in records.Chain
 
 
 @dataclass
@@ -116,7 +117,10 @@ class LiveStreams:
         torque_nm = port.at(time_s)
         variance = self._variance_rad2(position.value, moving_then) * position.period_s / self.tick_s
         position_rad, path_rad = position.at(fine_s), path.at(fine_s)
-        return Piece(time_s, torque_nm, position_rad, path_rad, known.astype(float), sent_s, command, variance)
+        released = Port.ACTUATOR.value in self.parts[-1].chain.released_at_zero
+        return Piece(
+            time_s, torque_nm, position_rad, path_rad, known.astype(float), sent_s, command, variance, released
+        )
 
     def _variance_rad2(self, position_rad: FloatArray, moving_then: npt.NDArray[np.bool_]) -> float:
         """Of the readings' own errors."""

@@ -11,6 +11,7 @@ from bench.identification.load import fit_load
 from bench.identification.separable import solve
 from bench.identification.signals import signals
 from bench.models.parameters import Status
+from bench.records import Chain
 from bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import LOAD, NAMES, TICK_S, Bench, Truth
@@ -106,7 +107,7 @@ def test_a_sensor_that_averages_is_no_lag_of_the_amplifier(experiment, result):
     torque["torque_nm"] = np.convolve(torque["torque_nm"], np.full(3, 1 / 3), "same")
     averaged = replace(experiment, torque=torque)
     not_told = fit(averaged, command_unit="N*m", tick_s=TICK_S)
-    told = fit(replace(averaged, torque_averaging_s=window_s), command_unit="N*m", tick_s=TICK_S)
+    told = fit(replace(averaged, chain=Chain(torque_averaging_s=window_s)), command_unit="N*m", tick_s=TICK_S)
     for name in ("amplifier_bandwidth", "inertia"):
         known, found = result.estimate(name), told.estimate(name)
         assert found.value == pytest.approx(known.value, abs=2 * np.hypot(found.std, known.std))
