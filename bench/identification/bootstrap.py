@@ -225,30 +225,22 @@ class Scatter:
         return corrected, covariance * np.outer(std / stated, std / stated)
 
 
-def scatter_of(
-    readings: Readings, stretches: tuple[Signals, ...], solution: Solution, put_in: FloatArray, physical: Physical
-) -> Scatter:
-    """Simulate the bench with which ``solution`` was found, and fit each record again.
-
-    ``stretches`` are the signals that were fitted, ``put_in`` (p,) what ``physical`` makes of ``solution``.
-    Always the same for the same recording.
-    """
-    bench = _Bench.of(readings, stretches, solution)
-    fits = [physical(each, each.regression.time_s()) for each in _solutions(bench, readings.draws)]
+def scatter_of(bench: "Simulation", put_in: FloatArray, physical: Physical) -> Scatter:
+    """Fit each simulated record again. ``put_in`` (p,) is what ``physical`` makes of the real one's solution."""
+    fits = [physical(each, each.regression.time_s()) for each in _solutions(bench)]
     variances = np.array([np.diag(covariance) for _, covariance in fits])
     return Scatter(np.array([values for values, _ in fits]), put_in, np.sqrt(np.mean(variances, axis=0)))
 
 
-def _solutions(bench: "_Bench", draws: int) -> Iterator[Solution]:
+def _solutions(bench: "Simulation") -> Iterator[Solution]:
     """What the fit makes of each simulated record."""
-    for random in np.random.default_rng(0).spawn(draws):
-        stretches = signals(bench.record(random), bench.readings.tick_s, bench.readings.use)
-        yield solve_again(stretches, bench.solution)
+    for record in bench.records():
+        yield solve_again(signals(record, bench.readings.tick_s, bench.readings.use), bench.solution)
 
 
 @dataclass(frozen=True)
-class _Bench:
-    """Everything that a simulated record needs."""
+class Simulation:
+    """The bench as it was measured, with the fit for its actuator."""
 
     readings: Readings
     solution: Solution
@@ -262,7 +254,7 @@ class _Bench:
     travel_s: FloatArray  # of commands, about its mean: as readings on the same wire had it
 
     @classmethod
-    def of(cls, readings: Readings, stretches: tuple[Signals, ...], solution: Solution) -> "_Bench":
+    def of(cls, readings: Readings, stretches: tuple[Signals, ...], solution: Solution) -> "Simulation":
         measured, origin_ns = readings.measured, stretches[0].origin_ns
         valid = measured.torque[measured.torque["valid"]]
         motion_rows = measured.motion[instants(measured.motion, origin_ns)[1]]
@@ -281,6 +273,17 @@ class _Bench:
             ReadingErrors.of(torque, resolution_rad(torque.value)),
             travel_s(measured.motion["arrival_ns"]),
         )
+
+    def over(self, others: tuple[Signals, ...]) -> "Simulation":
+        """The same over ``others`` too, as far as no stretch of its own holds them already."""
+        own = {truth.stretch.time_s[0] for truth in self.truths}
+        more = tuple(Truth.of(other, self.solution) for other in others if other.time_s[0] not in own)
+        return replace(self, truths=(*self.truths, *more))
+
+    def records(self) -> Iterator[Measured]:
+        """Of the same experiment; always the same ones for the same recording."""
+        for random in np.random.default_rng(0).spawn(self.readings.draws):
+            yield self.record(random)
 
     def record(self, random: np.random.Generator) -> Measured:
         """What would have been measured, with errors of its own."""

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
-from bench.identification.bootstrap import DRAWS, Readings, scatter_of
+from bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from bench.identification.coupling import Coupling
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
@@ -189,9 +189,11 @@ def _result(
     target = regression.target()
     values, covariance = physical(solution, regression.time_s())
     repeated_std: dict[str, float] = {}
+    simulation = None
     # Free motion is not simulated: its torque is nil, and what is measured of it follows from nothing else.
     if readings is not None and solution.converged and not solution.free_motion:
-        scatter = scatter_of(readings, stretches, solution, values, physical)
+        simulation = Simulation.of(readings, stretches, solution)
+        scatter = scatter_of(simulation, values, physical)
         repeated_std = dict(zip(PHYSICAL, scatter.bias_std.tolist(), strict=False))
         values, covariance = scatter.applied(values, covariance)
     deviations = np.sqrt(np.diag(covariance))
@@ -226,6 +228,7 @@ def _result(
         torque_bias_nm=_bias(solution),
         repeated_std=repeated_std,
         torque_zero=_zero(solution),
+        simulation=simulation,
         verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
         doubted=doubted,
     )

@@ -16,7 +16,7 @@ from bench.identification.coupling import Coupling
 from bench.identification.expansion import Expansion, Sums
 from bench.identification.fit import PHYSICAL, fit
 from bench.identification.ladder import Rung, selected
-from bench.identification.residuals.departures import CHANGE, Departure, departures
+from bench.identification.residuals.departures import CHANGE, Departure, departures, greatest_share
 from bench.identification.results import FitResult
 from bench.identification.sensor_zero import SensorZero
 from bench.identification.signals import Signals, signals
@@ -39,6 +39,7 @@ LEVEL = 0.95
 QUIETEST = 0.25
 # More than this share of what is left is no noise: then there is something, even where nothing looked at explains it.
 UNEXPLAINED = 0.5
+TWICE = 2.0
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,8 @@ def model_error(
     result: FitResult, at: Expansion, fitted: Sequence[Signals], unseen: Sequence[Signals], measured: Measured
 ) -> ModelError:
     """Of a fit to ``fitted``, expanded ``at`` its own values."""
-    found = _told_apart(at, departures(at))
+    usual = _usual(result, at, unseen)
+    found = _told_apart(at, departures(at, usual.share), usual)
     zero = _zero(at, measured)
     mean_squares, noise_nm2 = _mean_squares(at, zero)
     velocity_rad_s = _velocity(result, at.zero.moved(-zero.standing_nm), (*fitted, *unseen), measured)
@@ -110,7 +112,7 @@ def model_error(
         rms_nm=float(np.sqrt(beyond)),
         noise_nm=float(np.sqrt(noise_nm2)),
         left_nm=float(np.sqrt(max(left - noise_nm2, 0.0))),
-        unexplained=_mostly_no_noise(at, left),
+        unexplained=_mostly_no_noise(at, left, usual),
         departures=found,
         spread=_spread(at),
         zero=zero,
@@ -118,14 +120,44 @@ def model_error(
     )
 
 
-def _told_apart(at: Expansion, found: tuple[Departure, ...]) -> tuple[Departure, ...]:
+@dataclass(frozen=True)
+class _Usual:
+    """What errors of the readings alone do, at most: the share of the mean square that looks like some departure, and
+    the mean square that the model leaves [N² m²]."""
+
+    share: float = 0.0
+    left_nm2: float = 0.0
+
+
+def _usual(result: FitResult, at: Expansion, unseen: Sequence[Signals]) -> _Usual:
+    """From the records that were simulated with the fit for the truth; they are only asked where something is to be
+    named, or much is left. What they show of an error is known to its own size, as a bias is: it may be twice that."""
+    if result.simulation is None or not (departures(at) or _mostly_no_noise(at, _without_cogging(at), _Usual())):
+        return _Usual()
+    tick_s = result.simulation.readings.tick_s
+    simulated = [
+        Expansion.of(result, signals(record, tick_s, Use.IDENTIFY), _unseen(record, tick_s))
+        for record in result.simulation.over(tuple(unseen)).records()
+    ]
+    return _Usual(TWICE**2 * max(map(greatest_share, simulated)), max(map(_without_cogging, simulated)))
+
+
+def _unseen(measured: Measured, tick_s: float) -> tuple[Signals, ...]:
+    """What is kept for validation; nothing where the session has no such step."""
+    try:
+        return signals(measured, tick_s, Use.VALIDATE)
+    except ExperimentError:
+        return ()
+
+
+def _told_apart(at: Expansion, found: tuple[Departure, ...], usual: _Usual) -> tuple[Departure, ...]:
     """Only the first where all of them leave more than noise: what comes next may be what its terms left of it."""
-    return found[:1] if found and _mostly_no_noise(at, found[-1].left_nm ** 2) else found
+    return found[:1] if found and _mostly_no_noise(at, found[-1].left_nm ** 2, usual) else found
 
 
-def _mostly_no_noise(at: Expansion, left_nm2: float) -> bool:
+def _mostly_no_noise(at: Expansion, left_nm2: float, usual: _Usual) -> bool:
     """Whether more than UNEXPLAINED of the mean square left is neither noise nor what ticks and counts leave open."""
-    return (1 - UNEXPLAINED) * left_nm2 > at.noise_nm2 + at.unknown_nm2
+    return (1 - UNEXPLAINED) * left_nm2 > max(at.noise_nm2 + at.unknown_nm2, usual.left_nm2)
 
 
 def fit_judged(measured: Measured, *, command_unit: str, tick_s: float, coupling: Coupling | None = None) -> FitResult:
@@ -135,11 +167,7 @@ def fit_judged(measured: Measured, *, command_unit: str, tick_s: float, coupling
     """
     result = possible(fit(measured, command_unit=command_unit, tick_s=tick_s, coupling=coupling))
     believed = sound(measured).measured
-    fitted = signals(believed, tick_s, Use.IDENTIFY)
-    try:
-        unseen = signals(believed, tick_s, Use.VALIDATE)
-    except ExperimentError:  # the session has no such step
-        unseen = ()
+    fitted, unseen = signals(believed, tick_s, Use.IDENTIFY), _unseen(believed, tick_s)
     at = expanded(result, fitted, unseen)
     return result if at is None else judged(result, model_error(result, at, fitted, unseen, believed))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,9 @@ from bench.identification.model_free import branches
 from bench.identification.soundness.doubts import Doubt
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
+
+if TYPE_CHECKING:
+    from bench.identification.bootstrap import Simulation
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -83,6 +87,7 @@ class FitResult:
     # By name, the part of an estimate's deviation that every session of the same bench repeats.
     repeated_std: Mapping[str, float] = field(default_factory=dict)
     torque_zero: TorqueZero | None = None  # the same as it drifts; None where no torque was fitted
+    simulation: "Simulation | None" = field(default=None, repr=False, compare=False)  # that the deviations come from
 
     @property
     def doubtful(self) -> bool:

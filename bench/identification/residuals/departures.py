@@ -84,27 +84,32 @@ CHANGE = Kind("change", "an instant", "something changed during the session at o
 POSITION = Kind("position", "the position", "a torque acts that depends on the position", "cogging or weight")
 
 
-def departures(expansion: Expansion) -> tuple[Departure, ...]:
+def departures(expansion: Expansion, usual_share: float = 0.0) -> tuple[Departure, ...]:
     """All that are no chance and matter, the one that explains the most first.
 
-    What matters makes the error on segments left out smaller by more than held_out.LEAST_GAIN.
+    What matters makes the error on segments left out smaller by more than held_out.LEAST_GAIN, and explains more of the
+    mean square than ``usual_share``: what errors of readings alone make of some kind (:func:`greatest_share`).
     """
     known, found = expansion.jacobian, list[Departure]()
     at_first = _values(Sums.of(expansion, known))
     for _ in range(MOST_NAMED):
-        left = expansion.residual - _values(Sums.of(expansion, known)) @ known
         named = {each.kind.name for each in found}
-        candidates = [each for each in _candidates(expansion, left) if each[0].name not in named]
-        every = np.concatenate([known, *(columns for _, _, columns in candidates)])
-        best = _best(Sums.of(expansion, every), len(known), candidates)
+        before, trials = _tried(expansion, known, named)
+        best = _best(before, usual_share, trials)
         if best is None:
             break
-        kind, periods, columns, p_value, before, after = best
+        (kind, periods, columns), p_value, after = best.candidate, best.p_value, best.after
         known = np.concatenate([known, columns])
         change = expansion.physical(_values(Sums.of(expansion, known))[: len(at_first)] - at_first)
         explained = float(np.sqrt(max(before - after, 0.0)))
         found.append(Departure(kind, explained, 1 - after / before, float(np.sqrt(after)), p_value, change, periods))
     return tuple(found)
+
+
+def greatest_share(expansion: Expansion) -> float:
+    """Of the mean square on segments left out, the share that the best of all kinds explains, chance or not."""
+    before, trials = _tried(expansion, expansion.jacobian, set())
+    return max(1 - trial.after / before for trial in trials)
 
 
 def _values(sums: Sums) -> FloatArray:
@@ -115,24 +120,35 @@ def _values(sums: Sums) -> FloatArray:
 _Candidate = tuple[Kind, int, FloatArray]
 
 
-def _best(
-    sums: Sums, known: int, candidates: list[_Candidate]
-) -> tuple[Kind, int, FloatArray, float, float, float] | None:
-    """The candidate that helps the most on segments left out, among those that are no chance; None: none matters."""
-    base = np.arange(known)
-    before, best = sums.held_out(base), None
-    least = before / (1 + LEAST_GAIN) ** 2
-    first = known
+@dataclass(frozen=True)
+class _Trial:
+    """``after`` is the mean square on segments left out with the candidate's columns."""
+
+    candidate: _Candidate
+    after: float
+    p_value: float
+
+
+def _tried(at: Expansion, known: FloatArray, named: set[str]) -> tuple[float, list[_Trial]]:
+    """The mean square on segments left out with the ``known`` columns, and every candidate not yet ``named``."""
+    left = at.residual - _values(Sums.of(at, known)) @ known
+    candidates = [each for each in _candidates(at, left) if each[0].name not in named]
+    sums = Sums.of(at, np.concatenate([known, *(columns for _, _, columns in candidates)]))
+    base, first, trials = np.arange(len(known)), len(known), list[_Trial]()
     looks = len(candidates) + sum(MOST_PERIODS - 1 for _, periods, _ in candidates if periods) + CHANGED * SPLITS
-    for kind, periods, columns in candidates:
-        own = np.arange(first, first + len(columns))
-        first += len(columns)
+    for candidate in candidates:
+        own = np.arange(first, first + len(candidate[2]))
+        first += len(own)
         after = sums.held_out(np.concatenate([base, own]))
-        if after < (least if best is None else best[5]):
-            p_value = min(1.0, looks * _chance(sums, base, own))
-            if p_value < FALSE_ALARM:
-                best = (kind, periods, columns, p_value, before, after)
-    return best
+        trials.append(_Trial(candidate, after, min(1.0, looks * _chance(sums, base, own))))
+    return sums.held_out(base), trials
+
+
+def _best(before: float, usual_share: float, trials: list[_Trial]) -> _Trial | None:
+    """The one that helps the most on segments left out, among those that are no chance; None: none matters."""
+    least = before * min(1 / (1 + LEAST_GAIN) ** 2, 1 - usual_share)
+    matter = [trial for trial in trials if trial.after < least and trial.p_value < FALSE_ALARM]
+    return min(matter, key=lambda trial: trial.after, default=None)
 
 
 def _chance(sums: Sums, base: IntArray, own: IntArray) -> float:
