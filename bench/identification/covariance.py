@@ -21,9 +21,9 @@ def sandwich(
 ) -> FloatArray:
     """Covariance of least squares parameters, shape (parameters, parameters).
 
-    ``jacobian`` (samples, parameters), ``residual`` and ``time_s`` (samples,). ``contamination`` is what errors in the
-    first columns add to their squares, ``linear`` the values of these parameters. The correlations are those of the
-    middle length of block, the deviations the largest of all.
+    ``jacobian`` (samples, parameters), ``residual`` and ``time_s`` (samples,). ``contamination`` (parameters,) is what
+    errors in the columns add to their squares, ``linear`` the values of those parameters, the first, that stand in the
+    equation as factors. The correlations are those of the middle length of block, the deviations the largest of all.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
@@ -32,7 +32,8 @@ def sandwich(
     if contamination is not None and linear is not None:
         at = np.arange(len(contamination))
         information[at, at] -= contamination / scale[at] ** 2
-        scores[:, at] += contamination * linear[at] / len(residual) / scale[at]
+        linearly = slice(len(linear))
+        scores[:, linearly] += contamination[linearly] * linear / len(residual) / scale[linearly]
     bread = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
     candidates = [bread @ _meat(scores, time_s, block_s) @ bread for block_s in BLOCKS_S]
     widest = np.sqrt(np.max([np.diag(candidate) for candidate in candidates], axis=0))

@@ -6,6 +6,7 @@ filtered, differentiated, resampled and shifted by a fraction of a sample in one
 
 from dataclasses import dataclass
 from functools import cache
+from math import factorial
 
 import numpy as np
 import numpy.typing as npt
@@ -60,7 +61,7 @@ class Kernel:
         window = np.where(inside, np.maximum(1 - (offsets / self.half_width) ** 2, 0.0), 0.0)
         powers = np.stack([offsets**order for order in range(max(derivative, exact_to) + 1)])
         wanted = np.zeros(len(powers))
-        wanted[derivative] = float(max(derivative, 1))
+        wanted[derivative] = float(factorial(derivative))
         # The smallest change that makes the moments exact.
         correction = np.linalg.solve((powers * window) @ powers.T, wanted - powers @ weights)
         return np.asarray(weights + window * (correction @ powers))

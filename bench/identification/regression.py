@@ -26,6 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 
 LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
+MOTION_DELAY = 3  # of (log β, log s, d_c, d_m)
 # Steps of the differences that stand for derivatives: relative, and of delays.
 SMALL = 0.01
 SMALL_S = 2e-5
@@ -152,24 +153,41 @@ class Rows:
 
     def friction(self, shape: Shape) -> FloatArray:
         """h, ḣ/s and E, shape (3, count)."""
-        signals, s = self.signals, shape.s_per_rad
-        path = self._recent.once(
-            ("friction", s), lambda: loops.friction_path(self._grid(signals.path_rad), s, signals.rests * self.fine)
-        )
-        h = path[0] if self.friction_error is None else path[0] - self._grid(self.friction_error)
-        sliding = self.of_fine_signal(h, (0, 1), shape.motion_delay_s, of_means=True)
+        path = self._friction_path(shape.s_per_rad)
+        sliding = self.of_fine_signal(self._corrected(path[0]), (0, 1), shape.motion_delay_s, of_means=True)
         left = self.of_fine_signal(path[1], (0,), shape.motion_delay_s, of_means=True)
         return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
+
+    def _friction_path(self, s_per_rad: float) -> FloatArray:
+        """h and what is left of an unknown state along the path, shape (2, ...)."""
+        path, rests = self.signals.path_rad, self.signals.rests
+        return self._recent.once(
+            ("friction", s_per_rad), lambda: loops.friction_path(self._grid(path), s_per_rad, rests * self.fine)
+        )
+
+    def _corrected(self, h: FloatArray) -> FloatArray:
+        """Without what counts do to it on average, as far as that is known."""
+        return h if self.friction_error is None else h - self._grid(self.friction_error)
+
+    def rates(self, shape: Shape, cogging: tuple[float, ...]) -> FloatArray:
+        """Change in time of all that moves: columns from INERTIA to DAMPING, each wave of cogging's two, and E, shape
+        (5 + 2 · waves, count)."""
+        motion = self.of_fine_signal(self._grid(self.signals.position_rad), (2, 3), shape.motion_delay_s)
+        path = self._friction_path(shape.s_per_rad)
+        sliding = self.of_fine_signal(self._corrected(path[0]), (1, 2), shape.motion_delay_s, of_means=True)
+        left = self.of_fine_signal(path[1], (1,), shape.motion_delay_s, of_means=True)
+        waves = [self.cogging(shape, periods, 1) for periods in cogging]
+        return np.concatenate([-motion[::-1], -sliding / [[1.0], [shape.s_per_rad]], *waves, -left])
 
     def recounted(self, shape: Shape) -> "Rows":
         """With what counts do to the friction on average taken off, as found at ``shape``."""
         return replace(self, friction_error=friction_error(self.signals, shape.s_per_rad))
 
-    def cogging(self, shape: Shape, periods: float) -> FloatArray:
-        """Cosine and sine of so many periods a turn, shape (2, count)."""
+    def cogging(self, shape: Shape, periods: float, derivative: int = 0) -> FloatArray:
+        """Cosine and sine of so many periods a turn, or their change in time, shape (2, count)."""
         angle = periods * self._grid(self.signals.position_rad)
         return np.concatenate(
-            [self.of_fine_signal(wave(angle), (0,), shape.motion_delay_s) for wave in (np.cos, np.sin)]
+            [self.of_fine_signal(wave(angle), (derivative,), shape.motion_delay_s) for wave in (np.cos, np.sin)]
         )
 
     def memory(self) -> npt.NDArray[np.int64]:
@@ -178,15 +196,18 @@ class Rows:
 
     def noise(self) -> FloatArray:
         """Variances that readings' own errors give to the torque, the acceleration and the velocity, shape (3,)."""
-        tick_s, energy = self.signals.tick_s, self.averaging.energy
-        position = self.signals.position_noise
-        return np.array(
-            [
-                self.signals.torque_noise * self.kernel.energy(0) / tick_s,
-                position * energy(2) / tick_s**5,
-                position * energy(1) / tick_s**3,
-            ]
-        )
+        torque, (velocity, acceleration) = self.torque_noise(0), (self.motion_noise(order) for order in (1, 2))
+        return np.array([torque, acceleration, velocity])
+
+    def torque_noise(self, derivative: int) -> float:
+        """The variance that readings' own errors give to a derivative of the torque."""
+        tick_s = self.signals.tick_s
+        return self.signals.torque_noise * self.kernel.energy(derivative) / tick_s ** (2 * derivative + 1)
+
+    def motion_noise(self, derivative: int) -> float:
+        """The same of the motion."""
+        tick_s = self.signals.tick_s
+        return self.signals.position_noise * self.averaging.energy(derivative) / tick_s ** (2 * derivative + 1)
 
     def columns(self, shape: Shape) -> FloatArray:
         """The five physical columns in the order of LINEAR, then E: shape (6, count)."""
@@ -238,6 +259,11 @@ class Memory:
         for column, start, end in zip(columns, self.edges, self.edges[1:], strict=False):
             column[start:end] = self.left[start:end]
         return columns
+
+    def factors(self, values: FloatArray) -> FloatArray:
+        """The states after each rest that explain ``values`` (samples,) best, repeated for each of its samples."""
+        factors = np.add.reduceat(values * self.left, self.edges[:-1]) / self.power
+        return np.repeat(factors, np.diff(self.edges))
 
     def taken_off(self, values: FloatArray) -> FloatArray:
         """What no unknown state could have made of ``values``, shape (..., samples)."""
@@ -292,6 +318,10 @@ class Regression:
     def white(self, values: FloatArray) -> FloatArray:
         """``values`` (k, samples) as least squares should see them."""
         return values if self.whitening is None else self.whitening.of(values)
+
+    def white_memory(self, memory: "Memory") -> "Memory":
+        """The same of what the friction may remember: the filter begins anew after every rest."""
+        return memory if self.whitening is None else Memory.of(self.white(memory.left[None, :])[0], self._rest)
 
     @property
     def free(self) -> tuple[int, ...]:
@@ -353,7 +383,23 @@ class Regression:
             torque, acceleration, velocity = rows.noise() * rows.usable.size
             total[VISCOUS] += velocity
             total[INERTIA] += torque if self.free_motion else acceleration
-        return total if self.whitening is None else total * self.whitening.energy
+        return total * self._white_energy
+
+    def slope_contamination(self, linear: FloatArray) -> float:
+        """The same of the change with d_m: noise in it makes d_m look better known than it is."""
+        inertia, viscous = linear[INERTIA], linear[VISCOUS]
+        squares = (
+            inertia**2 * rows.torque_noise(1)
+            if self.free_motion
+            else inertia**2 * rows.motion_noise(3) + viscous**2 * rows.motion_noise(2)
+            for rows in self.rows
+        )
+        sizes = (rows.usable.size for rows in self.rows)
+        return self._white_energy * float(sum(square * size for square, size in zip(squares, sizes, strict=True)))
+
+    @property
+    def _white_energy(self) -> float:
+        return 1.0 if self.whitening is None else self.whitening.energy
 
     def position(self) -> FloatArray:
         """Of the shaft, shape (samples,)."""
@@ -375,29 +421,44 @@ class Regression:
         time_s = self.time_s()
         return hats(time_s, round((time_s[-1] - time_s[0]) / DRIFT_KNOT_S) + 2)
 
-    def jacobian(self, shape: Shape, columns: FloatArray, linear: FloatArray) -> FloatArray:
-        """Change of the prediction with (log β, log s, d_c, d_m), shape (4, samples)."""
+    def jacobian(
+        self,
+        shape: Shape,
+        columns: FloatArray,
+        linear: FloatArray,
+        memory: Memory | None = None,
+        states: FloatArray | None = None,
+    ) -> FloatArray:
+        """Change of the prediction with (log β, log s, d_c, d_m), shape (4, samples).
+
+        What is left of the friction's ``states`` (samples,) after rests changes with the shape, too (Golub and Pereyra
+        1973); without them that is left out.
+        """
         at = self._on_own_time(shape)
         other_lag = replace(at, bandwidth_rad_s=at.bandwidth_rad_s * np.exp(SMALL))
         other_s = replace(at, s_per_rad=at.s_per_rad * np.exp(SMALL))
         lag_rate = self.chosen([rows.lag(at, 1) for rows in self.rows])
         lag = self.chosen([rows.lag(other_lag) for rows in self.rows])
-        friction = -self.chosen([rows.friction(other_s)[:2] for rows in self.rows]) - columns[[COULOMB, DAMPING]]
+        left = np.zeros(columns.shape[1]) if memory is None else memory.left
+        held = np.zeros(left.size) if states is None else states
+        now = np.concatenate([columns[[COULOMB, DAMPING]], left[None, :]])
+        friction = -self.chosen([rows.friction(other_s) for rows in self.rows]) - now
         return np.stack(
             [
                 linear[GAIN] * (lag - columns[GAIN]) / SMALL,
-                linear[[COULOMB, DAMPING]] @ friction / SMALL,
+                (linear[[COULOMB, DAMPING]] @ friction[:2] + held * friction[2]) / SMALL,
                 -linear[GAIN] * lag_rate,
-                self._motion_slope(shape, columns, linear),
+                self._motion_slope(shape, linear, held),
             ]
         )
 
-    def _motion_slope(self, shape: Shape, columns: FloatArray, linear: FloatArray) -> FloatArray:
+    def _motion_slope(self, shape: Shape, linear: FloatArray, states: FloatArray) -> FloatArray:
         """Change of the prediction with d_m, shape (samples,)."""
         if self.free_motion:
-            later = -self._torque_at(shape.motion_delay_s + SMALL_S)
-            return np.asarray(linear[INERTIA] * (later - columns[INERTIA]) / SMALL_S)
-        moved = replace(shape, motion_delay_s=shape.motion_delay_s + SMALL_S)
-        parts = [np.concatenate([rows.kinematics(moved)[::-1], rows.friction(moved)[:2]]) for rows in self.rows]
-        change = -self.chosen(parts) - columns[INERTIA : DAMPING + 1]
-        return np.asarray(linear[INERTIA : DAMPING + 1] @ change / SMALL_S)
+            around = (shape.motion_delay_s + side * SMALL_S for side in (0.5, -0.5))
+            later, earlier = (self._torque_at(delay_s) for delay_s in around)
+            return np.asarray(linear[INERTIA] * (earlier - later) / SMALL_S)
+        waves = self.cogging if len(linear) > len(LINEAR) else ()  # whose size nobody asks for
+        rates = self.chosen([rows.rates(shape, waves) for rows in self.rows])
+        moving = len(LINEAR) + 2 * len(waves)
+        return np.asarray(linear[INERTIA:moving] @ rates[:-1] + states * rates[-1])

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from bench.identification.cogging import strongest_period
 from bench.identification.kernels import FULL_BAND, Kernel
-from bench.identification.regression import COULOMB, INERTIA, Memory, Regression, Shape
+from bench.identification.regression import COULOMB, INERTIA, MOTION_DELAY, Memory, Regression, Shape
 from bench.identification.signals import Signals
 
 FloatArray = npt.NDArray[np.float64]
@@ -61,7 +61,7 @@ class Solution:
     innovation: FloatArray
     jacobian: FloatArray
     free: tuple[int, ...]
-    contamination: FloatArray  # of the five physical columns, as in Regression
+    contamination: FloatArray  # what errors of readings add to the squares of the jacobian's columns, (parameters,)
     cost: float
     regression: Regression  # the one that was solved
     converged: bool
@@ -182,8 +182,10 @@ class _At:
     shape: Shape
     columns: FloatArray
     memory: Memory
+    white_memory: Memory
     seen: FloatArray  # of the columns, what least squares sees
     linear: FloatArray
+    states: FloatArray  # that the friction had after each rest, for every sample
     residual: FloatArray
     innovation: FloatArray
     cost: float
@@ -191,16 +193,17 @@ class _At:
     @classmethod
     def of(cls, regression: Regression, shape: Shape) -> "_At":
         columns, memory = regression.columns(shape)
-        contamination = regression.contamination()
-        left = memory.taken_off(np.concatenate([columns, regression.target()[None, :]]))
-        white = regression.white(left)
-        seen, wanted = white[:-1], white[-1]
+        contamination, white_memory = regression.contamination(), regression.white_memory(memory)
+        white = regression.white(np.concatenate([columns, regression.target()[None, :]]))
+        *_, wanted = left = white_memory.taken_off(white)
+        seen = left[:-1]
         linear = normal_solution(seen, seen @ wanted, contamination)
         innovation = wanted - linear @ seen
-        residual = innovation if white is left else left[-1] - linear @ left[:-1]
+        states = white_memory.factors(white[-1] - linear @ white[:-1])
+        residual = regression.target() - linear @ columns - states * memory.left
         # Errors in the columns add this to the squares of the innovations.
         cost = float(innovation @ innovation - contamination @ linear[:5] ** 2)
-        return cls(regression, shape, columns, memory, seen, linear, residual, innovation, cost)
+        return cls(regression, shape, columns, memory, white_memory, seen, linear, states, residual, innovation, cost)
 
     def solution(self, *, converged: bool) -> Solution:
         """What the search ends with."""
@@ -211,7 +214,7 @@ class _At:
             innovation=self.innovation,
             jacobian=np.concatenate([self.seen, self.slopes]).T,
             free=self.regression.free,
-            contamination=self.regression.contamination(),
+            contamination=self.contamination,
             cost=self.cost,
             regression=self.regression,
             converged=converged,
@@ -220,16 +223,26 @@ class _At:
     @cached_property  # of the last step of a search, and of the solution
     def slopes(self) -> FloatArray:
         """Change of the prediction with the free unknowns of the shape, shape (free, samples)."""
-        slopes = self.regression.jacobian(self.shape, self.columns, self.linear)[list(self.regression.free)]
-        return self.regression.white(self.memory.taken_off(slopes))
+        slopes = self.regression.jacobian(self.shape, self.columns, self.linear, self.memory, self.states)
+        return self.white_memory.taken_off(self.regression.white(slopes[list(self.regression.free)]))
+
+    @property
+    def contamination(self) -> FloatArray:
+        """What errors of readings add to the squares of the linear columns and of the free slopes, (parameters,)."""
+        regression = self.regression
+        columns = np.zeros(len(self.linear) + len(regression.free))
+        columns[:5] = regression.contamination()
+        if regression.free[-1] == MOTION_DELAY:
+            columns[-1] = regression.slope_contamination(self.linear)
+        return columns
 
     def step(self) -> tuple[FloatArray, float]:
         """Of Gauss-Newton, shape (4,); zero for what is not free. And how far that is, in squared deviations."""
-        contamination = self.regression.contamination()
+        contamination, linear = self.contamination, len(self.linear)
         every = np.concatenate([self.seen, self.slopes])
         right = every @ self.innovation
         # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
-        right[:5] += contamination * self.linear[:5]
+        right[:linear] += contamination[:linear] * self.linear
         whole = normal_solution(every, right, contamination)
         step = np.zeros(4)
         step[list(self.regression.free)] = whole[len(self.seen) :]

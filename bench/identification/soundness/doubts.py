@@ -183,7 +183,8 @@ class _Blocks:
         at = np.arange(len(solution.contamination))
         in_block = solution.contamination * BLOCK_ROWS / len(residual)
         gram[:, at, at] -= in_block / scale[at] ** 2
-        score[:, at] += in_block * solution.linear[at] / scale[at]
+        linearly = slice(len(solution.linear))
+        score[:, linearly] += in_block[linearly] * solution.linear / scale[linearly]
         return cls(gram, score, scale)
 
     def told(self, column: int) -> FloatArray:

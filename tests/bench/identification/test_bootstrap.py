@@ -10,7 +10,7 @@ from bench.identification.bootstrap import (
     ReadingErrors,
     Readings,
     Scatter,
-    _Bench,  # the bench with errors of a test's own
+    Simulation,  # the bench with errors of a test's own
     scatter_of,
 )
 from bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
@@ -57,7 +57,7 @@ def test_without_errors_of_readings_the_fit_gives_back_what_was_put_in() -> None
     stretches = signals(measured, TICK_S, Use.IDENTIFY)
     solution = solve(stretches)
     values, covariance = physical(solution, solution.regression.time_s())
-    bench = _Bench.of(Readings(measured, TICK_S, Use.IDENTIFY), stretches, solution)
+    bench = Simulation.of(Readings(measured, TICK_S, Use.IDENTIFY), stretches, solution)
     exact = replace(bench, position_errors=NO_ERRORS, torque_errors=NO_ERRORS, travel_s=np.zeros(1))
     record = exact.record(np.random.default_rng(0))
     again = solve_again(signals(record, TICK_S, Use.IDENTIFY), solution)
@@ -71,9 +71,9 @@ def test_the_same_recording_gives_the_same_scatter_and_the_size_that_residuals_g
     stretches = signals(measured, TICK_S, Use.IDENTIFY)
     solution = solve(stretches)
     values = physical(solution, solution.regression.time_s())[0]
-    readings = Readings(measured, TICK_S, Use.IDENTIFY, draws=6)
-    scatter = scatter_of(readings, stretches, solution, values, physical)
-    assert np.array_equal(scatter.drawn, scatter_of(readings, stretches, solution, values, physical).drawn)
+    bench = Simulation.of(Readings(measured, TICK_S, Use.IDENTIFY, draws=6), stretches, solution)
+    scatter = scatter_of(bench, values, physical)
+    assert np.array_equal(scatter.drawn, scatter_of(bench, values, physical).drawn)
     # The torque gain is blurred by the torque's noise alone, which residuals show: six draws tell it to a third.
     raw = float(np.std(scatter.drawn[:, 0], ddof=1))
     assert 0.4 < raw / scatter.stated_std[0] < 2.0
