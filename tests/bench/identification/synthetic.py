@@ -76,10 +76,11 @@ class Bench:
     serial_jitter_s: float = 100e-6
     device_clock: bool = True
     current_noise_a: float = 5e-3
+    least_command: float = 0.0  # below it the drive switches its bridge off, and the current ends
 
 
 @njit(cache=True)
-def simulate(a, b, k, d, cogging, mode, command, load_command, v_ref, x_ref, ff, phases, jitter):
+def simulate(a, b, k, d, cogging, released, mode, command, load_command, v_ref, x_ref, ff, phases, jitter):
     """One tick at a time; returns samples at the devices' phases and the true port torque."""
     ticks = command.size
     dt = 1e-3 / 100
@@ -111,7 +112,7 @@ def simulate(a, b, k, d, cogging, mode, command, load_command, v_ref, x_ref, ff,
             if j == delay + jitter[n, 1]:
                 cl = want
             port = k * (ta - tl) + d * (wa - wl)
-            ia += (a[0] * ca - ia) * (1 - np.exp(-a[1] * dt))
+            ia = 0.0 if released and ca == 0.0 else ia + (a[0] * ca - ia) * (1 - np.exp(-a[1] * dt))
             il += (b[0] * cl - il) * (1 - np.exp(-b[1] * dt))
             sa, sl = a[5] / a[4], b[5] / b[4]
             # friction at the present velocity, σ1 taken implicitly
@@ -254,6 +255,7 @@ def run(plan, truth, bench, seed, origin_ns=5_000_000_000):
     rng = np.random.default_rng([seed, 8])
     command, load_command, velocity = (np.concatenate([p[i] for p in plan.parts]) for i in (3, 5, 6))
     mode = np.concatenate([np.full(len(p[3]), p[4]) for p in plan.parts])
+    command = np.where(np.abs(command) < bench.least_command, 0.0, command)
     n = len(command)
     position = np.cumsum(velocity) * TICK_S
     ff = np.gradient(velocity, TICK_S) * (bench.load.inertia + truth.inertia) * (mode == IMPOSED)
@@ -262,8 +264,8 @@ def run(plan, truth, bench, seed, origin_ns=5_000_000_000):
     steps = round(bench.can_jitter_s / 1e-5)
     jitter = rng.integers(-steps, steps + 1, (n, 2))
     out, sent_l = simulate(
-        truth.array(), bench.load.array(), bench.stiffness, bench.damping, bench.cogging_nm, mode, command,
-        load_command, velocity, position, ff, phases, jitter,
+        truth.array(), bench.load.array(), bench.stiffness, bench.damping, bench.cogging_nm,
+        bench.least_command > 0.0, mode, command, load_command, velocity, position, ff, phases, jitter,
     )  # fmt: skip
     tick_ns = origin_ns + np.arange(n) * 1_000_000
     taken_ns = [tick_ns + (p + 1) * 10_000 for p in phases]

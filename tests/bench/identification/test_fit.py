@@ -101,6 +101,20 @@ def test_other_true_values_are_found_as_well(seed):
     assert np.all(np.abs(deviates(result, truth)) < 4.5)
 
 
+def test_a_drive_that_lets_go_at_zero_has_no_lag_there():
+    """Every twentieth command lies below the least one: taken for a lag, that makes the amplifier seem quicker."""
+    bench = Bench(least_command=2e-3)
+    experiment = synthetic.experiment(5, bench=bench, free=False, blocked=False)
+    released = 1.0 - np.count_nonzero(experiment.ticks["command"]) / len(experiment.ticks)
+    assert released > 0.05
+    known = replace(experiment, chain=Chain(released_at_zero=frozenset({"actuator"})))
+    told, not_told = (fit(each, command_unit="N*m", tick_s=TICK_S) for each in (known, experiment))
+    assert np.all(np.abs(deviates(told, Truth())) < 4.0)
+    assert told.torque_rms_nm < not_told.torque_rms_nm
+    lag, other = (result.estimate("amplifier_bandwidth") for result in (told, not_told))
+    assert other.value - lag.value > 5 * lag.std
+
+
 def test_a_sensor_that_averages_is_no_lag_of_the_amplifier(experiment, result):
     """Three readings are as wide as 2.83 ms of a flat average."""
     torque, window_s = experiment.torque.copy(), np.sqrt(8.0) * TICK_S

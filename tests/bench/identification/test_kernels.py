@@ -59,6 +59,16 @@ def test_resampling_keeps_what_is_below_a_quarter_of_the_rate():
         assert np.max(np.abs(found - 1e3 - np.sin(2 * np.pi * frequency * grid))) < 2e-3
 
 
+@pytest.mark.parametrize("derivative", [0, 1, 2, 3])
+def test_every_derivative_of_a_cubic_is_exact(derivative: int):
+    kernel, shift = Kernel(0.18, 8.0), 0.3
+    offsets = np.arange(-36, 37) / 4 - shift
+    cubic = np.polynomial.Polynomial([4.0, -3.0, 2.0, 0.5])
+    taps = kernel.taps(offsets, derivative, exact_to=3)
+    wanted = cubic.deriv(derivative)(shift) if derivative else cubic(shift)
+    assert taps @ cubic(offsets + shift) == pytest.approx(wanted, rel=1e-9)
+
+
 def test_the_low_pass_stops_what_would_fold():
     kernel = Kernel(0.18, 8.0)
     offsets = np.arange(-8, 8.01, 1.0)
@@ -72,6 +82,18 @@ def test_the_lag_is_exact_between_ticks():
     at_25 = 3 - 2 * np.exp(-700 * 1.5e-3)
     expected = [1.0, 1.0, 3 - 2 * np.exp(-700 * 0.7e-3), -2 + (at_25 + 2) * np.exp(-700 * 0.6e-3)]
     assert found == pytest.approx(expected)
+
+
+def test_a_released_drives_current_ends_at_once():
+    sent, command, bandwidth = np.array([0.0, 1.0e-3, 2.0e-3]), np.array([1.0, 0.0, 2.0]), 700.0
+    grid = np.array([0.9e-3, 1.5e-3, 3e-3])
+    expected = [1.0, 0.0, 2 - 2 * np.exp(-0.7)]
+    assert loops.lag_of_held(sent, command, bandwidth, grid, True) == pytest.approx(expected)
+    bank = loops.lag_bank(sent, command, np.array([bandwidth]), grid, 0.0, np.ones(1), True)
+    assert bank[0] == pytest.approx(expected)
+    means = loops.mean_lag_of_held(sent, command, bandwidth, 0.25e-3, 0.5e-3, 6, True)
+    assert means[:4] == pytest.approx([1.0, 1.0, 0.0, 0.0])
+    assert means[4] == pytest.approx(2 - 2 * (1 - np.exp(-0.35)) / 0.35)
 
 
 @given(st.floats(100, 3000), st.floats(-1e-4, 1e-4))

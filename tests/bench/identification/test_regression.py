@@ -9,18 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.identification.kernels import FULL_BAND
-from bench.identification.regression import INERTIA, VISCOUS, Memory, Regression, Shape
+from bench.identification.regression import INERTIA, VISCOUS, Memory, Regression, Rows, Shape
 from bench.identification.separable import (
     LONGEST_STEP,
     LOW_BAND,
     NARROWEST_CUTOFF,
+    _At,  # a step of the search
     normal_solution,
     shortened,
     solve,
     told,
     worthwhile_band,
 )
-from bench.identification.signals import signals
+from bench.identification.signals import FINE, Stream, signals
 from bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
@@ -120,3 +121,32 @@ def test_what_a_slow_sensor_hardly_tells_is_settled_all_the_same():
         stretches = signals(replace(measured, torque=torque), TICK_S, Use.IDENTIFY)
         unsettled += [seed] * (not solve(stretches).converged)
     assert unsettled == []
+
+
+def test_the_slopes_are_those_of_the_cost(experiment):
+    """Against differences of what is minimised: delays that move cogging, jerk and friction's memory included."""
+    solution = solve(signals(experiment, TICK_S, Use.IDENTIFY))
+    assert solution.regression.cogging
+    assert solution.regression.whitening is not None
+    at, steps = solution.shape.as_array(), np.array([1e-2, 1e-2, 2e-6, 2e-6])
+    beside = at + 2 * steps
+    here = _At.of(solution.regression, Shape.of(beside))
+    slopes = -2.0 * here.slopes @ here.innovation
+    for index, step in enumerate(steps):
+        costs = []
+        for side in (1.0, -1.0):
+            moved = beside.copy()
+            moved[index] += side * step
+            costs.append(_At.of(solution.regression, Shape.of(moved)).cost)
+        assert slopes[index] == pytest.approx((costs[0] - costs[1]) / (2 * step), rel=0.03)
+
+
+def test_noise_in_the_delays_slope_is_known(experiment):
+    """Of readings of a shaft at rest, all that there is of a slope is their noise."""
+    stretch = signals(experiment, TICK_S, Use.IDENTIFY)[0]
+    read_rad = 1e-5 * np.random.default_rng(1).standard_normal(stretch.time_s.size)
+    fine_s = stretch.time_s[0] + np.arange(stretch.path_rad.size) * (TICK_S / FINE)
+    noisy = Stream(stretch.time_s, read_rad, TICK_S).at(fine_s)
+    rows = Rows(replace(stretch, position_rad=noisy, position_noise=1e-10 * TICK_S), FULL_BAND)
+    jerk = rows.of_fine_signal(noisy, (3,), 0.0)[0][50:-50]
+    assert float(np.mean(jerk**2)) == pytest.approx(rows.motion_noise(3), rel=0.05)
