@@ -84,6 +84,20 @@ def fit_signals(
     ``both_driven`` both machines pushed on purpose, as they do for a load: a noisy sensor then hides no scale.
     Raises ExperimentError where no command was given.
     """
+    solution = solution_of(stretches, port=port, findings=findings, cogging=cogging, both_driven=both_driven)
+    readings = None if findings.doubts else readings
+    return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=readings)
+
+
+def solution_of(
+    stretches: tuple[Signals, ...],
+    *,
+    port: Port = Port.ACTUATOR,
+    findings: Findings = NOTHING_FOUND,
+    cogging: tuple[float, ...] = (),
+    both_driven: bool = False,
+) -> Solution:
+    """The equation solved; for the motion alone where torque sets no scale. Arguments and errors as in fit_signals."""
     if not any(np.ptp(stretch.command) > 0.0 for stretch in stretches):
         raise ExperimentError(f"the {port.value} was never commanded: nothing can be learned of its forward path")
     measured = all(stretch.torque_nm is not None for stretch in stretches)
@@ -99,7 +113,7 @@ def fit_signals(
         )
     if measured and not told:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
-    return _result(stretches, solution, command_unit, findings, None if doubtful else readings)
+    return solution
 
 
 def scale_evidence(solution: Solution) -> float:
@@ -127,12 +141,16 @@ def beyond_noise(solution: Solution) -> float:
     return float(np.clip(1.0 - noise / max(left, 1e-300), min(told, 1.0), 1.0))
 
 
-def physical(solution: Solution, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def physical(
+    solution: Solution, time_s: FloatArray, covariance: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Values in the order of PHYSICAL, then the two delays, and their covariance: (9,), (9, 9).
 
-    From free motion they are per unit of torque gain, whose own value is then 1.
+    From free motion they are per unit of torque gain, whose own value is then 1. ``covariance`` is that of the
+    solution's unknowns, linear ones first; as the residual gives it where it is not told.
     """
-    covariance = sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
+    if covariance is None:
+        covariance = sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
     shape, columns = solution.shape, len(solution.linear)
     linear, to_linear = _linear_in_torque(solution)
     stiffness = linear[COULOMB] * shape.s_per_rad
@@ -178,22 +196,26 @@ class _Found:
     has_current: bool
 
 
-def _result(
+def result_of(
     stretches: tuple[Signals, ...],
     solution: Solution,
+    *,
     command_unit: str,
-    findings: Findings,
-    readings: Readings | None,
+    findings: Findings = NOTHING_FOUND,
+    readings: Readings | None = None,
 ) -> FitResult:
+    """What a solution says of the motor. Arguments as in fit_signals."""
     regression = solution.regression
     target = regression.target()
     values, covariance = physical(solution, regression.time_s())
-    repeated_std: dict[str, float] = {}
+    repeated_std, of_residual = dict[str, float](), dict[str, tuple[float, float]]()
     simulation = None
     # Free motion is not simulated: its torque is nil, and what is measured of it follows from nothing else.
     if readings is not None and solution.converged and not solution.free_motion:
         simulation = Simulation.of(readings, stretches, solution)
         scatter = scatter_of(simulation, values, physical)
+        stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
+        of_residual = dict(zip(PHYSICAL, stated, strict=False))
         repeated_std = dict(zip(PHYSICAL, scatter.bias_std.tolist(), strict=False))
         values, covariance = scatter.applied(values, covariance)
     deviations = np.sqrt(np.diag(covariance))
@@ -227,6 +249,7 @@ def _result(
         cogging=_cogging(solution, to_torque),
         torque_bias_nm=_bias(solution),
         repeated_std=repeated_std,
+        of_residual=of_residual,
         torque_zero=_zero(solution),
         simulation=simulation,
         verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),

@@ -86,6 +86,8 @@ class FitResult:
     doubted: tuple[Doubt, ...] = ()  # what of the verdict makes estimates doubtful
     # By name, the part of an estimate's deviation that every session of the same bench repeats.
     repeated_std: Mapping[str, float] = field(default_factory=dict)
+    # By name, the value and the deviation that the residual alone gives; empty where nothing was simulated.
+    of_residual: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     torque_zero: TorqueZero | None = None  # the same as it drifts; None where no torque was fitted
     simulation: "Simulation | None" = field(default=None, repr=False, compare=False)  # that the deviations come from
 

@@ -16,8 +16,9 @@ from bench.recording.parts import parts_of
 from bench.records import Measured
 from bench.rig.rig import Rig
 
-# Ten seconds of parts: a worker that is further behind loses parts, and says so, rather than holding up the loop.
-GREATEST_BACKLOG = 100
+# A minute of parts, for a fit of all that was recorded takes seconds: a worker that is further behind loses parts, and
+# says so, rather than holding up the loop.
+GREATEST_BACKLOG = 600
 READY_WITHIN_S = 60.0
 
 

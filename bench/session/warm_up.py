@@ -11,7 +11,6 @@ from bench.identification.friction.family import family_for
 from bench.identification.friction.path import Path
 from bench.identification.friction.sums import part_sums
 from bench.identification.kernels import FULL_BAND
-from bench.identification.live.identifier import LiveIdentifier
 from bench.identification.regression import Regression, Shape
 from bench.identification.signals import Port, Signals, signals
 from bench.models.network import NortonNetwork
@@ -19,7 +18,7 @@ from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measure
 from bench.segments import Use
 
 TICK_S = 1e-3
-DURATION_S, PART_S = 3.0, 0.5
+DURATION_S = 3.0
 COMMAND_UNIT = "N*m"
 # Any machine will do.
 NETWORK = NortonNetwork(1.0, 500.0, 1e-4, 1e-3, 0.02, 10.0, 0.01, command_unit=COMMAND_UNIT)
@@ -34,9 +33,6 @@ LOAD = LoadCalibration(
 def warm_up() -> None:
     """Go once through all compiled code, with made-up readings whose results nobody looks at."""
     measured = _made_up()
-    live = LiveIdentifier(COMMAND_UNIT, TICK_S)
-    for begun_s in np.arange(0.0, DURATION_S, PART_S):
-        live.update(measured.between(round(begun_s * 1e9), round((begun_s + PART_S) * 1e9)))
     _warm_fit(signals(measured, TICK_S, Use.CALIBRATE, Port.ACTUATOR))
     AdmittanceController(LOAD, TICK_S, torque_limit_nm=1.0)
     NETWORK.free_motion([0.0], TICK_S)

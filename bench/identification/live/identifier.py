@@ -1,135 +1,186 @@
-"""Identification while the experiment runs, without an initial guess.
+"""Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
 
-Parts of about 100 ms become rows of a bank; their Gram matrix answers, for any friction shape, bandwidth and delays,
-what the best linear parameters are. Until everything is known, the best of all is sought in all data so far (stages,
-search). From then on a Kalman filter follows shape, delays and linear parameters together, block by block (tracking),
-and what is older than that is forgotten.
+Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the same
+data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is imposed.
+What moves meanwhile is followed from there (:mod:`bench.identification.live.drift`). Deviations are those of the
+parametric bootstrap, which is repeated each time that the data have doubled; in between they shrink as the
+residual's.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification.fit import PHYSICAL, network_of
-from bench.identification.live.bank import BANDWIDTH_NODES, S_NODES, LiveBank
-from bench.identification.live.stages import VALID_WITHIN, VALID_WITHIN_ELSE, Block, Searching, Tracking
-from bench.identification.live.streams import LiveStreams
-from bench.identification.regression import Shape
-from bench.identification.results import LiveEstimate
+from bench.errors import ExperimentError
+from bench.identification.bootstrap import Readings
+from bench.identification.coupling import Coupling
+from bench.identification.fit import PHYSICAL, network_of, physical, result_of, solution_of
+from bench.identification.live.drift import Drift, drift_of
+from bench.identification.live.sanity import sound
+from bench.identification.load import coupling_of
+from bench.identification.results import FitResult, LiveEstimate
+from bench.identification.separable import Solution
+from bench.identification.signals import signals
+from bench.identification.soundness import recording
 from bench.models.network import NortonNetwork
-from bench.models.parameters import BY_NAME, Estimate, Status
-from bench.records import Measured
+from bench.models.parameters import Estimate, Status
+from bench.records import Measured, SegmentInfo, join
 from bench.segments import Use
 
 FloatArray = npt.NDArray[np.float64]
 
-BLOCK_S = 0.5
-LEARNING_WITHIN = 0.5
-# What no residual shows: members between the nodes of the bank, smoothing with little room. Relative deviations, from
-# errors on simulated benches with other true values (docs/identification.md).
-FLOOR = {
-    "torque_gain": 0.0008,
-    "amplifier_bandwidth": 0.01,
-    "inertia": 0.0025,
-    "viscous_damping": 0.003,
-    "coulomb_torque": 0.003,
-    "presliding_stiffness": 0.008,
-    "presliding_damping": 0.015,
-}
+LEARNT_FROM = (Use.CALIBRATE, Use.IDENTIFY)
+# The first fit. Half as much tells next to nothing of friction.
+FIRST_S = 4.0
+# The next one when there is so much more, and not sooner or later than this: all of them together then cost some five
+# times the last one.
+GROWTH = 0.3
+SOONEST_S, LATEST_S = 2.0, 10.0
+# What is older is forgotten: a fit of it takes some three seconds.
+WINDOW_S = 180.0
+# Simulated records for the deviations: half of the final fit's, which widens them by a tenth (Student's t).
+DRAWS = 6
+SIGNIFICANT = 2.0  # deviations
+
+
+@dataclass(frozen=True)
+class _Correction:
+    """What the bootstrap made of one value and its deviation: the factor by which the residual's deviation is wider,
+    the value's bias, and the deviation of that, both relative."""
+
+    wider: float = 1.0
+    bias: float = 0.0
+    bias_std: float = 0.0
+
+    @classmethod
+    def of(cls, result: FitResult, name: str) -> "_Correction":
+        estimate, (value, std) = result.estimate(name), result.of_residual[name]
+        size = max(abs(value), 1e-300)
+        of_scatter = max(estimate.std**2 - result.repeated_std[name] ** 2, std**2)
+        wider, bias = float(np.sqrt(of_scatter) / max(std, 1e-300)), value - estimate.value
+        # A few draws alone make a bias of this size; to take that off would only shake the values.
+        if abs(bias) < SIGNIFICANT * np.sqrt(of_scatter / DRAWS):
+            bias = 0.0
+        return cls(wider, bias / size, result.repeated_std[name] / size)
+
+    def of_estimate(self, estimate: Estimate) -> Estimate:
+        """The same, of a later fit's."""
+        size = abs(estimate.value)
+        std = float(np.hypot(self.wider * estimate.std, self.bias_std * size))
+        return replace(estimate, value=estimate.value - self.bias * size, std=std)
 
 
 @dataclass
 class LiveIdentifier:
-    """Digests consecutive parts; the newest estimate is returned each time, refreshed with every block of data."""
+    """Takes consecutive parts; returns the newest estimate each time."""
 
     command_unit: str
     tick_s: float
-    _streams: LiveStreams = field(init=False)
-    _bank: LiveBank = field(init=False)
-    _samples: int = field(default=0, init=False)
-    _unseen: tuple[tuple[int, int], ...] = field(default=(), init=False)
-    _block: Block = field(init=False)
-    _state: Searching | Tracking = field(init=False)
+    _parts: list[Measured] = field(default_factory=list, init=False)
+    _told_ticks: int = field(default=0, init=False)  # so many were meant for identification
+    _next_ticks: int = field(default=0, init=False)
+    _simulated_ticks: int = field(default=0, init=False)
+    _coupling: Coupling | None = field(default=None, init=False)
+    _corrections: dict[str, _Correction] = field(default_factory=dict, init=False)
     _latest: LiveEstimate = field(default_factory=lambda: LiveEstimate(0), init=False)
 
     def __post_init__(self) -> None:
-        self._streams = LiveStreams(self.tick_s)
-        self._bank = LiveBank(self.tick_s)
-        self._block = Block()
-        self._state = Searching(self.tick_s)
+        self._next_ticks = round(FIRST_S / self.tick_s)
 
     def update(self, part: Measured) -> LiveEstimate:
-        """Learn from the next part; segments meant for validation are followed, but not learned from."""
+        """Learn from the next part: of segments meant for LEARNT_FROM alone."""
+        part = sound(part)
+        if self._went_back(part):
+            self._begin_anew()
+        self._parts.append(part)
+        told = [segment.index for segment in part.segments if segment.use in LEARNT_FROM]
+        self._told_ticks += int(np.count_nonzero(np.isin(part.ticks["segment"], told)))
+        if self._told_ticks >= self._next_ticks:
+            more_s = np.clip(GROWTH * self._told_ticks * self.tick_s, SOONEST_S, LATEST_S)
+            self._next_ticks = self._told_ticks + round(float(more_s) / self.tick_s)
+            self._forget()
+            self._latest = self._fitted()
         stamp_ns = int(part.ticks["tick_ns"][-1]) if len(part.ticks) else self._latest.stamp_ns
-        for segment in part.segments:
-            if segment.use is Use.VALIDATE:
-                others = tuple(span for span in self._unseen if span[0] != segment.start_ns)
-                self._unseen = (*others[-8:], (segment.start_ns, segment.end_ns))
-        piece = self._streams.add(part)
-        if piece is not None:
-            times_s, rows = self._bank.rows(piece)
-            told = self._seen(times_s) & np.all(np.isfinite(rows), axis=1)
-            self._accumulate(rows[told], self._bank.noise(piece.count_variance_rad2))
-        self._latest = replace(self._latest, stamp_ns=stamp_ns, samples=self._samples)
+        self._latest = replace(self._latest, stamp_ns=stamp_ns)
         return self._latest
 
-    def _seen(self, times_s: FloatArray) -> npt.NDArray[np.bool_]:
-        seen = np.ones(times_s.size, dtype=bool)
-        origin_ns = self._streams.origin_ns or 0
-        for start_ns, end_ns in self._unseen:
-            seen &= (times_s < (start_ns - origin_ns) * 1e-9) | (times_s >= (end_ns - origin_ns) * 1e-9)
-        return seen
+    def _went_back(self, part: Measured) -> bool:
+        """Whether the clock was set back: what came before is then of another time."""
+        before = next((each.ticks["tick_ns"][-1] for each in reversed(self._parts) if len(each.ticks)), None)
+        return before is not None and len(part.ticks) > 0 and bool(part.ticks["tick_ns"][0] <= before)
 
-    def _accumulate(self, rows: FloatArray, noise: FloatArray) -> None:
-        if not len(rows):
-            return
-        self._samples += len(rows)
-        self._block = self._block.with_rows(rows, noise)
-        if self._block.samples < BLOCK_S / self.tick_s:
-            return
-        block, self._block = self._block, Block()
-        self._state = self._state.digest(block)
-        values = self._state.values()
-        if values is not None:
-            self._latest = self._estimate(*values)
+    def _begin_anew(self) -> None:
+        self._parts, self._told_ticks, self._simulated_ticks, self._corrections = [], 0, 0, {}
+        self._next_ticks = round(FIRST_S / self.tick_s)
 
-    def _estimate(self, shape: Shape, linear: FloatArray, deviation: FloatArray, scale_known: bool) -> LiveEstimate:
-        """From the linear parameters and the deviations of all ten."""
-        stiffness = linear[3] * shape.s_per_rad
-        values = [linear[0], shape.bandwidth_rad_s, linear[1], linear[2], linear[3], stiffness, linear[4]]
-        stds = [
-            deviation[4],
-            deviation[0] * shape.bandwidth_rad_s,
-            *deviation[5:8],
-            float(np.hypot(deviation[1] * stiffness, deviation[7] * shape.s_per_rad)),
-            deviation[8],
-        ]
-        estimates = tuple(
-            self._one(name, float(value), float(std), shape, scale_known)
-            for name, value, std in zip(PHYSICAL, values, stds, strict=True)
+    def _forget(self) -> None:
+        newest_ns = next(int(each.ticks["tick_ns"][-1]) for each in reversed(self._parts) if len(each.ticks))
+        while len(self._parts[0].ticks) and self._parts[0].ticks["tick_ns"][-1] < newest_ns - WINDOW_S * 1e9:
+            self._parts.pop(0)
+
+    def _fitted(self) -> LiveEstimate:
+        """Of all parts; the estimate before where they tell nothing yet."""
+        measured = join(self._parts)
+        try:
+            believed = recording.sound(replace(measured, segments=tuple(map(_learnt_from, measured.segments))))
+            stretches = signals(believed.measured, self.tick_s, Use.IDENTIFY)
+            solution = solution_of(stretches, findings=believed.findings)
+        except ExperimentError:
+            return self._latest
+        doubled = self._told_ticks >= 2 * self._simulated_ticks
+        readings = self._readings(measured, believed.measured) if doubled and not believed.findings.doubts else None
+        result = result_of(
+            stretches, solution, command_unit=self.command_unit, findings=believed.findings, readings=readings
         )
-        return LiveEstimate(self._latest.stamp_ns, estimates, _network(estimates, self.command_unit), self._samples)
+        estimates = tuple(result.estimate(name) for name in PHYSICAL)
+        if stated := result.of_residual:
+            self._simulated_ticks = self._told_ticks
+            self._corrections = {name: _Correction.of(result, name) for name in PHYSICAL}
+            estimates = tuple(replace(each, value=stated[each.name][0], std=stated[each.name][1]) for each in estimates)
+        if not result.ratios_only:
+            estimates = self._corrected(estimates)
+        drift = None if result.ratios_only or not result.converged else drift_of(solution)
+        if drift is not None:
+            estimates = self._moved(estimates, solution, drift)
+        network = self._network(estimates, result)
+        return LiveEstimate(self._latest.stamp_ns, estimates, network, result.samples)
 
-    def _one(self, name: str, value: float, std: float, shape: Shape, scale_known: bool) -> Estimate:
-        std = float(np.hypot(std, FLOOR[name] * abs(value)))
-        relative = std / max(abs(value), 1e-300)
-        held = {
-            "amplifier_bandwidth": not BANDWIDTH_NODES[1] < shape.bandwidth_rad_s < BANDWIDTH_NODES[-2],
-            "presliding_stiffness": not S_NODES[1] < shape.s_per_rad < S_NODES[-2],
-        }
-        if held.get(name, False):
-            status = Status.AT_BOUND
-        elif relative < VALID_WITHIN.get(name, VALID_WITHIN_ELSE) and value > 0 and scale_known:
-            status = Status.VALID
-        elif relative < LEARNING_WITHIN:
-            status = Status.LEARNING
-        else:
-            status = Status.UNEXCITED
-        return Estimate(name, value, std, BY_NAME[name].unit_for(self.command_unit), status)
+    def _readings(self, measured: Measured, believed: Measured) -> Readings:
+        if self._coupling is None:
+            self._coupling = coupling_of(measured, self.tick_s)
+        return Readings(believed, self.tick_s, Use.IDENTIFY, DRAWS, self._coupling)
+
+    def _corrected(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+        return tuple(self._corrections.get(each.name, _Correction()).of_estimate(each) for each in estimates)
+
+    def _moved(self, estimates: Sequence[Estimate], solution: Solution, drift: Drift) -> tuple[Estimate, ...]:
+        """As they are now: each by what the end of the record differs from all of it."""
+        linear, shape = solution.linear + drift.change[: len(solution.linear)], solution.shape.as_array()
+        shape[list(solution.free)] += drift.change[len(solution.linear) :]
+        now = replace(solution, linear=linear, shape=type(solution.shape).of(shape))
+        time_s = solution.regression.time_s()
+        before = physical(solution, time_s)[0]
+        after, covariance = physical(now, time_s, drift.covariance)
+        moved = []
+        for at, estimate in enumerate(estimates):
+            known = self._corrections.get(estimate.name, _Correction())
+            value = estimate.value + float(after[at] - before[at])
+            std = float(np.hypot(known.wider * np.sqrt(covariance[at, at]), known.bias_std * abs(value)))
+            moved.append(replace(estimate, value=value, std=std))
+        return tuple(moved)
+
+    def _network(self, estimates: Sequence[Estimate], result: FitResult) -> NortonNetwork | None:
+        """Once every parameter is valid: correlated as in the fit, as uncertain as the estimates."""
+        if any(estimate.status is not Status.VALID for estimate in estimates):
+            return None
+        covariance = np.asarray(result.network.covariance)
+        std = np.array([estimate.std for estimate in estimates])
+        wider = std / np.sqrt(np.diag(covariance))
+        network = network_of(estimates, self.command_unit, covariance * np.outer(wider, wider))
+        return network.with_provenance({"fit": "live"})
 
 
-def _network(estimates: tuple[Estimate, ...], command_unit: str) -> NortonNetwork | None:
-    if any(estimate.status is not Status.VALID for estimate in estimates):
-        return None
-    return network_of(estimates, command_unit).with_provenance({"fit": "live"})
+def _learnt_from(segment: SegmentInfo) -> SegmentInfo:
+    return replace(segment, use=Use.IDENTIFY) if segment.use in LEARNT_FROM else segment

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from bench.identification.regression import GAIN, INERTIA
 from bench.identification.separable import DELAY_TICKS, Solution
+from bench.identification.soundness.blocks import Blocks
 from bench.models.parameters import Status
 
 FloatArray = npt.NDArray[np.float64]
@@ -30,10 +31,8 @@ USED_UP = 0.999
 CHANGE_SIGNIFICANT = 6.0
 CHANGE_TICKS = 1.5
 CHANGE_SHARE = 0.1
-BLOCK_ROWS = 500
 FEWEST_BLOCKS = 16
 SPLITS = 15
-TELLING_BLOCKS = 6.0
 # A change is looked for where each side has this share of what is told of the unknown (Andrews, Econometrica 61, 1993):
 # what is odd in a stretch that tells little is no change of the machine.
 TRIMMED = 0.15
@@ -124,22 +123,23 @@ def _cut_off(solution: Solution, tick_s: float) -> Iterator[Doubt]:
 
 def _changing(solution: Solution, tick_s: float) -> Iterator[Doubt]:
     """A delay or a constant of the machine that differs before and after some instant."""
-    count = len(solution.residual) // BLOCK_ROWS
+    blocks = Blocks.of(solution)
+    count = blocks.time_s.size
     if count < FEWEST_BLOCKS:
         return
-    blocks = _Blocks.of(solution, count)
     splits = np.unique(np.linspace(0, count, SPLITS + 2)[1:-1].astype(np.int64))
     best: tuple[float, str, int] | None = None
     for column, name, least, unit in _judged(solution, tick_s):
         told = blocks.told(column)[splits]
         for split in splits[(told > TRIMMED) & (told < 1.0 - TRIMMED)]:
-            change, deviation = blocks.change(column, int(split))
+            after = (np.arange(count) >= split).astype(np.float64)
+            change, deviation = blocks.change(column, after, int(split))
             ratio = abs(change) / max(deviation, 1e-300)
             if ratio > CHANGE_SIGNIFICANT and abs(change) > least and (best is None or ratio > best[0]):
                 amount = f"{1e3 * abs(change):.2g} ms" if unit == "s" else f"{CHANGE_SHARE * abs(change) / least:.0%}"
                 best = (ratio, f"The {name} is not the same throughout: it differs by some {amount}", int(split))
     if best is not None:
-        at_s = solution.regression.time_s()[best[2] * BLOCK_ROWS]
+        at_s = float(blocks.time_s[best[2]])
         yield Doubt(
             f"{best[1]} before and after {at_s:.3g} s; a clock jumped, readings were lost, or a sensor or the machine "
             "changed: record it again.",
@@ -157,68 +157,3 @@ def _judged(solution: Solution, tick_s: float) -> Iterator[tuple[int, str, float
         if unknown in DELAYS:
             name = f"delay between {DELAYS[unknown]} and torque"
             yield len(solution.linear) + position, name, CHANGE_TICKS * max(tick_s, slowest_s), "s"
-
-
-@dataclass(frozen=True)
-class _Blocks:
-    """Normal equations of each block of rows about the fit: ``gram`` (blocks, p, p), ``score`` (blocks, p).
-
-    Readings' errors in the columns are taken off, as the fit does it: a stretch in which the shaft hardly accelerates
-    would else seem to have less inertia than one in which it does.
-    """
-
-    gram: FloatArray
-    score: FloatArray
-    scale: FloatArray  # of the columns, (p,)
-
-    @classmethod
-    def of(cls, solution: Solution, count: int) -> "_Blocks":
-        jacobian, residual = solution.jacobian, solution.innovation
-        scale = np.linalg.norm(jacobian, axis=0)
-        scale[scale == 0.0] = 1.0  # a free shaft has no torque to go with the inertia
-        rows = (jacobian[: count * BLOCK_ROWS] / scale).reshape(count, BLOCK_ROWS, -1)
-        left = residual[: count * BLOCK_ROWS].reshape(count, BLOCK_ROWS, 1)
-        across = rows.transpose(0, 2, 1)
-        gram, score = np.matmul(across, rows), np.matmul(across, left)[:, :, 0]
-        at = np.arange(len(solution.contamination))
-        in_block = solution.contamination * BLOCK_ROWS / len(residual)
-        gram[:, at, at] -= in_block / scale[at] ** 2
-        linearly = slice(len(solution.linear))
-        score[:, linearly] += in_block[linearly] * solution.linear / scale[linearly]
-        return cls(gram, score, scale)
-
-    def told(self, column: int) -> FloatArray:
-        """The share of what is told of one unknown, the others being unknown too, before each block: (blocks,)."""
-        gram = self.gram.sum(axis=0)
-        others = np.delete(np.arange(len(gram)), column)
-        alone = np.zeros(len(gram))
-        alone[column] = 1.0
-        alone[others] = (
-            -np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-10, hermitian=True) @ gram[others, column]
-        )
-        sizes = np.maximum(np.einsum("i,bij,j->b", alone, self.gram, alone), 0.0)
-        return np.asarray((np.cumsum(sizes) - sizes) / max(sizes.sum(), 1e-300))
-
-    def change(self, column: int, split: int) -> tuple[float, float]:
-        """By how much one unknown changes at ``split``, the others being the same throughout, and its deviation.
-
-        That is one more column: the unknown's own, after the split, less what all the columns explain of it. Where few
-        blocks tell it, on either side, their scatter is no deviation, and nothing is said.
-        """
-        gram = self.gram.sum(axis=0)
-        explained = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ self.gram[split:, :, column].sum(axis=0)
-        after = (np.arange(len(self.gram)) >= split).astype(np.float64)
-        weights = np.zeros((len(self.gram), len(gram))) - explained
-        weights[:, column] += after
-        size = np.einsum("bi,bij,bj->b", weights, self.gram, weights)
-        score = np.sum(weights * self.score, axis=1)
-        if min(_as_many(size[:split]), _as_many(size[split:])) < TELLING_BLOCKS:
-            return 0.0, float("inf")
-        step = float(score.sum() / max(size.sum(), 1e-300))
-        deviation = float(np.sqrt(np.sum((score - step * size) ** 2)) / max(size.sum(), 1e-300))
-        return step / self.scale[column], deviation / self.scale[column]
-
-
-def _as_many(weights: FloatArray) -> float:
-    """How many equal weights would tell as much as these."""
-    return float(weights.sum() ** 2 / max(np.sum(weights**2), 1e-300))

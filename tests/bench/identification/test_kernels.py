@@ -89,8 +89,6 @@ def test_a_released_drives_current_ends_at_once():
     grid = np.array([0.9e-3, 1.5e-3, 3e-3])
     expected = [1.0, 0.0, 2 - 2 * np.exp(-0.7)]
     assert loops.lag_of_held(sent, command, bandwidth, grid, True) == pytest.approx(expected)
-    bank = loops.lag_bank(sent, command, np.array([bandwidth]), grid, 0.0, np.ones(1), True)
-    assert bank[0] == pytest.approx(expected)
     means = loops.mean_lag_of_held(sent, command, bandwidth, 0.25e-3, 0.5e-3, 6, True)
     assert means[:4] == pytest.approx([1.0, 1.0, 0.0, 0.0])
     assert means[4] == pytest.approx(2 - 2 * (1 - np.exp(-0.35)) / 0.35)

@@ -13,8 +13,7 @@ from bench.session.warm_up import warm_up
 
 warm_up()
 called = {core: "sense track feed_forward pass_on advance put_first".split(), network_steps: ["free_motion"]}
-called[loops] = "count_readings filter_at filter_many friction_bank friction_path lag_bank lag_of_held lagrange".split()
-called[loops] += ["mean_lag_of_held"]
+called[loops] = "count_readings filter_at friction_path lag_of_held mean_lag_of_held".split()
 called |= {operators: "bristle stops elasto_plastic".split(), sums: ["part_sums"]}
 print([name for module, names in called.items() for name in names if not getattr(module, name).signatures])
 """

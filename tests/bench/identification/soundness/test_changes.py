@@ -6,7 +6,8 @@ import pytest
 from bench.identification.regression import INERTIA, VISCOUS
 from bench.identification.separable import Solution, solve
 from bench.identification.signals import signals
-from bench.identification.soundness.doubts import BLOCK_ROWS, _Blocks, doubts
+from bench.identification.soundness.blocks import Blocks
+from bench.identification.soundness.doubts import doubts
 from bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
@@ -22,8 +23,7 @@ def coarse() -> Solution:
 
 def test_blocks_add_up_to_a_fit_that_is_at_its_optimum(coarse: Solution) -> None:
     """Were the errors in the columns left in, what pulls at the inertia would not be nil, but all of them."""
-    count = len(coarse.residual) // BLOCK_ROWS
-    blocks = _Blocks.of(coarse, count)
+    blocks = Blocks.of(coarse)
     pull = blocks.score.sum(axis=0)
     scatter = np.sqrt(np.sum(blocks.score**2, axis=0))
     for column in (INERTIA, VISCOUS):
@@ -38,8 +38,7 @@ def test_a_machine_that_stays_the_same_is_not_doubted(coarse: Solution) -> None:
 
 
 def test_what_is_told_grows_from_nothing_to_all(coarse: Solution) -> None:
-    count = len(coarse.residual) // BLOCK_ROWS
-    told = _Blocks.of(coarse, count).told(INERTIA)
+    told = Blocks.of(coarse).told(INERTIA)
     assert told[0] == 0.0
     assert np.all(np.diff(told) >= 0.0)
     assert 0.5 < told[-1] < 1.0
