@@ -16,6 +16,8 @@ from bench.session.progress import PlannedStep, Progress, SessionState
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 # The recorded event that ended a session before its time.
 STOP = "stop"
+# Told in pieces no longer than this, and wherever the estimates changed.
+PIECE_NS = 500_000_000
 
 
 class Replay:
@@ -30,6 +32,7 @@ class Replay:
         self._first_ns, self._last_ns = int(ticks[0]), int(ticks[-1])
         self._live = _changes(recording)
         self._stamps = [live.stamp_ns for live in self._live]
+        self._cuts = sorted({*self._stamps, *range(self._first_ns + PIECE_NS, self._last_ns, PIECE_NS)})
         self._steps = _steps(self.measured, self._last_ns)
         self.speed, self.paused = 1.0, False
         self._from_s, self._since = 0.0, clock()
@@ -95,13 +98,15 @@ class Replay:
         return any(event.kind == STOP for event in self.measured.events)
 
     def _tell_part(self, watcher: Progress, until_ns: int) -> None:
-        """The measurements up to there, cut where the estimates changed."""
-        known = bisect_right(self._stamps, self._told_ns)
-        for live in self._live[known : bisect_right(self._stamps, until_ns - 1)]:
-            watcher.part(self._piece(live.stamp_ns + 1), live)
+        """The measurements up to there, in pieces, and each time what was known by then."""
+        for cut_ns in self._cuts[bisect_right(self._cuts, self._told_ns) : bisect_right(self._cuts, until_ns - 1)]:
+            watcher.part(self._piece(cut_ns + 1), self._known(cut_ns))
         if until_ns > self._told_ns:
-            known = bisect_right(self._stamps, until_ns - 1)
-            watcher.part(self._piece(until_ns), self._live[known - 1] if known else LiveEstimate(0))
+            watcher.part(self._piece(until_ns), self._known(until_ns - 1))
+
+    def _known(self, at_ns: int) -> LiveEstimate:
+        known = bisect_right(self._stamps, at_ns)
+        return self._live[known - 1] if known else LiveEstimate(0)
 
     def _piece(self, until_ns: int) -> Measured:
         # What was said before the first tick is told with it.
