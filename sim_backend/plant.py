@@ -34,8 +34,8 @@ from sim_backend.truth import Truth
 
 Machine = Literal["actuator", "load", "modulator"]
 
-# An open half-bridge: the winding's inductance empties within a fraction of a millisecond.
-RELEASED_RATE_RAD_S = 10_000.0
+# Open half-bridges: the winding empties through their diodes against the supply, 100 µH at 2 A and 24 V within 8 µs.
+RELEASED_RATE_RAD_S = 1e5
 
 _ROWS: dict[Machine, int] = {"actuator": ACTUATOR, "load": LOAD, "modulator": chain.MODULATOR}
 _NOISE_AT_A_TIME = 256

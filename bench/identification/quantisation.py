@@ -43,26 +43,42 @@ BLEND = 4
 MOVING_COUNTS = 8
 MOVING_WITHIN = 31
 SMALLEST_STEP_RAD = 1e-9
-# Differences up to this many steps tell the step; at least this share of them must be whole multiples of it.
+# Differences up to so many of the smallest tell the step, in places so fine. It is sought between these multiples of
+# the smallest: rounding makes a step smaller or greater by less than one of its own.
 TELLING_STEPS = 12
-WHOLE_SHARE = 0.9
-WHOLE_WITHIN = 0.25
+FEWEST_STEPS = 20
+PLACES = 200
+PERIODS, PERIODS_TRIED = (0.95, 1.6), 1301
+# Steps rounded to half a count have a coherence of sinc²(0.5) = 0.41; of no counts at all, one near nil.
+COHERENT = 0.35
+ROUNDED = 0.05
 
 
 def resolution_rad(position_rad: FloatArray) -> float:
-    """The step in which positions come [rad]; 0 where none can be seen."""
+    """The step in which positions come [rad]; 0 where none can be seen.
+
+    Counts that were rounded once more, as where a message carries an angle in hundredths of a degree, come in steps of
+    unlike size. The step is then the one with which they agree best (the greatest coherence of 2π steps/p), and what
+    the rounding adds: a reading's error lies within half of both.
+    """
     steps = np.abs(np.diff(position_rad))
     steps = np.sort(steps[steps > SMALLEST_STEP_RAD])
-    if steps.size < 20:
+    if steps.size < FEWEST_STEPS:
         return 0.0
     # Rounding to a float32 makes equal steps differ a little: the smallest group, not the smallest number.
-    step = float(np.median(steps[steps < 1.5 * steps[steps.size // 200]]))
-    small = steps[steps < TELLING_STEPS * step]
-    for _ in range(3):
-        multiple = np.maximum(np.round(small / step), 1)
-        step = float((small @ multiple) / (multiple @ multiple))
-    whole = np.abs(small / step - np.round(small / step)) < WHOLE_WITHIN
-    return step if small.size >= 20 and np.mean(whole) >= WHOLE_SHARE else 0.0
+    least = float(np.median(steps[steps < 1.1 * steps[steps.size // 200]]))
+    small = steps[steps < TELLING_STEPS * least]
+    places, times = np.unique(np.round(small / least * PLACES), return_counts=True)
+    trial = np.linspace(*PERIODS, PERIODS_TRIED)
+    coherence = np.cos(2 * np.pi * np.outer(1.0 / trial, places / PLACES)) @ times / small.size
+    step = least * float(trial[np.argmax(coherence)])
+    if small.size < FEWEST_STEPS or np.max(coherence) < COHERENT:
+        return 0.0
+    multiple = np.maximum(np.round(small / step), 1)
+    step = float((small @ multiple) / (multiple @ multiple))
+    # The difference of two errors, each anywhere within ± half of the rounding: its variance is a sixth of the square.
+    rounding = float(np.sqrt(6.0 * np.mean((small - multiple * step) ** 2)))
+    return step + (rounding if rounding > ROUNDED * step else 0.0)
 
 
 def moving(path_rad: FloatArray, step_rad: float) -> npt.NDArray[np.bool_]:

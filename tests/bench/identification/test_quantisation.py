@@ -54,3 +54,20 @@ def test_a_shaft_at_rest_on_an_edge_does_not_travel(spread):
     readings = read(STEP * (5 + spread * rng.standard_normal(2000)))
     travelled = np.abs(np.diff(readings)).sum()
     assert np.abs(np.diff(unquantised(readings, STEP)))[100:-100].sum() < 0.1 * travelled
+
+
+@pytest.mark.parametrize("counts", [4096, 5000, 8192])
+def test_counts_that_were_rounded_once_more_are_seen(counts):
+    """A message that carries a fiftieth of a degree, as a VESC's: 0.349 mrad, and counts of 0.77 to 1.5 mrad."""
+    count, rounding = 2 * np.pi / counts, np.radians(0.02)
+    time_s = np.arange(0, 20, 1e-3)
+    motion = 3.0 * np.sin(0.7 * time_s) + 0.3 * np.sin(9.0 * time_s)
+    read = np.round(np.floor(motion / count) * count / rounding) * rounding
+    assert resolution_rad(read) == pytest.approx(count + rounding, rel=0.05)
+    assert np.max(np.abs(read + 0.5 * count - motion)) <= 0.5 * resolution_rad(read)
+
+
+def test_a_reading_without_counts_has_no_step():
+    rng = np.random.default_rng(2)
+    assert resolution_rad(np.cumsum(rng.normal(size=5000)) * 1e-4) == 0.0
+    assert resolution_rad(np.sin(np.arange(5000) * 1e-3) + 1e-5 * rng.normal(size=5000)) == 0.0
