@@ -36,6 +36,9 @@ STOP_LEVEL = 2.4
 TAKEN_BACK_NM = (1.4e-3, 1.8e-3, 2.2e-3, 2.6e-3)
 STOP_ROUNDS = 2
 APPROACH_RAD_S, CREEP_RAD_S, CREEP_S = 2.0, 0.1, 0.25
+# Torque that goes with the position must not be the same at every stop: each approach is longer by another share of
+# half a radian, evenly spread (multiples of the golden ratio).
+LONGER_S, GOLDEN = 0.25, 0.618034
 STOP_S, STOP_LOOK_S = 0.5, 0.3
 
 
@@ -120,13 +123,13 @@ class SlowStops(_Motor):
     name: ClassVar[str] = "gallery stops"
 
     def duration_s(self, rig: Rig) -> float:
-        return len(list(self._all())) * (3 * MOVE_S + CREEP_S + STOP_S)
+        return len(list(self._all())) * (3 * MOVE_S + 0.5 * LONGER_S + CREEP_S + STOP_S)
 
     def plan(self, known: Knowledge) -> Plan:
         tick_s, level = known.tick_s, STOP_LEVEL * threshold_of(known)
-        for taken_nm, sign, side in self._all():
+        for count, (taken_nm, sign, side) in enumerate(self._all()):
             label, command = f"{taken_nm:g} {sign:+.0f} {side:+.0f}", sign * level
-            approach = self._approach(side, tick_s)
+            approach = self._approach(side, count * GOLDEN % 1.0, tick_s)
             commands = np.full(len(approach.velocity_rad_s), command)
             rise = ramp(0.0, command, MOVE_S, tick_s)
             commands[: len(rise)] = rise
@@ -149,9 +152,14 @@ class SlowStops(_Motor):
                         yield taken_nm, sign, sign * with_command
 
     @staticmethod
-    def _approach(side: float, tick_s: float) -> Motion:
+    def _approach(side: float, longer: float, tick_s: float) -> Motion:
         fast, slow = side * APPROACH_RAD_S, side * CREEP_RAD_S
-        parts = (ramp(0.0, fast, MOVE_S, tick_s), ramp(fast, slow, MOVE_S, tick_s), hold(slow, CREEP_S, tick_s))
+        parts = (
+            ramp(0.0, fast, MOVE_S, tick_s),
+            hold(fast, longer * LONGER_S, tick_s),
+            ramp(fast, slow, MOVE_S, tick_s),
+            hold(slow, CREEP_S, tick_s),
+        )
         return from_velocity(np.concatenate(parts), tick_s)
 
 

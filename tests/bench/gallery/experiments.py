@@ -13,7 +13,7 @@ from tests.bench.half_rate import RIGS, half_rate
 FEWER = {
     "motor": (FreeLevels(rounds=4), SteadySpeeds(rounds=3), SlowStops()),
     "muscle": (MuscleSweeps(rounds=3),),
-    "arms": (TwoPorts(rounds=2),),
+    "arms": (TwoPorts(rounds=3),),
 }
 SLOW = ("muscle", "spring", "in situ")
 
