@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import ExperimentError
+from bench.identification.bootstrap import Simulation
 from bench.identification.bounds import possible
 from bench.identification.coupling import Coupling
 from bench.identification.expansion import Expansion, Sums
@@ -101,8 +102,7 @@ def model_error(
     result: FitResult, at: Expansion, fitted: Sequence[Signals], unseen: Sequence[Signals], measured: Measured
 ) -> ModelError:
     """Of a fit to ``fitted``, expanded ``at`` its own values."""
-    usual = _usual(result, at, unseen)
-    found = _told_apart(at, departures(at, usual.share), usual)
+    found, usual = _named(result, at, unseen)
     zero = _zero(at, measured)
     mean_squares, noise_nm2 = _mean_squares(at, zero)
     velocity_rad_s = _velocity(result, at.zero.moved(-zero.standing_nm), (*fitted, *unseen), measured)
@@ -129,17 +129,25 @@ class _Usual:
     left_nm2: float = 0.0
 
 
-def _usual(result: FitResult, at: Expansion, unseen: Sequence[Signals]) -> _Usual:
-    """From the records that were simulated with the fit for the truth; they are only asked where something is to be
-    named, or much is left. What they show of an error is known to its own size, as a bias is: it may be twice that."""
-    if result.simulation is None or not (departures(at) or _mostly_no_noise(at, _without_cogging(at), _Usual())):
-        return _Usual()
-    tick_s = result.simulation.readings.tick_s
-    simulated = [
-        Expansion.of(result, signals(record, tick_s, Use.IDENTIFY), _unseen(record, tick_s))
-        for record in result.simulation.over(tuple(unseen)).records()
-    ]
-    return _Usual(TWICE**2 * max(map(greatest_share, simulated)), max(map(_without_cogging, simulated)))
+def _named(result: FitResult, at: Expansion, unseen: Sequence[Signals]) -> tuple[tuple[Departure, ...], _Usual]:
+    """What is no error of the readings; the simulated records are only asked where something is to be named, or much
+    is left."""
+    found, usual = departures(at), _Usual()
+    suspicious = found or _mostly_no_noise(at, _without_cogging(at), usual)
+    if suspicious and result.simulation is not None:
+        usual = _usual(result, result.simulation.over(tuple(unseen)))
+        found = departures(at, usual.share)
+    return _told_apart(at, found, usual), usual
+
+
+def _usual(result: FitResult, simulation: Simulation) -> _Usual:
+    """From the records that were simulated with the fit for the truth. What they show of an error is known to its own
+    size, as a bias is: it may be twice that."""
+    tick_s, share, left_nm2 = simulation.readings.tick_s, 0.0, 0.0
+    for record in simulation.records():
+        at = Expansion.of(result, signals(record, tick_s, Use.IDENTIFY), _unseen(record, tick_s))
+        share, left_nm2 = max(share, greatest_share(at)), max(left_nm2, _without_cogging(at))
+    return _Usual(TWICE**2 * share, left_nm2)
 
 
 def _unseen(measured: Measured, tick_s: float) -> tuple[Signals, ...]:

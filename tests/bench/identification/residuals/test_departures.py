@@ -7,7 +7,7 @@ import pytest
 
 from bench.identification.expansion import Expansion, Sums
 from bench.identification.held_out import LEAST_GAIN
-from bench.identification.residuals.departures import departures
+from bench.identification.residuals.departures import departures, greatest_share
 from bench.identification.signals import signals
 from bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S, Truth
@@ -101,3 +101,10 @@ def test_the_zero_is_that_of_the_fit(at, result):
 
 def test_the_least_gain_is_what_the_ladder_asks_for():
     assert LEAST_GAIN == 0.01
+
+
+def test_what_errors_of_readings_alone_explain_as_well_is_not_named(experiment, result):
+    at = with_torque(experiment, result, CAUSES["drag"])
+    share = greatest_share(at)
+    assert departures(at, 0.9 * share)
+    assert departures(at, 1.1 * share) == ()
