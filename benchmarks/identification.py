@@ -88,7 +88,7 @@ def outcomes(rig: Rig, seed: int, condition: str) -> Iterator[Outcome]:
     result = fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s, coupling=coupling)
     truth = read_truth(rig.simulated, seed=seed, place=rig.place, command_unit=rig.command.unit)
     true = {name: true_parameters(truth, rig.command.unit)[name][0] for name in PHYSICAL}
-    best = bounds(stretches, result, true, noise(truth))
+    best = bounds(stretches, result, true, noise(truth, stretches, rig))
     for name in PHYSICAL:
         estimate = result.estimate(name)
         error, std = estimate.value / true[name] - 1.0, estimate.std / abs(true[name])
@@ -97,9 +97,21 @@ def outcomes(rig: Rig, seed: int, condition: str) -> Iterator[Outcome]:
         yield Outcome(condition, seed, name, error, std, *best[name], valid, result.converged, data_s)
 
 
-def noise(truth: Truth) -> bound.Noise:
-    """What torque sensor and encoder add to a reading; the shaft may stand anywhere within the count that is read."""
-    return bound.Noise(truth.torque_sensor.noise_nm, 2 * np.pi / truth.actuator.counts_per_turn / np.sqrt(12))
+def noise(truth: Truth, stretches: tuple[Signals, ...], rig: Rig) -> bound.Noise:
+    """What torque sensor, encoder and wire add to a reading, by their true values.
+
+    The shaft may stand anywhere within the step in which its position comes, be it the encoder's count or the drive's
+    word. A drive in MIT mode reads when a command arrives, and answers: the time from command to answer then tells half
+    of the variance of either's travel.
+    """
+    answers_commands = rig.wiring.actuator.driver == "mit"
+    travel_s = truth.transport.can_jitter_ns * 1e-9 / np.sqrt(3)
+    if answers_commands:
+        travel_s /= np.sqrt(2)
+    step_rad = max(2 * np.pi / truth.actuator.counts_per_turn, stretches[0].count_rad)
+    return bound.Noise(
+        truth.torque_sensor.noise_nm, step_rad / np.sqrt(12), travel_s if answers_commands else 0.0, travel_s
+    )
 
 
 def bounds(
@@ -108,8 +120,9 @@ def bounds(
     """Cramér-Rao, relative, by parameter: of both noises, and of the torque sensor's alone."""
     known = [replace(result.estimate(name), value=value) for name, value in true.items()]
     network = network_of(known, result.network.command_unit)
-    at = Linearised(network, result.command_delay_s, result.motion_delay_s, bound.WIDE_BAND)
-    both, alone = bound.information(stretches, at, noise), information(stretches, at, noise.torque_nm)
+    at = replace(Linearised.at(result), network=network, band=bound.WIDE_BAND)
+    both = bound.information(stretches, at, noise, motion_band=result.band)
+    alone = information(stretches, at, noise.torque_nm)
     deviations = [np.sqrt(np.diag(np.linalg.pinv(matrix, hermitian=True))) for matrix in (both, alone)]
     return {name: (float(least), float(of_torque)) for name, least, of_torque in zip(KNOWN, *deviations, strict=True)}
 

@@ -201,7 +201,7 @@ def numbers_of(result: FitResult, rig: Rig, seed: int, recording: Path) -> tuple
     true = {name: true_parameters(truth, rig.command.unit)[name][0] for name in PHYSICAL}
     measured = sound(read_recording(recording, raw_frames=False).measured).measured
     stretches = signals(measured, rig.tick_s, Use.IDENTIFY)
-    best = bounds(stretches, result, true, noise(truth))
+    best = bounds(stretches, result, true, noise(truth, stretches, rig))
     return tuple(
         Number(
             name,

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bench.identification import loops
 from bench.identification.information import Excitation, Linearised, Slopes, information, planned_signals
 from bench.identification.signals import FINE, Stream
 from bench.models.network import NortonNetwork
@@ -39,7 +40,9 @@ def stretch(ticks, amplitude_rad=0.02):
 def covariance(response, noise):
     """Σ and H, dense."""
     path = response.direct + response.held @ np.linalg.inv(response.memory.toarray()) @ response.entry
-    return noise.torque_nm**2 * np.eye(len(path)) + noise.position_rad**2 * path @ path.T, path
+    read = np.diag(noise.position_rad**2 + (noise.reading_s * response.velocity_rad_s) ** 2)
+    late = noise.command_s * (np.linalg.inv(response.lag.toarray()) @ response.late)[response.used]
+    return noise.torque_nm**2 * np.eye(len(path)) + path @ read @ path.T + late @ late.T, path
 
 
 def with_a_rest(signals):
@@ -51,18 +54,19 @@ def with_a_rest(signals):
 
 def test_what_it_solves_is_what_dense_algebra_gives():
     parts = (with_a_rest(stretch(300)), with_a_rest(stretch(260, 0.005)))
+    uneven = replace(NOISE, reading_s=5e-5, command_s=1e-4)
     slopes = Slopes.of(parts, AT)
     columns = np.concatenate([slopes.wanted, slopes.others, slopes.memory.columns()])
     whole, first = np.zeros((columns.shape[1],) * 2), 0
     for rows in slopes.regression.rows:
-        sigma, _ = covariance(PathResponse.along(rows, AT), NOISE)
+        sigma, _ = covariance(PathResponse.along(rows, AT), uneven)
         last = first + len(sigma)
         whole[first:last, first:last] = sigma
         first = last
     scale = np.linalg.norm(columns, axis=1)
     products = columns / scale[:, None] @ np.linalg.solve(whole, (columns / scale[:, None]).T)
     expected = np.linalg.pinv(products, rcond=1e-14, hermitian=True)[:9, :9] / np.outer(scale[:9], scale[:9])
-    found = np.linalg.inv(bound.information(parts, AT, NOISE))
+    found = np.linalg.inv(bound.information(parts, AT, uneven))
     np.testing.assert_allclose(np.diag(found), np.diag(expected), rtol=1e-6)
 
 
@@ -71,6 +75,32 @@ def test_an_exact_encoder_leaves_the_bound_of_the_torque_sensor():
     exact = bound.information(parts, AT, replace(NOISE, position_rad=0.0))
     alone = information(parts, AT, NOISE.torque_nm)
     np.testing.assert_allclose(exact, alone, rtol=1e-7, atol=1e-9 * np.max(alone))
+
+
+def test_a_late_command_leaves_out_what_the_lag_says():
+    at = replace(AT, command_delay_s=0.0)
+    signals = stretch(400)
+    response = PathResponse.along(Slopes.of((signals,), at).regression.rows[0], at)
+    late_s, command = 1e-4, 200
+    sent_s = signals.sent_s.copy()
+    sent_s[command] += late_s
+    step_s = TICK_S / FINE
+    torque = [
+        NETWORK.torque_gain
+        * loops.mean_lag_of_held(
+            sent, signals.command, NETWORK.amplifier_bandwidth_rad_s, 0.0, step_s, 400 * FINE, False
+        )
+        for sent in (signals.sent_s, sent_s)
+    ]
+    lost = np.mean((torque[0] - torque[1]).reshape(400, FINE), axis=1)
+    one = np.zeros(400)
+    one[command] = late_s
+    expected = np.linalg.solve(response.lag.toarray(), response.late @ one)
+    assert abs(np.sum(expected)) > 0
+    # Seen through any low-pass, the sum counts, and where it lies to within a tick.
+    np.testing.assert_allclose(np.abs(np.sum(expected)), np.abs(np.sum(lost)), rtol=0.02)
+    ticks = np.arange(400)
+    assert abs(expected @ ticks / np.sum(expected) - lost @ ticks / np.sum(lost)) < 1.0
 
 
 def test_readings_that_tell_less_never_narrow_the_bound():
