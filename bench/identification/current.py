@@ -19,7 +19,6 @@ from bench.models.parameters import BY_NAME, Estimate, Status
 
 FloatArray = npt.NDArray[np.float64]
 
-FLOOR = 0.001
 DELAY_STEPS = 6
 LEAST_READINGS = 50
 # Currents come in steps where so many readings share a value; fewer on one do not make it count for less.
@@ -28,7 +27,8 @@ READINGS_A_STEP = 20
 
 @dataclass(frozen=True)
 class CurrentFit:
-    """Ka [A per command] and Km [N m/A], each with its deviation."""
+    """Ka [A per command] and Km [N m/A], each with its deviation. Amperes are the drive's own: nothing here
+    tells how well its current sensor is calibrated."""
 
     amplifier_gain: float
     amplifier_gain_std: float
@@ -74,7 +74,7 @@ def fit_current(
     columns, residual = columns * weight, residual * weight
     covariance = sandwich(columns.T, residual, np.concatenate([time_s for time_s, _ in readings]))
     unseen = 0.0 if steps is None else steps.deviation(columns)
-    std = float(np.sqrt(covariance[0, 0] + (FLOOR * gain) ** 2 + unseen**2))
+    std = float(np.sqrt(covariance[0, 0] + unseen**2))
     constant = torque_gain / gain
     relative = np.hypot(std / gain, torque_gain_std / torque_gain)
     return CurrentFit(float(gain), std, float(constant), float(abs(constant) * relative))

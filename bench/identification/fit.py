@@ -40,7 +40,8 @@ PHYSICAL = (
 )
 # What free motion tells only as a ratio to the torque gain.
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
-# The command must explain this many times what nothing explains, or the port's torque sets no scale.
+# The command must explain this many times what nothing explains, or the port's torque sets no scale: errors in what
+# explains a torque make its scale too small by the square of their share, here by 1/25, which can be taken off.
 LEAST_EVIDENCE = 5.0
 # Deviations to which a residual can be told from the noise in it.
 TOLD_FROM_NOISE = 2.0

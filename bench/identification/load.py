@@ -33,8 +33,6 @@ DELAY_STEPS = 8
 GRAVITY = 1.0
 LEFT_BY_A_MOTOR = 0.05
 WORTHWHILE = 0.8
-# As FLOOR in fit: what no residual shows, relative.
-STIFFNESS_FLOOR = 0.01
 
 
 @dataclass(frozen=True)
@@ -152,9 +150,8 @@ def _spring(
     covariance = sandwich(columns.T, twist - solution @ columns, time_s)
     compliance, uncertain = above_zero(float(compliance), float(np.sqrt(covariance[0, 0])))
     stiffness = 1.0 / compliance
-    deviation = np.hypot(uncertain * stiffness**2, STIFFNESS_FLOOR * stiffness)
     damping_deviation = np.sqrt(covariance[1, 1]) * stiffness
-    return float(stiffness), float(deviation), float(relaxation_s * stiffness), float(damping_deviation)
+    return float(stiffness), float(uncertain * stiffness**2), float(relaxation_s * stiffness), float(damping_deviation)
 
 
 def above_zero(value: float, std: float) -> tuple[float, float]:

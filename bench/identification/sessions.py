@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification import current
 from bench.identification.fit import PHYSICAL, network_of
 from bench.identification.random_effects import Combined, combine
 from bench.identification.results import FitResult
@@ -16,8 +15,6 @@ from bench.models.parameters import PARAMETERS, Estimate, Status
 
 FloatArray = npt.NDArray[np.float64]
 
-# The relative error of the gain of the drive's own current sensor.
-OF_CURRENT = {"torque_constant": current.FLOOR, "amplifier_gain": current.FLOOR}
 # What chance may name, of all parameters together, as different between sessions where nothing is.
 ALARM = 0.05
 # Probabilities below this say no more than that they are.
@@ -89,8 +86,7 @@ def _combined(name: str, takers: Sequence[Fitted]) -> Combined:
     values = np.array([each.value for each in estimates])
     # What a fit makes alike in every session of one bench: no average makes it smaller.
     repeated = [session.fit.repeated_std.get(name, 0.0) for session in takers]
-    shared = float(np.mean(repeated) + OF_CURRENT.get(name, 0.0) * np.mean(np.abs(values)))
-    return combine(values, np.array([each.std for each in estimates]), shared)
+    return combine(values, np.array([each.std for each in estimates]), float(np.mean(repeated)))
 
 
 def _estimate(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> Estimate:
