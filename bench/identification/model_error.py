@@ -213,11 +213,11 @@ def judged(result: FitResult, error: ModelError | None) -> FitResult:
     estimates = tuple(_judged(each, error, undoubted=undoubted) for each in result.estimates)
     concerned = [each.name for each in estimates if each.status is Status.INADEQUATE]
     said = sentences(error, concerned)
-    network = _widened(result, estimates).with_provenance({"model": said[0]})
+    network = widened(result, estimates).with_provenance({"model": said[0]})
     return replace(told, estimates=estimates, network=network, verdict=(*said, *told.verdict))
 
 
-def _widened(result: FitResult, estimates: Sequence[Estimate]) -> NortonNetwork:
+def widened(result: FitResult, estimates: Sequence[Estimate]) -> NortonNetwork:
     """The network with the deviations of ``estimates``, correlated as they were."""
     network = result.network
     std = {estimate.name: estimate.std for estimate in estimates}

@@ -6,6 +6,7 @@ from math import isfinite
 import numpy as np
 
 from bench.guard.commands import Limited
+from bench.identification.live.moved import changes
 from bench.loop.timing import LoopTiming, loop_timing, timing_rows, timing_sentence
 from bench.records import FOR_PROGRAMS, Table
 from bench.report.data import ReportData
@@ -176,8 +177,19 @@ def live_section(data: ReportData) -> Section | None:
         "The live estimates while the bench was running, with their 95 % bands; the line is the final fit. The scale "
         "is that of the last two thirds, so that the beginning may lie outside."
     )
-    return Section(
-        "live", "How it was learnt", (), ((svg(live_figure(data.live, time_s, data.fit), "live", caption), caption),)
+    figure = svg(live_figure(data.live, time_s, data.fit), "live", caption)
+    return Section("live", "How it was learnt", _beside_final(data), ((figure, caption),))
+
+
+def _beside_final(data: ReportData) -> tuple[str, ...]:
+    """How far the last live values are from the final ones."""
+    compared = () if data.fit is None else changes(data.live[-1].estimates, data.fit)
+    if not compared:
+        return ()
+    furthest = max(compared, key=lambda change: abs(change.deviations))
+    return (
+        f"The last live values of {len(compared)} parameters lie within {abs(furthest.deviations):.1f} standard "
+        f"deviations of the final ones; {furthest.final.name.replace('_', ' ')} is the furthest off.",
     )
 
 

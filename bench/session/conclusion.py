@@ -17,6 +17,7 @@ from bench.identification.bounds import beyond_bounds, possible
 from bench.identification.fit import fit_signals
 from bench.identification.in_situ import InSituResult, in_situ_result
 from bench.identification.ladder import Rung
+from bench.identification.live.moved import with_what_moved
 from bench.identification.load import coupling_of
 from bench.identification.model_error import ModelError, expanded, judged, model_error, of_ladder
 from bench.identification.model_free.port_torque import PortTorque
@@ -31,7 +32,7 @@ from bench.identification.tables.modulator import ModulatorPlaces, modulator_pla
 from bench.identification.tables.source_table import SourceTable, source_table
 from bench.identification.trials import TrialFigures, trials
 from bench.identification.validation import validate_signals
-from bench.models.parameters import Status
+from bench.models.parameters import Estimate, Status
 from bench.procedures.iterate import IterateProcedure
 from bench.recording.contents import RecordedEstimates, Recording
 from bench.recording.reader import read_recording
@@ -102,7 +103,8 @@ def conclude(
     if in_situ is not None:
         found = replace(found, motion_file=_source_saved(in_situ, out / f"{recording.stem}.source.csv"))
     if Use.IDENTIFY in uses:
-        found = _identified(found, measured, about, out / f"{recording.stem}.network.json")
+        learnt = live[-1].estimates if live else ()
+        found = _identified(found, measured, about, out / f"{recording.stem}.network.json", learnt)
     page = ReportData(
         rig_name=metadata["rig"],
         rig_text=rig_text,
@@ -130,7 +132,9 @@ def conclude(
     return replace(found, report=write_report(out / f"{recording.stem}.report.html", page))
 
 
-def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, str], network: Path) -> Conclusion:
+def _identified(
+    found: Conclusion, measured: Measured, metadata: Mapping[str, str], network: Path, learnt: Sequence[Estimate]
+) -> Conclusion:
     """What needs no model, and the motor where the actuator is one."""
     tick_s, believed = float(metadata["tick_s"]), sound(measured)
     told = believed.measured
@@ -145,11 +149,13 @@ def _identified(found: Conclusion, measured: Measured, metadata: Mapping[str, st
     if metadata.get("model") == NO_MODEL:
         judged = tabulated_conditions(found.source, found.exertion)
         return replace(found, source_map=_where_measured(source_map, told), conditions=judged)
-    return _fitted(found, believed, metadata, network)
+    return _fitted(found, believed, metadata, network, learnt)
 
 
-def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], network: Path) -> Conclusion:
-    """The motor's parameters, and what checks them."""
+def _fitted(
+    found: Conclusion, believed: Sound, metadata: Mapping[str, str], network: Path, learnt: Sequence[Estimate]
+) -> Conclusion:
+    """The motor's parameters, and what checks them; ``learnt`` are the live values at the end."""
     tick_s, segments = float(metadata["tick_s"]), believed.measured.segments
     stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
     validates = any(segment.use is Use.VALIDATE for segment in segments)
@@ -159,7 +165,7 @@ def _fitted(found: Conclusion, believed: Sound, metadata: Mapping[str, str], net
     fit = possible(fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings))
     at = expanded(fit, stretches, unseen)
     error = None if at is None else model_error(fit, at, stretches, unseen, believed.measured)
-    result, rungs = judged(fit, error), bench_ladder(stretches, fit)
+    result, rungs = with_what_moved(judged(fit, error), fit, learnt), bench_ladder(stretches, fit)
     if error is not None and (error.departures or error.unexplained):
         result = replace(result, verdict=(*result.verdict, *of_ladder(rungs)))
     zero = None if at is None else at.zero

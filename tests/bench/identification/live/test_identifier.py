@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.identification.fit import fit
 from bench.identification.live.identifier import LATEST_S, LiveIdentifier
+from bench.identification.live.moved import changes
 from bench.models.parameters import Status
 from bench.segments import Use
 from tests.bench.identification import synthetic
@@ -105,6 +107,9 @@ def test_slow_drift_is_followed_and_the_rest_stays():
     half = at(history, measured, 60.0)
     assert half["viscous_damping"].value == pytest.approx(1.15 * Truth().viscous_damping, rel=0.025)
     assert half["coulomb_torque"].value == pytest.approx(1.1 * Truth().coulomb_torque, rel=0.025)
+    overall = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=0)
+    moved = [change.final.name for change in changes(history[-1].estimates, overall) if change.significant]
+    assert {"viscous_damping", "coulomb_torque"} <= set(moved) <= set(changed)
 
 
 def spoilt(part, how, rng):
