@@ -224,10 +224,7 @@ def _judged(result: "SessionResult", output: Output) -> int:
     if missed:
         output.say(f"{missed} of {len(result.expectations)} expectations were not met")
         return ExitCode.EXPERIMENT_FAILED
-    if found.fit is not None and not found.fit.converged:
-        output.say("the fit did not converge: these parameters are no result; see the report for what was not excited")
-        return ExitCode.EXPERIMENT_FAILED
-    if found.fit is not None and found.fit.doubtful:
-        output.say("the data contradict themselves: what is called doubtful is no result; the verdict says why")
+    if found.fit is not None and found.fit.shortcoming:
+        output.say(found.fit.shortcoming)
         return ExitCode.EXPERIMENT_FAILED
     return ExitCode.OK

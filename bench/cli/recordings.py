@@ -61,8 +61,10 @@ def fit(
     output.say(f"fitting {first}")
     _, found = conclude_recording(first, _made(out))
     output.result(identification(found, first), summary(found, first))
-    sound = found.fit is None or (found.fit.converged and not found.fit.doubtful)
-    return ExitCode.OK if sound else ExitCode.EXPERIMENT_FAILED
+    if found.fit is not None and found.fit.shortcoming:
+        output.say(found.fit.shortcoming)
+        return ExitCode.EXPERIMENT_FAILED
+    return ExitCode.OK
 
 
 def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...]) -> None:

@@ -97,6 +97,20 @@ class FitResult:
         return any(estimate.status is Status.DOUBTFUL for estimate in self.estimates)
 
     @property
+    def shortcoming(self) -> str:
+        """Why its values, or some of them, are no results; empty where they all are what they claim to be."""
+        if not self.converged:
+            return "the fit did not converge: these parameters are no result; see the report for what was not excited"
+        if self.doubtful:
+            return "the data contradict themselves: what is called doubtful is no result; the verdict says why"
+        if any(estimate.status is Status.INADEQUATE for estimate in self.estimates):
+            return (
+                "the actuator does what the model does not have: what is called inadequate is no result; the "
+                "verdict says what, and the network says how far its predictions are off"
+            )
+        return ""
+
+    @property
     def ratios_only(self) -> bool:
         """Whether only the free motion told anything: everything is then per unit of torque gain."""
         return "scale" in self.network.provenance

@@ -101,10 +101,10 @@ class Outcome:
         return self.result.conclusion.report
 
     def converged(self) -> bool:
-        """The fit is a result, and the data do not contradict themselves."""
+        """The fit is a result: the data do not contradict themselves, and the actuator does what the model has."""
         __tracebackhide__ = True
         fit = self.result.conclusion.fit
-        met = fit is not None and fit.converged and not fit.doubtful
+        met = fit is not None and not fit.shortcoming
         said = "nothing was measured to fit" if fit is None else "; ".join(fit.verdict) or "the fit did not converge"
         return _assert(Judged("fit", met, said))
 

@@ -82,7 +82,7 @@ def exit_code_of_result(found: Conclusion, expected: tuple[Judged, ...] = ()) ->
     """A fit that is no result is a failure, and so is an expectation that was not met; nothing to fit is none."""
     if not all(judged.met for judged in expected):
         return ExitCode.EXPERIMENT_FAILED
-    if found.fit is not None and (not found.fit.converged or found.fit.doubtful):
+    if found.fit is not None and found.fit.shortcoming:
         return ExitCode.EXPERIMENT_FAILED
     return ExitCode.OK
 

@@ -143,4 +143,4 @@ def carry_out(task: Task) -> Outcome:
 def _outcome(name: str, found: FitResult | None, true: Mapping[str, float]) -> Outcome:
     if found is None:
         return Outcome(name, failure="nothing was measured to fit; the session needs a step 'free' or 'imposed'")
-    return Outcome(name, found.estimates, found.converged and not found.doubtful, true)
+    return Outcome(name, found.estimates, not found.shortcoming, true)

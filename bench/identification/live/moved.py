@@ -1,4 +1,4 @@
-"""Live values at the session's end beside those of all of it: a parameter that moved meanwhile is said to have moved."""
+"""Live values at the session's end beside the final ones: a parameter that moved meanwhile is said to have moved."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +50,7 @@ def changes(live: Sequence[Estimate], final: FitResult) -> tuple[Change, ...]:
 
 
 def with_what_moved(result: FitResult, fit: FitResult, live: Sequence[Estimate]) -> FitResult:
-    """``result`` with a sentence on each parameter whose live values end elsewhere than ``fit``, and wide enough for it.
+    """``result`` with a sentence on each parameter whose live values end elsewhere than ``fit``, wide enough for them.
 
     ``result`` is ``fit`` with the deviations that the model's error gives. What moves evenly past its mean deviates
     from it by the distance to either end over the square root of 3.

@@ -188,16 +188,19 @@ def test_a_fit_that_did_not_converge_is_a_failure(
     assert "did not converge" in streams.err
 
 
-def test_data_that_contradict_themselves_are_a_failure(
-    engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("status", "said"), [(Status.DOUBTFUL, "contradict themselves"), (Status.INADEQUATE, "the model does not have")]
+)
+def test_a_value_that_is_no_result_is_a_failure(
+    engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str], status: Status, said: str
 ) -> None:
     (estimate,) = engine.fit.estimates
-    engine.fit = replace(engine.fit, estimates=(replace(estimate, status=Status.DOUBTFUL),))
+    engine.fit = replace(engine.fit, estimates=(replace(estimate, status=status),))
     code = app.main(["identify", str(RIG), "--out", str(tmp_path), "--json"])
     streams = capsys.readouterr()
     assert code == ExitCode.EXPERIMENT_FAILED
-    assert json.loads(streams.out)["parameters"]["inertia"]["status"] == "doubtful"
-    assert "contradict themselves" in streams.err
+    assert json.loads(streams.out)["parameters"]["inertia"]["status"] == status.value
+    assert said in streams.err
 
 
 def test_runs_go_to_a_folder_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
