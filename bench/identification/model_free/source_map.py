@@ -10,6 +10,7 @@ from bench.errors import ExperimentError
 from bench.identification.model_free.branches import resting
 from bench.identification.model_free.dwells import PIECES, RESAMPLES, SKIPPED_SHARE, pieces_of, settled
 from bench.identification.model_free.port_torque import PortTorque
+from bench.identification.noise import deviation
 from bench.identification.results import BlockedMap, SourceMap
 from bench.records import Measured, SegmentInfo, Table
 
@@ -37,13 +38,14 @@ def source_map(measured: Measured, port: PortTorque | None = None) -> SourceMap:
     command, rising = np.array([level.command for level in levels]), np.array([level.rising for level in levels])
     velocity, span_s = np.stack([level.velocity for level in levels]), np.array([level.span_s for level in levels])
     found = settled(velocity, span_s)
-    deviation = np.std(found.resampled, axis=0)
-    source = SourceMap(command, found.velocity, deviation, rising, found.resampled, found.settling_s)
+    std = np.std(found.resampled, axis=0)
+    source = SourceMap(command, found.velocity, std, rising, found.resampled, found.settling_s)
     torque = np.stack([level.torque_nm for level in levels])
     if port is None or not np.isfinite(torque).all():
         return source
     time_s = np.array([level.middle_ns - port.origin_ns for level in levels]) * 1e-9
-    return _without_torque(source, velocity, span_s, torque, time_s, port)
+    noise_nm = np.array([level.torque_noise_nm for level in levels])
+    return _without_torque(source, velocity, span_s, torque, noise_nm, time_s, port)
 
 
 def _without_torque(
@@ -51,12 +53,14 @@ def _without_torque(
     velocity: FloatArray,
     span_s: FloatArray,
     torque: FloatArray,
+    noise_nm: FloatArray,
     time_s: FloatArray,
     port: PortTorque,
 ) -> SourceMap:
     """``source`` with each moving level taken to where the port has no torque; a shaft at rest is held by its friction.
 
-    ``velocity`` and ``torque`` [N m] are in pieces (levels, PIECES), as read; ``time_s`` (levels,) is each level's.
+    ``velocity`` and ``torque`` [N m] are in pieces (levels, PIECES), as read; ``noise_nm`` (levels,) is what the noise
+    of readings leaves unknown of a level's mean, and ``time_s`` (levels,) each level's instant.
     """
     port_nm = torque - port.zero.at(time_s)[:, None]
     slopes = np.array([port.slope(*level) for level in zip(source.command, source.velocity_rad_s, strict=True)])
@@ -76,7 +80,8 @@ def _without_torque(
         velocity_std_rad_s=np.std(drawn, axis=0),
         resampled_rad_s=drawn,
         port_torque_nm=mean_nm,
-        port_torque_std_nm=np.hypot(scatter_nm, zero_std_nm),
+        # Feedback that holds the reading's mean at zero takes the noise out of the pieces, not out of what is known.
+        port_torque_std_nm=np.hypot(np.maximum(scatter_nm, noise_nm), zero_std_nm),
     )
 
 
@@ -88,12 +93,14 @@ class _Level:
     rising: bool
     velocity: FloatArray
     torque_nm: FloatArray
+    torque_noise_nm: float  # deviation of their mean, of the noise of readings alone
     span_s: float
     middle_ns: int
 
 
 def _levels(measured: Measured) -> Iterator[_Level]:
     torque = measured.torque[measured.torque["valid"]]
+    noise_nm = deviation(torque["torque_nm"], np.ones(len(torque), dtype=bool))
     for segment in filter(is_staircase, measured.segments):
         before = _command_before(measured.ticks, segment)
         for command, begin_ns, end_ns in dwells(measured.ticks, segment):
@@ -107,6 +114,7 @@ def _levels(measured: Measured) -> Iterator[_Level]:
                     command >= before,
                     pieces_of(time_s, rows["position_rad"]),
                     _means(read_nm),
+                    noise_nm / np.sqrt(max(len(read_nm), 1)),
                     float(time_s[-1]),
                     (start_ns + end_ns) // 2,
                 )
