@@ -211,7 +211,7 @@ def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Trackin
     nominal = nominal_bench(calibration, tick_s)
 
     @cache
-    def seen(heavier: float, distrust: float) -> tuple[Bench, Observer]:
+    def seen(heavier: float, distrust: float) -> tuple[Bench, Observer | None]:
         bench = replace(nominal, actuator_inertia_kgm2=heavier * nominal.actuator_inertia_kgm2)
         return bench, _observer(calibration, bench, tick_s, distrust)
 
@@ -219,19 +219,20 @@ def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Trackin
     usual = ((effort, kind) for kind in trusting for effort in EFFORTS)
     for effort, kind in chain(usual, product(EFFORTS, distrusting), product(GENTLE_EFFORTS, trusting + distrusting)):
         bench, observer = seen(*kind)
-        yield Tracking(observer, design_regulator(bench, effort, tick_s), max(effort / EFFORTS[-1], 1.0))
+        if observer is not None:
+            yield Tracking(observer, design_regulator(bench, effort, tick_s), max(effort / EFFORTS[-1], 1.0))
 
 
-def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float, distrust: float) -> Observer:
-    """The quickest that holds for readings of any age."""
+def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float, distrust: float) -> Observer | None:
+    """The quickest that holds for readings of any age; None where none does."""
     torque_nm = doubted_torque_nm(calibration)
     free_rad_s2 = 100 * torque_nm / bench.actuator_inertia_kgm2  # per root second
     for doubt in DOUBTS:
         walks = (free_rad_s2, free_rad_s2, 30 * torque_nm)
         observer = doubting_observer(calibration, bench, doubt, walks, tick_s, distrust)
         if holds_at_any_age(observer, bench, tick_s):
-            break
-    return observer
+            return observer
+    return None
 
 
 def doubting_observer(

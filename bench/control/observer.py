@@ -57,15 +57,25 @@ def holds_at_any_age(observer: Observer, bench: Bench, tick_s: float) -> bool:
     size = (observer.past + 1) * WIDTH
     shift = np.eye(size, k=-WIDTH)
     shift[:WIDTH, :WIDTH] = observer.step[:, :WIDTH]
-    # Nominal readings are half a tick old.
-    for older_s in product((-0.5 * tick_s, 0.5 * tick_s), repeat=3):
+    for places in product(*(_places(delay_s, tick_s) for delay_s in bench.delays_s())):
         expected = np.zeros((3, size))
-        for i, delay_s in enumerate(bench.delays_s()):
-            back, instant = place(delay_s + older_s[i], tick_s)
+        for i, (back, instant) in enumerate(places):
             expected[i, back * WIDTH : (back + 1) * WIDTH] = observer.rows[instant, i, :WIDTH]
         if np.max(np.abs(np.linalg.eigvals(shift @ (np.eye(size) - observer.gain @ expected)))) >= 1.0:
             return False
     return True
+
+
+def _places(delay_s: float, tick_s: float) -> list[tuple[int, int]]:
+    """Where readings may lie that are ``delay_s`` old on average, half a tick of it their age.
+
+    The youngest, the oldest, and either side of a whole tick between: there a reading is compared with another of the
+    past states, and what the gain does changes at once. Between these it changes little by little.
+    """
+    youngest_s, oldest_s = delay_s - 0.5 * tick_s, delay_s + 0.5 * tick_s
+    places = [place(youngest_s, tick_s), place(oldest_s, tick_s)]
+    younger, older = places[0][0], places[1][0]
+    return [*places, (younger, 0), (older, GRID)] if younger < older else places
 
 
 def design_observer(bench: Bench, noise: Noise, tick_s: float, past: int) -> Observer:

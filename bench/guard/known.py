@@ -7,7 +7,8 @@ from dataclasses import dataclass
 class Machine:
     """One of the two machines at the port, as it was identified. Torques are at the shaft.
 
-    ``weight_nm`` is the greatest torque of an arm that hangs on it.
+    ``weight_nm`` is the greatest torque of an arm that hangs on it, ``lag_s`` how long a command takes to show in the
+    readings: on its way, in the amplifier, and back.
     """
 
     torque_gain: float  # N m per unit of its command
@@ -15,6 +16,7 @@ class Machine:
     viscous_damping_nms_rad: float
     coulomb_torque_nm: float
     weight_nm: float = 0.0
+    lag_s: float = 0.0
 
 
 @dataclass(frozen=True)

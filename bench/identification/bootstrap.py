@@ -128,15 +128,26 @@ class Truth:
 
     def torque(self, solution: Solution, travel_s: FloatArray, coupling: Coupling | None) -> BSpline:
         """At the port, on the torque's clock, where each command travelled longer than usual by ``travel_s`` (m,)."""
-        stretch, shape = self.stretch, solution.shape
-        acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
-        motor_nm = solution.linear[GAIN] * self.lag(
-            acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero
-        )
+        motor_nm = self.motor(solution, travel_s)
         torque = _filtered(self.passive_nm, PORT) + _filtered(motor_nm, PORT, of_means=True)
         if coupling is not None:
             torque += self.quick(motor_nm, coupling, abs(float(solution.linear[INERTIA])))
         return make_interp_spline(self.time_s, torque, k=3)
+
+    def ringing(self, solution: Solution, coupling: Coupling) -> BSpline:
+        """What of that is the coupling's, above PORT's band."""
+        motor_nm = self.motor(solution, np.zeros(self.stretch.sent_s.size))
+        felt_nm = self.quick(motor_nm, coupling, abs(float(solution.linear[INERTIA])))
+        return make_interp_spline(self.time_s, felt_nm, k=3)
+
+    def motor(self, solution: Solution, travel_s: FloatArray) -> FloatArray:
+        """Behind the amplifier's lag, (n,)."""
+        stretch, shape = self.stretch, solution.shape
+        acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
+        return np.asarray(
+            solution.linear[GAIN]
+            * self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
+        )
 
     def lag(self, acts_s: FloatArray, command: FloatArray, bandwidth_rad_s: float, *, released: bool) -> FloatArray:
         """Of commands (m,) that act from these instants on: (n,)."""

@@ -1,7 +1,7 @@
 """The spring between the two motors, as far as the torque sensor's readings feel it."""
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +46,16 @@ class Coupling:
             stiffness_nm_rad=self.stiffness_nm_rad * float(np.exp(relative)),
             damping_nms_rad=self.damping_nms_rad + self.damping_std_nms_rad * random.standard_normal(),
         )
+
+    def resonance_hz(self, inertia_kgm2: float) -> float:
+        """At which both inertias ring on the spring, that of the actuator being ``inertia_kgm2``."""
+        mobility = 1.0 / inertia_kgm2 + 1.0 / self.load_inertia_kgm2
+        return sqrt(self.stiffness_nm_rad * mobility) / (2 * pi)
+
+    def damped(self, ratio: float, inertia_kgm2: float) -> "Coupling":
+        """The same spring with this share of critical damping."""
+        mobility = 1.0 / inertia_kgm2 + 1.0 / self.load_inertia_kgm2
+        return replace(self, damping_nms_rad=2 * ratio * sqrt(self.stiffness_nm_rad / mobility))
 
     def response(self, frequency_hz: FloatArray, inertia_kgm2: float) -> npt.NDArray[np.complex128]:
         """Torque of the spring over the difference of the accelerations that drive its ends [N m s²/rad], (n,)."""

@@ -19,6 +19,7 @@ from bench.identification.fit import PHYSICAL, fit
 from bench.identification.ladder import Rung, selected
 from bench.identification.residuals.departures import CHANGE, Departure, departures, greatest_share
 from bench.identification.results import FitResult
+from bench.identification.ringing import folded_ringing
 from bench.identification.sensor_zero import SensorZero
 from bench.identification.signals import Signals, signals
 from bench.identification.soundness.recording import sound
@@ -135,8 +136,12 @@ def _named(result: FitResult, at: Expansion, unseen: Sequence[Signals]) -> tuple
     found, usual = departures(at), _Usual()
     suspicious = found or _mostly_no_noise(at, _without_cogging(at), usual)
     if suspicious and result.simulation is not None:
-        usual = _usual(result, result.simulation.over(tuple(unseen)))
+        simulation = result.simulation.over(tuple(unseen))
+        usual = _usual(result, simulation)
         found = departures(at, usual.share)
+        if found or _mostly_no_noise(at, _without_cogging(at), usual):
+            # The simulated records ring as the calibration has it; it may be otherwise.
+            found = departures(at, usual.share, folded_ringing(simulation, result))
     return _told_apart(at, found, usual), usual
 
 

@@ -185,9 +185,13 @@ def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:
 
 
 def well_known(actuator: FitResult) -> bool:
-    """Whether what turns round with the shaft is valid and known to WELL_KNOWN."""
+    """Whether what turns round with the shaft is valid and known to WELL_KNOWN.
+
+    A search that has no end, for the bandwidth of an amplifier too quick to be seen, may be sure of that all the same.
+    """
+    sound = (Status.VALID, Status.NOT_CONVERGED) if told_well_enough(actuator) else (Status.VALID,)
     return all(
-        estimate.status is Status.VALID and estimate.std <= part * abs(estimate.value)
+        estimate.status in sound and estimate.std <= part * abs(estimate.value)
         for estimate, part in ((actuator.estimate(name), part) for name, part in WELL_KNOWN.items())
     )
 

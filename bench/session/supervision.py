@@ -5,6 +5,7 @@ from bench.guard.known import NOTHING_KNOWN, Known, Machine
 from bench.guard.learning import amperes_per_command, still_swing_nm, torque_habits
 from bench.identification.results import FitResult
 from bench.loop.learned import Learned
+from bench.procedures.calibrate import told_well_enough
 from bench.procedures.knowledge import Knowledge
 from bench.records import Measured
 from bench.segments import Use
@@ -55,14 +56,24 @@ def _load(calibration: LoadCalibration) -> Machine:
         calibration.viscous_damping_nms_rad,
         calibration.coulomb_torque_nm,
         calibration.weight_nm,
+        _lag_s(calibration.command_delay_s, calibration.motion_delay_s or 0.0, calibration.amplifier_bandwidth_rad_s),
     )
 
 
 def _actuator(fit: FitResult | None) -> Machine | None:
-    """None where the fit is no result."""
-    if fit is None or not fit.converged:
+    """None where the fit is not sure of what the actuator's balance is made of."""
+    if fit is None or not told_well_enough(fit):
         return None
     network = fit.network
     return Machine(
-        network.torque_gain, network.inertia_kgm2, network.viscous_damping_nms_rad, network.coulomb_torque_nm
+        network.torque_gain,
+        network.inertia_kgm2,
+        network.viscous_damping_nms_rad,
+        network.coulomb_torque_nm,
+        lag_s=_lag_s(fit.command_delay_s, fit.motion_delay_s, network.amplifier_bandwidth_rad_s),
     )
+
+
+def _lag_s(command_delay_s: float, motion_delay_s: float, bandwidth_rad_s: float) -> float:
+    """From a command to the readings; delays count from the torque's, and torque and motion are met in the middle."""
+    return max(command_delay_s + 0.5 * motion_delay_s + 1.0 / bandwidth_rad_s, 0.0)

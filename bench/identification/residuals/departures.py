@@ -4,7 +4,7 @@ Every kind is judged by blocks, so that neither colour nor bursts of noise alarm
 predicted that were left out. The best is named, joins the equation, and the rest is judged anew.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,8 +84,14 @@ CHANGE = Kind("change", "an instant", "something changed during the session at o
 POSITION = Kind("position", "the position", "a torque acts that depends on the position", "cogging or weight")
 
 
-def departures(expansion: Expansion, usual_share: float = 0.0) -> tuple[Departure, ...]:
-    """All that are no chance and matter, the one that explains the most first.
+# Periods a turn (0: none) and columns (terms, n), over an expansion's rows.
+Candidate = tuple[Kind, int, FloatArray]
+
+
+def departures(
+    expansion: Expansion, usual_share: float = 0.0, others: Sequence[Candidate] = ()
+) -> tuple[Departure, ...]:
+    """All that are no chance and matter, the one that explains the most first; ``others`` are tried beside the kinds.
 
     What matters makes the error on segments left out smaller by more than held_out.LEAST_GAIN, and explains more of the
     mean square than ``usual_share``: what errors of readings alone make of some kind (:func:`greatest_share`).
@@ -94,7 +100,7 @@ def departures(expansion: Expansion, usual_share: float = 0.0) -> tuple[Departur
     at_first = _values(Sums.of(expansion, known))
     for _ in range(MOST_NAMED):
         named = {each.kind.name for each in found}
-        before, trials = _tried(expansion, known, named)
+        before, trials = _tried(expansion, known, named, others)
         best = _best(before, usual_share, trials)
         if best is None:
             break
@@ -108,7 +114,7 @@ def departures(expansion: Expansion, usual_share: float = 0.0) -> tuple[Departur
 
 def greatest_share(expansion: Expansion) -> float:
     """Of the mean square on segments left out, the share that the best of all kinds explains, chance or not."""
-    before, trials = _tried(expansion, expansion.jacobian, set())
+    before, trials = _tried(expansion, expansion.jacobian, set(), ())
     return max(1 - trial.after / before for trial in trials)
 
 
@@ -117,22 +123,21 @@ def _values(sums: Sums) -> FloatArray:
     return sums.solved(np.arange(sums.scale.size)) / sums.scale
 
 
-_Candidate = tuple[Kind, int, FloatArray]
-
-
 @dataclass(frozen=True)
 class _Trial:
     """``after`` is the mean square on segments left out with the candidate's columns."""
 
-    candidate: _Candidate
+    candidate: Candidate
     after: float
     p_value: float
 
 
-def _tried(at: Expansion, known: FloatArray, named: set[str]) -> tuple[float, list[_Trial]]:
+def _tried(
+    at: Expansion, known: FloatArray, named: set[str], others: Sequence[Candidate]
+) -> tuple[float, list[_Trial]]:
     """The mean square on segments left out with the ``known`` columns, and every candidate not yet ``named``."""
     left = at.residual - _values(Sums.of(at, known)) @ known
-    candidates = [each for each in _candidates(at, left) if each[0].name not in named]
+    candidates = [each for each in (*_candidates(at, left), *_freed(at, others)) if each[0].name not in named]
     sums = Sums.of(at, np.concatenate([known, *(columns for _, _, columns in candidates)]))
     base, first, trials = np.arange(len(known)), len(known), list[_Trial]()
     looks = len(candidates) + sum(MOST_PERIODS - 1 for _, periods, _ in candidates if periods) + CHANGED * SPLITS
@@ -160,12 +165,15 @@ def _chance(sums: Sums, base: IntArray, own: IntArray) -> float:
     return chance_of_sum((left[:, own] - left[:, base] @ explained).T)
 
 
-def _candidates(at: Expansion, left: FloatArray) -> list[_Candidate]:
+def _candidates(at: Expansion, left: FloatArray) -> list[Candidate]:
     """Every kind with its columns (terms, n); ``left`` (n,) tells which periods a turn are worth a try."""
-    return [
-        (kind, periods, at.memory.taken_off(np.stack(list(columns))))
-        for kind, periods, columns in (*_smooth(at), *_by_position(at, left), (CHANGE, 0, [_changed(at, left)]))
-    ]
+    kinds = (*_smooth(at), *_by_position(at, left), (CHANGE, 0, [_changed(at, left)]))
+    return _freed(at, [(kind, periods, np.stack(list(columns))) for kind, periods, columns in kinds])
+
+
+def _freed(at: Expansion, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Of what frictions' states after rests may have made of them."""
+    return [(kind, periods, at.memory.taken_off(columns)) for kind, periods, columns in candidates]
 
 
 def _smooth(at: Expansion) -> Iterator[tuple[Kind, int, list[FloatArray]]]:

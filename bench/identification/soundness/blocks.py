@@ -1,10 +1,11 @@
 """A solution's normal equations by block of rows: whether an unknown is the same throughout the record."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from bench.identification.regression import INERTIA, LINEAR, VISCOUS
 from bench.identification.separable import Solution
 
 FloatArray = npt.NDArray[np.float64]
@@ -45,6 +46,10 @@ class Blocks:
         score[:, linearly] += in_block[linearly] * solution.linear / scale[linearly]
         return cls(gram, score, scale, solution.regression.time_s()[: count * BLOCK_ROWS : BLOCK_ROWS])
 
+    def only(self, chosen: npt.NDArray[np.bool_]) -> "Blocks":
+        """Some of them, (blocks,)."""
+        return replace(self, gram=self.gram[chosen], score=self.score[chosen], time_s=self.time_s[chosen])
+
     def told(self, column: int) -> FloatArray:
         """The share of what is told of one unknown, the others being unknown too, before each block: (blocks,)."""
         gram = self.gram.sum(axis=0)
@@ -75,6 +80,22 @@ class Blocks:
         step = float(score.sum() / max(size.sum(), 1e-300))
         deviation = float(np.sqrt(np.sum((score - step * size) ** 2)) / max(size.sum(), 1e-300))
         return step / self.scale[column], deviation / self.scale[column]
+
+
+def loud(solution: Solution) -> npt.NDArray[np.bool_]:
+    """In which blocks the machine's torque is more than the noise of the readings; in all where none was measured.
+
+    Where feedback holds the torque at zero, what is left of it is mostly the sensor's noise, which moves the shaft a
+    little later: a delay between motion and torque that no clock has.
+    """
+    count = len(solution.innovation) // BLOCK_ROWS
+    if solution.free_motion:
+        return np.ones(count, dtype=bool)
+    own = slice(len(LINEAR))
+    carried = np.array([1.0, solution.linear[INERTIA] ** 2, solution.linear[VISCOUS] ** 2])
+    noise = np.concatenate([np.full(rows.usable.size, rows.noise() @ carried) for rows in solution.regression.rows])
+    beyond = (solution.linear[own] @ solution.regression.columns(solution.shape)[0][own]) ** 2 - noise
+    return np.asarray(beyond[: count * BLOCK_ROWS].reshape(count, BLOCK_ROWS).mean(axis=1) > 0.0)
 
 
 def _as_many(weights: FloatArray) -> float:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from bench.identification.regression import GAIN, INERTIA
 from bench.identification.separable import DELAY_TICKS, Solution
-from bench.identification.soundness.blocks import Blocks
+from bench.identification.soundness.blocks import Blocks, loud
 from bench.models.parameters import Status
 
 FloatArray = npt.NDArray[np.float64]
@@ -136,6 +136,8 @@ def _changing(solution: Solution, tick_s: float) -> Iterator[Doubt]:
             change, deviation = blocks.change(column, after, int(split))
             ratio = abs(change) / max(deviation, 1e-300)
             if ratio > CHANGE_SIGNIFICANT and abs(change) > least and (best is None or ratio > best[0]):
+                if not _confirmed(solution, blocks, column, least, int(split)):
+                    continue
                 amount = f"{1e3 * abs(change):.2g} ms" if unit == "s" else f"{CHANGE_SHARE * abs(change) / least:.0%}"
                 best = (ratio, f"The {name} is not the same throughout: it differs by some {amount}", int(split))
     if best is not None:
@@ -145,6 +147,18 @@ def _changing(solution: Solution, tick_s: float) -> Iterator[Doubt]:
             "changed: record it again.",
             midway=True,
         )
+
+
+def _confirmed(solution: Solution, blocks: Blocks, column: int, least: float, split: int) -> bool:
+    """Whether what differs before and after does so where the machine's torque is more than noise."""
+    chosen = loud(solution)
+    before, count = int(np.count_nonzero(chosen[:split])), int(np.count_nonzero(chosen))
+    if not 0 < before < count:
+        return False
+    told = blocks.only(chosen)
+    change, deviation = told.change(column, (np.arange(count) >= before).astype(np.float64), before)
+    enough = TRIMMED < told.told(column)[before] < 1.0 - TRIMMED
+    return enough and abs(change) > max(least, CHANGE_SIGNIFICANT * deviation)
 
 
 def _judged(solution: Solution, tick_s: float) -> Iterator[tuple[int, str, float, str]]:

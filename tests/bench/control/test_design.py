@@ -1,16 +1,19 @@
 """Gains keep their margins on benches other than the calibrated one, or there are none and somebody says so."""
 
 from dataclasses import replace
+from itertools import product
+from math import ceil
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.control import design
+from bench.control import core, design
 from bench.control.calibration import ActuatorFriction, LoadCalibration
 from bench.control.design import design_torque_loop, design_tracking, nominal_bench, sticking_benches
-from bench.control.observer import holds_at_any_age
+from bench.control.dynamics import TWIST, TWIST_RATE
+from bench.control.observer import WIDTH, Observer, holds_at_any_age
 from bench.control.robustness import margins, torque_control, tracking_control
 from bench.errors import ExperimentError
 from tests.bench.control.plant import PlantSettings
@@ -90,6 +93,52 @@ def test_the_observer_holds_whatever_the_age_of_readings() -> None:
     assert holds_at_any_age(tracking.observer, bench, TICK_S)
     eager = replace(tracking.observer, gain=4.0 * tracking.observer.gain)
     assert not holds_at_any_age(eager, bench, TICK_S)
+
+
+# Torque readings 1.6 to 2.6 ms old: now and then they are of a whole number of ticks ago.
+ACROSS_A_TICK = LoadCalibration(
+    torque_gain=0.698, amplifier_bandwidth_rad_s=953, inertia_kgm2=6.64e-5, viscous_damping_nms_rad=8.5e-5,
+    coulomb_torque_nm=0.00322, presliding_stiffness_nm_rad=24.1, presliding_damping_nms_rad=0.00733,
+    command_delay_s=1.851e-3, measurement_delay_s=0.0, motion_delay_s=-1.591e-3, sensor_stiffness_nm_rad=42.2,
+    sensor_damping_nms_rad=0.00548, torque_noise_nm=4.55e-3, torque_bias_nm=0.0, position_resolution_rad=3.49e-4,
+    actuator_inertia_kgm2=1.262e-5,
+)  # fmt: skip
+
+
+def misled(observer: Observer, calibration: LoadCalibration, ages_s: tuple[float, ...], ticks: int) -> float:
+    """How far the running observer is off after ``ticks`` of perfect readings of a bench at rest, over the worst."""
+    states, inputs = np.zeros((observer.past + 1, WIDTH)), np.zeros((observer.past + 1, 4))
+    states[:, TWIST_RATE] = 1.0
+    delays_s = np.array([calibration.torque_delay_s, calibration.position_delay_s, calibration.position_delay_s])
+    sizes = []
+    for _ in range(ticks):
+        seen_s = delays_s + ages_s
+        core.correct(states, inputs, np.zeros(3), seen_s, np.ones(3, bool), TICK_S, observer.rows, observer.gain)
+        core.predict(states, inputs, observer.step)
+        sizes.append(abs(calibration.sensor_stiffness_nm_rad * states[0, TWIST]))
+    return max(sizes[-20:]) / max(sizes)
+
+
+def test_the_running_observer_forgets_its_errors_at_every_age_of_the_readings() -> None:
+    """At steps of a twentieth of a tick, and just before and behind whole ticks."""
+    observer = design_tracking(ACROSS_A_TICK, TICK_S).observer
+    whole_s = ceil(ACROSS_A_TICK.torque_delay_s / TICK_S) * TICK_S - ACROSS_A_TICK.torque_delay_s
+    ages_s = [*np.linspace(0.0, TICK_S, 21), whole_s - 1e-7, whole_s + 1e-7]
+    for torque_s, load_s, actuator_s in product(ages_s, (1e-7, TICK_S), (1e-7, TICK_S)):
+        assert misled(observer, ACROSS_A_TICK, (torque_s, load_s, actuator_s), 400) < 0.1
+
+
+def test_an_observer_that_fails_at_a_whole_tick_alone_is_seen_to() -> None:
+    """Trusting encoders to two counts, as sharp as any; at the ends of the readings' ages it holds."""
+    bench = nominal_bench(ACROSS_A_TICK, TICK_S)
+    torque_nm = design.doubted_torque_nm(ACROSS_A_TICK)
+    free_rad_s2 = 100 * torque_nm / bench.actuator_inertia_kgm2
+    sharp = design.doubting_observer(ACROSS_A_TICK, bench, 2.0, (free_rad_s2, free_rad_s2, 30 * torque_nm), TICK_S)
+    whole_s = 2 * TICK_S - ACROSS_A_TICK.torque_delay_s
+    assert misled(sharp, ACROSS_A_TICK, (whole_s, 6e-4, 2e-4), 400) == 1.0
+    assert misled(sharp, ACROSS_A_TICK, (0.0, 6e-4, 2e-4), 400) < 0.1
+    assert misled(sharp, ACROSS_A_TICK, (TICK_S, 6e-4, 2e-4), 400) < 0.1
+    assert not holds_at_any_age(sharp, bench, TICK_S)
 
 
 def test_too_bold_a_gain_is_seen_to_be_unstable() -> None:

@@ -1,7 +1,7 @@
 """Newton's law at both machines, of which friction is what may be left."""
 
 from dataclasses import replace
-from math import copysign, cos, sin
+from math import copysign, cos, pi, sin
 
 import pytest
 
@@ -127,6 +127,38 @@ def test_the_load_alone_tells_a_torque_that_lies(lie) -> None:
     assert 1040 < verdict.tick < 1400
     assert "with the load's command and motion" in verdict.said
     assert "check the torque sensor's zero, sign and scale, the load drive, its direction" in verdict.said
+
+
+LATE_TICKS = 3
+
+
+def swinging(tick: int) -> Sample:
+    """The load alone swings at 20 Hz; nothing is at the port, and friction is next to none."""
+    speed_rad_s = 10.0 * cos(_swing_rad(tick))
+    return resting(tick)._replace(torque_nm=0.0, velocity_rad_s=speed_rad_s, load_velocity_rad_s=speed_rad_s)
+
+
+def _swing_rad(tick: int) -> float:
+    return 2 * pi * 20.0 * tick * 1e-3
+
+
+def swung(tick: int) -> Commands:
+    """What makes it swing so, told as long before."""
+    needed_nm = -LOAD.inertia_kgm2 * 10.0 * 2 * pi * 20.0 * sin(_swing_rad(tick + LATE_TICKS))
+    return Commands(0.0, needed_nm / LOAD.torque_gain)
+
+
+def test_a_command_counts_from_when_it_shows_in_the_readings() -> None:
+    free = replace(LOAD, coulomb_torque_nm=0.0, viscous_damping_nms_rad=0.0)
+    late = replace(free, lag_s=LATE_TICKS * 1e-3)
+
+    def found(machine: Machine) -> int | None:
+        looked = TorqueBalance(0.1)
+        looked.know(Known(torque=HABITS, load=machine))
+        return ask(looked, map(swinging, range(1000)), swung).tick
+
+    assert found(free) is not None
+    assert found(late) is None
 
 
 def test_an_arm_that_hangs_on_the_load_is_carried() -> None:

@@ -246,6 +246,18 @@ def test_nor_is_one_of_a_fit_that_did_not_converge_or_was_not_made() -> None:
     assert first_friction(None) is None
 
 
+def test_a_friction_that_a_search_without_an_end_is_sure_of_is_built_on() -> None:
+    """The bandwidth of an amplifier that is too quick to be seen has no greatest value."""
+    sure = {name: (share, Status.NOT_CONVERGED) for name, (share, _) in WELL.items()} | {
+        "inertia": (0.03, Status.NOT_CONVERGED)
+    }
+    fit = replace(told_by(**sure), converged=False)
+    gain = Estimate("torque_gain", 0.9, 0.01, "N*m/(N*m)", Status.NOT_CONVERGED)
+    endless = replace(fit, estimates=(gain, *fit.estimates[1:]), torque_relative=0.1)
+    assert first_friction(endless) == ActuatorFriction(1e-3, 0.02, 10.0, 0.01)
+    assert first_friction(fit) is None
+
+
 def test_an_inertia_per_unit_of_torque_gain_is_none() -> None:
     assert first_inertia_kgm2(told_by(**WELL)) == 5e-5
     assert first_inertia_kgm2(told_by(**{**WELL, "inertia": (np.nan, Status.RATIO_ONLY)})) is None

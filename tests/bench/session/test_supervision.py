@@ -103,6 +103,8 @@ def test_the_guard_is_told_what_tare_and_calibrate_find(tmp_path: Path, monkeypa
         assert machine.torque_gain == pytest.approx(true.Km * true.Ka, rel=0.1)
         assert machine.inertia_kgm2 == pytest.approx(true.Im, rel=0.1)
         assert machine.coulomb_torque_nm == pytest.approx(true.tau_c, rel=0.2)
+        # The amplifier's lag, and some delays of tenths of a millisecond.
+        assert 1.0 / true.beta < machine.lag_s < 1.0 / true.beta + 2e-3
 
 
 def test_of_a_lone_actuator_it_is_told_what_there_is(tmp_path: Path) -> None:

@@ -1,12 +1,15 @@
 """What is looked for before and after an instant counts the readings' errors as the fit does."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bench.identification.regression import INERTIA, VISCOUS
 from bench.identification.separable import Solution, solve
 from bench.identification.signals import signals
-from bench.identification.soundness.blocks import Blocks
+from bench.identification.soundness import doubts as looked_at
+from bench.identification.soundness.blocks import BLOCK_ROWS, Blocks, loud
 from bench.identification.soundness.doubts import doubts
 from bench.segments import Use
 from tests.bench.identification import synthetic
@@ -42,3 +45,18 @@ def test_what_is_told_grows_from_nothing_to_all(coarse: Solution) -> None:
     assert told[0] == 0.0
     assert np.all(np.diff(told) >= 0.0)
     assert 0.5 < told[-1] < 1.0
+
+
+def test_a_machine_has_changed_only_where_it_is_heard_over_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Feedback that holds the torque at zero makes the noise look like another delay, or another inertia."""
+    measured = synthetic.experiment(2, Truth(), Bench(noise_nm=5e-3), blocked=False, multisine_s=10.0)
+    heard = loud(solve(signals(measured, TICK_S, Use.IDENTIFY)))
+    assert not heard[:12].any()  # free motion
+    assert heard[-30:].all()  # imposed
+    motion = measured.motion.copy()
+    later = motion["arrival_ns"] > np.quantile(motion["arrival_ns"], 0.7)
+    motion["arrival_ns"][later] -= 5 * 10**6
+    solution, nine = solve(signals(replace(measured, motion=motion), TICK_S, Use.IDENTIFY)), np.ones(9)
+    assert "is not the same throughout" in doubts(solution, nine, nine, tick_s=TICK_S)[0].sentence
+    monkeypatch.setattr(looked_at, "loud", lambda _: np.arange(len(solution.innovation) // BLOCK_ROWS) < 12)
+    assert doubts(solution, nine, nine, tick_s=TICK_S) == ()

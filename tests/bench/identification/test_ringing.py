@@ -1,0 +1,64 @@
+"""Ringing between motor and load that readings fold down: it is named, and where there is none nothing is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.identification.coupling import Coupling
+from bench.identification.expansion import Expansion
+from bench.identification.residuals.departures import departures
+from bench.identification.ringing import folded_ringing
+from bench.identification.signals import signals
+from bench.segments import Use
+from tests.bench.identification.synthetic import TICK_S, Truth
+
+RESONANCE_HZ, LOAD_KGM2 = 1015.0, 1.2e-4
+MOBILITY = 1.0 / Truth().inertia + 1.0 / LOAD_KGM2
+
+
+def coupling(resonance_hz=RESONANCE_HZ):
+    """The load is told three waves, in steps of a tick. The damping is far too great, as it is found where the twist
+    hardly tells it."""
+    stiffness = (2 * np.pi * resonance_hz) ** 2 / MOBILITY
+    sent_s = np.arange(0.0, 120.0, TICK_S)
+    told_nm = sum(0.05 * np.sin(2 * np.pi * frequency_hz * sent_s) for frequency_hz in (7.3, 23.1, 61.7))
+    return Coupling(stiffness, 0.02 * stiffness, 0.5, 0.05, LOAD_KGM2, 1.0, 1000.0, 0.0, sent_s, told_nm)
+
+
+def simulation(result, spring):
+    return replace(result.simulation, readings=replace(result.simulation.readings, coupling=spring))
+
+
+def ringing_at(experiment, result, resonance_hz, ratio):
+    """The equation about the same network, of readings that a spring of this resonance and damping has shaken."""
+    bench = simulation(result, None)
+    spring = coupling(resonance_hz).damped(ratio, Truth().inertia)
+    torque = experiment.torque.copy()
+    for truth in bench.truths:
+        own = (bench.torque.time_s >= truth.time_s[0]) & (bench.torque.time_s <= truth.time_s[-1])
+        torque["torque_nm"][own] += truth.ringing(bench.solution, spring)(bench.torque.time_s[own])
+    return Expansion.of(result, signals(replace(experiment, torque=torque), TICK_S, Use.IDENTIFY), ())
+
+
+@pytest.mark.parametrize(("off", "ratio"), [(1.0, 0.02), (0.985, 0.05), (1.01, 0.02)])
+def test_ringing_is_named_whatever_stiffness_and_damping_are_within_what_is_known(experiment, result, off, ratio):
+    at = ringing_at(experiment, result, off * RESONANCE_HZ, ratio)
+    others = folded_ringing(simulation(result, coupling()), result)
+    found = departures(at, others=others)
+    assert found[0].kind.name == "ringing"
+    assert "at some 1015 Hz, and it is read at 1000 Hz" in found[0].kind.cause
+
+
+def test_where_nothing_rings_nothing_is_named(experiment, result):
+    at = Expansion.of(result, signals(experiment, TICK_S, Use.IDENTIFY), ())
+    assert departures(at, others=folded_ringing(simulation(result, coupling()), result)) == ()
+
+
+@pytest.mark.parametrize("resonance_hz", [400.0, 700.0, 1300.0, 1500.0])
+def test_ringing_that_is_not_folded_into_the_band_is_not_looked_for(result, resonance_hz):
+    assert folded_ringing(simulation(result, coupling(resonance_hz)), result) == ()
+
+
+def test_without_a_calibration_no_spring_is_known(result):
+    assert folded_ringing(simulation(result, None), result) == ()
