@@ -16,14 +16,20 @@ LOOP_PRIORITY, SERVER_PRIORITY = 80, 20
 
 @contextmanager
 def punctual(priority: int) -> Iterator[None]:
-    """Inside, the garbage collector lets be what is there already, and the thread inside runs in real time where
-    the machine permits it: as root, or with ``ulimit -r``."""
+    """Inside, memory is settled, and the thread inside runs in real time where the machine permits it: as root, or
+    with ``ulimit -r``."""
+    with settled_memory(), _real_time(permitted_priority(priority)):
+        yield
+
+
+@contextmanager
+def settled_memory() -> Iterator[None]:
+    """Inside, the garbage collector lets be what is there already: all that was imported takes it 0.1 s each time."""
     frozen_before = gc.get_freeze_count() > 0
-    gc.collect()
-    gc.freeze()  # going through all that was imported takes a tenth of a second
+    gc.collect()  # or what is left over already would stay for as long
+    gc.freeze()
     try:
-        with _real_time(permitted_priority(priority)):
-            yield
+        yield
     finally:
         if not frozen_before:
             gc.unfreeze()

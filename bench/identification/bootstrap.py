@@ -9,6 +9,7 @@ parameters is their deviation; their mean distance from the values that were put
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -129,7 +130,7 @@ class Truth:
     def torque(self, solution: Solution, travel_s: FloatArray, coupling: Coupling | None) -> BSpline:
         """At the port, on the torque's clock, where each command travelled longer than usual by ``travel_s`` (m,)."""
         motor_nm = self.motor(solution, travel_s)
-        torque = _filtered(self.passive_nm, PORT) + _filtered(motor_nm, PORT, of_means=True)
+        torque = self._passive_in_band_nm + _filtered(motor_nm, PORT, of_means=True)
         if coupling is not None:
             torque += self.quick(motor_nm, coupling, abs(float(solution.linear[INERTIA])))
         return make_interp_spline(self.time_s, torque, k=3)
@@ -148,6 +149,10 @@ class Truth:
             solution.linear[GAIN]
             * self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
         )
+
+    @cached_property  # of every simulated record
+    def _passive_in_band_nm(self) -> FloatArray:
+        return _filtered(self.passive_nm, PORT)
 
     def lag(self, acts_s: FloatArray, command: FloatArray, bandwidth_rad_s: float, *, released: bool) -> FloatArray:
         """Of commands (m,) that act from these instants on: (n,)."""
@@ -298,13 +303,10 @@ class Simulation:
 
     def record(self, random: np.random.Generator) -> Measured:
         """What would have been measured, with errors of its own."""
-        position_rad, velocity_rad_s = self.position.value.copy(), np.zeros(self.position.value.size)
+        position_rad, velocity_rad_s = self._motion
         torque_nm = self.torque.value.copy()
         coupling = None if self.readings.coupling is None else self.readings.coupling.drawn(random)
         for truth in self.truths:
-            own = _within(self.position.time_s, truth.stretch.time_s)
-            position_rad[own] = truth.motion(self.position.time_s[own])
-            velocity_rad_s[own] = truth.motion(self.position.time_s[own], 1)
             seen = _within(self.torque.time_s, truth.stretch.time_s)
             torque_nm[seen] = self._torque(truth, self.torque.time_s[seen], coupling, random)
         rate_nm_s = np.gradient(torque_nm, self.torque.time_s)
@@ -315,6 +317,16 @@ class Simulation:
             motion=_with(self.motion_rows, "position_rad", position_rad),
             torque=_with(self.torque_rows, "torque_nm", torque_nm),
         )
+
+    @cached_property  # of every simulated record
+    def _motion(self) -> tuple[FloatArray, FloatArray]:
+        """Position and velocity at the encoder's readings, (n,) each; zero velocity outside the stretches."""
+        position_rad, velocity_rad_s = self.position.value.copy(), np.zeros(self.position.value.size)
+        for truth in self.truths:
+            own = _within(self.position.time_s, truth.stretch.time_s)
+            position_rad[own] = truth.motion(self.position.time_s[own])
+            velocity_rad_s[own] = truth.motion(self.position.time_s[own], 1)
+        return position_rad, velocity_rad_s
 
     def _torque(
         self, truth: Truth, time_s: FloatArray, coupling: Coupling | None, random: np.random.Generator

@@ -80,6 +80,9 @@ class Rows:
     stride: int = 1
     friction_error: FloatArray | None = None  # of h along the path, what is known of it
     _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
+    _waves: dict[float, tuple[FloatArray, FloatArray]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )  # by periods a turn, before any filter: the same at every step of the search
 
     @property
     def fine(self) -> int:
@@ -185,9 +188,11 @@ class Rows:
 
     def cogging(self, shape: Shape, periods: float, derivative: int = 0) -> FloatArray:
         """Cosine and sine of so many periods a turn, or their change in time, shape (2, count)."""
-        angle = periods * self._grid(self.signals.position_rad)
+        if periods not in self._waves:
+            angle = periods * self._grid(self.signals.position_rad)
+            self._waves[periods] = (np.cos(angle), np.sin(angle))
         return np.concatenate(
-            [self.of_fine_signal(wave(angle), (derivative,), shape.motion_delay_s) for wave in (np.cos, np.sin)]
+            [self.of_fine_signal(wave, (derivative,), shape.motion_delay_s) for wave in self._waves[periods]]
         )
 
     def memory(self) -> npt.NDArray[np.int64]:

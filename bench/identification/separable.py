@@ -108,7 +108,7 @@ def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
     ).recounted(near.shape)
     at = _At.of(regression, near.shape)
     white = regression.whitened(near.shape, float(at.linear[COULOMB]), at.residual)
-    return _iterate(white, near.shape, within=CONVERGED_STEP)
+    return _iterated(_At.solved(white, near.shape, at.columns, at.memory), within=CONVERGED_STEP)
 
 
 def told(stretches: Sequence[Signals], band: Kernel) -> Kernel:
@@ -192,7 +192,11 @@ class _At:
 
     @classmethod
     def of(cls, regression: Regression, shape: Shape) -> "_At":
-        columns, memory = regression.columns(shape)
+        return cls.solved(regression, shape, *regression.columns(shape))
+
+    @classmethod
+    def solved(cls, regression: Regression, shape: Shape, columns: FloatArray, memory: Memory) -> "_At":
+        """With the regression's own columns at this shape, which no whitening changes."""
         contamination, white_memory = regression.contamination(), regression.white_memory(memory)
         white = regression.white(np.concatenate([columns, regression.target()[None, :]]))
         *_, wanted = left = white_memory.taken_off(white)
@@ -281,7 +285,12 @@ def _with_cogging(solution: Solution, *, within: FloatArray) -> Solution:
 
 def _iterate(regression: Regression, shape: Shape, *, within: FloatArray) -> Solution:
     """To the minimum nearest to ``shape``."""
-    at, converged = _descend(_At.of(regression, shape), most_steps=MOST_STEPS, within=within)
+    return _iterated(_At.of(regression, shape), within=within)
+
+
+def _iterated(at: _At, *, within: FloatArray) -> Solution:
+    """To the minimum nearest to it."""
+    at, converged = _descend(at, most_steps=MOST_STEPS, within=within)
     return at.solution(converged=converged)
 
 

@@ -7,6 +7,7 @@ all readings of a stream, and the fit estimates it.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -40,8 +41,16 @@ def sampled_at_s(arrival_ns: IntArray, device_ns: IntArray | None, origin_ns: in
 
     ``device_ns`` are the device's own stamps, or None where it sends none.
     """
+    own = None if device_ns is None else np.asarray(device_ns, dtype=np.int64).tobytes()
+    return _sampled_at_s(np.asarray(arrival_ns, dtype=np.int64).tobytes(), own, origin_ns).copy()
+
+
+@lru_cache(maxsize=4)  # records that are simulated for the deviations have the stamps of the one that was measured
+def _sampled_at_s(arrival: bytes, own: bytes | None, origin_ns: int) -> FloatArray:
+    arrival_ns: IntArray = np.frombuffer(arrival, dtype=np.int64)
     arrival_s = np.asarray((arrival_ns - origin_ns) * 1e-9, dtype=np.float64)
-    if device_ns is not None:
+    if own is not None:
+        device_ns: IntArray = np.frombuffer(own, dtype=np.int64)
         return _on_host_clock(np.asarray((device_ns - device_ns[0]) * 1e-9, dtype=np.float64), arrival_s)
     period_s = nominal_period_s(arrival_ns)
     times_s = np.empty_like(arrival_s)

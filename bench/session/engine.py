@@ -1,6 +1,5 @@
 """A session from beginning to end: check, open, run step by step, put away, conclude."""
 
-import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
@@ -37,6 +36,7 @@ from bench.session.script import Experiment, Script, SoFar
 from bench.session.summary import summary_of, summary_of_failure
 from bench.session.warm_up import warm_up
 from drivers.backend import Backend
+from drivers.punctual import settled_memory
 from drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
@@ -221,7 +221,7 @@ def _recorded(
     with ExitStack() as stack:
         stack.callback(backend.close)
         rehearsal = rehearsed(session, backend)
-        stack.enter_context(_settled_memory())
+        stack.enter_context(settled_memory())
         opened: AbstractContextManager[BenchLoop] = (
             loop_in_process(rig, backend, operator.stop.heard)
             if backend.lock_step or not own_backend
@@ -286,17 +286,6 @@ def _put_away(loop: BenchLoop, rehearsal: Rehearsed) -> None:
     """A recording says what was made to fail in it."""
     for stamp_ns, text in rehearsal.happened():
         loop.tell("fault", text, stamp_ns)
-
-
-@contextmanager
-def _settled_memory() -> Iterator[None]:
-    """Inside, the garbage collector lets be what is there already: all that was imported takes it 0.1 s each time."""
-    gc.collect()  # or a session's leavings would stay for as long as this one's
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
 
 
 @contextmanager

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from bench.gallery import spring_claims
 from bench.gallery.catalogue import CATALOGUE
-from tests.bench.gallery.experiments import measured
+from tests.bench.gallery.experiments import SPRING, measured
 
 SEED = 5
 # What the claims depend on, and the number of their rows.
@@ -19,7 +20,9 @@ PLANTS = {
 
 @pytest.fixture(scope="module", params=sorted(PLANTS))
 def plant(request):
-    return request.param, measured(request.param, SEED)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(spring_claims, "EXPERIMENT", SPRING)
+        yield request.param, measured(request.param, SEED)
 
 
 def rows_of(name, experiment):

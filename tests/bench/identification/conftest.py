@@ -7,6 +7,7 @@ import pytest
 
 from bench.identification.fit import fit
 from tests.bench.identification import synthetic
+from tests.bench.once import once
 
 
 @pytest.fixture(scope="session")
@@ -15,8 +16,12 @@ def experiment():
 
 
 @pytest.fixture(scope="session")
-def result(experiment):
-    return fit(experiment, command_unit="N*m", tick_s=synthetic.TICK_S)
+def result(experiment, tmp_path_factory):
+    return once(
+        tmp_path_factory,
+        "result of the experiment",
+        lambda _folder: fit(experiment, command_unit="N*m", tick_s=synthetic.TICK_S),
+    )
 
 
 @pytest.fixture(scope="session")

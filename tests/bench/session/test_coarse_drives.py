@@ -12,11 +12,10 @@ from bench.rig.rig import Rig
 from bench.session.engine import record_session
 from bench.session.schema import Session, Step
 from sim_backend.tools import true_parameters
-from tests.bench.half_rate import half_rate
+from tests.bench.half_rate import half_rate, half_rate_text
 
 # Of eighteen values one in a thousand tries lies farther out than this.
 GREATEST_DEVIATION_STD = 4.0
-RIGS = Path(__file__).parents[3] / "rigs"
 SEED = 5
 SESSION = Session(
     (
@@ -60,6 +59,6 @@ def test_every_parameter_is_found_within_its_own_deviation(
 
 
 def test_a_drive_in_profile_torque_is_found_as_well(tmp_path: Path) -> None:
-    text, mode = (RIGS / "sim-cia402.toml").read_text(), 'mode = "cyclic synchronous torque"'
+    text, mode = half_rate_text("sim-cia402"), 'mode = "cyclic synchronous torque"'
     ramping = 'mode = "profile torque"\ntorque_slope = "1000 N*m/s"'
     assert identified(parse_rig(text.replace(mode, ramping, 1), place="ramping.toml"), tmp_path)

@@ -27,9 +27,10 @@ do = "calibrate"
 duration = "4 s"
 [[step]]
 do = "imposed"
+velocities = ["-15 rad/s", "15 rad/s"]
 commands = 1
 amplitude = "30 %"
-duration = "3 s"
+duration = "2 s"
 """
 
 

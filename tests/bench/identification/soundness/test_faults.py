@@ -160,8 +160,8 @@ def test_a_reversed_command_makes_only_the_gain_doubtful(imposed):
 
 
 @pytest.mark.parametrize("every", [2, 5])
-def test_a_slow_torque_sensor_is_no_fault(experiment, every):
-    result = identified(replace(experiment, torque=experiment.torque[::every]))
+def test_a_slow_torque_sensor_is_no_fault(imposed, every):
+    result = identified(replace(imposed, torque=imposed.torque[::every]))
     assert not confident_and_wrong(result)
     assert result.verdict == ()
 
