@@ -16,7 +16,7 @@ from bench.identification.coupling import Coupling
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
-from bench.identification.results import Cogging, FitResult, TorqueZero, Trace
+from bench.identification.results import Cogging, FitResult, Simulated, TorqueZero, Trace
 from bench.identification.separable import Solution, limits, linear_solution, solve
 from bench.identification.signals import Port, Signals, signals
 from bench.identification.soundness.doubts import Doubt, doubts, status_of
@@ -142,6 +142,11 @@ def beyond_noise(solution: Solution) -> float:
     return float(np.clip(1.0 - noise / max(left, 1e-300), min(told, 1.0), 1.0))
 
 
+def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
+    """Of the solution's unknowns, linear ones first, as its residual gives it."""
+    return sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
+
+
 def physical(
     solution: Solution, time_s: FloatArray, covariance: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
@@ -151,7 +156,7 @@ def physical(
     solution's unknowns, linear ones first; as the residual gives it where it is not told.
     """
     if covariance is None:
-        covariance = sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
+        covariance = covariance_of(solution, time_s)
     shape, columns = solution.shape, len(solution.linear)
     linear, to_linear = _linear_in_torque(solution)
     stiffness = linear[COULOMB] * shape.s_per_rad
@@ -208,17 +213,13 @@ def result_of(
     """What a solution says of the motor. Arguments as in fit_signals."""
     regression = solution.regression
     target = regression.target()
-    values, covariance = physical(solution, regression.time_s())
-    repeated_std, of_residual = dict[str, float](), dict[str, tuple[float, float]]()
-    simulation = None
+    of_unknowns = covariance_of(solution, regression.time_s())
+    values, covariance = physical(solution, regression.time_s(), of_unknowns)
+    simulated = None
     # Free motion is not simulated: its torque is nil, and what is measured of it follows from nothing else.
     if readings is not None and solution.converged and not solution.free_motion:
-        simulation = Simulation.of(readings, stretches, solution)
-        scatter = scatter_of(simulation, values, physical)
-        stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
-        of_residual = dict(zip(PHYSICAL, stated, strict=False))
-        repeated_std = dict(zip(PHYSICAL, scatter.bias_std.tolist(), strict=False))
-        values, covariance = scatter.applied(values, covariance)
+        bench = Simulation.of(readings, stretches, solution)
+        values, covariance, simulated = _simulated(bench, values, covariance)
     deviations = np.sqrt(np.diag(covariance))
     doubted = (
         *(Doubt(sentence) for sentence in findings.doubts),
@@ -249,13 +250,22 @@ def result_of(
         band=regression.rows[0].kernel,
         cogging=_cogging(solution, to_torque),
         torque_bias_nm=_bias(solution),
-        repeated_std=repeated_std,
-        of_residual=of_residual,
-        torque_zero=_zero(solution),
-        simulation=simulation,
+        torque_zero=_zero(solution, of_unknowns),
+        simulated=simulated,
         verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
         doubted=doubted,
     )
+
+
+def _simulated(
+    bench: Simulation, values: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray, Simulated]:
+    """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before."""
+    scatter = scatter_of(bench, values, physical)
+    stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
+    of_residual = dict(zip(PHYSICAL, stated, strict=False))
+    repeated_std = dict(zip(PHYSICAL, scatter.bias_std.tolist(), strict=False))
+    return *scatter.applied(values, covariance), Simulated(of_residual, repeated_std, bench)
 
 
 def _found(
@@ -308,13 +318,12 @@ def _bias(solution: Solution) -> float:
     return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + 2 * len(solution.regression.cogging) :]))
 
 
-def _zero(solution: Solution) -> TorqueZero | None:
-    """The bias's hats; None where no torque was fitted."""
+def _zero(solution: Solution, covariance: FloatArray) -> TorqueZero | None:
+    """The bias's hats, with their part of the unknowns' ``covariance``; None where no torque was fitted."""
     if solution.free_motion:
         return None
     time_s, unknowns = solution.regression.time_s(), len(solution.linear)
     first = 5 + 2 * len(solution.regression.cogging)
-    covariance = sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
     knots_s = np.linspace(np.min(time_s), np.max(time_s), unknowns - first)  # as `hats` has them
     return TorqueZero(knots_s, solution.linear[first:], covariance[first:unknowns, first:unknowns])
 

@@ -135,8 +135,8 @@ def _named(result: FitResult, at: Expansion, unseen: Sequence[Signals]) -> tuple
     is left."""
     found, usual = departures(at), _Usual()
     suspicious = found or _mostly_no_noise(at, _without_cogging(at), usual)
-    if suspicious and result.simulation is not None:
-        simulation = result.simulation.over(tuple(unseen))
+    if suspicious and result.simulated is not None:
+        simulation = result.simulated.bench.over(tuple(unseen))
         usual = _usual(result, simulation)
         found = departures(at, usual.share)
         if found or _mostly_no_noise(at, _without_cogging(at), usual):

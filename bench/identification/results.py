@@ -61,6 +61,19 @@ class TorqueZero:
 
 
 @dataclass(frozen=True)
+class Simulated:
+    """What simulated records made of a fit: mappings are by the names of parameters.
+
+    ``of_residual`` are the value and the deviation that the residual alone gives; ``repeated_std`` is the part of the
+    deviation that every session of the same bench repeats: that of the bias which was taken off.
+    """
+
+    of_residual: Mapping[str, tuple[float, float]]
+    repeated_std: Mapping[str, float]
+    bench: "Simulation" = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True)
 class FitResult:
     """One fit of the Norton network.
 
@@ -84,12 +97,8 @@ class FitResult:
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
     doubted: tuple[Doubt, ...] = ()  # what of the verdict makes estimates doubtful
-    # By name, the part of an estimate's deviation that every session of the same bench repeats.
-    repeated_std: Mapping[str, float] = field(default_factory=dict)
-    # By name, the value and the deviation that the residual alone gives; empty where nothing was simulated.
-    of_residual: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     torque_zero: TorqueZero | None = None  # the same as it drifts; None where no torque was fitted
-    simulation: "Simulation | None" = field(default=None, repr=False, compare=False)  # that the deviations come from
+    simulated: Simulated | None = None  # None where the deviations are those of the residual alone
 
     @property
     def doubtful(self) -> bool:

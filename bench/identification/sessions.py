@@ -85,7 +85,8 @@ def _combined(name: str, takers: Sequence[Fitted]) -> Combined:
     estimates = [session.fit.estimate(name) for session in takers]
     values = np.array([each.value for each in estimates])
     # What a fit makes alike in every session of one bench: no average makes it smaller.
-    repeated = [session.fit.repeated_std.get(name, 0.0) for session in takers]
+    simulated = [session.fit.simulated for session in takers]
+    repeated = [0.0 if each is None else each.repeated_std.get(name, 0.0) for each in simulated]
     return combine(values, np.array([each.std for each in estimates]), float(np.mean(repeated)))
 
 

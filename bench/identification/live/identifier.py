@@ -20,7 +20,7 @@ from bench.identification.fit import PHYSICAL, network_of, physical, result_of, 
 from bench.identification.live.drift import Drift, drift_of
 from bench.identification.live.sanity import sound
 from bench.identification.load import coupling_of
-from bench.identification.results import FitResult, LiveEstimate
+from bench.identification.results import FitResult, LiveEstimate, Simulated
 from bench.identification.separable import Solution
 from bench.identification.signals import signals
 from bench.identification.soundness import recording
@@ -55,15 +55,15 @@ class _Correction:
     bias_std: float = 0.0
 
     @classmethod
-    def of(cls, result: FitResult, name: str) -> "_Correction":
-        estimate, (value, std) = result.estimate(name), result.of_residual[name]
+    def of(cls, estimate: Estimate, simulated: Simulated) -> "_Correction":
+        (value, std), bias_std = simulated.of_residual[estimate.name], simulated.repeated_std[estimate.name]
         size = max(abs(value), 1e-300)
-        of_scatter = max(estimate.std**2 - result.repeated_std[name] ** 2, std**2)
+        of_scatter = max(estimate.std**2 - bias_std**2, std**2)
         wider, bias = float(np.sqrt(of_scatter) / max(std, 1e-300)), value - estimate.value
         # A few draws alone make a bias of this size; to take that off would only shake the values.
         if abs(bias) < SIGNIFICANT * np.sqrt(of_scatter / DRAWS):
             bias = 0.0
-        return cls(wider, bias / size, result.repeated_std[name] / size)
+        return cls(wider, bias / size, bias_std / size)
 
     def of_estimate(self, estimate: Estimate) -> Estimate:
         """The same, of a later fit's."""
@@ -135,9 +135,10 @@ class LiveIdentifier:
             stretches, solution, command_unit=self.command_unit, findings=believed.findings, readings=readings
         )
         estimates = tuple(result.estimate(name) for name in PHYSICAL)
-        if stated := result.of_residual:
+        if simulated := result.simulated:
             self._simulated_ticks = self._told_ticks
-            self._corrections = {name: _Correction.of(result, name) for name in PHYSICAL}
+            self._corrections = {each.name: _Correction.of(each, simulated) for each in estimates}
+            stated = simulated.of_residual
             estimates = tuple(replace(each, value=stated[each.name][0], std=stated[each.name][1]) for each in estimates)
         if not result.ratios_only:
             estimates = self._corrected(estimates)

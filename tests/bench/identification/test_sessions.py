@@ -48,7 +48,7 @@ def test_the_same_bench_does_not_differ_and_is_known_better(alike: tuple[Fitted,
 
 def test_an_error_that_every_session_makes_stays(alike: tuple[Fitted, ...]) -> None:
     found = {each.name: each for each in together(alike, "N*m").estimates}
-    repeated = [fitted.fit.repeated_std["presliding_stiffness"] for fitted in alike]
+    repeated = [fitted.fit.simulated.repeated_std["presliding_stiffness"] for fitted in alike]
     assert min(repeated) > 0.0  # each session's own bias is known only about to its own size
     assert found["presliding_stiffness"].std >= 0.98 * np.mean(repeated)
 
