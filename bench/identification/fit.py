@@ -16,7 +16,8 @@ from bench.identification.coupling import Coupling
 from bench.identification.covariance import sandwich
 from bench.identification.current import fit_current
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
-from bench.identification.results import Cogging, FitResult, Simulated, TorqueZero, Trace
+from bench.identification.results import Cogging, FitResult, Simulated, Trace
+from bench.identification.sensor_zero import SensorZero
 from bench.identification.separable import Solution, limits, linear_solution, solve
 from bench.identification.signals import Port, Signals, signals
 from bench.identification.soundness.doubts import Doubt, doubts, status_of
@@ -318,14 +319,14 @@ def _bias(solution: Solution) -> float:
     return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + 2 * len(solution.regression.cogging) :]))
 
 
-def _zero(solution: Solution, covariance: FloatArray) -> TorqueZero | None:
+def _zero(solution: Solution, covariance: FloatArray) -> SensorZero | None:
     """The bias's hats, with their part of the unknowns' ``covariance``; None where no torque was fitted."""
     if solution.free_motion:
         return None
     time_s, unknowns = solution.regression.time_s(), len(solution.linear)
     first = 5 + 2 * len(solution.regression.cogging)
     knots_s = np.linspace(np.min(time_s), np.max(time_s), unknowns - first)  # as `hats` has them
-    return TorqueZero(knots_s, solution.linear[first:], covariance[first:unknowns, first:unknowns])
+    return SensorZero(knots_s, solution.linear[first:], covariance[first:unknowns, first:unknowns])
 
 
 def _without_scale(estimate: Estimate) -> Estimate:

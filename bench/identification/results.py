@@ -11,6 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from bench.errors import ExperimentError
 from bench.identification.kernels import FULL_BAND, Kernel
 from bench.identification.model_free import branches
+from bench.identification.sensor_zero import SensorZero
 from bench.identification.soundness.doubts import Doubt
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
@@ -37,27 +38,6 @@ class Cogging:
 
     periods_per_turn: float
     amplitude_nm: float
-
-
-@dataclass(frozen=True)
-class TorqueZero:
-    """What the torque sensor reads with nothing at the port: straight lines between knots, in the port's own sign.
-
-    ``knots_s`` (knots,) count from the recording's first tick; ``covariance_nm2`` (knots, knots) is that of the values.
-    """
-
-    knots_s: FloatArray
-    values_nm: FloatArray
-    covariance_nm2: FloatArray
-
-    def weights(self, time_s: npt.ArrayLike) -> FloatArray:
-        """How much each knot counts at these instants, shape (n, knots); before the first and after the last, that."""
-        at_s = np.asarray(time_s, dtype=float)
-        return np.stack([np.interp(at_s, self.knots_s, one) for one in np.eye(self.knots_s.size)], axis=-1)
-
-    def at(self, time_s: npt.ArrayLike) -> FloatArray:
-        """The zero [N m] at these instants, shape (n,)."""
-        return np.asarray(self.weights(time_s) @ self.values_nm)
 
 
 @dataclass(frozen=True)
@@ -97,7 +77,7 @@ class FitResult:
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
     doubted: tuple[Doubt, ...] = ()  # what of the verdict makes estimates doubtful
-    torque_zero: TorqueZero | None = None  # the same as it drifts; None where no torque was fitted
+    torque_zero: SensorZero | None = None  # the same as it drifts; None where no torque was fitted
     simulated: Simulated | None = None  # None where the deviations are those of the residual alone
 
     @property

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.identification.model_free.impedance_table import ImpedanceTable
-from bench.identification.results import FitResult, TorqueZero
+from bench.identification.results import FitResult
+from bench.identification.sensor_zero import SensorZero
 from bench.models.parameters import Status
 
 FloatArray = npt.NDArray[np.float64]
@@ -26,7 +27,7 @@ class PortTorque:
     """The sensor's zero and the slopes. ``origin_ns`` is where the zero's time begins."""
 
     origin_ns: int
-    zero: TorqueZero
+    zero: SensorZero
     table: ImpedanceTable | None
     damping_nms_rad: float
     damping_std_nms_rad: float

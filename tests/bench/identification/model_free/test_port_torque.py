@@ -8,7 +8,7 @@ import pytest
 from bench.identification.model_free.impedance_table import ImpedanceTable
 from bench.identification.model_free.port_torque import PortTorque
 from bench.identification.model_free.source_map import source_map
-from bench.identification.results import TorqueZero
+from bench.identification.sensor_zero import SensorZero
 from bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo
 from bench.segments import Use
 from tests.bench.identification.synthetic import Bench
@@ -57,7 +57,7 @@ def known(seed, table=None):
     """What a fit would say of zero and damping: the truth, and an error as large as it says."""
     ends_s = np.array([0.0, 8.8])
     wrong_nm = ZERO_STD_NM * np.random.default_rng([seed, 1]).standard_normal(2)
-    zero = TorqueZero(ends_s, ZERO_NM + DRIFT_NM_S * ends_s + wrong_nm, ZERO_STD_NM**2 * np.eye(2))
+    zero = SensorZero(ends_s, ZERO_NM + DRIFT_NM_S * ends_s + wrong_nm, ZERO_STD_NM**2 * np.eye(2))
     return PortTorque(1_000_000_000, zero, table, DAMPING, 0.01 * DAMPING)
 
 
@@ -116,7 +116,7 @@ def test_where_the_grid_says_nothing_the_damping_does_and_where_neither_is_sure_
 
 
 def test_the_zero_lies_on_straight_lines_between_its_knots():
-    zero = TorqueZero(np.array([0.0, 10.0, 20.0]), np.array([1.0, 3.0, 2.0]), np.eye(3))
+    zero = SensorZero(np.array([0.0, 10.0, 20.0]), np.array([1.0, 3.0, 2.0]), np.eye(3))
     np.testing.assert_allclose(zero.at([-5.0, 0.0, 5.0, 15.0, 30.0]), [1.0, 1.0, 2.0, 2.5, 2.0])
 
 
@@ -128,5 +128,5 @@ def test_a_fit_that_tells_no_zero_corrects_nothing(result):
 def test_the_fit_finds_the_zero_and_its_drift_within_what_it_says(experiment, result):
     """Of the synthetic bench: a bias and a steady drift."""
     bench, zero = Bench(), result.torque_zero
-    true = bench.bias_nm + bench.drift_nm_s * zero.knots_s
-    assert np.all(np.abs(zero.values_nm - true) < 4 * np.sqrt(np.diag(zero.covariance_nm2)) + 1e-5)
+    true = bench.bias_nm + bench.drift_nm_s * zero.time_s
+    assert np.all(np.abs(zero.value_nm - true) < 4 * np.sqrt(np.diag(zero.covariance_nm2)) + 1e-5)
