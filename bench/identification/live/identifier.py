@@ -83,6 +83,7 @@ class LiveIdentifier:
     _next_ticks: int = field(default=0, init=False)
     _simulated_ticks: int = field(default=0, init=False)
     _coupling: Coupling | None = field(default=None, init=False)
+    _calibrated_ticks: int = field(default=0, init=False)  # that the coupling is known from
     _corrections: dict[str, _Correction] = field(default_factory=dict, init=False)
     _latest: LiveEstimate = field(default_factory=lambda: LiveEstimate(0), init=False)
 
@@ -112,7 +113,8 @@ class LiveIdentifier:
         return before is not None and len(part.ticks) > 0 and bool(part.ticks["tick_ns"][0] <= before)
 
     def _begin_anew(self) -> None:
-        self._parts, self._told_ticks, self._simulated_ticks, self._corrections = [], 0, 0, {}
+        self._parts, self._corrections, self._coupling = [], {}, None
+        self._told_ticks, self._simulated_ticks, self._calibrated_ticks = 0, 0, 0
         self._next_ticks = round(FIRST_S / self.tick_s)
 
     def _forget(self) -> None:
@@ -149,8 +151,10 @@ class LiveIdentifier:
         return LiveEstimate(self._latest.stamp_ns, estimates, network, result.samples)
 
     def _readings(self, measured: Measured, believed: Measured) -> Readings:
-        if self._coupling is None:
-            self._coupling = coupling_of(measured, self.tick_s)
+        calibrated = [segment.index for segment in measured.segments if segment.use is Use.CALIBRATE]
+        ticks = int(np.count_nonzero(np.isin(measured.ticks["segment"], calibrated)))
+        if ticks > self._calibrated_ticks:
+            self._coupling, self._calibrated_ticks = coupling_of(measured, self.tick_s), ticks
         return Readings(believed, self.tick_s, Use.IDENTIFY, DRAWS, self._coupling)
 
     def _corrected(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
