@@ -19,7 +19,7 @@ from bench.identification.fit import fit_signals
 from bench.identification.load import fit_machine, weight_of
 from bench.identification.machine import Machine
 from bench.identification.results import FitResult
-from bench.identification.signals import INTERPOLATION, Port, signals, stream_of
+from bench.identification.signals import INTERPOLATION, Port, positions_of, signals
 from bench.identification.soundness.recording import sound
 from bench.models.parameters import Status
 from bench.records import NO_DEVICE_TIME, TORQUE, Measured, Table
@@ -69,8 +69,8 @@ def actuator_behind(measured: Measured, load: Machine, tick_s: float, command_un
 def with_twist(measured: Measured) -> Measured:
     """With TWIST_NM_RAD times the twist in place of the torque readings, whenever the load's position was read."""
     origin_ns = int(measured.ticks["tick_ns"][0])
-    load = stream_of(measured.load_motion, "position_rad", origin_ns)
-    actuator = stream_of(measured.motion, "position_rad", origin_ns)
+    load = positions_of(measured.load_motion, origin_ns)
+    actuator = positions_of(measured.motion, origin_ns)
     reach_s = INTERPOLATION.half_width * actuator.period_s
     within = (load.time_s > actuator.time_s[0] + reach_s) & (load.time_s < actuator.time_s[-1] - reach_s)
     at_s = load.time_s[within]
@@ -81,7 +81,7 @@ def with_twist(measured: Measured) -> Measured:
 def with_torque_of(measured: Measured, load: Machine, tick_s: float) -> Measured:
     """With the port torque as the load tells it in place of the torque readings, once a tick."""
     origin_ns = int(measured.ticks["tick_ns"][0])
-    position = stream_of(measured.load_motion, "position_rad", origin_ns)
+    position = positions_of(measured.load_motion, origin_ns)
     reach_s = INTERPOLATION.half_width * position.period_s
     ticks_s = (measured.ticks["tick_ns"] - origin_ns) * 1e-9
     within = (ticks_s > position.time_s[0] + reach_s) & (ticks_s < position.time_s[-1] - reach_s)

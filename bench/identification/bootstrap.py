@@ -22,7 +22,16 @@ from bench.identification.kernels import Kernel
 from bench.identification.quantisation import resolution_rad
 from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS
 from bench.identification.separable import Solution, solve_again
-from bench.identification.signals import FINE, Signals, Stream, instants, signals, stream_of
+from bench.identification.signals import (
+    FINE,
+    Signals,
+    Stream,
+    instants,
+    positions_late_s,
+    positions_of,
+    signals,
+    stream_of,
+)
 from bench.identification.timing import travel_s
 from bench.identification.verdict import LOOSE_BEYOND
 from bench.records import Measured, Table
@@ -267,6 +276,7 @@ class Simulation:
     torque: Stream
     position_errors: ReadingErrors
     torque_errors: ReadingErrors
+    late_s: FloatArray  # how much later than at even instants positions were read, as far as arrivals tell
     travel_s: FloatArray  # of commands, about its mean: as readings on the same wire had it
 
     @classmethod
@@ -275,7 +285,7 @@ class Simulation:
         valid = measured.torque[measured.torque["valid"]]
         motion_rows = measured.motion[instants(measured.motion, origin_ns)[1]]
         torque_rows = valid[instants(valid, origin_ns)[1]]
-        position = stream_of(motion_rows, "position_rad", origin_ns)
+        position, late_s = positions_of(motion_rows, origin_ns), positions_late_s(motion_rows, origin_ns)
         torque = stream_of(torque_rows, "torque_nm", origin_ns)
         return cls(
             readings,
@@ -287,7 +297,8 @@ class Simulation:
             torque,
             ReadingErrors.of(position, stretches[0].count_rad),
             ReadingErrors.of(torque, resolution_rad(torque.value)),
-            travel_s(measured.motion["arrival_ns"]),
+            late_s,
+            _one_way_s(travel_s(measured.motion["arrival_ns"]), late_s),
         )
 
     def over(self, others: tuple[Signals, ...]) -> "Simulation":
@@ -321,11 +332,12 @@ class Simulation:
     @cached_property  # of every simulated record
     def _motion(self) -> tuple[FloatArray, FloatArray]:
         """Position and velocity at the encoder's readings, (n,) each; zero velocity outside the stretches."""
-        position_rad, velocity_rad_s = self.position.value.copy(), np.zeros(self.position.value.size)
+        position_rad = np.asarray(self.motion_rows["position_rad"], dtype=np.float64).copy()
+        velocity_rad_s, read_s = np.zeros(position_rad.size), self.position.time_s + self.late_s
         for truth in self.truths:
             own = _within(self.position.time_s, truth.stretch.time_s)
-            position_rad[own] = truth.motion(self.position.time_s[own])
-            velocity_rad_s[own] = truth.motion(self.position.time_s[own], 1)
+            position_rad[own] = truth.motion(read_s[own])
+            velocity_rad_s[own] = truth.motion(read_s[own], 1)
         return position_rad, velocity_rad_s
 
     def _torque(
@@ -335,6 +347,13 @@ class Simulation:
         if averaging_s := truth.stretch.torque_averaging_s:
             time_s = time_s + averaging_s * random.uniform(-0.5, 0.5, time_s.size)
         return np.asarray(truth.torque(self.solution, travel_s, coupling)(time_s))
+
+
+def _one_way_s(travel_s: FloatArray, late_s: FloatArray) -> FloatArray:
+    """Of commands, where answers to them travelled for ``travel_s`` both ways: arrivals tell of a reading's instant the
+    share that the command has in the variance of both. All of it where readings come by themselves."""
+    share = float(np.std(late_s) / max(float(np.std(travel_s)), 1e-300))
+    return travel_s * np.sqrt(share) if share > 0.0 else travel_s
 
 
 def _with(table: Table, column: str, values: FloatArray) -> Table:

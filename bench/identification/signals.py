@@ -14,7 +14,7 @@ from bench.errors import ExperimentError
 from bench.identification import noise
 from bench.identification.kernels import TABLE_PER_UNIT, Kernel
 from bench.identification.quantisation import moving, resolution_rad, unquantised
-from bench.identification.timing import nominal_period_s, sampled_at_s
+from bench.identification.timing import nominal_period_s, sampled_at_s, taken_late_s
 from bench.records import NO_DEVICE_TIME, Measured, Table
 from bench.segments import Use
 
@@ -143,7 +143,7 @@ class Stream:
 
 
 def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, count_rad: float) -> dict[str, Stream]:
-    position = stream_of(motion, "position_rad", origin_ns)
+    position = positions_of(motion, origin_ns)
     smooth = unquantised(position.value, count_rad)
     streams = {
         "position": replace(position, step=count_rad),
@@ -165,6 +165,24 @@ def stream_of(table: Table, column: str, origin_ns: int) -> Stream:
     time_s, rows = instants(table, origin_ns)
     value = np.ascontiguousarray(table[column], dtype=float)
     return Stream(time_s, value[rows], nominal_period_s(table["arrival_ns"]))
+
+
+def positions_of(table: Table, origin_ns: int) -> Stream:
+    """An encoder's readings, as they would be at even instants: without what the shaft turned in the time by which they
+    were taken later."""
+    stream = stream_of(table, "position_rad", origin_ns)
+    late_s = positions_late_s(table, origin_ns)
+    if not late_s.any():
+        return stream
+    return replace(stream, value=stream.value - np.gradient(stream.value, stream.time_s) * late_s)
+
+
+def positions_late_s(table: Table, origin_ns: int) -> FloatArray:
+    """How much later than at even instants these readings were taken [s], shape (n,), as far as arrivals tell."""
+    time_s, rows = instants(table, origin_ns)
+    arrival_s = (table["arrival_ns"][rows] - origin_ns) * 1e-9
+    value = np.asarray(table["position_rad"][rows], dtype=np.float64)
+    return taken_late_s(time_s, arrival_s - time_s, value)
 
 
 def sent_at_s(ticks: Table, origin_ns: int) -> FloatArray:

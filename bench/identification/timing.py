@@ -12,6 +12,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from bench.identification import noise
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
@@ -25,6 +27,9 @@ FEW_READINGS = 8
 TRIMMED_ROUNDS = 4
 TRIMMED_AT = 3.0
 NORMAL_OF_MEDIAN_DEVIATION = 1.4826
+# Deviations from which readings are taken to be uneven: neighbours of one difference err alike, which makes deviations
+# seem smaller than they are by up to two.
+SIGNIFICANT = 8.0
 
 
 def nominal_period_s(arrival_ns: IntArray) -> float:
@@ -65,6 +70,33 @@ def travel_s(arrival_ns: IntArray) -> FloatArray:
     """How much longer than on average each reading travelled [s], shape (n,), as its arrival tells."""
     arrival_s = np.asarray((arrival_ns - arrival_ns[0]) * 1e-9, dtype=np.float64)
     return arrival_s - sampled_at_s(arrival_ns, None, int(arrival_ns[0]))
+
+
+def taken_late_s(time_s: FloatArray, late_s: FloatArray, value: FloatArray) -> FloatArray:
+    """How much later than at even instants readings were taken, as far as their arrivals tell [s], shape (n,).
+
+    A drive that reads when a command arrives, and answers, takes its readings unevenly: a share of the time which
+    command and answer travelled together. Where the value moves, that shows: value = path + share · rate · late, looked
+    at in differences in which no path shows. ``time_s`` (n,) are the even instants, ``late_s`` (n,) how much longer
+    each reading travelled. All zero where that share is not significant.
+    """
+    usual_s = _usual(late_s)
+    if time_s.size <= noise.ORDER:
+        return np.zeros(time_s.size)
+    read = np.diff(value, noise.ORDER)
+    shown = np.diff(np.gradient(value, time_s) * usual_s, noise.ORDER)
+    power = max(float(shown @ shown), 1e-300)
+    share = float(read @ shown) / power
+    std = float(np.linalg.norm((read - share * shown) * shown)) / power
+    return min(share, 1.0) * usual_s if share > SIGNIFICANT * std else np.zeros(time_s.size)
+
+
+def _usual(late_s: FloatArray) -> FloatArray:
+    """The same without what is later or earlier than nearly all: a stalled host hands over late what was taken in
+    time."""
+    middle = np.median(late_s)
+    deviation = NORMAL_OF_MEDIAN_DEVIATION * np.median(np.abs(late_s - middle))
+    return np.where(np.abs(late_s - middle) <= TRIMMED_AT * deviation, late_s, 0.0)
 
 
 def _usual_span(arrival_ns: IntArray) -> float:

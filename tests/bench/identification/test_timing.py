@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.identification.timing import sampled_at_s
+from bench.identification.timing import sampled_at_s, taken_late_s
 
 
 def arrivals(taken_s, rng, delay_s=4e-4, jitter_s=1e-4):
@@ -63,3 +63,41 @@ def test_a_lonely_reading_after_a_pause_keeps_its_arrival():
     arrival_ns = np.concatenate([np.arange(2000), [12_000]]) * 1_000_000
     found_s = sampled_at_s(arrival_ns, None, 0)
     assert found_s[-1] == 12.0
+
+
+def answered(rng, share, count=20_000, jitter_s=1e-4, count_rad=4e-4):
+    """Even instants, how much longer each answer travelled, what was read, and by how much it was taken late."""
+    even_s = np.arange(count) * 1e-3
+    there_s, back_s = jitter_s * rng.uniform(-1, 1, (2, count))
+    late_s, taken_s = (there_s + back_s, even_s + there_s) if share else (back_s, even_s)
+    turned = 3.0 * np.sin(2 * np.pi * 1.3 * taken_s) + 8.0 * taken_s
+    return even_s, late_s, np.round(turned / count_rad) * count_rad, taken_s - even_s
+
+
+def test_answers_to_commands_tell_half_of_when_they_were_taken():
+    for seed in range(5):
+        even_s, late_s, value, true_s = answered(np.random.default_rng(seed), 1)
+        found_s = taken_late_s(even_s, late_s, value)
+        # Two ways alike: half of what both are late, which leaves half of the variance.
+        np.testing.assert_allclose(found_s, 0.5 * late_s, atol=0.05 * np.max(np.abs(late_s)))
+        assert np.std(found_s - true_s) < 0.75 * np.std(true_s)
+
+
+def test_readings_that_come_by_themselves_are_even():
+    for seed in range(20):
+        even_s, late_s, value, _ = answered(np.random.default_rng(seed), 0)
+        assert not taken_late_s(even_s, late_s, value).any()
+
+
+def test_what_a_stalled_host_hands_over_was_taken_in_time():
+    even_s, late_s, value, _ = answered(np.random.default_rng(3), 1)
+    late_s[5000:5030] += np.linspace(0.03, 0.0, 30)
+    found_s = taken_late_s(even_s, late_s, value)
+    assert not found_s[5000:5028].any()
+    assert found_s.any()
+
+
+def test_a_shaft_at_rest_tells_nothing_of_instants():
+    even_s, late_s, _, _ = answered(np.random.default_rng(4), 1, count=3000)
+    assert not taken_late_s(even_s, late_s, np.zeros(even_s.size)).any()
+    assert not taken_late_s(even_s[:5], late_s[:5], np.arange(5.0)).any()
