@@ -92,10 +92,13 @@ def test_the_residual_is_noise(result):
 
 @pytest.mark.parametrize("seed", [21, 22, 23])
 def test_other_true_values_are_found_as_well(seed):
-    """Any factor between 0.5 and 2 on every true value: nothing in the identifier knows them."""
+    """Any factor between 0.5 and 2 on every true value: nothing in the identifier knows them.
+
+    Without simulated records deviations are the narrowest: what lies within them lies within wider ones.
+    """
     factors = 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)
     truth = Truth(*(Truth().array() * factors))
-    result = fit(synthetic.experiment(seed, truth), command_unit="N*m", tick_s=TICK_S)
+    result = fit(synthetic.experiment(seed, truth), command_unit="N*m", tick_s=TICK_S, draws=0)
     assert within_targets(result, truth), errors(result, truth)
     # 95 of 100 within 3 deviations is the promise; of 7, one outside by a little has a chance in three.
     assert np.all(np.abs(deviates(result, truth)) < 4.5)
@@ -133,7 +136,7 @@ def test_a_sensor_that_averages_is_no_lag_of_the_amplifier(experiment, result):
 
 def test_a_sensor_without_a_clock_of_its_own_will_do():
     measured = synthetic.experiment(2, bench=Bench(device_clock=False), free=False, blocked=False)
-    result = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    result = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=0)
     assert within_targets(result, Truth()), errors(result, Truth())
 
 
@@ -141,7 +144,7 @@ def test_lost_readings_do_no_harm(experiment):
     keep = np.random.default_rng(0).random(len(experiment.motion)) > 0.002
     keep_torque = np.random.default_rng(1).random(len(experiment.torque)) > 0.002
     measured = replace(experiment, motion=experiment.motion[keep], torque=experiment.torque[keep_torque])
-    result = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    result = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=0)
     assert within_targets(result, Truth()), errors(result, Truth())
 
 
@@ -219,7 +222,7 @@ def test_intervals_hold_what_they_promise(bench):
     deviations = []
     for seed in range(40, 46):
         truth = Truth(*(Truth().array() * 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)))
-        measured = synthetic.experiment(seed, truth, bench=bench, free=False, blocked=False)
+        measured = synthetic.experiment(seed, truth, bench=bench, free=False, blocked=False, multisine_s=10.0)
         deviations.append(deviates(fit(measured, command_unit="N*m", tick_s=TICK_S), truth))
     # Of 42 intervals of 95 %, fewer than 35 hold the truth once in a thousand; the rms is 1 ± 0.11.
     assert np.count_nonzero(np.abs(deviations) < 1.96) >= 35
