@@ -44,7 +44,7 @@ def fit_alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def conclude(path: Path, out: Path | None) -> tuple[Recording, Conclusion]:
         recording = read_recording(path)
-        return recording, Conclusion(fit(recording.measured, command_unit="N*m", tick_s=TICK_S))
+        return recording, Conclusion(fit(recording.measured, command_unit="N*m", tick_s=TICK_S, draws=0))
 
     monkeypatch.setattr("bench.session.several.conclude_recording", conclude)
 

@@ -49,7 +49,7 @@ def test_current_tells_torque_constant_and_gain_apart(result):
 
 def test_a_drive_that_reports_its_current_slowly_will_do(experiment):
     """ODrive sends it every 10 ms: far too slowly to be interpolated."""
-    result = fit(replace(experiment, current=experiment.current[::10]), command_unit="N*m", tick_s=TICK_S)
+    result = fit(replace(experiment, current=experiment.current[::10]), command_unit="N*m", tick_s=TICK_S, draws=0)
     estimate = result.estimate("torque_constant")
     assert abs(estimate.value - Truth().torque_constant) < 3 * estimate.std
     assert estimate.std < 0.01 * estimate.value
@@ -92,10 +92,13 @@ def test_the_residual_is_noise(result):
 
 @pytest.mark.parametrize("seed", [21, 22, 23])
 def test_other_true_values_are_found_as_well(seed):
-    """Any factor between 0.5 and 2 on every true value: nothing in the identifier knows them."""
+    """Any factor between 0.5 and 2 on every true value: nothing in the identifier knows them.
+
+    Without simulated records deviations are the narrowest: what lies within them lies within wider ones.
+    """
     factors = 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)
     truth = Truth(*(Truth().array() * factors))
-    result = fit(synthetic.experiment(seed, truth), command_unit="N*m", tick_s=TICK_S)
+    result = fit(synthetic.experiment(seed, truth), command_unit="N*m", tick_s=TICK_S, draws=0)
     assert within_targets(result, truth), errors(result, truth)
     # 95 of 100 within 3 deviations is the promise; of 7, one outside by a little has a chance in three.
     assert np.all(np.abs(deviates(result, truth)) < 4.5)
@@ -108,7 +111,8 @@ def test_a_drive_that_lets_go_at_zero_has_no_lag_there():
     released = 1.0 - np.count_nonzero(experiment.ticks["command"]) / len(experiment.ticks)
     assert released > 0.05
     known = replace(experiment, chain=Chain(released_at_zero=frozenset({"actuator"})))
-    told, not_told = (fit(each, command_unit="N*m", tick_s=TICK_S) for each in (known, experiment))
+    told = fit(known, command_unit="N*m", tick_s=TICK_S)
+    not_told = fit(experiment, command_unit="N*m", tick_s=TICK_S, draws=0)
     assert np.all(np.abs(deviates(told, Truth())) < 4.0)
     assert told.torque_rms_nm < not_told.torque_rms_nm
     lag, other = (result.estimate("amplifier_bandwidth") for result in (told, not_told))
@@ -120,20 +124,21 @@ def test_a_sensor_that_averages_is_no_lag_of_the_amplifier(experiment, result):
     torque, window_s = experiment.torque.copy(), np.sqrt(8.0) * TICK_S
     torque["torque_nm"] = np.convolve(torque["torque_nm"], np.full(3, 1 / 3), "same")
     averaged = replace(experiment, torque=torque)
-    not_told = fit(averaged, command_unit="N*m", tick_s=TICK_S)
+    not_told = fit(averaged, command_unit="N*m", tick_s=TICK_S, draws=0)
     told = fit(replace(averaged, chain=Chain(torque_averaging_s=window_s)), command_unit="N*m", tick_s=TICK_S)
     for name in ("amplifier_bandwidth", "inertia"):
         known, found = result.estimate(name), told.estimate(name)
         assert found.value == pytest.approx(known.value, abs=2 * np.hypot(found.std, known.std))
-    assert told.estimate("amplifier_bandwidth").std > result.estimate("amplifier_bandwidth").std
+    known, found = (each.estimate("amplifier_bandwidth") for each in (result, told))
+    assert found.std > known.std
     lag = not_told.estimate("amplifier_bandwidth")
-    assert lag.value < 0.92 * result.estimate("amplifier_bandwidth").value
-    assert result.estimate("amplifier_bandwidth").value - lag.value > 5 * lag.std
+    assert lag.value < 0.92 * known.value
+    assert known.value - lag.value > 4 * found.std
 
 
 def test_a_sensor_without_a_clock_of_its_own_will_do():
     measured = synthetic.experiment(2, bench=Bench(device_clock=False), free=False, blocked=False)
-    result = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    result = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=0)
     assert within_targets(result, Truth()), errors(result, Truth())
 
 
@@ -141,7 +146,7 @@ def test_lost_readings_do_no_harm(experiment):
     keep = np.random.default_rng(0).random(len(experiment.motion)) > 0.002
     keep_torque = np.random.default_rng(1).random(len(experiment.torque)) > 0.002
     measured = replace(experiment, motion=experiment.motion[keep], torque=experiment.torque[keep_torque])
-    result = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    result = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=0)
     assert within_targets(result, Truth()), errors(result, Truth())
 
 
@@ -219,7 +224,7 @@ def test_intervals_hold_what_they_promise(bench):
     deviations = []
     for seed in range(40, 46):
         truth = Truth(*(Truth().array() * 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)))
-        measured = synthetic.experiment(seed, truth, bench=bench, free=False, blocked=False)
+        measured = synthetic.experiment(seed, truth, bench=bench, free=False, blocked=False, multisine_s=10.0)
         deviations.append(deviates(fit(measured, command_unit="N*m", tick_s=TICK_S), truth))
     # Of 42 intervals of 95 %, fewer than 35 hold the truth once in a thousand; the rms is 1 ± 0.11.
     assert np.count_nonzero(np.abs(deviations) < 1.96) >= 35

@@ -37,19 +37,19 @@ do = "tare"
 duration = "500 ms"
 [[step]]
 do = "calibrate"
-duration = "4 s"
+duration = "2 s"
 [[step]]
 do = "free"
 amplitude = "40 %"
 levels = 3
-dwell = "150 ms"
-duration = "2 s"
+dwell = "100 ms"
+duration = "1 s"
 [[step]]
 do = "imposed"
 amplitude = "40 %"
 velocities = ["-15 rad/s", "15 rad/s"]
 commands = 2
-duration = "3 s"
+duration = "2 s"
 [[step]]
 do = "validate"
 duration = "1 s"

@@ -45,7 +45,10 @@ def test_validation_segments_are_not_learned_from(experiment):
 
 
 def test_without_torque_there_are_ratios_alone(without_torque):
-    history = feed(LiveIdentifier("N*m", TICK_S), without_torque)
+    start_ns = int(without_torque.ticks["tick_ns"][0])
+    seen = without_torque.between(start_ns, start_ns + 45 * 10**9)
+    assert {"free", "blocked", "imposed"} <= {segment.procedure for segment in seen.segments}
+    history = feed(LiveIdentifier("N*m", TICK_S), seen)
     assert all(state.network is None for state in history)
     free = at(history, without_torque, 20.0)
     assert free["inertia"].status is Status.RATIO_ONLY
