@@ -27,7 +27,8 @@ def coupling(resonance_hz=RESONANCE_HZ):
 
 
 def simulation(result, spring):
-    return replace(result.simulation, readings=replace(result.simulation.readings, coupling=spring))
+    bench = result.simulated.bench
+    return replace(bench, readings=replace(bench.readings, coupling=spring))
 
 
 def ringing_at(experiment, result, resonance_hz, ratio):
