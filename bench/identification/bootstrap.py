@@ -300,9 +300,9 @@ class Simulation:
             late_s,
             _one_way_s(travel_s(measured.motion["arrival_ns"]), late_s),
         )
-        return bench._told_from_signal()
+        return bench._without_signal_in_noise()
 
-    def _told_from_signal(self) -> "Simulation":
+    def _without_signal_in_noise(self) -> "Simulation":
         """The same without what looks like the torque sensor's errors and is torque: commands that act between two
         readings, and ringing. A simulated record of even instants with the noise that was seen shows these as well."""
         seen = self.torque_errors
