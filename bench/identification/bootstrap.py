@@ -287,7 +287,7 @@ class Simulation:
         torque_rows = valid[instants(valid, origin_ns)[1]]
         position, late_s = positions_of(motion_rows, origin_ns), positions_late_s(motion_rows, origin_ns)
         torque = stream_of(torque_rows, "torque_nm", origin_ns)
-        return cls(
+        bench = cls(
             readings,
             solution,
             tuple(Truth.of(stretch, solution) for stretch in stretches),
@@ -300,6 +300,18 @@ class Simulation:
             late_s,
             _one_way_s(travel_s(measured.motion["arrival_ns"]), late_s),
         )
+        return bench._without_signal_in_noise()
+
+    def _without_signal_in_noise(self) -> "Simulation":
+        """The same without what looks like the torque sensor's errors and is torque: commands that act between two
+        readings, and ringing. A simulated record of even instants with the noise that was seen shows these as well."""
+        seen = self.torque_errors
+        even = replace(self, torque_errors=replace(seen, jitter_s=0.0)).record(np.random.default_rng(0))
+        values = np.asarray(even.torque["torque_nm"], dtype=np.float64)
+        shown = ReadingErrors.of(replace(self.torque, value=values), seen.step)
+        noise_nm = float(np.sqrt(max(2.0 * seen.noise**2 - shown.noise**2, 0.0)))
+        jitter_s = float(np.sqrt(max(seen.jitter_s**2 - shown.jitter_s**2, 0.0)))
+        return replace(self, torque_errors=ReadingErrors(noise_nm, seen.step, jitter_s))
 
     def over(self, others: tuple[Signals, ...]) -> "Simulation":
         """The same over ``others`` too, as far as no stretch of its own holds them already."""
@@ -315,14 +327,16 @@ class Simulation:
     def record(self, random: np.random.Generator) -> Measured:
         """What would have been measured, with errors of its own."""
         position_rad, velocity_rad_s = self._motion
-        torque_nm = self.torque.value.copy()
+        torque_nm, seen_at_all = self.torque.value.copy(), np.zeros(self.torque.value.size, dtype=bool)
         coupling = None if self.readings.coupling is None else self.readings.coupling.drawn(random)
         for truth in self.truths:
             seen = _within(self.torque.time_s, truth.stretch.time_s)
             torque_nm[seen] = self._torque(truth, self.torque.time_s[seen], coupling, random)
+            seen_at_all[seen] = True
         rate_nm_s = np.gradient(torque_nm, self.torque.time_s)
         position_rad = self.position_errors.drawn(position_rad, velocity_rad_s, random)
-        torque_nm = self.torque_errors.drawn(torque_nm, rate_nm_s, random)
+        drawn_nm = self.torque_errors.drawn(torque_nm, rate_nm_s, random)
+        torque_nm = np.where(seen_at_all, drawn_nm, torque_nm)  # what is not simulated has its errors already
         return replace(
             self.readings.measured,
             motion=_with(self.motion_rows, "position_rad", position_rad),
