@@ -138,7 +138,7 @@ def foreseeing(first: NortonNetwork, live: NortonNetwork | None, *, knows_fricti
     Feedback that knows the actuator's friction leaves less than a network that is not trusted.
     """
     network = first if trusted(first) else live
-    return None if network is None or (knows_friction and not trusted(network)) else network
+    return None if network is None or (knows_friction and not trusted(network)) else network.dissipative()
 
 
 def trusted(network: NortonNetwork) -> bool:

@@ -81,6 +81,15 @@ class NortonNetwork:
         named: dict[str, Any] = {field: values[name] for field, name in PARAMETER_OF_FIELD.items() if name in values}
         return cls(**named, command_unit=command_unit, **more)
 
+    def dissipative(self) -> "NortonNetwork":
+        """The same with dampings no less than none: one that the data hardly tell may come out below zero, and a motion
+        predicted with it would run away."""
+        return replace(
+            self,
+            viscous_damping_nms_rad=max(self.viscous_damping_nms_rad, 0.0),
+            presliding_damping_nms_rad=max(self.presliding_damping_nms_rad, 0.0),
+        )
+
     @property
     def thresholds(self) -> tuple[float, float]:
         """The commands, lower and upper, between which the shaft stays at rest."""

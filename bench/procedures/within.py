@@ -37,13 +37,7 @@ def bounds_of(known: Knowledge) -> Bounds | None:
         return None
     if why_no_basis(replace(fit, converged=True), "the actuator") is not None:
         return None
-    # A damping that the fit hardly tells may come out below zero, and would make the motion foreseen run away.
-    network = replace(
-        fit.network,
-        viscous_damping_nms_rad=max(fit.network.viscous_damping_nms_rad, 0.0),
-        presliding_damping_nms_rad=max(fit.network.presliding_damping_nms_rad, 0.0),
-    )
-    return Bounds(known.rig, network, known.calibration, travel_left_rad(known.records, known.rig))
+    return Bounds(known.rig, fit.network.dissipative(), known.calibration, travel_left_rad(known.records, known.rig))
 
 
 def travel_left_rad(records: Sequence[Measured], rig: Rig) -> float:

@@ -347,3 +347,13 @@ def test_a_motion_is_foreseen_by_what_is_trusted_or_else_by_the_best_there_is(
     first: NortonNetwork, live: NortonNetwork | None, knows_friction: bool, expected: NortonNetwork | None
 ) -> None:
     assert foreseeing(first, live, knows_friction=knows_friction) == expected
+
+
+def test_a_shaft_at_rest_is_foreseen_to_stay_there_although_its_contact_was_fitted_without_damping() -> None:
+    """Fitted behind a coarse encoder, a presliding damping came out at seven times its value, and negative."""
+    fitted = replace(SURE, presliding_damping_nms_rad=-7.0 * SURE.presliding_damping_nms_rad)
+    barely = np.full(200, 0.05 * fitted.coulomb_torque_nm / fitted.torque_gain)
+    assert not np.max(np.abs(fitted.free_motion(barely, 1e-3)[1])) < 1.0
+    foreseen = foreseeing(fitted, None, knows_friction=True)
+    assert foreseen is not None
+    assert np.max(np.abs(foreseen.free_motion(barely, 1e-3)[1])) < 0.1
