@@ -12,17 +12,14 @@ import numpy.typing as npt
 
 from bench.errors import ExperimentError
 from bench.identification.bootstrap import Simulation
-from bench.identification.bounds import possible
-from bench.identification.coupling import Coupling
 from bench.identification.expansion import Expansion, Sums
-from bench.identification.fit import PHYSICAL, fit
+from bench.identification.fit import PHYSICAL
 from bench.identification.ladder import Rung, selected
 from bench.identification.residuals.departures import CHANGE, Departure, departures, greatest_share
 from bench.identification.results import FitResult
 from bench.identification.ringing import folded_ringing
 from bench.identification.sensor_zero import SensorZero
 from bench.identification.signals import Signals, signals
-from bench.identification.soundness.recording import sound
 from bench.identification.validation import free_runs
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Estimate, Status
@@ -150,12 +147,12 @@ def _usual(result: FitResult, simulation: Simulation) -> _Usual:
     size, as a bias is: it may be twice that."""
     tick_s, share, left_nm2 = simulation.readings.tick_s, 0.0, 0.0
     for record in simulation.records():
-        at = Expansion.of(result, signals(record, tick_s, Use.IDENTIFY), _unseen(record, tick_s))
+        at = Expansion.of(result, signals(record, tick_s, Use.IDENTIFY), validation_stretches(record, tick_s))
         share, left_nm2 = max(share, greatest_share(at)), max(left_nm2, _without_cogging(at))
     return _Usual(TWICE**2 * share, left_nm2)
 
 
-def _unseen(measured: Measured, tick_s: float) -> tuple[Signals, ...]:
+def validation_stretches(measured: Measured, tick_s: float) -> tuple[Signals, ...]:
     """What is kept for validation; nothing where the session has no such step."""
     try:
         return signals(measured, tick_s, Use.VALIDATE)
@@ -171,18 +168,6 @@ def _told_apart(at: Expansion, found: tuple[Departure, ...], usual: _Usual) -> t
 def _mostly_no_noise(at: Expansion, left_nm2: float, usual: _Usual) -> bool:
     """Whether more than UNEXPLAINED of the mean square left is neither noise nor what ticks and counts leave open."""
     return (1 - UNEXPLAINED) * left_nm2 > max(at.noise_nm2 + at.unknown_nm2, usual.left_nm2)
-
-
-def fit_judged(measured: Measured, *, command_unit: str, tick_s: float, coupling: Coupling | None = None) -> FitResult:
-    """The fit of what was recorded, with statuses and deviations as a session concludes them, and nothing else.
-
-    Arguments are those of :func:`bench.identification.fit.fit`. Raises ExperimentError where there is nothing to fit.
-    """
-    result = possible(fit(measured, command_unit=command_unit, tick_s=tick_s, coupling=coupling))
-    believed = sound(measured).measured
-    fitted, unseen = signals(believed, tick_s, Use.IDENTIFY), _unseen(believed, tick_s)
-    at = expanded(result, fitted, unseen)
-    return result if at is None else judged(result, model_error(result, at, fitted, unseen, believed))
 
 
 def bound(mean_squares: FloatArray) -> tuple[float, float]:

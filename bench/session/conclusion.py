@@ -12,21 +12,18 @@ from bench.errors import ExperimentError, UsageError
 from bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
 from bench.identification.ambiguity.tabulated import tabulated_conditions
 from bench.identification.bench_ladder import bench_ladder
-from bench.identification.bootstrap import Readings
-from bench.identification.bounds import beyond_bounds, possible
-from bench.identification.fit import fit_signals
+from bench.identification.bounds import beyond_bounds
 from bench.identification.in_situ import InSituResult, in_situ_result
+from bench.identification.judged_fit import fit_judged
 from bench.identification.ladder import Rung
 from bench.identification.live.moved import with_what_moved
-from bench.identification.load import coupling_of
-from bench.identification.model_error import ModelError, expanded, judged, model_error, of_ladder
+from bench.identification.model_error import ModelError, of_ladder
 from bench.identification.model_free.port_torque import PortTorque
 from bench.identification.model_free.source_map import blocked_map, source_map
 from bench.identification.model_free.without_model import WithoutModel, without_model
 from bench.identification.residuals.diagnosis import ResidualTests, diagnose
 from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
-from bench.identification.signals import Signals, signals
-from bench.identification.soundness.recording import Findings, Sound, sound
+from bench.identification.soundness.recording import Sound, sound
 from bench.identification.tables.exertion_table import ExertionTable, exertion_table
 from bench.identification.tables.modulator import ModulatorPlaces, modulator_places
 from bench.identification.tables.source_table import SourceTable, source_table
@@ -49,7 +46,6 @@ Result = TypeVar("Result")
 ITERATED = IterateProcedure.name
 # What a recording must say of its making to be fitted.
 NEEDED = ("rig", "command_unit", "tick_s")
-NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
 
 
 @dataclass(frozen=True)
@@ -157,18 +153,12 @@ def _fitted(
 ) -> Conclusion:
     """The motor's parameters, and what checks them; ``learnt`` are the live values at the end."""
     tick_s, segments = float(metadata["tick_s"]), believed.measured.segments
-    stretches = signals(believed.measured, tick_s, Use.IDENTIFY)
-    validates = any(segment.use is Use.VALIDATE for segment in segments)
-    unseen, findings = _unseen(believed, tick_s) if validates else ((), believed.findings)
-    coupling = coupling_of(believed.measured, tick_s)
-    readings = Readings(believed.measured, tick_s, Use.IDENTIFY, coupling=coupling)
-    fit = possible(fit_signals(stretches, command_unit=metadata["command_unit"], findings=findings, readings=readings))
-    at = expanded(fit, stretches, unseen)
-    error = None if at is None else model_error(fit, at, stretches, unseen, believed.measured)
-    result, rungs = with_what_moved(judged(fit, error), fit, learnt), bench_ladder(stretches, fit)
+    fit = fit_judged(believed, command_unit=metadata["command_unit"], tick_s=tick_s)
+    stretches, unseen, error = fit.stretches, fit.unseen, fit.error
+    result, rungs = with_what_moved(fit.result, fit.fitted, learnt), bench_ladder(stretches, fit.fitted)
     if error is not None and (error.departures or error.unexplained):
         result = replace(result, verdict=(*result.verdict, *of_ladder(rungs)))
-    zero = None if at is None else at.zero
+    zero = None if fit.at is None else fit.at.zero
     checked = _where_measured(partial(validate_signals, result, unseen, zero=zero), segments) if unseen else None
     modelless = without_model(result, stretches, unseen, segments)
     table = None if modelless is None else modelless.table
@@ -187,14 +177,6 @@ def _fitted(
         ladder=rungs,
         network=_saved(result, network, metadata),
     )
-
-
-def _unseen(believed: Sound, tick_s: float) -> tuple[tuple[Signals, ...], Findings]:
-    """The stretches to validate on, and what is said of them where nothing is left: the fit is worth its while."""
-    try:
-        return signals(believed.measured, tick_s, Use.VALIDATE), believed.findings
-    except ExperimentError:
-        return (), replace(believed.findings, remarks=(*believed.findings.remarks, NOTHING_TO_VALIDATE_ON))
 
 
 def _where_measured(result_of: Callable[[Part], Result], measured: Part) -> Result | None:

@@ -10,9 +10,9 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from bench.errors import BenchError
-from bench.identification.load import coupling_of
-from bench.identification.model_error import fit_judged
+from bench.identification.judged_fit import fit_judged
 from bench.identification.results import FitResult
+from bench.identification.soundness.recording import sound
 from bench.models.parameters import Estimate, Status
 from bench.recording.reader import read_recording
 from bench.rig.rig import Rig
@@ -99,8 +99,7 @@ class Simulated:
         rig = replace(self.rig, candump=False)
         with TemporaryDirectory(prefix="norton-bench-") as folder_name:
             measured = record_session(rig, self.session, out=Path(folder_name), seed=self.seed).measured
-        coupling = coupling_of(measured, rig.tick_s)
-        return fit_judged(measured, command_unit=rig.command.unit, tick_s=rig.tick_s, coupling=coupling)
+        return fit_judged(sound(measured), command_unit=rig.command.unit, tick_s=rig.tick_s).result
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ class Recorded:
         check_metadata(self.path, recording.metadata)
         unit, tick_s = recording.metadata["command_unit"], float(recording.metadata["tick_s"])
         measured = with_past(self.path, recording)
-        return fit_judged(measured, command_unit=unit, tick_s=tick_s, coupling=coupling_of(measured, tick_s))
+        return fit_judged(sound(measured), command_unit=unit, tick_s=tick_s).result
 
 
 def carry_out(task: Task) -> Outcome:

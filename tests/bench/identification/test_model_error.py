@@ -7,10 +7,12 @@ import pytest
 
 from bench.identification.bounds import beyond_bounds, possible
 from bench.identification.fit import PHYSICAL
-from bench.identification.model_error import LEVEL, bound, expanded, fit_judged, judged, model_error
+from bench.identification.judged_fit import fit_judged
+from bench.identification.model_error import LEVEL, bound, expanded, judged, model_error
 from bench.identification.residuals.departures import CHANGE, DRAG, Departure
 from bench.identification.signals import signals
 from bench.identification.soundness.doubts import Doubt
+from bench.identification.soundness.recording import sound
 from bench.models.network import NortonNetwork
 from bench.models.parameters import Status
 from bench.segments import Use
@@ -166,7 +168,7 @@ def test_a_fit_alone_is_judged_as_a_session_is(experiment, result):
     velocity = np.gradient(experiment.motion["position_rad"], stamps * 1e-9)
     speed = np.interp(torque["arrival_ns"].astype(float), stamps, np.abs(velocity))
     torque["torque_nm"] -= 2e-3 * (speed > 0.5)
-    told = fit_judged(replace(experiment, torque=torque), command_unit="N*m", tick_s=TICK_S)
+    told = fit_judged(sound(replace(experiment, torque=torque)), command_unit="N*m", tick_s=TICK_S).result
     assert "the direction of motion" in told.verdict[0]
     assert Status.INADEQUATE in {each.status for each in told.estimates}
     # The mean of both ways is what it was.
