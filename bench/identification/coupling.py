@@ -13,10 +13,14 @@ FloatArray = npt.NDArray[np.float64]
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
 # Of critical damping: from that to a joint's that rubs, and beyond (Bachmann et al., Vibration Problems in Structures,
-# 1995, app. C). A ringing that is no likelier for one than for another, as a logarithm, is not heard.
+# 1995, app. C).
 RATIOS = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16)
-AUDIBLE = 1.0
+# A ringing is heard where readings are likelier for one end of these than for the other by very strong evidence, as a
+# logarithm (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995).
+AUDIBLE = 5.0
+# Of the search, which ends where steps are a small part of what is known.
 MOST_TRIES = 30
+CLOSE, LITTLE_LIKELIER = 0.02, 0.1
 # Steps of the curvature: of the stiffness, in deviations, and of the damping's logarithm.
 PROBES = (0.2, 0.1)
 
@@ -96,7 +100,12 @@ def likeliest(coupling: Coupling, inertia_kgm2: float, gain: Callable[[Coupling]
 
     start = min((np.array([0.0, np.log(ratio)]) for ratio in RATIOS), key=cost)
     simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.5]])
-    best = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": MOST_TRIES}).x
+    best = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": CLOSE, "fatol": LITTLE_LIKELIER},
+    ).x
     best[1] = np.clip(best[1], np.log(LEAST_DAMPING_RATIO), 0.0)
     found, known = spring(best), [_deviation(cost, best, step) for step in np.diag(PROBES)]
     return replace(
