@@ -17,10 +17,10 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.stats import t as student
 
 from bench.identification import loops, noise
-from bench.identification.coupling import Coupling
+from bench.identification.coupling import Coupling, likeliest
 from bench.identification.kernels import Kernel
 from bench.identification.quantisation import resolution_rad
-from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS
+from bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Regression
 from bench.identification.separable import Solution, solve_again
 from bench.identification.signals import (
     FINE,
@@ -38,6 +38,7 @@ from bench.records import Measured, Table
 from bench.segments import Use
 
 FloatArray = npt.NDArray[np.float64]
+Spectrum = npt.NDArray[np.complex128]
 # Values and their covariance from a solution and the instants of its rows: (p,), (p, p).
 Physical = Callable[[Solution, FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -141,14 +142,18 @@ class Truth:
         motor_nm = self.motor(solution, travel_s)
         torque = self._passive_in_band_nm + _filtered(motor_nm, PORT, of_means=True)
         if coupling is not None:
-            torque += self.quick(motor_nm, coupling, abs(float(solution.linear[INERTIA])))
+            torque += self.quick(motor_nm, coupling, _inertia_of(solution))
         return make_interp_spline(self.time_s, torque, k=3)
 
-    def ringing(self, solution: Solution, coupling: Coupling) -> BSpline:
-        """What of that is the coupling's, above PORT's band."""
-        motor_nm = self.motor(solution, np.zeros(self.stretch.sent_s.size))
-        felt_nm = self.quick(motor_nm, coupling, abs(float(solution.linear[INERTIA])))
-        return make_interp_spline(self.time_s, felt_nm, k=3)
+    def driving(self, solution: Solution, coupling: Coupling, travel_std_s: float) -> Spectrum:
+        """What makes the coupling ring (see :meth:`quick`), on average over commands that travel so unevenly."""
+        usual_nm = self.motor(solution, np.zeros(self.stretch.sent_s.size))
+        phase_rad = 2 * np.pi * self._frequency_hz * travel_std_s
+        return self._driving(usual_nm, coupling, _inertia_of(solution)) * np.exp(-0.5 * phase_rad**2)
+
+    def ringing(self, driving: Spectrum, solution: Solution, coupling: Coupling) -> BSpline:
+        """The torque that the sensor feels of it, above PORT's band."""
+        return make_interp_spline(self.time_s, self._rung(driving, coupling, _inertia_of(solution)), k=3)
 
     def motor(self, solution: Solution, travel_s: FloatArray) -> FloatArray:
         """Behind the amplifier's lag, (n,)."""
@@ -172,6 +177,10 @@ class Truth:
 
     def quick(self, motor_nm: FloatArray, coupling: Coupling, inertia_kgm2: float) -> FloatArray:
         """What the sensor feels of both motors above PORT's band, (n,)."""
+        return self._rung(self._driving(motor_nm, coupling, inertia_kgm2), coupling, inertia_kgm2)
+
+    def _driving(self, motor_nm: FloatArray, coupling: Coupling, inertia_kgm2: float) -> Spectrum:
+        """The difference of the accelerations that both motors give, above PORT's band."""
         load_nm = coupling.load_gain * self.lag(
             coupling.sent_s + coupling.load_delay_s,
             coupling.command_nm,
@@ -179,11 +188,19 @@ class Truth:
             released=coupling.load_released_at_zero,
         )
         driving = motor_nm / inertia_kgm2 - load_nm / coupling.load_inertia_kgm2
-        above = driving - _filtered(driving, PORT, of_means=True)
-        frequency_hz = np.fft.rfftfreq(above.size, self.stretch.tick_s / FINE)
-        spectrum = np.fft.rfft(above)
-        spectrum *= coupling.response(np.asarray(frequency_hz), inertia_kgm2)
-        return np.asarray(np.fft.irfft(spectrum, above.size), dtype=np.float64)
+        return np.asarray(np.fft.rfft(driving - _filtered(driving, PORT, of_means=True)))
+
+    @cached_property  # of every ringing
+    def _frequency_hz(self) -> FloatArray:
+        return np.asarray(np.fft.rfftfreq(self.time_s.size, self.stretch.tick_s / FINE))
+
+    def _rung(self, driving: Spectrum, coupling: Coupling, inertia_kgm2: float) -> FloatArray:
+        response = coupling.response(self._frequency_hz, inertia_kgm2)
+        return np.asarray(np.fft.irfft(driving * response, self.time_s.size), dtype=np.float64)
+
+
+def _inertia_of(solution: Solution) -> float:
+    return abs(float(solution.linear[INERTIA]))
 
 
 def _filtered(values: FloatArray, kernel: Kernel, *, of_means: bool = False) -> FloatArray:
@@ -264,6 +281,47 @@ def _solutions(bench: "Simulation") -> Iterator[Solution]:
 
 
 @dataclass(frozen=True)
+class Heard:
+    """What readings show of the coupling's ringing, beside what the model's unknowns could make of it.
+
+    ``left`` (samples,) is what the fit left, ``unknowns`` (samples, k) an orthonormal base of its columns, both as
+    least squares saw them; ``driving`` is what makes the coupling ring, one a stretch.
+    """
+
+    simulation: "Simulation"
+    left: FloatArray
+    unknowns: FloatArray
+    driving: tuple[Spectrum, ...]
+
+    @classmethod
+    def of(cls, simulation: "Simulation", coupling: Coupling) -> "Heard":
+        solution = simulation.solution
+        unknowns = np.linalg.qr(solution.jacobian)[0]
+        left = solution.innovation - unknowns @ (unknowns.T @ solution.innovation)
+        uneven_s = float(np.std(simulation.travel_s))
+        driving = tuple(truth.driving(solution, coupling, uneven_s) for truth in simulation.truths)
+        return cls(simulation, left, unknowns, driving)
+
+    def rung(self, spring: Coupling, band: Kernel) -> FloatArray:
+        """Of each sample in ``band``, what of its torque is the ringing of ``spring``, (samples,)."""
+        solution, torque = self.simulation.solution, self.simulation.torque
+        stretches = []
+        for truth, driving in zip(self.simulation.truths, self.driving, strict=True):
+            read = replace(torque, value=truth.ringing(driving, solution, spring)(torque.time_s))
+            read.value[(torque.time_s < truth.time_s[0]) | (torque.time_s > truth.time_s[-1])] = 0.0
+            stretches.append(replace(truth.stretch, torque_nm=read.at(truth.stretch.time_s)))
+        return Regression.of(tuple(stretches), band).target()
+
+    def gain(self, spring: Coupling) -> float:
+        """The logarithm of how much likelier the readings are with this ringing than with none: rows that are alike
+        count as one, and the variance of what is left is the likeliest."""
+        regression = self.simulation.solution.regression
+        rung = regression.white(self.rung(spring, regression.rows[0].kernel)[None, :])[0]
+        rest = self.left - (rung - self.unknowns @ (self.unknowns.T @ rung))
+        return float(-0.5 * self.left.size / regression.alike * np.log((rest @ rest) / (self.left @ self.left)))
+
+
+@dataclass(frozen=True)
 class Simulation:
     """The bench as it was measured, with the fit for its actuator."""
 
@@ -300,7 +358,15 @@ class Simulation:
             late_s,
             _one_way_s(travel_s(measured.motion["arrival_ns"]), late_s),
         )
-        return bench._without_signal_in_noise()
+        return bench._with_spring_heard()._without_signal_in_noise()
+
+    def _with_spring_heard(self) -> "Simulation":
+        """The same with the coupling's spring as the readings that were fitted tell it, too."""
+        coupling = self.readings.coupling
+        if coupling is None:
+            return self
+        spring = likeliest(coupling, _inertia_of(self.solution), Heard.of(self, coupling).gain)
+        return replace(self, readings=replace(self.readings, coupling=spring))
 
     def _without_signal_in_noise(self) -> "Simulation":
         """The same without what looks like the torque sensor's errors and is torque: commands that act between two

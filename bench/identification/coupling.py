@@ -1,15 +1,28 @@
 """The spring between the two motors, as far as the torque sensor's readings feel it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import minimize
 
 FloatArray = npt.NDArray[np.float64]
 
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
+# Of critical damping: from that to a joint's that rubs, and beyond (Bachmann et al., Vibration Problems in Structures,
+# 1995, app. C).
+RATIOS = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16)
+# A ringing is heard where readings are likelier for one end of these than for the other by very strong evidence, as a
+# logarithm (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995).
+AUDIBLE = 5.0
+# Of the search, which ends where steps are a small part of what is known.
+MOST_TRIES = 30
+CLOSE, LITTLE_LIKELIER = 0.02, 0.1
+# Steps of the curvature: of the stiffness, in deviations, and of the damping's logarithm.
+PROBES = (0.2, 0.1)
 
 
 def least_damping_nms_rad(stiffness_nm_rad: float, mobility_1_kgm2: float) -> float:
@@ -64,3 +77,50 @@ class Coupling:
         damping = max(self.damping_nms_rad, least_damping_nms_rad(self.stiffness_nm_rad, mobility))
         spring = self.stiffness_nm_rad + damping * s
         return np.asarray(spring / (s**2 + mobility * spring))
+
+
+def likeliest(coupling: Coupling, inertia_kgm2: float, gain: Callable[[Coupling], float]) -> Coupling:
+    """The same with the likeliest spring, and how well that is known then.
+
+    The calibration hardly tells the damping of a stiff spring, but sampled ringing may show it: ``gain`` is the
+    logarithm of a spring's likelihood, but for a constant. What the calibration tells is the prior, normal. The search
+    begins at the best of some shares of critical damping; the deviations are those of a normal peak (Laplace).
+    """
+    if np.ptp([gain(coupling.damped(ratio, inertia_kgm2)) for ratio in (RATIOS[0], RATIOS[-1])]) < AUDIBLE:
+        return coupling
+
+    def spring(at: FloatArray) -> Coupling:
+        stiffness_nm_rad = coupling.stiffness_nm_rad * float(np.exp(at[0] * _relative(coupling)))
+        return replace(coupling, stiffness_nm_rad=stiffness_nm_rad).damped(float(np.exp(at[1])), inertia_kgm2)
+
+    def cost(at: FloatArray) -> float:
+        tried = spring(at)
+        off = (tried.damping_nms_rad - coupling.damping_nms_rad) / coupling.damping_std_nms_rad
+        return 0.5 * float(at[0] ** 2 + off**2) - gain(tried)
+
+    start = min((np.array([0.0, np.log(ratio)]) for ratio in RATIOS), key=cost)
+    simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.5]])
+    best = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": CLOSE, "fatol": LITTLE_LIKELIER},
+    ).x
+    best[1] = np.clip(best[1], np.log(LEAST_DAMPING_RATIO), 0.0)
+    found, known = spring(best), [_deviation(cost, best, step) for step in np.diag(PROBES)]
+    return replace(
+        found,
+        stiffness_std_nm_rad=found.stiffness_nm_rad * _relative(coupling) * min(known[0], 1.0),
+        damping_std_nms_rad=min(found.damping_nms_rad * known[1], coupling.damping_std_nms_rad),
+    )
+
+
+def _relative(coupling: Coupling) -> float:
+    return coupling.stiffness_std_nm_rad / coupling.stiffness_nm_rad
+
+
+def _deviation(cost: Callable[[FloatArray], float], at: FloatArray, step: FloatArray) -> float:
+    """Along ``step`` from the least ``cost``, a negative logarithm; infinite where it is flat."""
+    length = float(np.linalg.norm(step))
+    curvature = (cost(at + step) - 2.0 * cost(at) + cost(at - step)) / length**2
+    return 1.0 / sqrt(curvature) if curvature > 0.0 else float("inf")

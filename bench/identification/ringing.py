@@ -12,13 +12,12 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification.bootstrap import Simulation, Truth
+from bench.identification.bootstrap import Heard, Simulation
 from bench.identification.coupling import Coupling
 from bench.identification.information import Linearised
-from bench.identification.regression import INERTIA, Regression
+from bench.identification.regression import INERTIA
 from bench.identification.residuals.departures import Candidate, Kind
 from bench.identification.results import FitResult
-from bench.identification.signals import Signals, Stream
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -39,10 +38,9 @@ def folded_ringing(simulation: Simulation, result: FitResult) -> tuple[Candidate
     folded_hz = abs(resonance_hz - round(resonance_hz / rate_hz) * rate_hz)
     if resonance_hz < 0.5 * rate_hz or folded_hz * simulation.readings.tick_s > at.band.cutoff:
         return ()
-    columns = [
-        Regression.of(tuple(_heard(simulation, truth, spring) for truth in simulation.truths), at.band).target()
-        for spring in _springs(coupling, abs(float(simulation.solution.linear[INERTIA])))
-    ]
+    heard = Heard.of(simulation, coupling)
+    springs = _springs(coupling, abs(float(simulation.solution.linear[INERTIA])))
+    columns = [heard.rung(spring, at.band) for spring in springs]
     return ((_kind(resonance_hz, rate_hz), 0, np.stack(columns)),)
 
 
@@ -51,14 +49,6 @@ def _springs(coupling: Coupling, inertia_kgm2: float) -> Iterator[Coupling]:
     for off, ratio in product(OFF, RATIOS):
         stiffness_nm_rad = coupling.stiffness_nm_rad * float(np.exp(off * relative))
         yield replace(coupling, stiffness_nm_rad=stiffness_nm_rad).damped(ratio, inertia_kgm2)
-
-
-def _heard(simulation: Simulation, truth: Truth, spring: Coupling) -> Signals:
-    """A stretch in whose torque nothing is but the ringing, as it was read."""
-    read = replace(simulation.torque, value=truth.ringing(simulation.solution, spring)(simulation.torque.time_s))
-    outside = (read.time_s < truth.time_s[0]) | (read.time_s > truth.time_s[-1])
-    read.value[outside] = 0.0
-    return replace(truth.stretch, torque_nm=Stream.at(read, truth.stretch.time_s))
 
 
 def _kind(resonance_hz: float, rate_hz: float) -> Kind:

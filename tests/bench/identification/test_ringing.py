@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.coupling import Coupling
+from bench.identification.bootstrap import Simulation
+from bench.identification.coupling import Coupling, likeliest
 from bench.identification.expansion import Expansion
 from bench.identification.residuals.departures import departures
 from bench.identification.ringing import folded_ringing
+from bench.identification.separable import solve_again
 from bench.identification.signals import signals
 from bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S, Truth
@@ -31,15 +33,21 @@ def simulation(result, spring):
     return replace(bench, readings=replace(bench.readings, coupling=spring))
 
 
-def ringing_at(experiment, result, resonance_hz, ratio):
-    """The equation about the same network, of readings that a spring of this resonance and damping has shaken."""
+def shaken(experiment, result, spring):
+    """The same readings of a torque that this spring has shaken."""
     bench = simulation(result, None)
-    spring = coupling(resonance_hz).damped(ratio, Truth().inertia)
     torque = experiment.torque.copy()
     for truth in bench.truths:
         own = (bench.torque.time_s >= truth.time_s[0]) & (bench.torque.time_s <= truth.time_s[-1])
-        torque["torque_nm"][own] += truth.ringing(bench.solution, spring)(bench.torque.time_s[own])
-    return Expansion.of(result, signals(replace(experiment, torque=torque), TICK_S, Use.IDENTIFY), ())
+        driving = truth.driving(bench.solution, spring, 0.0)
+        torque["torque_nm"][own] += truth.ringing(driving, bench.solution, spring)(bench.torque.time_s[own])
+    return replace(experiment, torque=torque)
+
+
+def ringing_at(experiment, result, resonance_hz, ratio):
+    """The equation about the same network, of readings that a spring of this resonance and damping has shaken."""
+    readings = shaken(experiment, result, coupling(resonance_hz).damped(ratio, Truth().inertia))
+    return Expansion.of(result, signals(readings, TICK_S, Use.IDENTIFY), ())
 
 
 @pytest.mark.parametrize(("off", "ratio"), [(1.0, 0.02), (0.985, 0.05), (1.01, 0.02)])
@@ -63,3 +71,32 @@ def test_ringing_that_is_not_folded_into_the_band_is_not_looked_for(result, reso
 
 def test_without_a_calibration_no_spring_is_known(result):
     assert folded_ringing(simulation(result, None), result) == ()
+
+
+@pytest.mark.parametrize(("off", "ratio"), [(1.0, 0.02), (0.985, 0.06)])
+def test_the_readings_tell_the_spring_where_the_calibration_does_not(experiment, result, off, ratio):
+    """Its damping could be anything, and its stiffness is known to 2 %."""
+    true = coupling(off * RESONANCE_HZ).damped(ratio, Truth().inertia)
+    measured = shaken(experiment, result, true)
+    stretches = signals(measured, TICK_S, Use.IDENTIFY)
+    unsure = replace(coupling(), damping_std_nms_rad=1.0)
+    readings = replace(result.simulated.bench.readings, measured=measured, coupling=unsure)
+    told = Simulation.of(readings, stretches, solve_again(stretches, result.simulated.bench.solution)).readings.coupling
+    assert told.stiffness_nm_rad == pytest.approx(true.stiffness_nm_rad, rel=0.01)
+    assert told.damping_nms_rad == pytest.approx(true.damping_nms_rad, rel=0.2)
+    assert told.damping_std_nms_rad < 0.1 * told.damping_nms_rad
+
+
+def test_a_spring_that_nobody_hears_stays_as_it_was_calibrated():
+    calibrated = coupling()
+    assert likeliest(calibrated, Truth().inertia, lambda spring: 0.0) is calibrated
+
+
+def test_what_is_heard_is_weighed_against_the_calibration():
+    """Both normal: the mean of both, each by its variance, and the variances' inverses add."""
+    told = replace(coupling(), damping_nms_rad=0.10, damping_std_nms_rad=0.02)
+    found = likeliest(told, Truth().inertia, lambda spring: -0.5 * ((spring.damping_nms_rad - 0.14) / 0.01) ** 2)
+    assert found.damping_nms_rad == pytest.approx(0.132, rel=0.01)
+    assert found.damping_std_nms_rad == pytest.approx(0.02 / np.sqrt(5.0), rel=0.05)
+    assert found.stiffness_nm_rad == pytest.approx(told.stiffness_nm_rad, rel=0.002)
+    assert found.stiffness_std_nm_rad == pytest.approx(told.stiffness_std_nm_rad, rel=0.05)
