@@ -70,12 +70,20 @@ def own_group() -> str:
     return "239.74." + ".".join(str(SystemRandom().randrange(1, 255)) for _ in range(2))
 
 
+def patient(drive: DeviceSettings) -> DeviceSettings:
+    """With a watchdog that sits out what a busy computer stands still for."""
+    return replace(drive, options={**drive.options, "watchdog": 2.0})
+
+
 @pytest.fixture(params=["udp_multicast", "slcan"])
 def served_wiring(request: pytest.FixtureRequest, wiring: Wiring, tmp_path: Path) -> Wiring:
     channel = own_group() if request.param == "udp_multicast" else str(tmp_path / "ports" / "can0")
     assert wiring.torque_sensor is not None
+    assert wiring.load is not None
     return replace(
         wiring,
+        actuator=patient(wiring.actuator),
+        load=patient(wiring.load),
         buses=(CanBusSettings("can0", request.param, channel),),
         torque_sensor=replace(wiring.torque_sensor, port=str(tmp_path / "ports" / "bota")),
     )
