@@ -362,10 +362,11 @@ class Simulation:
 
     def _with_spring_heard(self) -> "Simulation":
         """The same with the coupling's spring as the readings that were fitted tell it, too."""
-        coupling = self.readings.coupling
-        if coupling is None:
+        coupling, inertia_kgm2 = self.readings.coupling, _inertia_of(self.solution)
+        # Slower ringing is read as it is: nothing of it is folded.
+        if coupling is None or coupling.resonance_hz(inertia_kgm2) < 0.5 / self.torque.period_s:
             return self
-        spring = likeliest(coupling, _inertia_of(self.solution), Heard.of(self, coupling).gain)
+        spring = likeliest(coupling, inertia_kgm2, Heard.of(self, coupling).gain)
         return replace(self, readings=replace(self.readings, coupling=spring))
 
     def _without_signal_in_noise(self) -> "Simulation":
