@@ -21,6 +21,7 @@ AUDIBLE = 5.0
 # Of the search, which ends where steps are a small part of what is known.
 MOST_TRIES = 30
 CLOSE, LITTLE_LIKELIER = 0.02, 0.1
+SMALLEST_NMS_RAD = 1e-12  # of a damping that somebody knows for sure
 # Steps of the curvature: of the stiffness, in deviations, and of the damping's logarithm.
 PROBES = (0.2, 0.1)
 
@@ -95,7 +96,7 @@ def likeliest(coupling: Coupling, inertia_kgm2: float, gain: Callable[[Coupling]
 
     def cost(at: FloatArray) -> float:
         tried = spring(at)
-        off = (tried.damping_nms_rad - coupling.damping_nms_rad) / coupling.damping_std_nms_rad
+        off = (tried.damping_nms_rad - coupling.damping_nms_rad) / max(coupling.damping_std_nms_rad, SMALLEST_NMS_RAD)
         return 0.5 * float(at[0] ** 2 + off**2) - gain(tried)
 
     start = min((np.array([0.0, np.log(ratio)]) for ratio in RATIOS), key=cost)
