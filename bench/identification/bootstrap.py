@@ -142,18 +142,18 @@ class Truth:
         motor_nm = self.motor(solution, travel_s)
         torque = self._passive_in_band_nm + _filtered(motor_nm, PORT, of_means=True)
         if coupling is not None:
-            torque += self.quick(motor_nm, coupling, _inertia_of(solution))
+            torque += self.quick(motor_nm, coupling, inertia_of(solution))
         return make_interp_spline(self.time_s, torque, k=3)
 
     def driving(self, solution: Solution, coupling: Coupling, travel_std_s: float) -> Spectrum:
         """What makes the coupling ring (see :meth:`quick`), on average over commands that travel so unevenly."""
         usual_nm = self.motor(solution, np.zeros(self.stretch.sent_s.size))
         phase_rad = 2 * np.pi * self._frequency_hz * travel_std_s
-        return self._driving(usual_nm, coupling, _inertia_of(solution)) * np.exp(-0.5 * phase_rad**2)
+        return self._driving(usual_nm, coupling, inertia_of(solution)) * np.exp(-0.5 * phase_rad**2)
 
     def ringing(self, driving: Spectrum, solution: Solution, coupling: Coupling) -> BSpline:
         """The torque that the sensor feels of it, above PORT's band."""
-        return make_interp_spline(self.time_s, self._rung(driving, coupling, _inertia_of(solution)), k=3)
+        return make_interp_spline(self.time_s, self._rung(driving, coupling, inertia_of(solution)), k=3)
 
     def motor(self, solution: Solution, travel_s: FloatArray) -> FloatArray:
         """Behind the amplifier's lag, (n,)."""
@@ -199,7 +199,7 @@ class Truth:
         return np.asarray(np.fft.irfft(driving * response, self.time_s.size), dtype=np.float64)
 
 
-def _inertia_of(solution: Solution) -> float:
+def inertia_of(solution: Solution) -> float:
     return abs(float(solution.linear[INERTIA]))
 
 
@@ -281,28 +281,20 @@ def _solutions(bench: "Simulation") -> Iterator[Solution]:
 
 
 @dataclass(frozen=True)
-class Heard:
-    """What readings show of the coupling's ringing, beside what the model's unknowns could make of it.
-
-    ``left`` (samples,) is what the fit left, ``unknowns`` (samples, k) an orthonormal base of its columns, both as
-    least squares saw them; ``driving`` is what makes the coupling ring, one a stretch.
-    """
+class Ringing:
+    """Of the coupling, as it was read; ``driving`` is what makes it ring, one a stretch."""
 
     simulation: "Simulation"
-    left: FloatArray
-    unknowns: FloatArray
     driving: tuple[Spectrum, ...]
 
     @classmethod
-    def of(cls, simulation: "Simulation", coupling: Coupling) -> "Heard":
-        solution = simulation.solution
-        unknowns = np.linalg.qr(solution.jacobian)[0]
-        left = solution.innovation - unknowns @ (unknowns.T @ solution.innovation)
+    def of(cls, simulation: "Simulation", coupling: Coupling) -> "Ringing":
         uneven_s = float(np.std(simulation.travel_s))
-        driving = tuple(truth.driving(solution, coupling, uneven_s) for truth in simulation.truths)
-        return cls(simulation, left, unknowns, driving)
+        return cls(
+            simulation, tuple(truth.driving(simulation.solution, coupling, uneven_s) for truth in simulation.truths)
+        )
 
-    def rung(self, spring: Coupling, band: Kernel) -> FloatArray:
+    def read(self, spring: Coupling, band: Kernel) -> FloatArray:
         """Of each sample in ``band``, what of its torque is the ringing of ``spring``, (samples,)."""
         solution, torque = self.simulation.solution, self.simulation.torque
         stretches = []
@@ -312,11 +304,31 @@ class Heard:
             stretches.append(replace(truth.stretch, torque_nm=read.at(truth.stretch.time_s)))
         return Regression.of(tuple(stretches), band).target()
 
+
+@dataclass(frozen=True)
+class Heard:
+    """What readings show of the coupling's ringing, beside what the model's unknowns could make of it.
+
+    ``left`` (samples,) is what the fit left, ``unknowns`` (samples, k) an orthonormal base of its columns, both as
+    least squares saw them.
+    """
+
+    ringing: Ringing
+    left: FloatArray
+    unknowns: FloatArray
+
+    @classmethod
+    def of(cls, simulation: "Simulation", coupling: Coupling) -> "Heard":
+        solution = simulation.solution
+        unknowns = np.linalg.qr(solution.jacobian)[0]
+        left = solution.innovation - unknowns @ (unknowns.T @ solution.innovation)
+        return cls(Ringing.of(simulation, coupling), left, unknowns)
+
     def gain(self, spring: Coupling) -> float:
         """The logarithm of how much likelier the readings are with this ringing than with none: rows that are alike
         count as one, and the variance of what is left is the likeliest."""
-        regression = self.simulation.solution.regression
-        rung = regression.white(self.rung(spring, regression.rows[0].kernel)[None, :])[0]
+        regression = self.ringing.simulation.solution.regression
+        rung = regression.white(self.ringing.read(spring, regression.rows[0].kernel)[None, :])[0]
         rest = self.left - (rung - self.unknowns @ (self.unknowns.T @ rung))
         return float(-0.5 * self.left.size / regression.alike * np.log((rest @ rest) / (self.left @ self.left)))
 
@@ -362,7 +374,7 @@ class Simulation:
 
     def _with_spring_heard(self) -> "Simulation":
         """The same with the coupling's spring as the readings that were fitted tell it, too."""
-        coupling, inertia_kgm2 = self.readings.coupling, _inertia_of(self.solution)
+        coupling, inertia_kgm2 = self.readings.coupling, inertia_of(self.solution)
         # Slower ringing is read as it is: nothing of it is folded.
         if coupling is None or coupling.resonance_hz(inertia_kgm2) < 0.5 / self.torque.period_s:
             return self

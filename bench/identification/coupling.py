@@ -54,12 +54,14 @@ class Coupling:
     def drawn(self, random: np.random.Generator) -> "Coupling":
         """One of the springs that this may be: where its resonance lies near the rate of the readings, a little more or
         less of either decides how much of the steps the readings fold down."""
-        relative = self.stiffness_std_nm_rad / self.stiffness_nm_rad * random.standard_normal()
-        return replace(
-            self,
-            stiffness_nm_rad=self.stiffness_nm_rad * float(np.exp(relative)),
-            damping_nms_rad=self.damping_nms_rad + self.damping_std_nms_rad * random.standard_normal(),
-        )
+        stiffer = self.stiffer(random.standard_normal())
+        damping_nms_rad = self.damping_nms_rad + self.damping_std_nms_rad * random.standard_normal()
+        return replace(stiffer, damping_nms_rad=damping_nms_rad)
+
+    def stiffer(self, deviations: float) -> "Coupling":
+        """By so many deviations of the stiffness's logarithm."""
+        factor = float(np.exp(deviations * self.stiffness_std_nm_rad / self.stiffness_nm_rad))
+        return replace(self, stiffness_nm_rad=self.stiffness_nm_rad * factor)
 
     def resonance_hz(self, inertia_kgm2: float) -> float:
         """At which both inertias ring on the spring, that of the actuator being ``inertia_kgm2``."""
@@ -91,8 +93,7 @@ def likeliest(coupling: Coupling, inertia_kgm2: float, gain: Callable[[Coupling]
         return coupling
 
     def spring(at: FloatArray) -> Coupling:
-        stiffness_nm_rad = coupling.stiffness_nm_rad * float(np.exp(at[0] * _relative(coupling)))
-        return replace(coupling, stiffness_nm_rad=stiffness_nm_rad).damped(float(np.exp(at[1])), inertia_kgm2)
+        return coupling.stiffer(float(at[0])).damped(float(np.exp(at[1])), inertia_kgm2)
 
     def cost(at: FloatArray) -> float:
         tried = spring(at)
@@ -108,20 +109,17 @@ def likeliest(coupling: Coupling, inertia_kgm2: float, gain: Callable[[Coupling]
         options={"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": CLOSE, "fatol": LITTLE_LIKELIER},
     ).x
     best[1] = np.clip(best[1], np.log(LEAST_DAMPING_RATIO), 0.0)
-    found, known = spring(best), [_deviation(cost, best, step) for step in np.diag(PROBES)]
+    found, least = spring(best), cost(best)
+    stiffer, damped = (_deviation(cost(best - step), least, cost(best + step), max(step)) for step in np.diag(PROBES))
+    relative = coupling.stiffness_std_nm_rad / coupling.stiffness_nm_rad
     return replace(
         found,
-        stiffness_std_nm_rad=found.stiffness_nm_rad * _relative(coupling) * min(known[0], 1.0),
-        damping_std_nms_rad=min(found.damping_nms_rad * known[1], coupling.damping_std_nms_rad),
+        stiffness_std_nm_rad=found.stiffness_nm_rad * relative * min(stiffer, 1.0),
+        damping_std_nms_rad=min(found.damping_nms_rad * damped, coupling.damping_std_nms_rad),
     )
 
 
-def _relative(coupling: Coupling) -> float:
-    return coupling.stiffness_std_nm_rad / coupling.stiffness_nm_rad
-
-
-def _deviation(cost: Callable[[FloatArray], float], at: FloatArray, step: FloatArray) -> float:
-    """Along ``step`` from the least ``cost``, a negative logarithm; infinite where it is flat."""
-    length = float(np.linalg.norm(step))
-    curvature = (cost(at + step) - 2.0 * cost(at) + cost(at - step)) / length**2
+def _deviation(before: float, least: float, after: float, step: float) -> float:
+    """Of a normal peak, from negative logarithms at it and a step to either side; infinite where they are flat."""
+    curvature = (before - 2.0 * least + after) / step**2
     return 1.0 / sqrt(curvature) if curvature > 0.0 else float("inf")

@@ -6,16 +6,14 @@ band hardly tells, and on the stiffness; so columns over what both may be stand 
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification.bootstrap import Heard, Simulation
+from bench.identification.bootstrap import Ringing, Simulation, inertia_of
 from bench.identification.coupling import Coupling
 from bench.identification.information import Linearised
-from bench.identification.regression import INERTIA
 from bench.identification.residuals.departures import Candidate, Kind
 from bench.identification.results import FitResult
 
@@ -33,22 +31,20 @@ def folded_ringing(simulation: Simulation, result: FitResult) -> tuple[Candidate
     coupling, at = simulation.readings.coupling, Linearised.at(result)
     if coupling is None:
         return ()
-    resonance_hz = coupling.resonance_hz(abs(float(simulation.solution.linear[INERTIA])))
+    inertia_kgm2 = inertia_of(simulation.solution)
+    resonance_hz = coupling.resonance_hz(inertia_kgm2)
     rate_hz = 1.0 / simulation.torque.period_s
     folded_hz = abs(resonance_hz - round(resonance_hz / rate_hz) * rate_hz)
     if resonance_hz < 0.5 * rate_hz or folded_hz * simulation.readings.tick_s > at.band.cutoff:
         return ()
-    heard = Heard.of(simulation, coupling)
-    springs = _springs(coupling, abs(float(simulation.solution.linear[INERTIA])))
-    columns = [heard.rung(spring, at.band) for spring in springs]
+    ringing = Ringing.of(simulation, coupling)
+    columns = [ringing.read(spring, at.band) for spring in _springs(coupling, inertia_kgm2)]
     return ((_kind(resonance_hz, rate_hz), 0, np.stack(columns)),)
 
 
 def _springs(coupling: Coupling, inertia_kgm2: float) -> Iterator[Coupling]:
-    relative = coupling.stiffness_std_nm_rad / coupling.stiffness_nm_rad
     for off, ratio in product(OFF, RATIOS):
-        stiffness_nm_rad = coupling.stiffness_nm_rad * float(np.exp(off * relative))
-        yield replace(coupling, stiffness_nm_rad=stiffness_nm_rad).damped(ratio, inertia_kgm2)
+        yield coupling.stiffer(off).damped(ratio, inertia_kgm2)
 
 
 def _kind(resonance_hz: float, rate_hz: float) -> Kind:
