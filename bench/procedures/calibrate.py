@@ -119,16 +119,16 @@ def _load_strength_nm(known: Knowledge) -> float:
 
 def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge) -> LoadCalibration:
     """What the controller needs, from the fits and the tare."""
-    network, tare = fit.result.network, known.tare
+    network, tare = fit.result.network.dissipative(), known.tare
     assert tare is not None
     return LoadCalibration(
         torque_gain=network.torque_gain,
         amplifier_bandwidth_rad_s=network.amplifier_bandwidth_rad_s,
         inertia_kgm2=network.inertia_kgm2,
-        viscous_damping_nms_rad=max(network.viscous_damping_nms_rad, 0.0),
+        viscous_damping_nms_rad=network.viscous_damping_nms_rad,
         coulomb_torque_nm=network.coulomb_torque_nm,
         presliding_stiffness_nm_rad=network.presliding_stiffness_nm_rad,
-        presliding_damping_nms_rad=max(network.presliding_damping_nms_rad, 0.0),
+        presliding_damping_nms_rad=network.presliding_damping_nms_rad,
         command_delay_s=fit.result.command_delay_s,
         measurement_delay_s=0.0,
         motion_delay_s=fit.result.motion_delay_s,
@@ -175,12 +175,12 @@ def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:
     """The actuator's friction, where the calibration tells it and the inertia well enough to build on."""
     if actuator is None or first_inertia_kgm2(actuator) is None or not well_known(actuator):
         return None
-    network = actuator.network
+    network = actuator.network.dissipative()
     return ActuatorFriction(
-        max(network.viscous_damping_nms_rad, 0.0),
+        network.viscous_damping_nms_rad,
         network.coulomb_torque_nm,
         network.presliding_stiffness_nm_rad,
-        max(network.presliding_damping_nms_rad, 0.0),
+        network.presliding_damping_nms_rad,
     )
 
 
