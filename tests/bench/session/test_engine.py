@@ -232,6 +232,8 @@ def test_zero_torque_is_foreseen_as_soon_as_the_network_is_known(performed: Perf
     assert all(
         at_last <= segment.preview <= at_first for at_last, segment, at_first in zip(late, free, known, strict=True)
     )
+    previews = [segment.preview for segment in free]
+    assert previews == sorted(previews)  # once known, in every one that follows
     assert any(segment.preview and segment.use is Use.IDENTIFY for segment in free)
     assert not any(segment.preview for segment in recording.measured.segments if "imposed" in segment.name)
 
