@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from bench.control.dynamics import STATES, Bench, FloatArray, Sampled, look_back, sampled
+from bench.control.riccati import solve_riccati
 
 FREE, FREE_RATE, LOAD, OFFSET = STATES, STATES + 1, STATES + 2, STATES + 3
 WIDTH = STATES + 4
@@ -121,7 +121,7 @@ def _gain(model: Sampled, outputs: FloatArray, bench: Bench, noise: Noise, past:
     f = transition * scale / scale[:, None]
     h = seen * scale / reading[:, None]
     q = process / np.outer(scale, scale)
-    covariance = solve_discrete_are(f.T, h.T, q, np.eye(3))
+    covariance = solve_riccati(f.T, h.T, q)
     gain = covariance @ h.T @ np.linalg.inv(h @ covariance @ h.T + np.eye(3))
     return np.asarray(gain * scale[:, None] / reading)
 

@@ -8,9 +8,9 @@ Changes of the command are what costs, so that a standing disturbance leaves no 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from bench.control.dynamics import POSITION, STATES, VELOCITY, Bench, FloatArray, sampled
+from bench.control.riccati import solve_riccati
 
 FREE, FREE_RATE, LOAD = STATES, STATES + 1, STATES + 2
 WIDTH = STATES + 3  # deviations from the reference
@@ -36,7 +36,7 @@ def design_regulator(bench: Bench, effort: float, tick_s: float) -> Regulator:
     errors[1, POSITION] = bench.load_inertia_kgm2 / MENDING_S**2
     scale = _scale(bench, len(transition))
     f, g, h = transition * scale / scale[:, None], change / scale[:, None], errors * scale / effort
-    value = solve_discrete_are(f, g, h.T @ h, np.eye(1))
+    value = solve_riccati(f, g, h.T @ h)
     gain = np.linalg.solve(np.eye(1) + g.T @ value @ g, g.T @ value @ f)[0] / scale
     return Regulator(gain[:WIDTH], gain[WIDTH:])
 

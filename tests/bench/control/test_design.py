@@ -240,3 +240,33 @@ def test_a_contact_that_is_known_is_not_guessed() -> None:
         bench.actuator_spring_nm_rad for bench in sticking_benches(replace(LATE, actuator_friction=None), TICK_S)
     }
     assert min(guessed) < 3.05 < max(guessed)
+
+
+def test_a_stiff_sensor_with_delays_of_several_ticks_has_an_observer() -> None:
+    """Seed 181 of ``benchmarks/wide_family.py``, where scipy's Riccati solver gives up: a shift of four past states."""
+    calibration = LoadCalibration(
+        torque_gain=1.2959218513462782,
+        amplifier_bandwidth_rad_s=1002.4203652461889,
+        inertia_kgm2=9.68756025666254e-05,
+        viscous_damping_nms_rad=0.00020994428293985332,
+        coulomb_torque_nm=0.003950430594396785,
+        presliding_stiffness_nm_rad=28.61220072748189,
+        presliding_damping_nms_rad=0.004448658390869232,
+        command_delay_s=0.0023592788167692545,
+        measurement_delay_s=0.0,
+        sensor_stiffness_nm_rad=1062.677230475428,
+        sensor_damping_nms_rad=0.001282679388439645,
+        torque_noise_nm=0.0033169436196135477,
+        torque_bias_nm=-0.005296888456775388,
+        position_resolution_rad=0.0001917475984857043,
+        motion_delay_s=-0.001630607433643355,
+        actuator_inertia_kgm2=1.842724817745269e-05,
+        actuator_friction=ActuatorFriction(
+            viscous_damping_nms_rad=0.0028979297694817613,
+            coulomb_torque_nm=0.0066098056137565185,
+            presliding_stiffness_nm_rad=34.64857779891837,
+            presliding_damping_nms_rad=0.013656859641674573,
+        ),
+    )
+    tracking = design_tracking(calibration, TICK_S)
+    assert holds_at_any_age(tracking.observer, nominal_bench(calibration, TICK_S).with_damping(1.0), TICK_S)
