@@ -173,6 +173,8 @@ def session(seed: int, keep: Path | None) -> Outcome:
             recording = record_session(rig, standard_session(rig), out=out, seed=seed).recording
         except (BenchError, DeviceError) as error:
             return Outcome(bench, refusal=str(error))
+        except Exception as error:  # a defect of the tool: it counts as a refusal without a cause, and the others go on
+            return Outcome(bench, refusal=f"failed unexpectedly: {error!r}")
         return evaluated(bench, rig, recording)
 
 
