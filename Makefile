@@ -29,10 +29,10 @@ check: $(READY)  ## style, types, import floors
 	$(BIN)/lint-imports
 
 guard: $(READY)  ## the last gate before the wire: every line and every branch of it
-	$(BIN)/pytest tests/bench/guard -n 0 -q --cov=bench.guard --cov-branch --cov-report=term-missing --cov-fail-under=100
+	$(BIN)/pytest tests/bench/guard -n 0 -q --cov=norton_bench.guard --cov-branch --cov-report=term-missing --cov-fail-under=100
 
 compiled: $(READY)  ## the numerical code and the tests, once, for all processes to come: else the first ones wait
-	$(BIN)/python -c "from bench.session.warm_up import warm_up; warm_up()"
+	$(BIN)/python -c "from norton_bench.session.warm_up import warm_up; warm_up()"
 	-$(BIN)/pytest --collect-only -q -n 0 > /dev/null  # what is wrong there the tests themselves say
 
 bench: $(READY)  ## print the benchmarks' figures

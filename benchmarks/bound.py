@@ -27,11 +27,11 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from bench.identification import loops
-from bench.identification.information import KNOWN, Linearised, Slopes, without
-from bench.identification.kernels import Kernel
-from bench.identification.regression import Rows
-from bench.identification.signals import FINE, Signals
+from norton_bench.identification import loops
+from norton_bench.identification.information import KNOWN, Linearised, Slopes, without
+from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.regression import Rows
+from norton_bench.identification.signals import FINE, Signals
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -146,7 +146,7 @@ def information(
 
     Friction's state after each rest and the sensor's zero are unknowns too. Slopes are taken along the motion in
     ``motion_band``, where it is more than the encoder's errors. Without noise of the position it is that of
-    ``bench.identification.information``.
+    ``norton_bench.identification.information``.
     """
     slopes = Slopes.of(tuple(_smoothed(stretch, motion_band) for stretch in stretches), at)
     columns = np.concatenate([slopes.wanted, slopes.others, slopes.memory.columns()])

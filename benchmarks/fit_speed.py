@@ -28,16 +28,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported
 import lsoda
 import numpy as np
 
-from bench.identification.fit import PHYSICAL, fit
-from bench.identification.live.identifier import LiveIdentifier
-from bench.identification.results import FitResult, LiveEstimate
-from bench.identification.signals import signals
-from bench.records import Measured
-from bench.rig.load import load_rig
-from bench.segments import Use
-from bench.session.engine import run_session
-from bench.session.schema import Session, standard_session
-from sim_backend.tools import true_parameters
+from norton_bench.identification.fit import PHYSICAL, fit
+from norton_bench.identification.live.identifier import LiveIdentifier
+from norton_bench.identification.results import FitResult, LiveEstimate
+from norton_bench.identification.signals import signals
+from norton_bench.records import Measured
+from norton_bench.rig.load import load_rig
+from norton_bench.segments import Use
+from norton_bench.session.engine import run_session
+from norton_bench.session.schema import Session, standard_session
+from norton_sim.tools import true_parameters
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 SEED = 1

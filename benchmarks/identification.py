@@ -30,20 +30,20 @@ import bound
 import numpy as np
 import verdicts
 
-from bench.errors import ExperimentError
-from bench.identification.fit import PHYSICAL, fit, network_of
-from bench.identification.information import KNOWN, Linearised, information
-from bench.identification.load import coupling_of
-from bench.identification.results import FitResult
-from bench.identification.signals import Signals, signals
-from bench.models.parameters import Status
-from bench.rig.load import parse_rig
-from bench.rig.rig import Rig
-from bench.segments import Use
-from bench.session.engine import record_session
-from bench.session.schema import standard_session
-from bench.units import parse_quantity
-from sim_backend.truth import Truth, read_truth, true_parameters
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.fit import PHYSICAL, fit, network_of
+from norton_bench.identification.information import KNOWN, Linearised, information
+from norton_bench.identification.load import coupling_of
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.signals import Signals, signals
+from norton_bench.models.parameters import Status
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Use
+from norton_bench.session.engine import record_session
+from norton_bench.session.schema import standard_session
+from norton_bench.units import parse_quantity
+from norton_sim.truth import Truth, read_truth, true_parameters
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 PLAIN, DISTURBED = "plain", "disturbed"

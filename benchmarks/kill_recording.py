@@ -35,21 +35,21 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from bench.errors import BenchError, ExperimentError
-from bench.identification.results import LiveEstimate
-from bench.procedures.options import CalibrateOptions, TareOptions
-from bench.recording import wire
-from bench.recording.candump import log_name
-from bench.recording.reader import read_recording
-from bench.recording.recover import recover
-from bench.recording.streams import STREAMS
-from bench.records import Measured
-from bench.rig.load import load_rig
-from bench.session.engine import record_session
-from bench.session.progress import Silent
-from bench.session.schema import Session, Step
-from drivers.codecs.odrive import Command
-from drivers.readings import RawFrame
+from norton_bench.errors import BenchError, ExperimentError
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.procedures.options import CalibrateOptions, TareOptions
+from norton_bench.recording import wire
+from norton_bench.recording.candump import log_name
+from norton_bench.recording.reader import read_recording
+from norton_bench.recording.recover import recover
+from norton_bench.recording.streams import STREAMS
+from norton_bench.records import Measured
+from norton_bench.rig.load import load_rig
+from norton_bench.session.engine import record_session
+from norton_bench.session.progress import Silent
+from norton_bench.session.schema import Session, Step
+from norton_drivers.codecs.odrive import Command
+from norton_drivers.readings import RawFrame
 
 ROOT = Path(__file__).parents[1]
 GROUP = "239.74.163.63"
@@ -167,7 +167,7 @@ def served(folder: Path, port: int) -> Iterator[None]:
     for right, other in {**PATIENT, **own}.items():
         text = text.replace(right, other)
     (folder / "rig.toml").write_text(text)
-    command = [sys.executable, "-m", "bench", "sim", "serve", "rig.toml"]
+    command = [sys.executable, "-m", "norton_bench", "sim", "serve", "rig.toml"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stderr is not None
@@ -234,7 +234,8 @@ class Program:
             self._lines.put(line.strip())
 
     def _recorders(self) -> list[int]:
-        return [pid for pid in self._all() if b"bench.recording.writer" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        program = b"norton_bench.recording.writer"
+        return [pid for pid in self._all() if program in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
     def _all(self) -> list[int]:
         found, parents = [self._process.pid], parents_of_all()

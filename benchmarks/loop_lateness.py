@@ -37,26 +37,26 @@ import numpy as np
 from lateness_peers import PEER_PRIORITY, PERCENTILES, SHARE, Cyclictest, Late, Nanosleep, Nobody, Peer, late
 from screen import on_a_terminal, recorded
 
-from bench.errors import SafetyStopError
-from bench.loop.process import LoopProcess
-from bench.loop.timing import LoopTiming, loop_timing
-from bench.procedures.calibrate import CalibrateProcedure
-from bench.procedures.free import command_multisine
-from bench.procedures.imposed import imposed_multisine
-from bench.procedures.knowledge import Knowledge
-from bench.procedures.makers import imposed
-from bench.procedures.options import CalibrateOptions, TareOptions
-from bench.procedures.tare import TareProcedure
-from bench.recording.recorder import Recorder
-from bench.records import Measured, Table
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from bench.segments import Segment, Use
-from bench.session.engine import record_procedures
-from bench.session.schema import Session
-from bench.session.supervision import learned
-from bench.session.warm_up import warm_up
-from drivers.punctual import LOOP_PRIORITY, permitted_priority
+from norton_bench.errors import SafetyStopError
+from norton_bench.loop.process import LoopProcess
+from norton_bench.loop.timing import LoopTiming, loop_timing
+from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.free import command_multisine
+from norton_bench.procedures.imposed import imposed_multisine
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.makers import imposed
+from norton_bench.procedures.options import CalibrateOptions, TareOptions
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.recording.recorder import Recorder
+from norton_bench.records import Measured, Table
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Segment, Use
+from norton_bench.session.engine import record_procedures
+from norton_bench.session.schema import Session
+from norton_bench.session.supervision import learned
+from norton_bench.session.warm_up import warm_up
+from norton_drivers.punctual import LOOP_PRIORITY, permitted_priority
 
 ROOT = Path(__file__).parents[1]
 RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"
@@ -335,7 +335,7 @@ def calibrated(rig: Rig, folder: Path) -> Knowledge:
 def served(rig: Rig, cpu: int) -> Iterator[None]:
     """The rig's devices, on another CPU than the loop's: on one, a loop in real time and its peer can lock each other
     out."""
-    command = [sys.executable, "-m", "bench", "sim", "serve", rig.place]
+    command = [sys.executable, "-m", "norton_bench", "sim", "serve", rig.place]
     with subprocess.Popen(
         command,
         stdout=subprocess.DEVNULL,
@@ -356,7 +356,7 @@ def served(rig: Rig, cpu: int) -> Iterator[None]:
 def redrawing(recording: Path) -> Iterator[None]:
     """The screen on a pseudo-terminal, playing ``recording`` back, again and again."""
     over = Event()
-    command = [sys.executable, "-m", "bench", "ui", "--replay", str(recording)]
+    command = [sys.executable, "-m", "norton_bench", "ui", "--replay", str(recording)]
 
     def redraw() -> None:
         while not over.is_set():

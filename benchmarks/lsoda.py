@@ -13,9 +13,9 @@ import numpy.typing as npt
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from bench.identification.fit import PHYSICAL
-from bench.identification.results import FitResult
-from bench.identification.signals import Signals
+from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.signals import Signals
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -23,7 +23,7 @@ USUAL_RAD_S = 10.0
 
 
 def rates(time_s: float, state: Any, tick_s: float, command: Any, torque: Any, values: Any) -> tuple[float, ...]:
-    """Section IV.D with the drive's torque for its current: see bench.models.dahl_motor."""
+    """Section IV.D with the drive's torque for its current: see norton_bench.models.dahl_motor."""
     gain, bandwidth, inertia, damping, coulomb, stiffness, contact_damping = values
     at = time_s / tick_s
     k = min(int(at), len(command) - 2)

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from bench.identification.fit import PHYSICAL
-from bench.identification.results import FitResult
-from bench.identification.signals import FINE, Signals
+from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.signals import FINE, Signals
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -1,9 +1,9 @@
 """What the tool says of actuators that are not the paper's motor, and whether it is right.
 
 Every session is the standard one on the simulated bench of ``rigs/sim-odrive.toml``, through frames and bytes; the
-actuator is the paper's motor with one departure (``sim_backend/departures.py``, a gear train or a spring), at two
-strengths, and the motor itself as a control. Then the true plant is moved as no experiment moved it: the torque that
-its port truly exerts, and its true free motion, are compared with the network's, without noise and without the
+actuator is the paper's motor with one departure (``sim_backend/norton_sim/departures.py``, a gear train or a spring),
+at two strengths, and the motor itself as a control. Then the true plant is moved as no experiment moved it: the torque
+that its port truly exerts, and its true free motion, are compared with the network's, without noise and without the
 identifier.
 
 Printed are: the share of unseen motions whose error is within the network's stated one; sessions that end with every
@@ -30,18 +30,18 @@ import numpy as np
 import numpy.typing as npt
 import verdicts
 
-from bench.errors import ExperimentError
-from bench.identification.kernels import FULL_BAND
-from bench.models.network import NortonNetwork
-from bench.models.parameters import Status
-from bench.procedures.waves import Motion, from_velocity, multisine, multisine_motion, sine_motion
-from bench.rig.load import parse_rig
-from bench.rig.rig import Rig
-from bench.session.conclusion import Conclusion, conclude_recording
-from bench.session.engine import record_session
-from bench.session.schema import standard_session
-from sim_backend.plant import Plant
-from sim_backend.truth import Truth, read_truth
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.kernels import FULL_BAND
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Status
+from norton_bench.procedures.waves import Motion, from_velocity, multisine, multisine_motion, sine_motion
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session.conclusion import Conclusion, conclude_recording
+from norton_bench.session.engine import record_session
+from norton_bench.session.schema import standard_session
+from norton_sim.plant import Plant
+from norton_sim.truth import Truth, read_truth
 
 FloatArray = npt.NDArray[np.float64]
 

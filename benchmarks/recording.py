@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.recording import wire
-from bench.recording.reader import read_recording
-from bench.recording.recorder import Recorder
-from bench.recording.recording_file import RecordingFile
-from bench.recording.recover import recover
-from bench.records import CURRENT, MOTION, TICK, TORQUE, Measured, Table
-from drivers.readings import RawFrame
+from norton_bench.recording import wire
+from norton_bench.recording.reader import read_recording
+from norton_bench.recording.recorder import Recorder
+from norton_bench.recording.recording_file import RecordingFile
+from norton_bench.recording.recover import recover
+from norton_bench.records import CURRENT, MOTION, TICK, TORQUE, Measured, Table
+from norton_drivers.readings import RawFrame
 
 TICK_NS = 1_000_000
 PART_TICKS = 100

@@ -104,8 +104,8 @@ def _drain(ours: int, child: "subprocess.Popen[bytes]", *, press: bool) -> tuple
 
 def child(recording: Path, seconds: float, said: Path, *, stop: bool) -> None:
     """Run the app here, measure, and leave."""
-    from bench.screen.app import BenchApp  # noqa: PLC0415
-    from bench.screen.opening import Opening, replayed  # noqa: PLC0415
+    from norton_bench.screen.app import BenchApp  # noqa: PLC0415
+    from norton_bench.screen.opening import Opening, replayed  # noqa: PLC0415
 
     experiment = replayed(recording)
     experiment.seek(BEGIN_S)
@@ -141,9 +141,9 @@ def child(recording: Path, seconds: float, said: Path, *, stop: bool) -> None:
 
 def figures_ms(recording: Path, columns: int, rows: int) -> float:
     """Six plots from the picture of a session to rows of characters, without a terminal."""
-    from bench.screen import figures  # noqa: PLC0415
-    from bench.screen.opening import replayed  # noqa: PLC0415
-    from bench.screen.plots.drawing import Drawer  # noqa: PLC0415
+    from norton_bench.screen import figures  # noqa: PLC0415
+    from norton_bench.screen.opening import replayed  # noqa: PLC0415
+    from norton_bench.screen.plots.drawing import Drawer  # noqa: PLC0415
 
     experiment = replayed(recording)
     experiment.seek(BEGIN_S + 20.0)
@@ -161,9 +161,9 @@ def figures_ms(recording: Path, columns: int, rows: int) -> float:
 
 def recorded(folder: Path) -> Path:
     """A standard session on the simulated bench."""
-    from bench.rig.load import load_rig  # noqa: PLC0415
-    from bench.session.engine import record_session  # noqa: PLC0415
-    from bench.session.schema import standard_session  # noqa: PLC0415
+    from norton_bench.rig.load import load_rig  # noqa: PLC0415
+    from norton_bench.session.engine import record_session  # noqa: PLC0415
+    from norton_bench.session.schema import standard_session  # noqa: PLC0415
 
     rig = load_rig(Path(__file__).parents[1] / "rigs" / "sim-odrive.toml")
     return record_session(rig, standard_session(rig), out=folder, seed=1).recording

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from bench.models.dahl_motor import DahlMotor
-from sim_backend.integrator import ENCODER_PERIOD_NS
-from sim_backend.packing import pack
-from sim_backend.plant import Plant
-from sim_backend.truth import Truth, read_truth
+from norton_bench.models.dahl_motor import DahlMotor
+from norton_sim.integrator import ENCODER_PERIOD_NS
+from norton_sim.packing import pack
+from norton_sim.plant import Plant
+from norton_sim.truth import Truth, read_truth
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 TICK_NS = 1_000_000

@@ -23,16 +23,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bench.identification.results import LiveEstimate
-from bench.procedures.catalogue import make_procedures
-from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
-from bench.recording.reader import read_so_far
-from bench.records import NO_DEVICE_TIME, Measured, Table
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from bench.session.engine import record_session
-from bench.session.progress import Silent
-from bench.session.schema import Session, Step
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.procedures.catalogue import make_procedures
+from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
+from norton_bench.recording.reader import read_so_far
+from norton_bench.records import NO_DEVICE_TIME, Measured, Table
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session.engine import record_session
+from norton_bench.session.progress import Silent
+from norton_bench.session.schema import Session, Step
 
 Stamps = npt.NDArray[np.int64]
 

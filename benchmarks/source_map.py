@@ -23,21 +23,21 @@ import numpy as np
 import numpy.typing as npt
 import verdicts
 
-from bench.errors import ExperimentError
-from bench.identification.model_free.branches import TAILS
-from bench.identification.model_free.dwells import SKIPPED_SHARE
-from bench.identification.model_free.source_map import dwells, is_staircase
-from bench.identification.results import SourceMap
-from bench.procedures.catalogue import make_procedures
-from bench.records import Measured
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from bench.session.conclusion import Conclusion, conclude
-from bench.session.engine import record_procedures
-from bench.session.schema import standard_session
-from drivers.registry import load_backend
-from sim_backend.backend import SimulatedBackend
-from sim_backend.truth import read_truth
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.model_free.branches import TAILS
+from norton_bench.identification.model_free.dwells import SKIPPED_SHARE
+from norton_bench.identification.model_free.source_map import dwells, is_staircase
+from norton_bench.identification.results import SourceMap
+from norton_bench.procedures.catalogue import make_procedures
+from norton_bench.records import Measured
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session.conclusion import Conclusion, conclude
+from norton_bench.session.engine import record_procedures
+from norton_bench.session.schema import standard_session
+from norton_drivers.registry import load_backend
+from norton_sim.backend import SimulatedBackend
+from norton_sim.truth import read_truth
 
 FloatArray = npt.NDArray[np.float64]
 

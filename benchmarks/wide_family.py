@@ -33,21 +33,21 @@ import numpy as np
 import verdicts
 from identification import bounds, noise
 
-from bench.errors import BenchError
-from bench.identification.fit import PHYSICAL
-from bench.identification.results import FitResult
-from bench.identification.signals import signals
-from bench.identification.soundness.recording import sound
-from bench.models.parameters import Status
-from bench.recording.reader import read_recording
-from bench.rig.load import parse_rig
-from bench.rig.rig import Rig
-from bench.segments import Use
-from bench.session.conclusion import conclude_recording
-from bench.session.engine import record_session
-from bench.session.schema import standard_session
-from drivers.errors import DeviceError
-from sim_backend.truth import read_truth, true_parameters
+from norton_bench.errors import BenchError
+from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.signals import signals
+from norton_bench.identification.soundness.recording import sound
+from norton_bench.models.parameters import Status
+from norton_bench.recording.reader import read_recording
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Use
+from norton_bench.session.conclusion import conclude_recording
+from norton_bench.session.engine import record_session
+from norton_bench.session.schema import standard_session
+from norton_drivers.errors import DeviceError
+from norton_sim.truth import read_truth, true_parameters
 
 RIGS = Path(__file__).parents[1] / "rigs"
 DRIVES = ("odrive", "cia402", "vesc", "mit")

@@ -24,32 +24,32 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.control.admittance import AdmittanceController
-from bench.control.calibration import LoadCalibration
-from bench.control.preview import foreseeing, with_preview
-from bench.identification.fit import PHYSICAL
-from bench.identification.trials import TRIAL
-from bench.loop.alignment import Alignment
-from bench.loop.devices import open_devices
-from bench.loop.gate import guard_for
-from bench.loop.loop import Loop
-from bench.loop.outbox import Outbox
-from bench.models.network import NortonNetwork
-from bench.procedures.calibrate import CalibrateProcedure
-from bench.procedures.carry_out import carry_out
-from bench.procedures.iterate import IterateProcedure
-from bench.procedures.knowledge import Knowledge
-from bench.procedures.options import IterateOptions
-from bench.procedures.tare import TareProcedure
-from bench.procedures.waves import hold, multisine
-from bench.records import Measured
-from bench.rig.load import parse_rig
-from bench.rig.rig import Rig
-from bench.sample import Sample, Target
-from bench.segments import ZERO_TORQUE, FloatArray, LoadMode, Segment, Use
-from drivers.registry import load_backend
-from sim_backend.backend import SimulatedBackend
-from sim_backend.truth import read_truth
+from norton_bench.control.admittance import AdmittanceController
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.control.preview import foreseeing, with_preview
+from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.trials import TRIAL
+from norton_bench.loop.alignment import Alignment
+from norton_bench.loop.devices import open_devices
+from norton_bench.loop.gate import guard_for
+from norton_bench.loop.loop import Loop
+from norton_bench.loop.outbox import Outbox
+from norton_bench.models.network import NortonNetwork
+from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.carry_out import carry_out
+from norton_bench.procedures.iterate import IterateProcedure
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.options import IterateOptions
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.procedures.waves import hold, multisine
+from norton_bench.records import Measured
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.sample import Sample, Target
+from norton_bench.segments import ZERO_TORQUE, FloatArray, LoadMode, Segment, Use
+from norton_drivers.registry import load_backend
+from norton_sim.backend import SimulatedBackend
+from norton_sim.truth import read_truth
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 STIFFNESS_NM_RAD = 200.0

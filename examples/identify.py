@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 from tempfile import mkdtemp
 
-from bench.rig.load import load_rig
-from bench.session.engine import run_session
-from bench.session.schema import load_session, standard_session
+from norton_bench.rig.load import load_rig
+from norton_bench.session.engine import run_session
+from norton_bench.session.schema import load_session, standard_session
 
 RIG = Path(__file__).parent.parent / "rigs" / "sim-odrive.toml"
 

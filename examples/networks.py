@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.networks.checks import check
-from bench.networks.equations import Equations
-from bench.networks.family import converted, coupled, exertion
-from bench.networks.files import load, save
-from bench.networks.kinds import Form, Kind, NoConversionError
-from bench.networks.linear import LinearNetwork
-from bench.networks.motion import Load, Motion
-from bench.networks.nonlinear import NonlinearNetwork
-from bench.networks.operator import Operator
-from bench.networks.settled import static_source
+from norton_bench.networks.checks import check
+from norton_bench.networks.equations import Equations
+from norton_bench.networks.family import converted, coupled, exertion
+from norton_bench.networks.files import load, save
+from norton_bench.networks.kinds import Form, Kind, NoConversionError
+from norton_bench.networks.linear import LinearNetwork
+from norton_bench.networks.motion import Load, Motion
+from norton_bench.networks.nonlinear import NonlinearNetwork
+from norton_bench.networks.operator import Operator
+from norton_bench.networks.settled import static_source
 
 TICK_S = 1e-3
 

@@ -8,14 +8,14 @@ import sys
 from pathlib import Path
 from tempfile import mkdtemp
 
-from bench.procedures.calibrate import CalibrateProcedure
-from bench.procedures.imposed import ImposedProcedure
-from bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
-from bench.procedures.tare import TareProcedure
-from bench.rig.load import load_rig
-from bench.session.answers import Answers
-from bench.session.engine import run_script
-from bench.session.script import Ask, Remark, Script, SoFar
+from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.imposed import ImposedProcedure
+from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.rig.load import load_rig
+from norton_bench.session.answers import Answers
+from norton_bench.session.engine import run_script
+from norton_bench.session.script import Ask, Remark, Script, SoFar
 
 SHORT = ImposedOptions(amplitude=0.3, velocities_rad_s=(-15.0, 15.0), commands=1, duration_s=1.0)
 MOST_ROUNDS = 5

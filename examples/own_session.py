@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
 
-from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
-from bench.rig.load import load_rig
-from bench.session.engine import run_session
-from bench.session.schema import Session, Step
+from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
+from norton_bench.rig.load import load_rig
+from norton_bench.session.engine import run_session
+from norton_bench.session.schema import Session, Step
 
 
 def own_session(multisine_s: float) -> Session:

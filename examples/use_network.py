@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.models.network import NortonNetwork
+from norton_bench.models.network import NortonNetwork
 
 TICK_S = 1e-3
 

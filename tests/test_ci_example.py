@@ -27,7 +27,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "HERE": str(ROOT / "examples" / "ci"),
         # As if installed, also where the installation is older than the plugin.
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-        "PYTEST_ADDOPTS": f"-p bench.pytest_plugin -c {os.devnull} --rootdir . -p no:cacheprovider",
+        "PYTEST_ADDOPTS": f"-p norton_bench.pytest_plugin -c {os.devnull} --rootdir . -p no:cacheprovider",
     }
     for name, command in STEPS.items():
         if name != "Install":

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import RigError
-from bench.rig.load import load_rig
-from bench.session.program import make_experiment
-from bench.session.schema import load_session
+from norton_bench.errors import RigError
+from norton_bench.rig.load import load_rig
+from norton_bench.session.program import make_experiment
+from norton_bench.session.schema import load_session
 
 ROOT = Path(__file__).parents[1]
 SHORT = """\

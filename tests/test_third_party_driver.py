@@ -10,12 +10,12 @@ from pathlib import Path
 import can
 import pytest
 
-from bench.errors import RigError
-from bench.rig.load import parse_rig
-from bench.rig.new.interview import Interview
-from bench.rig.new.questions import Prepared
-from drivers import registry
-from drivers.errors import WiringError
+from norton_bench.errors import RigError
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.new.interview import Interview
+from norton_bench.rig.new.questions import Prepared
+from norton_drivers import registry
+from norton_drivers.errors import WiringError
 
 ROOT = Path(__file__).parents[1]
 RIG = """

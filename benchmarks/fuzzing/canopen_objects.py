@@ -7,8 +7,8 @@ from typing import Any
 import can
 from canopen.profiles.p402 import State402
 
-from drivers.codecs import canopen, cia402
-from drivers.codecs.canopen import (
+from norton_drivers.codecs import canopen, cia402
+from norton_drivers.codecs.canopen import (
     Emergency,
     NmtOrder,
     SdoAbort,
@@ -18,8 +18,8 @@ from drivers.codecs.canopen import (
     SdoValue,
     SdoWritten,
 )
-from drivers.codecs.canopen_torque import TorqueField
-from drivers.codecs.errors import CodecError
+from norton_drivers.codecs.canopen_torque import TorqueField
+from norton_drivers.codecs.errors import CodecError
 
 from .frames import FrameCodec, Values
 

@@ -11,10 +11,10 @@ import can
 import cantools
 import odrive_can
 
-from bench.testing import ScriptedWorld
-from drivers import dbc_sensor, mit, odrive, vesc
-from drivers.devices import Amplifier
-from drivers.wiring import DeviceSettings
+from norton_bench.testing import ScriptedWorld
+from norton_drivers import dbc_sensor, mit, odrive, vesc
+from norton_drivers.devices import Amplifier
+from norton_drivers.wiring import DeviceSettings
 
 from .frames import FrameCodec, Values
 

@@ -7,13 +7,13 @@ from random import Random
 from struct import Struct
 from typing import Any
 
-from bench.testing import ScriptedWorld
-from drivers import ascii_lines, bota, dyn200, mantracourt
-from drivers.codecs.bota import BotaFrame
-from drivers.codecs.dyn200 import PushFrame, number_value
-from drivers.codecs.lines import signed_text
-from drivers.codecs.modbus import ReadAnswer
-from drivers.wiring import DeviceSettings
+from norton_bench.testing import ScriptedWorld
+from norton_drivers import ascii_lines, bota, dyn200, mantracourt
+from norton_drivers.codecs.bota import BotaFrame
+from norton_drivers.codecs.dyn200 import PushFrame, number_value
+from norton_drivers.codecs.lines import signed_text
+from norton_drivers.codecs.modbus import ReadAnswer
+from norton_drivers.wiring import DeviceSettings
 
 from .streams import StreamCodec
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from random import Random
 
-from drivers.codecs.slcan import SlcanFrame, SlcanStream
+from norton_drivers.codecs.slcan import SlcanFrame, SlcanStream
 
 from .streams import StreamCodec
 

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from PIL import Image
 
-from bench.screen.app import BenchApp
-from bench.screen.experiment import Experiment
-from bench.screen.opening import Opening, replayed
-from bench.screen.screens.experiment import ExperimentScreen
+from norton_bench.screen.app import BenchApp
+from norton_bench.screen.experiment import Experiment
+from norton_bench.screen.opening import Opening, replayed
+from norton_bench.screen.screens.experiment import ExperimentScreen
 
 HERE = Path(__file__).parent
 SNAPSHOTS = HERE.parents[1] / "tests" / "bench" / "screen" / "snapshots"

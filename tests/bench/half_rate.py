@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from bench.rig.load import parse_rig
-from bench.rig.rig import Rig
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.rig import Rig
 
 RIGS = Path(__file__).parents[2] / "rigs"
 

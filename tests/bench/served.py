@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
 
 RIG_FILE = Path(__file__).parents[2] / "rigs" / "sim-odrive.toml"
 GROUP = "239.74.163.65"
@@ -43,7 +43,7 @@ def rig_of_its_own(folder: Path, group: str = GROUP, *, backend: str = "hardware
 def served(rig: Rig) -> Iterator[Path]:
     """The rig's devices; yields the file of what is true."""
     witness = Path(rig.place).with_name("witness.csv")
-    command = [sys.executable, "-m", "bench", "sim", "serve", rig.place, "--witness", str(witness)]
+    command = [sys.executable, "-m", "norton_bench", "sim", "serve", rig.place, "--witness", str(witness)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server:
         assert server.stderr is not None
         said = server.stderr.readline()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.units import check_unit, parse_quantity, parse_range, same_dimension
+from norton_bench.units import check_unit, parse_quantity, parse_range, same_dimension
 
 EXACT = [
     ("5 ms", "s", 0.005),

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bench.identification.trials import TRIAL
-from bench.loop.loop import Loop
-from bench.records import Measured
-from bench.segments import Segment
+from norton_bench.identification.trials import TRIAL
+from norton_bench.loop.loop import Loop
+from norton_bench.records import Measured
+from norton_bench.segments import Segment
 from tests.bench.bench_in_simulation import Bench
 
 LOOK_NS = 100_000

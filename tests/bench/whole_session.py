@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from bench.identification.results import LiveEstimate
-from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
-from bench.records import Measured
-from bench.rig.load import load_rig
-from bench.session.engine import SessionResult, run_session
-from bench.session.progress import Silent, Summary
-from bench.session.schema import Session, Step
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
+from norton_bench.records import Measured
+from norton_bench.rig.load import load_rig
+from norton_bench.session.engine import SessionResult, run_session
+from norton_bench.session.progress import Silent, Summary
+from norton_bench.session.schema import Session, Step
 from tests.bench.once import once
 
 RIG = load_rig(Path(__file__).parents[2] / "rigs" / "sim-odrive.toml")

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.identification import loops
-from bench.identification.information import Excitation, Linearised, Slopes, information, planned_signals
-from bench.identification.signals import FINE, Stream
-from bench.models.network import NortonNetwork
 from benchmarks import bound
 from benchmarks.bound import Noise, PathResponse
+from norton_bench.identification import loops
+from norton_bench.identification.information import Excitation, Linearised, Slopes, information, planned_signals
+from norton_bench.identification.signals import FINE, Stream
+from norton_bench.models.network import NortonNetwork
 
 TICK_S = 1e-3
 NETWORK = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")

@@ -10,7 +10,7 @@ from benchmarks.fuzzing.frames import FrameCodec
 from benchmarks.fuzzing.outcome import Judged, Outcome
 from benchmarks.fuzzing.sensors_on_serial import ModbusLine
 from benchmarks.fuzzing.streams import StreamCodec
-from drivers.codecs import modbus
+from norton_drivers.codecs import modbus
 
 COUNT = 12_000
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.recording import wire
-from bench.records import TICK, Measured
 from benchmarks.kill_recording import Kill, lost_ms, summary, wrong_frames, wrong_rows
-from drivers.readings import RawFrame
+from norton_bench.recording import wire
+from norton_bench.records import TICK, Measured
+from norton_drivers.readings import RawFrame
 
 MS = 1_000_000
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.models.network import NortonNetwork
-from bench.rig.load import parse_rig
-from sim_backend.truth import read_truth
+from norton_bench.models.network import NortonNetwork
+from norton_bench.rig.load import parse_rig
+from norton_sim.truth import read_truth
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # a program finds its neighbours there
 worlds = import_module("other_worlds")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from bench.procedures.options import RestOptions
-from bench.rig.load import load_rig
-from bench.session.schema import Step
 from benchmarks.soak import RIG, growth_mb, pace_ppm, session_of, soak
+from norton_bench.procedures.options import RestOptions
+from norton_bench.rig.load import load_rig
+from norton_bench.session.schema import Step
 
 
 def test_growth_is_what_comes_after_the_warm_up() -> None:

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from bench.testing import ScriptedWorld
-from drivers.wiring import DeviceSettings
+from norton_bench.testing import ScriptedWorld
+from norton_drivers.wiring import DeviceSettings
 
 
 @pytest.fixture

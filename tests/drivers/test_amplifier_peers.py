@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.devices import Amplifier
-from drivers.errors import DeviceTimeoutError
-from drivers.hardware import HardwareBackend
-from drivers.link import Link
-from drivers.readings import DriveState
-from drivers.registry import open_amplifier
-from drivers.wiring import CanBusSettings, DeviceSettings
+from norton_drivers.devices import Amplifier
+from norton_drivers.errors import DeviceTimeoutError
+from norton_drivers.hardware import HardwareBackend
+from norton_drivers.link import Link
+from norton_drivers.readings import DriveState
+from norton_drivers.registry import open_amplifier
+from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 HERE = Path(__file__).parent
 NODE = 11

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers import bota
-from drivers.codecs.bota import BotaFrame
+from norton_drivers import bota
+from norton_drivers.codecs.bota import BotaFrame
 
 BYTE_NS = 10e9 / 460_800  # start, eight bits, stop
 

@@ -1,4 +1,4 @@
-"""Every driver that is shipped keeps the contract of :mod:`bench.testing`, against its emulated device.
+"""Every driver that is shipped keeps the contract of :mod:`norton_bench.testing`, against its emulated device.
 
 A new one is a class of a few lines: the rig file that has such a device, and in which role.
 """
@@ -6,12 +6,12 @@ A new one is a class of a few lines: the rig file that has such a device, and in
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bench.rig.load import load_rig
-from bench.testing import AmplifierContract, SetUp, TorqueSensorContract
-from drivers.registry import load_backend
-from sim_backend.backend import SimulatedBackend
-from sim_backend.integrator import ANGLE, CURRENT_TARGET, VELOCITY
-from sim_backend.plant import Machine
+from norton_bench.rig.load import load_rig
+from norton_bench.testing import AmplifierContract, SetUp, TorqueSensorContract
+from norton_drivers.registry import load_backend
+from norton_sim.backend import SimulatedBackend
+from norton_sim.integrator import ANGLE, CURRENT_TARGET, VELOCITY
+from norton_sim.plant import Machine
 
 RIGS = Path(__file__).parents[2] / "rigs"
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from drivers.cores import kept_awake, staying_off, take_core
+from norton_drivers.cores import kept_awake, staying_off, take_core
 from tests.processes import children, cpu_ticks, process_lives, soon
 
 pytestmark = [
@@ -20,7 +20,7 @@ pytestmark = [
 # In a process of its own: it says which core it took, and has it until its standard input is closed.
 TAKE = """
 import os, sys
-from drivers.cores import take_core
+from norton_drivers.cores import take_core
 core = take_core()
 print(None if core is None else core.number, sorted(os.sched_getaffinity(0)), flush=True)
 sys.stdin.read()
@@ -132,7 +132,7 @@ def test_every_thread_stays_off_and_so_do_children() -> None:
 # Bound to one core, it keeps that awake, and waits for a line before it goes on, or for its end.
 KEEP = """
 import os, sys
-from drivers.cores import kept_awake
+from norton_drivers.cores import kept_awake
 os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 with kept_awake():
     print(flush=True)

@@ -7,11 +7,11 @@ import time
 
 import pytest
 
-from drivers import dbc_sensor
-from drivers.errors import DeviceTimeoutError
-from drivers.hardware import HardwareBackend
-from drivers.link import Link
-from drivers.wiring import CanBusSettings, DeviceSettings
+from norton_drivers import dbc_sensor
+from norton_drivers.errors import DeviceTimeoutError
+from norton_drivers.hardware import HardwareBackend
+from norton_drivers.link import Link
+from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 GROUP = f"239.77.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
 UDP_PORT = 40_000 + os.getpid() % 2_000

@@ -5,8 +5,8 @@ import pytest
 import serial.tools.list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from drivers import discovery
-from drivers.discovery import FoundPort, found_serial, list_ports, stable_path
+from norton_drivers import discovery
+from norton_drivers.discovery import FoundPort, found_serial, list_ports, stable_path
 
 
 def entry(device: str, vid: int | None = None, pid: int | None = None, description: str = "n/a") -> ListPortInfo:

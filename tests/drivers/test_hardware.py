@@ -17,11 +17,11 @@ from can.interfaces.udp_multicast.utils import pack_message
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.adapters.quiet_udp import QuietUdpBus
-from drivers.clock import MonotonicClock
-from drivers.errors import ConnectionFailedError
-from drivers.hardware import HardwareBackend, _ArrivalTime, open_backend
-from drivers.wiring import CanBusSettings, DeviceSettings, Wiring
+from norton_drivers.adapters.quiet_udp import QuietUdpBus
+from norton_drivers.clock import MonotonicClock
+from norton_drivers.errors import ConnectionFailedError
+from norton_drivers.hardware import HardwareBackend, _ArrivalTime, open_backend
+from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 
 # A group and a port of this process's own: python-can's bus hears every group that is joined on the machine.
 GROUP = f"239.74.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"

@@ -3,13 +3,13 @@
 import can
 import pytest
 
-from drivers.codecs.can_errors import CanErrorFrame, ControllerError, ErrorClass
-from drivers.errors import ConnectionFailedError, WiringError
-from drivers.inbox import CAPACITY, Inbox
-from drivers.ports import CanPort
-from drivers.readings import ERROR_FRAME, RawFrame
-from drivers.waiting import wait_until
-from drivers.wiring import DeviceSettings
+from norton_drivers.codecs.can_errors import CanErrorFrame, ControllerError, ErrorClass
+from norton_drivers.errors import ConnectionFailedError, WiringError
+from norton_drivers.inbox import CAPACITY, Inbox
+from norton_drivers.ports import CanPort
+from norton_drivers.readings import ERROR_FRAME, RawFrame
+from norton_drivers.waiting import wait_until
+from norton_drivers.wiring import DeviceSettings
 
 
 @pytest.fixture

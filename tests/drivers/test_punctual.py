@@ -6,8 +6,8 @@ import resource
 
 import pytest
 
-from drivers import punctual as module
-from drivers.punctual import LOOP_PRIORITY, SERVER_PRIORITY, permitted_priority, punctual
+from norton_drivers import punctual as module
+from norton_drivers.punctual import LOOP_PRIORITY, SERVER_PRIORITY, permitted_priority, punctual
 
 
 def test_the_collector_leaves_alone_what_is_there_already() -> None:

@@ -12,14 +12,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers import dbc_sensor, registry
-from drivers.canopen import recognition as canopen
-from drivers.codecs.odrive import AxisState, Command, EncoderEstimates, Heartbeat, arbitration_id
-from drivers.mit import recognition as mit
-from drivers.odrive.recognition import recognise
-from drivers.readings import RawFrame
-from drivers.recognition import Recognition, answers_remotely, nobodys
-from drivers.vesc import recognition as vesc
+from norton_drivers import dbc_sensor, registry
+from norton_drivers.canopen import recognition as canopen
+from norton_drivers.codecs.odrive import AxisState, Command, EncoderEstimates, Heartbeat, arbitration_id
+from norton_drivers.mit import recognition as mit
+from norton_drivers.odrive.recognition import recognise
+from norton_drivers.readings import RawFrame
+from norton_drivers.recognition import Recognition, answers_remotely, nobodys
+from norton_drivers.vesc import recognition as vesc
 
 
 def message(identifier: int, data: bytes = b"", *, extended: bool = False, remote: bool = False) -> can.Message:

@@ -4,8 +4,8 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from drivers import registry
-from drivers.errors import WiringError
+from norton_drivers import registry
+from norton_drivers.errors import WiringError
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def entry(monkeypatch):
 
 
 def test_an_unknown_name_is_told_with_those_that_are_known(entry):
-    entry("drivers.odrive:open_amplifier")
+    entry("norton_drivers.odrive:open_amplifier")
     with pytest.raises(WiringError, match=r"\[load\] driver = 'yours' is not installed; known: mine"):
         registry.load(registry.AMPLIFIERS, "yours", asked_by="[load] driver")
     with pytest.raises(WiringError, match="known: none"):
@@ -32,8 +32,8 @@ def test_an_unknown_name_is_told_with_those_that_are_known(entry):
 
 
 def test_a_name_is_loaded(entry):
-    entry("drivers.wiring:DeviceSettings")
-    from drivers.wiring import DeviceSettings
+    entry("norton_drivers.wiring:DeviceSettings")
+    from norton_drivers.wiring import DeviceSettings
 
     assert registry.load(registry.AMPLIFIERS, "mine", asked_by="driver") is DeviceSettings
 
@@ -42,7 +42,7 @@ def test_a_name_is_loaded(entry):
     ("value", "why"),
     [
         ("drivers.no_such_module:open", r"ModuleNotFoundError: No module named 'drivers\.no_such_module'"),
-        ("drivers.wiring:no_such_function", "AttributeError: module 'drivers.wiring' has no attribute"),
+        ("norton_drivers.wiring:no_such_function", "AttributeError: module 'norton_drivers.wiring' has no attribute"),
     ],
 )
 def test_an_entry_point_of_which_nothing_comes(entry, value, why):

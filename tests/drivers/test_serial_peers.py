@@ -11,12 +11,12 @@ from contextlib import contextmanager
 
 import pytest
 
-from drivers import ascii_lines, dyn200, mantracourt
-from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError
-from drivers.hardware import HardwareBackend
-from drivers.link import Link
-from drivers.readings import TorqueReading
-from drivers.wiring import DeviceSettings
+from norton_drivers import ascii_lines, dyn200, mantracourt
+from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError
+from norton_drivers.hardware import HardwareBackend
+from norton_drivers.link import Link
+from norton_drivers.readings import TorqueReading
+from norton_drivers.wiring import DeviceSettings
 from tests.drivers.null_modem import NullModem, null_modem
 
 pytestmark = pytest.mark.wall_time

@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import pytest
 
-from drivers import ascii_lines, dyn200, mantracourt
-from drivers.codecs.dyn200 import FRAMES_TO_LOCK, PushFrame, number_value
-from drivers.codecs.modbus import ReadAnswer, ReadRequest, Refusal
-from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
+from norton_drivers import ascii_lines, dyn200, mantracourt
+from norton_drivers.codecs.dyn200 import FRAMES_TO_LOCK, PushFrame, number_value
+from norton_drivers.codecs.modbus import ReadAnswer, ReadRequest, Refusal
+from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
 
 MS = 1_000_000
 DELAY_NS = 2_500_000

@@ -7,13 +7,13 @@ import sys
 
 import pytest
 
-from drivers import settling
-from drivers.settling import settle_in
+from norton_drivers import settling
+from norton_drivers.settling import settle_in
 
 # In a process of its own: what is taken is taken for good.
 SETTLE = """
 import os
-from drivers.settling import settle_in
+from norton_drivers.settling import settle_in
 settled = settle_in(3)
 locked = next(line for line in open("/proc/self/status") if line.startswith("VmLck"))
 print(int(locked.split()[1]) > 0, settled.words, settled.notes, sep="|")

@@ -6,9 +6,9 @@ from pathlib import Path
 import cantools
 import pytest
 
-from drivers import bota, dbc_sensor
-from drivers.codecs.bota import BotaFrame
-from drivers.errors import DeviceError, DeviceTimeoutError, WiringError
+from norton_drivers import bota, dbc_sensor
+from norton_drivers.codecs.bota import BotaFrame
+from norton_drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 
 SHIPPED = cantools.database.load_file(Path(dbc_sensor.__file__).parent / "dbc" / "torque-sensor.dbc")
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import can
 
-from drivers.codecs import canopen as protocol
-from drivers.wiring import Wiring
-from sim_backend.backend import SimulatedBackend
+from norton_drivers.codecs import canopen as protocol
+from norton_drivers.wiring import Wiring
+from norton_sim.backend import SimulatedBackend
 
 MS = 1_000_000
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from drivers.wiring import CanBusSettings, DeviceSettings, Wiring
-from sim_backend.backend import SimulatedBackend, open_backend
+from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
+from norton_sim.backend import SimulatedBackend, open_backend
 
 RIG = Path(__file__).parents[2] / "rigs" / "sim-odrive.toml"
 

@@ -8,8 +8,8 @@ import can
 import cantools
 import odrive_can
 
-from drivers.wiring import Wiring
-from sim_backend.backend import SimulatedBackend
+from norton_drivers.wiring import Wiring
+from norton_sim.backend import SimulatedBackend
 
 MS = 1_000_000
 NODE = 1

@@ -9,16 +9,16 @@ import can
 import numpy as np
 import pytest
 
-from drivers.backend import Backend
-from drivers.bota import open_torque_sensor
-from drivers.dbc_sensor import open_torque_sensor as open_dbc_sensor
-from drivers.errors import ConnectionFailedError, WiringError
-from drivers.link import Link
-from drivers.odrive import ODrive, open_amplifier
-from drivers.readings import DriveState, RawFrame
-from drivers.wiring import DeviceSettings, Wiring
-from sim_backend.backend import SimulatedBackend, open_backend
-from sim_backend.firmware import FIRMWARE
+from norton_drivers.backend import Backend
+from norton_drivers.bota import open_torque_sensor
+from norton_drivers.dbc_sensor import open_torque_sensor as open_dbc_sensor
+from norton_drivers.errors import ConnectionFailedError, WiringError
+from norton_drivers.link import Link
+from norton_drivers.odrive import ODrive, open_amplifier
+from norton_drivers.readings import DriveState, RawFrame
+from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_sim.backend import SimulatedBackend, open_backend
+from norton_sim.firmware import FIRMWARE
 
 MS = 1_000_000
 Bench = Callable[..., SimulatedBackend]

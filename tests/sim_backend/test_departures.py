@@ -5,17 +5,17 @@ from pathlib import Path
 
 import pytest
 
-from bench.rig.load import load_rig
-from drivers.errors import WiringError
-from sim_backend.departures import (
+from norton_bench.rig.load import load_rig
+from norton_drivers.errors import WiringError
+from norton_sim.departures import (
     ByPosition,
     Departures,
     InTime,
     Saturation,
     Stribeck,
 )
-from sim_backend.plant import Plant
-from sim_backend.truth import read_truth
+from norton_sim.plant import Plant
+from norton_sim.truth import read_truth
 
 RIG = load_rig(Path(__file__).parents[2] / "rigs" / "sim-odrive.toml")
 GAIN, DAMPING, COULOMB = 0.9, 1e-3, 0.02

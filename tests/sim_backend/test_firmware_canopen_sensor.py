@@ -8,10 +8,10 @@ from struct import pack, unpack
 import numpy as np
 import pytest
 
-from drivers.codecs.canopen import NmtCommand
-from drivers.wiring import DeviceSettings, Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.firmware.canopen_sensor import CanopenSensor
+from norton_drivers.codecs.canopen import NmtCommand
+from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.canopen_sensor import CanopenSensor
 from tests.sim_backend.canopen_host import CanopenHost
 
 NODE = 7

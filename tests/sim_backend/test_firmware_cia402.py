@@ -15,14 +15,14 @@ from canopen.profiles.p402 import BaseNode402, State402
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.canopen.node import SHIPPED
-from drivers.codecs.canopen import NmtCommand
-from drivers.codecs.cia402 import State
-from drivers.wiring import CanBusSettings, DeviceSettings, Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.firmware.cia402 import Cia402Drive
-from sim_backend.firmware.site import DriveFault
-from sim_backend.serve import serve
+from norton_drivers.canopen.node import SHIPPED
+from norton_drivers.codecs.canopen import NmtCommand
+from norton_drivers.codecs.cia402 import State
+from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.cia402 import Cia402Drive
+from norton_sim.firmware.site import DriveFault
+from norton_sim.serve import serve
 from tests.sim_backend.canopen_host import AbortedError, CanopenHost
 
 NODE, MASTER = 5, 0x7F

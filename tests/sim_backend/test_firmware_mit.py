@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from TMotorCANControl.mit_can import CAN_Manager
 
-from drivers.wiring import DeviceSettings, Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.firmware.mit import MitMotor
-from sim_backend.firmware.site import DriveFault
+from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.mit import MitMotor
+from norton_sim.firmware.site import DriveFault
 
 MS = 1_000_000
 NODE, MASTER = 5, 0x11

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.wiring import Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.firmware.odrive import ODriveAxis
+from norton_drivers.wiring import Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.odrive import ODriveAxis
 from tests.sim_backend.odrive_host import NODE, ODriveHost
 
 IDLE, CLOSED_LOOP = 1, 8

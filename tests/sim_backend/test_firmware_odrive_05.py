@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from drivers.link import Link
-from drivers.odrive import open_amplifier
-from drivers.readings import DriveState
-from drivers.wiring import Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.firmware.odrive_05 import ODrive05Axis
-from sim_backend.firmware.site import DriveFault
+from norton_drivers.link import Link
+from norton_drivers.odrive import open_amplifier
+from norton_drivers.readings import DriveState
+from norton_drivers.wiring import Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.odrive_05 import ODrive05Axis
+from norton_sim.firmware.site import DriveFault
 from tests.sim_backend.odrive_host import NODE, ODriveHost
 
 CPR = 8192

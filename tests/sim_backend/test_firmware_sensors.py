@@ -8,12 +8,12 @@ import cantools
 import numpy as np
 import pytest
 
-from drivers.codecs.bota import BotaFrame, BotaStream
-from drivers.dbc_sensor import SHIPPED
-from drivers.wiring import DeviceSettings, Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.firmware.bota import BotaSensor
-from sim_backend.firmware.dbc_sensor import DbcSensor
+from norton_drivers.codecs.bota import BotaFrame, BotaStream
+from norton_drivers.dbc_sensor import SHIPPED
+from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.bota import BotaSensor
+from norton_sim.firmware.dbc_sensor import DbcSensor
 
 MS = 1_000_000
 Bench = Callable[..., SimulatedBackend]

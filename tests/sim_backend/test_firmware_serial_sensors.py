@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from crccheck.crc import CrcModbus
 
-from drivers.codecs.dyn200 import PushStream
-from drivers.wiring import DeviceSettings, Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.buses import SimulatedLine
-from sim_backend.firmware.ascii_lines import AsciiSensor
-from sim_backend.firmware.dyn200 import Dyn200Sensor
-from sim_backend.firmware.mantracourt import MantracourtSensor
+from norton_drivers.codecs.dyn200 import PushStream
+from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.buses import SimulatedLine
+from norton_sim.firmware.ascii_lines import AsciiSensor
+from norton_sim.firmware.dyn200 import Dyn200Sensor
+from norton_sim.firmware.mantracourt import MantracourtSensor
 
 MS = 1_000_000
 PORT = "/tmp/sensor"

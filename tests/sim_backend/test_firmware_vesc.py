@@ -14,10 +14,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from TMotorCANControl import servo_can
 
-from drivers.wiring import DeviceSettings, Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.firmware.site import DriveFault
-from sim_backend.firmware.vesc import VescController
+from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.site import DriveFault
+from norton_sim.firmware.vesc import VescController
 
 MS = 1_000_000
 NODE, HOST = 23, 254

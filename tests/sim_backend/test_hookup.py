@@ -6,13 +6,13 @@ from typing import Any
 import can
 import pytest
 
-from drivers.codecs.odrive import Command, arbitration_id
-from drivers.errors import DeviceTimeoutError, WiringError
-from drivers.link import Link
-from drivers.ports import CanPort
-from drivers.registry import open_amplifier, open_torque_sensor
-from drivers.wiring import Wiring
-from sim_backend.backend import SimulatedBackend
+from norton_drivers.codecs.odrive import Command, arbitration_id
+from norton_drivers.errors import DeviceTimeoutError, WiringError
+from norton_drivers.link import Link
+from norton_drivers.ports import CanPort
+from norton_drivers.registry import open_amplifier, open_torque_sensor
+from norton_drivers.wiring import Wiring
+from norton_sim.backend import SimulatedBackend
 
 Open = Callable[..., SimulatedBackend]
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim_backend.machines import Gravity
-from sim_backend.plant import Plant
-from sim_backend.truth import Truth, read_truth
+from norton_sim.machines import Gravity
+from norton_sim.plant import Plant
+from norton_sim.truth import Truth, read_truth
 
 RIG = Path(__file__).parents[2] / "rigs" / "sim-odrive.toml"
 MS = 1_000_000

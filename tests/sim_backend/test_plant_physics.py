@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_backend import integrator as columns
-from sim_backend.integrator import ACTUATOR, LOAD
-from sim_backend.packing import PackedBench, pack
-from sim_backend.plant import Plant
-from sim_backend.truth import Truth, read_truth
+from norton_sim import integrator as columns
+from norton_sim.integrator import ACTUATOR, LOAD
+from norton_sim.packing import PackedBench, pack
+from norton_sim.plant import Plant
+from norton_sim.truth import Truth, read_truth
 
 RIG = Path(__file__).parents[2] / "rigs" / "sim-odrive.toml"
 SIMULATED = tomllib.loads(RIG.read_text())["simulated"]

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_backend import integrator as columns
-from sim_backend.packing import pack
-from sim_backend.plant import Plant
-from sim_backend.truth import Truth, read_truth
+from norton_sim import integrator as columns
+from norton_sim.packing import pack
+from norton_sim.plant import Plant
+from norton_sim.truth import Truth, read_truth
 
 RIG = Path(__file__).parents[2] / "rigs" / "sim-odrive.toml"
 MS = 1_000_000

@@ -18,17 +18,17 @@ import numpy as np
 import odrive_can
 import pytest
 
-from drivers.bota import open_torque_sensor
-from drivers.dyn200 import open_torque_sensor as open_dyn200
-from drivers.errors import ConnectionFailedError, DeviceTimeoutError, WiringError
-from drivers.hardware import open_backend
-from drivers.link import Link
-from drivers.odrive import open_amplifier
-from drivers.readings import DriveState
-from drivers.waiting import wait_until
-from drivers.wiring import CanBusSettings, DeviceSettings, Wiring
-from sim_backend.pseudo_terminals import ServedPort
-from sim_backend.serve import serve
+from norton_drivers.bota import open_torque_sensor
+from norton_drivers.dyn200 import open_torque_sensor as open_dyn200
+from norton_drivers.errors import ConnectionFailedError, DeviceTimeoutError, WiringError
+from norton_drivers.hardware import open_backend
+from norton_drivers.link import Link
+from norton_drivers.odrive import open_amplifier
+from norton_drivers.readings import DriveState
+from norton_drivers.waiting import wait_until
+from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
+from norton_sim.pseudo_terminals import ServedPort
+from norton_sim.serve import serve
 
 DBC = cantools.database.load_file(Path(odrive_can.__file__).parent / "dbc" / "odrive-cansimple-0.6.10.dbc")
 
@@ -37,7 +37,7 @@ NOWHERE = {"seed": None, "place": ""}
 # The server's own process: it is told the wiring, and says when it is ready.
 SERVER = """
 import pickle, sys
-from sim_backend.serve import serve
+from norton_sim.serve import serve
 
 wiring, simulated = pickle.load(sys.stdin.buffer)
 try:

@@ -4,9 +4,9 @@ from importlib.metadata import entry_points
 
 import pytest
 
-from drivers.errors import WiringError
-from sim_backend.serve import serve
-from sim_backend.tools import true_parameters
+from norton_drivers.errors import WiringError
+from norton_sim.serve import serve
+from norton_sim.tools import true_parameters
 
 
 def test_the_tools_are_found_by_name() -> None:

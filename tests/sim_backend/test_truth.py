@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.models.parameters import PARAMETERS
-from drivers.errors import WiringError
-from sim_backend.truth import read_truth, true_parameters
+from norton_bench.models.parameters import PARAMETERS
+from norton_drivers.errors import WiringError
+from norton_sim.truth import read_truth, true_parameters
 
 RIG = Path(__file__).parents[2] / "rigs" / "sim-odrive.toml"
 PLACE = "rigs/mine.toml"

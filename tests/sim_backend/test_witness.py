@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from bench.faults.witness_file import last_state, read_witness
-from drivers.link import Link
-from drivers.odrive import open_amplifier
-from drivers.wiring import Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.faults.schema import FalseReading, Freeze
-from sim_backend.witness import WitnessFile
+from norton_bench.faults.witness_file import last_state, read_witness
+from norton_drivers.link import Link
+from norton_drivers.odrive import open_amplifier
+from norton_drivers.wiring import Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.faults.schema import FalseReading, Freeze
+from norton_sim.witness import WitnessFile
 
 MS = 1_000_000
 Bench = Callable[..., SimulatedBackend]

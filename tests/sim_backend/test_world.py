@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_backend.transport import ByteStream, Delay
-from sim_backend.world import World
+from norton_sim.transport import ByteStream, Delay
+from norton_sim.world import World
 
 MS = 1_000_000
 

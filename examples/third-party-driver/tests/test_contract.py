@@ -3,8 +3,8 @@
 import can
 from norton_bench_turnwell import protocol
 
-from bench.testing import AmplifierContract, ScriptedWorld, SetUp
-from drivers.wiring import DeviceSettings
+from norton_bench.testing import AmplifierContract, ScriptedWorld, SetUp
+from norton_drivers.wiring import DeviceSettings
 
 NODE = 5
 WATCHDOG_NS = 100_000_000

@@ -9,15 +9,15 @@ from typing import Any
 import can
 import pytest
 
-from bench.check.check import Permission, check_rig, look
-from bench.check.findings import RigCheck
-from bench.check.moving import check_moving
-from bench.errors import OperatorStopError
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from drivers.codecs.can_errors import ErrorClass
-from drivers.codecs.odrive import AxisState, Command, SetInputTorque, arbitration_id
-from sim_backend.backend import SimulatedBackend, open_backend
+from norton_bench.check.check import Permission, check_rig, look
+from norton_bench.check.findings import RigCheck
+from norton_bench.check.moving import check_moving
+from norton_bench.errors import OperatorStopError
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_drivers.codecs.can_errors import ErrorClass
+from norton_drivers.codecs.odrive import AxisState, Command, SetInputTorque, arbitration_id
+from norton_sim.backend import SimulatedBackend, open_backend
 
 RIGS = Path(__file__).parents[3] / "rigs"
 RIG, DBC = load_rig(RIGS / "sim-odrive.toml"), load_rig(RIGS / "sim-dbc.toml")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from bench.check.doubles import answered_twice, contradictory, sent_by_two, two_rhythms
-from bench.check.survey import BusSurvey, Survey
-from drivers.readings import ERROR_FRAME, RawFrame
-from drivers.recognition import answers_remotely
+from norton_bench.check.doubles import answered_twice, contradictory, sent_by_two, two_rhythms
+from norton_bench.check.survey import BusSurvey, Survey
+from norton_drivers.readings import ERROR_FRAME, RawFrame
+from norton_drivers.recognition import answers_remotely
 
 PERIOD_NS = 100_000_000
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from bench.check.check import Permission, check_rig
-from bench.rig.load import load_rig, parse_rig
-from bench.rig.rig import Rig
+from norton_bench.check.check import Permission, check_rig
+from norton_bench.rig.load import load_rig, parse_rig
+from norton_bench.rig.rig import Rig
 
 RIGS = Path(__file__).parents[3] / "rigs"
 ODRIVE, CIA402, MIT, VESC, DYN200 = (

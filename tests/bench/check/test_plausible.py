@@ -5,7 +5,7 @@ from math import nan
 import numpy as np
 import pytest
 
-from bench.check.plausible import (
+from norton_bench.check.plausible import (
     Push,
     TorqueScales,
     Turned,
@@ -16,7 +16,7 @@ from bench.check.plausible import (
     turned_by,
     velocity_faults,
 )
-from bench.records import MOTION, TICK, Measured
+from norton_bench.records import MOTION, TICK, Measured
 
 
 def motion(travel_rad: float, *, velocity_scale: float = 1.0, position_scale: float = 1.0) -> np.ndarray:

@@ -8,10 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli import app
-from bench.errors import BenchError, ExitCode, ExperimentError, OperatorStopError, RigError, SafetyStopError, UsageError
-from bench.session.failure import exit_code_of
-from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
+from norton_bench.cli import app
+from norton_bench.errors import (
+    BenchError,
+    ExitCode,
+    ExperimentError,
+    OperatorStopError,
+    RigError,
+    SafetyStopError,
+    UsageError,
+)
+from norton_bench.session.failure import exit_code_of
+from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"
@@ -30,7 +38,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 
 
 def program(*arguments: object) -> subprocess.CompletedProcess[str]:
-    code = "import sys; from bench.cli.app import main; sys.exit(main())"
+    code = "import sys; from norton_bench.cli.app import main; sys.exit(main())"
     command = [sys.executable, "-c", code, *map(str, arguments)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
 
@@ -40,7 +48,7 @@ def program(*arguments: object) -> subprocess.CompletedProcess[str]:
 )
 def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     code = (
-        "import sys; from bench.cli.app import main; main(sys.argv[1:]);"
+        "import sys; from norton_bench.cli.app import main; main(sys.argv[1:]);"
         "heavy = 'numba textual matplotlib pyarrow sim_backend scipy numpy pint can filterpy'.split();"
         "print([name for name in heavy if name in sys.modules], file=sys.stderr)"
     )
@@ -169,7 +177,7 @@ def test_devices_are_listed(run: Run) -> None:
 def test_an_unexpected_failure_is_a_sentence_and_a_traceback_only_on_demand(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.cli.check.check_data", lambda checks: 1 / 0)
+    monkeypatch.setattr("norton_bench.cli.check.check_data", lambda checks: 1 / 0)
     code, _, err = run("rig", "check", RIG)
     assert code == ExitCode.EXPERIMENT_FAILED
     assert len(err.splitlines()) == 1

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import ExitCode
-from bench.recording.reader import read_recording
+from norton_bench.errors import ExitCode
+from norton_bench.recording.reader import read_recording
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"
@@ -56,7 +56,7 @@ class Terminal:
     def __post_init__(self) -> None:
         (self.folder / "s.toml").write_text(self.session)
         self._master, slave = pty.openpty()
-        command = [sys.executable, "-m", "bench", "run", "s.toml", "--rig", str(RIG), "--out", "out", *self.more]
+        command = [sys.executable, "-m", "norton_bench", "run", "s.toml", "--rig", str(RIG), "--out", "out", *self.more]
         self._process = subprocess.Popen(
             command,
             cwd=self.folder,
@@ -188,7 +188,7 @@ def test_sigterm_stops_at_once(tmp_path: Path, terminals: list[Terminal]) -> Non
 
 def test_without_a_terminal_ctrl_c_stops_and_prompts_are_refused(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(ASKING)
-    command = [sys.executable, "-m", "bench", "run", "s.toml", "--rig", str(RIG), "--out", "out"]
+    command = [sys.executable, "-m", "norton_bench", "run", "s.toml", "--rig", str(RIG), "--out", "out"]
     done = subprocess.run(
         command,
         cwd=tmp_path,

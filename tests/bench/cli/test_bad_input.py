@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-from bench.cli.app import main
-from bench.errors import ExitCode
-from bench.procedures.options import FreeOptions, TareOptions
-from bench.rig.load import load_rig
-from bench.session.engine import run_session
-from bench.session.schema import Session, Step
+from norton_bench.cli.app import main
+from norton_bench.errors import ExitCode
+from norton_bench.procedures.options import FreeOptions, TareOptions
+from norton_bench.rig.load import load_rig
+from norton_bench.session.engine import run_session
+from norton_bench.session.schema import Session, Step
 
 ROOT = Path(__file__).parents[3]
 RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from bench.cli import app
-from bench.errors import ExitCode
-from drivers import discovery
-from drivers.discovery import FoundPort
+from norton_bench.cli import app
+from norton_bench.errors import ExitCode
+from norton_drivers import discovery
+from norton_drivers.discovery import FoundPort
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-odrive.toml"
 

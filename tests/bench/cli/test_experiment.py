@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.cli import app
-from bench.cli.arguments import run_folder
-from bench.cli.interrupt import operator_stop
-from bench.cli.output import Output
-from bench.cli.progress import Lines, showing_progress
-from bench.errors import ExitCode, SafetyStopError
-from bench.identification.results import FitResult, LiveEstimate, Trace
-from bench.models.network import NortonNetwork
-from bench.models.parameters import Estimate, Status
-from bench.procedures.refinement import Refinement
-from bench.records import Measured
-from bench.session.conclusion import Conclusion
-from bench.session.progress import Judged, PlannedStep
+from norton_bench.cli import app
+from norton_bench.cli.arguments import run_folder
+from norton_bench.cli.interrupt import operator_stop
+from norton_bench.cli.output import Output
+from norton_bench.cli.progress import Lines, showing_progress
+from norton_bench.errors import ExitCode, SafetyStopError
+from norton_bench.identification.results import FitResult, LiveEstimate, Trace
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.procedures.refinement import Refinement
+from norton_bench.records import Measured
+from norton_bench.session.conclusion import Conclusion
+from norton_bench.session.progress import Judged, PlannedStep
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"
@@ -74,9 +74,9 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> Engine:
     estimate = Estimate("inertia", 5e-5, 1e-7, "kg*m^2", Status.VALID)
     network = object.__new__(NortonNetwork)  # not looked into
     engine = Engine(FitResult((estimate,), network, True, 0.0, 0.0, 1, 0.0, 0.0, 0.0, 0.0, trace))
-    module = types.ModuleType("bench.session.engine")
+    module = types.ModuleType("norton_bench.session.engine")
     module.run_session = engine.run_session  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "bench.session.engine", module)
+    monkeypatch.setitem(sys.modules, "norton_bench.session.engine", module)
     return engine
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli import app
-from bench.errors import ExitCode
-from bench.faults import campaign
-from bench.faults.campaign import Trial
-from bench.faults.case import Expected, Outcome, Peak, Verdict
+from norton_bench.cli import app
+from norton_bench.errors import ExitCode
+from norton_bench.faults import campaign
+from norton_bench.faults.campaign import Trial
+from norton_bench.faults.case import Expected, Outcome, Peak, Verdict
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"

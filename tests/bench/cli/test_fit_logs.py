@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli.app import main
+from norton_bench.cli.app import main
 from tests.bench.logs.machines import FREE, Machine, write_csv
 
 MACHINE = Machine(duration_s=8.0, rate_hz=200.0)

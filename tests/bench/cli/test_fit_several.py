@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.cli.app import main
-from bench.errors import ExitCode
-from bench.identification.fit import fit
-from bench.models.network import NortonNetwork
-from bench.recording.contents import Recording
-from bench.recording.reader import read_recording
-from bench.recording.recorder import Recorder
-from bench.session.conclusion import Conclusion
+from norton_bench.cli.app import main
+from norton_bench.errors import ExitCode
+from norton_bench.identification.fit import fit
+from norton_bench.models.network import NortonNetwork
+from norton_bench.recording.contents import Recording
+from norton_bench.recording.reader import read_recording
+from norton_bench.recording.recorder import Recorder
+from norton_bench.session.conclusion import Conclusion
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
 
@@ -46,7 +46,7 @@ def fit_alone(monkeypatch: pytest.MonkeyPatch) -> None:
         recording = read_recording(path)
         return recording, Conclusion(fit(recording.measured, command_unit="N*m", tick_s=TICK_S, draws=0))
 
-    monkeypatch.setattr("bench.session.several.conclude_recording", conclude)
+    monkeypatch.setattr("norton_bench.session.several.conclude_recording", conclude)
 
 
 def fitted(folder: Path, *names: str, options: tuple[str, ...] = ("--json",)) -> int:

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.cli.app import main
-from bench.errors import ExitCode
-from bench.recording.recorder import Recorder
-from bench.records import TICK, Event, Measured
+from norton_bench.cli.app import main
+from norton_bench.errors import ExitCode
+from norton_bench.recording.recorder import Recorder
+from norton_bench.records import TICK, Event, Measured
 
 
 def recorded(path: Path, *, measured: bool) -> Path:

@@ -4,16 +4,16 @@ import json
 
 import numpy as np
 
-from bench.cli.model_free import model_free, residual_figures
-from bench.cli.output import to_json
-from bench.identification.model_free.impedance_table import ImpedanceTable
-from bench.identification.model_free.stop_operator import StopOperator
-from bench.identification.model_free.without_model import Prediction, WithoutModel
-from bench.identification.residuals.dependence import Dependence
-from bench.identification.residuals.diagnosis import ResidualTests
-from bench.identification.residuals.position_lines import Harmonic
-from bench.identification.residuals.whiteness import Memory
-from bench.identification.results import SourceMap
+from norton_bench.cli.model_free import model_free, residual_figures
+from norton_bench.cli.output import to_json
+from norton_bench.identification.model_free.impedance_table import ImpedanceTable
+from norton_bench.identification.model_free.stop_operator import StopOperator
+from norton_bench.identification.model_free.without_model import Prediction, WithoutModel
+from norton_bench.identification.residuals.dependence import Dependence
+from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.identification.residuals.position_lines import Harmonic
+from norton_bench.identification.residuals.whiteness import Memory
+from norton_bench.identification.results import SourceMap
 
 LEVELS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 VELOCITY = np.array([-3.0, -1.0, 0.0, 1.0, 3.0])

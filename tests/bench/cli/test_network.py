@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from bench.cli import app
-from bench.networks.files import load, save
-from bench.networks.kinds import Form, Kind
-from bench.networks.linear import LinearNetwork
-from bench.networks.operator import Operator
+from norton_bench.cli import app
+from norton_bench.networks.files import load, save
+from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.linear import LinearNetwork
+from norton_bench.networks.operator import Operator
 from tests.bench.networks.some import MOTOR, PNEUMATIC
 
 ARM = LinearNetwork(

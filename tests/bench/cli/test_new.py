@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli import app
-from bench.errors import ExitCode
-from bench.rig.load import load_rig
+from norton_bench.cli import app
+from norton_bench.errors import ExitCode
+from norton_bench.rig.load import load_rig
 
 ROOT = Path(__file__).parents[3]
-PROGRAM = [sys.executable, "-c", "import sys; from bench.cli.app import main; sys.exit(main())"]
+PROGRAM = [sys.executable, "-c", "import sys; from norton_bench.cli.app import main; sys.exit(main())"]
 ALONE = (
     "--set", "actuator.driver=odrive", "--set", "actuator.node=3", "--set", "actuator.command=0.5 N*m",
     "--set", "bus.can0.channel=can7", "--set", "limits.velocity=60 rad/s",

@@ -12,19 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console, RenderableType
 
-from bench.cli.output import Output, to_json
-from bench.cli.results import identification, parameter_table, summary, with_digits
-from bench.identification.in_situ import InSituResult
-from bench.identification.model_error import ModelError, Zero
-from bench.identification.residuals.departures import STRIBECK, Departure
-from bench.identification.results import FitResult, Trace, Validation
-from bench.identification.trials import TrialFigures
-from bench.models.network import NortonNetwork
-from bench.models.parameters import Estimate, Status
-from bench.models.prediction import PredictionError
-from bench.report.words import Units
-from bench.session.conclusion import Conclusion
-from bench.session.summary import in_situ_sentence, trials_sentence
+from norton_bench.cli.output import Output, to_json
+from norton_bench.cli.results import identification, parameter_table, summary, with_digits
+from norton_bench.identification.in_situ import InSituResult
+from norton_bench.identification.model_error import ModelError, Zero
+from norton_bench.identification.residuals.departures import STRIBECK, Departure
+from norton_bench.identification.results import FitResult, Trace, Validation
+from norton_bench.identification.trials import TrialFigures
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.models.prediction import PredictionError
+from norton_bench.report.words import Units
+from norton_bench.session.conclusion import Conclusion
+from norton_bench.session.summary import in_situ_sentence, trials_sentence
 
 TRACE = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
 VALIDATION = Validation(1.5e-3, 0.012, 0.2, 0.034, TRACE, TRACE, 0.05)

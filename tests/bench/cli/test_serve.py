@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
-PROGRAM = [sys.executable, "-c", "import sys; from bench.cli.app import main; sys.exit(main())"]
+PROGRAM = [sys.executable, "-c", "import sys; from norton_bench.cli.app import main; sys.exit(main())"]
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from bench.control.calibration import LoadCalibration
-from bench.sample import Sample
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.sample import Sample
 
 FloatArray = npt.NDArray[np.float64]
 SUBSTEPS = 100

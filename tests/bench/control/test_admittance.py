@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bench.control.admittance import LEAST_MASS
-from bench.control.preview import with_preview
-from bench.procedures.waves import Motion, hold, multisine_motion, velocity_steps
-from bench.sample import Target
-from bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance, LoadMode, Segment, Use
+from norton_bench.control.admittance import LEAST_MASS
+from norton_bench.control.preview import with_preview
+from norton_bench.procedures.waves import Motion, hold, multisine_motion, velocity_steps
+from norton_bench.sample import Target
+from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance, LoadMode, Segment, Use
 from tests.bench.control.plant import PlantSettings
 from tests.bench.control.runs import (
     TICK_S,

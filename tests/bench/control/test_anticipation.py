@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from bench.control import anticipation, core
-from bench.control.admittance import AdmittanceController
-from bench.control.anticipation import design_anticipation
-from bench.control.calibration import ActuatorFriction, LoadCalibration
-from bench.control.design import TorqueGains, design_torque_loop, design_tracking
-from bench.procedures.waves import hold
-from bench.sample import Target
-from bench.segments import ZERO_TORQUE
+from norton_bench.control import anticipation, core
+from norton_bench.control.admittance import AdmittanceController
+from norton_bench.control.anticipation import design_anticipation
+from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
+from norton_bench.control.design import TorqueGains, design_torque_loop, design_tracking
+from norton_bench.procedures.waves import hold
+from norton_bench.sample import Target
+from norton_bench.segments import ZERO_TORQUE
 from tests.bench.control.plant import ACTUATOR, LOAD, Plant, PlantSettings, Side
 from tests.bench.control.runs import (
     LIMIT_NM,

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from bench.control import core
-from bench.control.design import TorqueGains, nominal_bench
-from bench.control.dynamics import COMMAND, FloatArray, look_back, sampled
-from bench.control.feed_forward import FeedForward
-from bench.control.preview import (
+from norton_bench.control import core
+from norton_bench.control.design import TorqueGains, nominal_bench
+from norton_bench.control.dynamics import COMMAND, FloatArray, look_back, sampled
+from norton_bench.control.feed_forward import FeedForward
+from norton_bench.control.preview import (
     LONGEST_STEP_S,
     delayed,
     expected_error_nm,
@@ -22,13 +22,13 @@ from bench.control.preview import (
     trusted,
     with_preview,
 )
-from bench.control.reference import continued
-from bench.control.torque_loop import TorqueLoop, settles_s
-from bench.control.virtual import VirtualBody
-from bench.errors import ExperimentError
-from bench.models.network import NortonNetwork
-from bench.sample import Target
-from bench.segments import PRESCRIBED_MOTION, Admittance, LoadMode, Segment, Use
+from norton_bench.control.reference import continued
+from norton_bench.control.torque_loop import TorqueLoop, settles_s
+from norton_bench.control.virtual import VirtualBody
+from norton_bench.errors import ExperimentError
+from norton_bench.models.network import NortonNetwork
+from norton_bench.sample import Target
+from norton_bench.segments import PRESCRIBED_MOTION, Admittance, LoadMode, Segment, Use
 from tests.bench.control.plant import PlantSettings
 from tests.bench.control.runs import network_of
 

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
-from bench.control.riccati import solve_riccati
-from bench.errors import ExperimentError
+from norton_bench.control.riccati import solve_riccati
+from norton_bench.errors import ExperimentError
 
 
 @given(st.integers(0, 10_000), st.integers(1, 6), st.integers(1, 3))

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.faults import host_loss
-from bench.faults.case import Verdict
-from bench.faults.host_loss import lose_host
-from bench.faults.matrix import host_losses
-from bench.faults.rehearse import longest_watchdog_s
+from norton_bench.faults import host_loss
+from norton_bench.faults.case import Verdict
+from norton_bench.faults.host_loss import lose_host
+from norton_bench.faults.matrix import host_losses
+from norton_bench.faults.rehearse import longest_watchdog_s
 from tests.bench.served import rig_of_its_own
 
 KILLED, STOPPED = host_losses()

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import pytest
 
-from bench.faults.case import Expected, Verdict
-from bench.faults.judge import Detection, Judgement, allowed_ns, judge
-from bench.rig.rig import Limits
-from drivers.rehearsal import TrueState
+from norton_bench.faults.case import Expected, Verdict
+from norton_bench.faults.judge import Detection, Judgement, allowed_ns, judge
+from norton_bench.rig.rig import Limits
+from norton_drivers.rehearsal import TrueState
 
 MS = 1_000_000
 LIMITS = Limits(torque_nm=1.0, velocity_rad_s=80.0, stale_after_ns=5 * MS)

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from bench.faults.case import Expected
-from bench.faults.host_loss import SIGNALS
-from bench.faults.matrix import cases, host_losses
-from bench.rig.load import load_rig
-from sim_backend.faults.reading import read_faults
-from sim_backend.faults.schema import KINDS
+from norton_bench.faults.case import Expected
+from norton_bench.faults.host_loss import SIGNALS
+from norton_bench.faults.matrix import cases, host_losses
+from norton_bench.rig.load import load_rig
+from norton_sim.faults.reading import read_faults
+from norton_sim.faults.schema import KINDS
 
 RIGS = Path(__file__).parents[3] / "rigs"
 

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import RigError
-from bench.faults.case import Case, Expected, Outcome, Verdict
-from bench.faults.matrix import cases
-from bench.faults.rehearse import Prepared, prepare, rehearse
-from bench.loop.alignment import Alignment
-from bench.rig.load import load_rig
+from norton_bench.errors import RigError
+from norton_bench.faults.case import Case, Expected, Outcome, Verdict
+from norton_bench.faults.matrix import cases
+from norton_bench.faults.rehearse import Prepared, prepare, rehearse
+from norton_bench.loop.alignment import Alignment
+from norton_bench.rig.load import load_rig
 
 RIGS = Path(__file__).parents[3] / "rigs"
 RIG = load_rig(RIGS / "sim-odrive.toml")

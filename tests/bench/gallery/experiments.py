@@ -1,15 +1,15 @@
 """The gallery's experiments as they are run, at one seed, in fewer rounds."""
 
-from bench.gallery.catalogue import CATALOGUE
-from bench.gallery.claim import Experiment
-from bench.gallery.gravity_experiments import TwoPorts
-from bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
-from bench.gallery.muscle_experiments import MuscleSweeps
-from bench.gallery.paper import measure
-from bench.gallery.spring_claims import MODULATIONS, TABULATION
-from bench.procedures.in_situ import InSituProcedure
-from bench.procedures.modulated import ModulatedProcedure
-from bench.procedures.options import InSituOptions
+from norton_bench.gallery.catalogue import CATALOGUE
+from norton_bench.gallery.claim import Experiment
+from norton_bench.gallery.gravity_experiments import TwoPorts
+from norton_bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
+from norton_bench.gallery.muscle_experiments import MuscleSweeps
+from norton_bench.gallery.paper import measure
+from norton_bench.gallery.spring_claims import MODULATIONS, TABULATION
+from norton_bench.procedures.in_situ import InSituProcedure
+from norton_bench.procedures.modulated import ModulatedProcedure
+from norton_bench.procedures.options import InSituOptions
 from tests.bench.half_rate import half_rate
 
 SPRING = ModulatedProcedure(TABULATION, 3 * MODULATIONS)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from bench.gallery import spring_claims
-from bench.gallery.catalogue import CATALOGUE
+from norton_bench.gallery import spring_claims
+from norton_bench.gallery.catalogue import CATALOGUE
 from tests.bench.gallery.experiments import SPRING, measured
 
 SEED = 5

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.gallery.claim import Estimated, Row
-from bench.gallery.repeated import LEVEL, Line, mean, wider
+from norton_bench.gallery.claim import Estimated, Row
+from norton_bench.gallery.repeated import LEVEL, Line, mean, wider
 
 TRIALS = 4000
 

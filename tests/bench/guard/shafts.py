@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import cos, sin
 
-from bench.guard.check import Check
-from bench.guard.commands import Commands
-from bench.sample import Sample
+from norton_bench.guard.check import Check
+from norton_bench.guard.commands import Commands
+from norton_bench.sample import Sample
 
 TICK_NS = 1_000_000
 START_NS = 5_000_000_000

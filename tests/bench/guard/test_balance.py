@@ -5,10 +5,10 @@ from math import copysign, cos, pi, sin
 
 import pytest
 
-from bench.guard.balance import TorqueBalance
-from bench.guard.commands import Commands
-from bench.guard.known import Known, Machine, TorqueHabits
-from bench.sample import Sample
+from norton_bench.guard.balance import TorqueBalance
+from norton_bench.guard.commands import Commands
+from norton_bench.guard.known import Known, Machine, TorqueHabits
+from norton_bench.sample import Sample
 from tests.bench.guard.shafts import NOTHING, TICK_NS, ask, from_tick, resting, turning
 
 ACTUATOR = Machine(0.9, 5e-5, 1e-3, 0.02)

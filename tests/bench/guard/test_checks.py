@@ -5,9 +5,9 @@ from math import inf
 
 import pytest
 
-from bench.guard.checks import Fitted, checks_for
-from bench.rig.rig import Command, Limits
-from bench.rig.schema import PLAUSIBILITY
+from norton_bench.guard.checks import Fitted, checks_for
+from norton_bench.rig.rig import Command, Limits
+from norton_bench.rig.schema import PLAUSIBILITY
 
 LIMITS = Limits(torque_nm=1.0, velocity_rad_s=80.0, stale_after_ns=5_000_000)
 TORQUE = Command("N*m", 0.5)

@@ -4,9 +4,9 @@ from math import inf
 
 import pytest
 
-from bench.guard.coupling import Coupling
-from bench.guard.known import NOTHING_KNOWN, Known
-from bench.sample import Sample
+from norton_bench.guard.coupling import Coupling
+from norton_bench.guard.known import NOTHING_KNOWN, Known
+from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, from_tick, resting, turning
 
 STIFF = Known(sensor_stiffness_nm_rad=200.0)

@@ -4,10 +4,10 @@ from math import nan, sin
 
 import pytest
 
-from bench.guard.commands import Commands
-from bench.guard.current import CurrentAgreement
-from bench.guard.known import NOTHING_KNOWN, Known
-from bench.sample import Sample
+from norton_bench.guard.commands import Commands
+from norton_bench.guard.current import CurrentAgreement
+from norton_bench.guard.known import NOTHING_KNOWN, Known
+from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, turning
 
 KNOWN = Known(amperes_per_command=18.0, load_amperes_per_nm=-5.0)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from bench.guard.encoder import EncoderAgreement
-from bench.guard.known import NOTHING_KNOWN
-from bench.sample import Sample
+from norton_bench.guard.encoder import EncoderAgreement
+from norton_bench.guard.known import NOTHING_KNOWN
+from norton_bench.sample import Sample
 from tests.bench.guard.shafts import TICK_NS, ask, from_tick, resting, turning
 
 BOTH = pytest.mark.parametrize(

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.errors import SafetyStopError, UsageError
-from bench.guard.commands import Commands, DriveHealth, Limited
-from bench.guard.guard import Guard
-from bench.guard.known import Known
-from bench.rig.rig import Limits
-from bench.sample import Sample
-from drivers.readings import DriveState, DriveStatus
+from norton_bench.errors import SafetyStopError, UsageError
+from norton_bench.guard.commands import Commands, DriveHealth, Limited
+from norton_bench.guard.guard import Guard
+from norton_bench.guard.known import Known
+from norton_bench.rig.rig import Limits
+from norton_bench.sample import Sample
+from norton_drivers.readings import DriveState, DriveStatus
 
 LIMITS = Limits(
     torque_nm=1.0,

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from bench.guard.held import HeldShaft
-from bench.guard.known import NOTHING_KNOWN, Known
-from bench.sample import Sample
+from norton_bench.guard.held import HeldShaft
+from norton_bench.guard.known import NOTHING_KNOWN, Known
+from norton_bench.sample import Sample
 from tests.bench.guard.shafts import TICK_NS, ask, resting, turning
 
 KNOWN = Known(sensor_stiffness_nm_rad=200.0, still_swing_nm=0.02)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.guard.learning import amperes_per_command, still_swing_nm, torque_habits
-from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured
+from norton_bench.guard.learning import amperes_per_command, still_swing_nm, torque_habits
+from norton_bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured
 
 TICK_NS = 1_000_000
 

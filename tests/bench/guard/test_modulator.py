@@ -2,9 +2,9 @@
 
 import pytest
 
-from bench.guard.commands import Commands
-from bench.guard.modulator import StuckModulator
-from bench.sample import Sample
+from norton_bench.guard.commands import Commands
+from norton_bench.guard.modulator import StuckModulator
+from norton_bench.sample import Sample
 from tests.bench.guard.shafts import TICK_NS, ask, resting
 
 COUNT_RAD = 5e-5

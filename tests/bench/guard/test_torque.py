@@ -5,13 +5,13 @@ from math import inf
 
 import pytest
 
-from bench.guard.commands import Commands
-from bench.guard.frozen import FrozenTorque
-from bench.guard.jump import TorqueJump
-from bench.guard.known import NOTHING_KNOWN, Known, Machine, TorqueHabits
-from bench.guard.saturation import Saturation
-from bench.guard.standstill import Standstill
-from bench.sample import Sample
+from norton_bench.guard.commands import Commands
+from norton_bench.guard.frozen import FrozenTorque
+from norton_bench.guard.jump import TorqueJump
+from norton_bench.guard.known import NOTHING_KNOWN, Known, Machine, TorqueHabits
+from norton_bench.guard.saturation import Saturation
+from norton_bench.guard.standstill import Standstill
+from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, from_tick, resting, turning
 
 

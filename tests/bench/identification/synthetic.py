@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numba import njit
 
-from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
-from bench.segments import Use
+from norton_bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
+from norton_bench.segments import Use
 
 TICK_S = 1e-3
 STEPS = 100  # of 10 µs in a tick

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.bench_ladder import bench_equation, bench_ladder
-from bench.identification.friction.family import model
-from bench.identification.ladder import fit_friction, ladder, selected
-from bench.identification.signals import signals
-from bench.segments import Use
+from norton_bench.identification.bench_ladder import bench_equation, bench_ladder
+from norton_bench.identification.friction.family import model
+from norton_bench.identification.ladder import fit_friction, ladder, selected
+from norton_bench.identification.signals import signals
+from norton_bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S, Truth
 
 NAMES = ("coulomb-viscous", "stribeck", "dahl", "elasto-plastic", "lugre", "maxwell-slip")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.bootstrap import (
+from norton_bench.identification.bootstrap import (
     NORMAL_95,
     ReadingErrors,
     Readings,
@@ -13,11 +13,11 @@ from bench.identification.bootstrap import (
     Simulation,  # the bench with errors of a test's own
     scatter_of,
 )
-from bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
-from bench.identification.fit import PHYSICAL, physical
-from bench.identification.separable import solve, solve_again
-from bench.identification.signals import Stream, signals
-from bench.segments import Use
+from norton_bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
+from norton_bench.identification.fit import PHYSICAL, physical
+from norton_bench.identification.separable import solve, solve_again
+from norton_bench.identification.signals import Stream, signals
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S
 

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.errors import ExperimentError
-from bench.identification.fit import fit
-from bench.identification.load import fit_load
-from bench.identification.separable import solve
-from bench.identification.signals import signals
-from bench.models.parameters import Status
-from bench.records import Chain
-from bench.segments import Use
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.fit import fit
+from norton_bench.identification.load import fit_load
+from norton_bench.identification.separable import solve
+from norton_bench.identification.signals import signals
+from norton_bench.models.parameters import Status
+from norton_bench.records import Chain
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import LOAD, NAMES, TICK_S, Bench, Truth
 

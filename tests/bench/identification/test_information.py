@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.identification.fit import fit
-from bench.identification.information import (
+from norton_bench.identification.fit import fit
+from norton_bench.identification.information import (
     KNOWN,
     VAGUE_RELATIVE,
     Excitation,
@@ -15,9 +15,9 @@ from bench.identification.information import (
     noise_density_nm,
     vague,
 )
-from bench.identification.signals import signals
-from bench.models.network import NortonNetwork
-from bench.segments import Use
+from norton_bench.identification.signals import signals
+from norton_bench.models.network import NortonNetwork
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 
 TICK_S = synthetic.TICK_S

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.identification import loops
-from bench.identification.kernels import FULL_BAND, TABLE_PER_UNIT, Kernel
-from bench.identification.signals import INTERPOLATION
+from norton_bench.identification import loops
+from norton_bench.identification.kernels import FULL_BAND, TABLE_PER_UNIT, Kernel
+from norton_bench.identification.signals import INTERPOLATION
 
 
 @given(st.floats(-3.0, 3.0), st.floats(-1e3, 1e3), st.floats(-50, 50), st.floats(-5, 5), st.sampled_from([0, 1, 2]))

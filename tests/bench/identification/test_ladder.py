@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.errors import ExperimentError
-from bench.identification.friction.family import family_for, model
-from bench.identification.ladder import blocked_folds, ladder, selected
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.friction.family import family_for, model
+from norton_bench.identification.ladder import blocked_folds, ladder, selected
 from tests.bench.identification.friction.paths import equation_of, wandering
 
 NOISE = 2e-3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import truncnorm
 
-from bench.identification.load import above_zero, fit_load
+from norton_bench.identification.load import above_zero, fit_load
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.identification.machine import Machine
-from bench.models.network import NortonNetwork
+from norton_bench.identification.machine import Machine
+from norton_bench.models.network import NortonNetwork
 
 GAIN, TICK_S = 0.95, 1e-3
 MACHINE = Machine(

@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.bounds import beyond_bounds, possible
-from bench.identification.fit import PHYSICAL
-from bench.identification.judged_fit import fit_judged
-from bench.identification.model_error import LEVEL, bound, expanded, judged, model_error
-from bench.identification.residuals.departures import CHANGE, DRAG, Departure
-from bench.identification.signals import signals
-from bench.identification.soundness.doubts import Doubt
-from bench.identification.soundness.recording import sound
-from bench.models.network import NortonNetwork
-from bench.models.parameters import Status
-from bench.segments import Use
+from norton_bench.identification.bounds import beyond_bounds, possible
+from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.judged_fit import fit_judged
+from norton_bench.identification.model_error import LEVEL, bound, expanded, judged, model_error
+from norton_bench.identification.residuals.departures import CHANGE, DRAG, Departure
+from norton_bench.identification.signals import signals
+from norton_bench.identification.soundness.doubts import Doubt
+from norton_bench.identification.soundness.recording import sound
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Status
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S
 

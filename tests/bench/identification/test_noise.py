@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.identification.noise import deviation
+from norton_bench.identification.noise import deviation
 
 
 @pytest.mark.parametrize("true", [1e-3, 0.1])

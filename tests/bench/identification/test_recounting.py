@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification import loops
-from bench.identification.information import Excitation, planned_signals
-from bench.identification.kernels import FULL_BAND
-from bench.identification.quantisation import unquantised
-from bench.identification.recounting import friction_error
-from bench.identification.regression import Rows, Shape
-from bench.identification.signals import FINE, Stream
+from norton_bench.identification import loops
+from norton_bench.identification.information import Excitation, planned_signals
+from norton_bench.identification.kernels import FULL_BAND
+from norton_bench.identification.quantisation import unquantised
+from norton_bench.identification.recounting import friction_error
+from norton_bench.identification.regression import Rows, Shape
+from norton_bench.identification.signals import FINE, Stream
 
 TICK_S = 1e-3
 TICKS = 4000

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.identification.kernels import FULL_BAND
-from bench.identification.regression import INERTIA, VISCOUS, Memory, Regression, Rows, Shape
-from bench.identification.separable import (
+from norton_bench.identification.kernels import FULL_BAND
+from norton_bench.identification.regression import INERTIA, VISCOUS, Memory, Regression, Rows, Shape
+from norton_bench.identification.separable import (
     LONGEST_STEP,
     LOW_BAND,
     NARROWEST_CUTOFF,
@@ -21,8 +21,8 @@ from bench.identification.separable import (
     told,
     worthwhile_band,
 )
-from bench.identification.signals import FINE, Stream, signals
-from bench.segments import Use
+from norton_bench.identification.signals import FINE, Stream, signals
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
 

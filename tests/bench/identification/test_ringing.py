@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.bootstrap import Simulation
-from bench.identification.coupling import Coupling, likeliest
-from bench.identification.expansion import Expansion
-from bench.identification.residuals.departures import departures
-from bench.identification.ringing import folded_ringing
-from bench.identification.separable import solve_again
-from bench.identification.signals import signals
-from bench.segments import Use
+from norton_bench.identification.bootstrap import Simulation
+from norton_bench.identification.coupling import Coupling, likeliest
+from norton_bench.identification.expansion import Expansion
+from norton_bench.identification.residuals.departures import departures
+from norton_bench.identification.ringing import folded_ringing
+from norton_bench.identification.separable import solve_again
+from norton_bench.identification.signals import signals
+from norton_bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S, Truth
 
 RESONANCE_HZ, LOAD_KGM2 = 1015.0, 1.2e-4

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.fit import PHYSICAL, fit
-from bench.identification.results import FitResult
-from bench.identification.sessions import Fitted, differing, together
-from bench.models.parameters import Estimate, Status
+from norton_bench.identification.fit import PHYSICAL, fit
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.sessions import Fitted, differing, together
+from norton_bench.models.parameters import Estimate, Status
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
 

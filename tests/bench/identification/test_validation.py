@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.errors import ExperimentError
-from bench.identification.model_free.source_map import blocked_map, source_map
-from bench.identification.sensor_zero import SensorZero
-from bench.identification.signals import signals
-from bench.identification.validation import validate, validate_signals
-from bench.segments import Use
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.model_free.source_map import blocked_map, source_map
+from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.signals import signals
+from norton_bench.identification.validation import validate, validate_signals
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
 

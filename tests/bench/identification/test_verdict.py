@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.identification.verdict import loose_directions, verdict, words
-from bench.models.parameters import Estimate, Status
+from norton_bench.identification.verdict import loose_directions, verdict, words
+from norton_bench.models.parameters import Estimate, Status
 
 NAMES = ("torque_gain", "inertia", "viscous_damping")
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bench.logs.column_map import ColumnMap, parse_map
-from bench.logs.fit import Request, fit_logs
-from bench.logs.results import LogFit
-from bench.models.parameters import Estimate
+from norton_bench.logs.column_map import ColumnMap, parse_map
+from norton_bench.logs.fit import Request, fit_logs
+from norton_bench.logs.results import LogFit
+from norton_bench.models.parameters import Estimate
 
 FloatArray = npt.NDArray[np.float64]
 Columns = dict[str, FloatArray]

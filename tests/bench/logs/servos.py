@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from bench.logs.servo import ServoLog, simulate_motion
-from bench.logs.steps import Inputs, Load, Loop
+from norton_bench.logs.servo import ServoLog, simulate_motion
+from norton_bench.logs.steps import Inputs, Load, Loop
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import UsageError
-from bench.logs.column_map import load_map, parse_map
-from bench.logs.schema import (
+from norton_bench.errors import UsageError
+from norton_bench.logs.column_map import load_map, parse_map
+from norton_bench.logs.schema import (
     ActuatorSection,
     ColumnSection,
     ColumnsSection,
@@ -19,7 +19,7 @@ from bench.logs.schema import (
     ModelSection,
     SplitSection,
 )
-from bench.rig.mistakes import keys_of
+from norton_bench.rig.mistakes import keys_of
 
 ROOT = Path(__file__).parents[3]
 RIGHT = """\

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench.errors import BenchError
-from bench.logs.results import LogFit
-from bench.models.parameters import Status
+from norton_bench.errors import BenchError
+from norton_bench.logs.results import LogFit
+from norton_bench.models.parameters import Status
 from tests.bench.logs.machines import FREE, LOADED, Columns, Machine, estimate, fit_of
 
 TRUE = Machine(duration_s=12.0, rate_hz=250.0)

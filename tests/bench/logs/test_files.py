@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
-from bench.errors import UsageError
-from bench.logs.files import read_file
-from bench.logs.log import read_log
-from bench.logs.schema import LogSection
+from norton_bench.errors import UsageError
+from norton_bench.logs.files import read_file
+from norton_bench.logs.log import read_log
+from norton_bench.logs.schema import LogSection
 from tests.bench.logs.machines import FREE, Columns, Machine, column_map, write_csv
 
 SHORT = Machine(rate_hz=50.0, duration_s=4.0)

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import BenchError, UsageError
-from bench.logs.fit import Request, fit_logs
-from bench.models.parameters import Status
+from norton_bench.errors import BenchError, UsageError
+from norton_bench.logs.fit import Request, fit_logs
+from norton_bench.models.parameters import Status
 from tests.bench.logs.machines import FREE, LOADED, Machine, column_map, estimate, fit_of, write_csv
 
 TRUE = Machine()

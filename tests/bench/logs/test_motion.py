@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bench.logs.steps import Axis, Inputs, Load, Loop, Motor, Table, simulate
+from norton_bench.logs.steps import Axis, Inputs, Load, Loop, Motor, Table, simulate
 from tests.bench.logs import machines
 from tests.bench.logs.machines import FREE, fit_of
 

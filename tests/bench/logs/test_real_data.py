@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from bench.logs.column_map import ColumnMap, load_map
-from bench.logs.fit import Request, fit_logs
-from bench.logs.results import LogFit
-from bench.models.parameters import Status
+from norton_bench.logs.column_map import ColumnMap, load_map
+from norton_bench.logs.fit import Request, fit_logs
+from norton_bench.logs.results import LogFit
+from norton_bench.models.parameters import Status
 from tests.bench.logs.machines import Columns, estimate
 from tests.bench.real_data import ROOT, data_file
 

@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from bench.logs.servo import ServoLog, simulate_motion
-from bench.logs.steps import Inputs, Load, Loop, Motor, electric
+from norton_bench.logs.servo import ServoLog, simulate_motion
+from norton_bench.logs.steps import Inputs, Load, Loop, Motor, electric
 from tests.bench.logs.servos import TICK_RAD, TRUTH, pendulum
 
 FloatArray = npt.NDArray[np.float64]

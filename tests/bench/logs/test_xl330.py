@@ -2,10 +2,10 @@
 
 import pytest
 
-from bench.logs.column_map import load_map
-from bench.logs.fit import Request, fit_logs
-from bench.logs.results import LogFit
-from bench.models.parameters import Status
+from norton_bench.logs.column_map import load_map
+from norton_bench.logs.fit import Request, fit_logs
+from norton_bench.logs.results import LogFit
+from norton_bench.models.parameters import Status
 from tests.bench.real_data import ROOT, data_file
 
 # Mean absolute error of the position at kp 800, rad: what is asked of us.

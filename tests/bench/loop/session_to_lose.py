@@ -4,10 +4,10 @@ import sys
 
 import numpy as np
 
-from bench.loop.process import LoopProcess
-from bench.procedures.makers import coasting
-from bench.rig.load import load_rig
-from bench.segments import Use
+from norton_bench.loop.process import LoopProcess
+from norton_bench.procedures.makers import coasting
+from norton_bench.rig.load import load_rig
+from norton_bench.segments import Use
 
 if __name__ == "__main__":
     with LoopProcess(load_rig(sys.argv[1], backend="hardware")) as loop, loop.running():

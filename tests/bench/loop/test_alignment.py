@@ -2,8 +2,8 @@
 
 from math import isnan
 
-from bench.loop.alignment import Alignment
-from drivers.readings import CurrentReading, MotionReading, TorqueReading
+from norton_bench.loop.alignment import Alignment
+from norton_drivers.readings import CurrentReading, MotionReading, TorqueReading
 
 
 def test_nothing_has_arrived_yet() -> None:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.errors import SafetyStopError
-from bench.procedures.makers import coasting, pushed
-from bench.rig.load import load_rig
-from bench.segments import Segment, Use
-from drivers.readings import DriveState
-from sim_backend.firmware.cia402 import Cia402Drive
-from sim_backend.firmware.site import DriveFault
+from norton_bench.errors import SafetyStopError
+from norton_bench.procedures.makers import coasting, pushed
+from norton_bench.rig.load import load_rig
+from norton_bench.segments import Segment, Use
+from norton_drivers.readings import DriveState
+from norton_sim.firmware.cia402 import Cia402Drive
+from norton_sim.firmware.site import DriveFault
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-cia402.toml"

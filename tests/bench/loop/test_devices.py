@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from bench.errors import SafetyStopError
-from bench.loop.devices import Devices
-from bench.testing import ScriptedWorld
-from drivers.errors import ConnectionFailedError, DeviceError
-from drivers.link import Link
-from drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
+from norton_bench.errors import SafetyStopError
+from norton_bench.loop.devices import Devices
+from norton_bench.testing import ScriptedWorld
+from norton_drivers.errors import ConnectionFailedError, DeviceError
+from norton_drivers.link import Link
+from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
 
 WATCHDOG_S = 0.3
 HEARTBEAT_NS = 100_000_000

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import BenchError, OperatorStopError, RigError, SafetyStopError, UsageError
-from bench.procedures.makers import coasting, pushed
-from bench.rig.load import load_rig
-from bench.rig.rig import Command
-from bench.segments import Segment, Use
-from drivers.errors import ConnectionFailedError, DeviceError
-from drivers.readings import DriveState
-from sim_backend.faults.schema import DriveError, Dropout, FalseReading, Fault, Unplugged
+from norton_bench.errors import BenchError, OperatorStopError, RigError, SafetyStopError, UsageError
+from norton_bench.procedures.makers import coasting, pushed
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Command
+from norton_bench.segments import Segment, Use
+from norton_drivers.errors import ConnectionFailedError, DeviceError
+from norton_drivers.readings import DriveState
+from norton_sim.faults.schema import DriveError, Dropout, FalseReading, Fault, Unplugged
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-odrive.toml"

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.procedures.makers import pushed
-from bench.rig.load import load_rig
-from bench.segments import Use
+from norton_bench.procedures.makers import pushed
+from norton_bench.rig.load import load_rig
+from norton_bench.segments import Use
 from tests.bench.bench_in_simulation import opened
 
 RIGS = Path(__file__).parents[3] / "rigs"

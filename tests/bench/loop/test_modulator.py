@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import ExperimentError, RigError, SafetyStopError
-from bench.guard.commands import Limited
-from bench.procedures.makers import coasting
-from bench.records import Measured, join
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from bench.segments import Segment, Use
-from drivers.errors import WiringError
-from drivers.readings import DriveState
-from sim_backend.faults.schema import BusOff, DriveError, Dropout, Fault, Stuck, Undervoltage
+from norton_bench.errors import ExperimentError, RigError, SafetyStopError
+from norton_bench.guard.commands import Limited
+from norton_bench.procedures.makers import coasting
+from norton_bench.records import Measured, join
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Segment, Use
+from norton_drivers.errors import WiringError
+from norton_drivers.readings import DriveState
+from norton_sim.faults.schema import BusOff, DriveError, Dropout, Fault, Stuck, Undervoltage
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-variable-stiffness.toml")

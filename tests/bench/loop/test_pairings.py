@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import SafetyStopError
-from bench.procedures.makers import pushed
-from bench.rig.load import parse_rig
-from bench.segments import Segment, Use
-from drivers.readings import DriveState
-from sim_backend.firmware.site import DriveFault
+from norton_bench.errors import SafetyStopError
+from norton_bench.procedures.makers import pushed
+from norton_bench.rig.load import parse_rig
+from norton_bench.segments import Segment, Use
+from norton_drivers.readings import DriveState
+from norton_sim.firmware.site import DriveFault
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = (Path(__file__).parents[3] / "rigs" / "sim-odrive.toml").read_text()

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import SafetyStopError
-from bench.guard.known import Known, Machine, TorqueHabits
-from bench.procedures.makers import coasting, pushed
-from bench.records import Measured
-from bench.rig.load import load_rig
-from bench.rig.rig import Supervision
-from bench.segments import Segment, Use
-from sim_backend.firmware.bota import BotaSensor
+from norton_bench.errors import SafetyStopError
+from norton_bench.guard.known import Known, Machine, TorqueHabits
+from norton_bench.procedures.makers import coasting, pushed
+from norton_bench.records import Measured
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Supervision
+from norton_bench.segments import Segment, Use
+from norton_sim.firmware.bota import BotaSensor
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIGS = Path(__file__).parents[3] / "rigs"

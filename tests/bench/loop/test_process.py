@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import ExperimentError, OperatorStopError, SafetyStopError, UsageError
-from bench.faults.witness_file import last_state, read_witness
-from bench.loop import process as process_module
-from bench.loop.process import LoopProcess
-from bench.loop.session_watch import SILENT_NS
-from bench.loop.stop_word import StopWord
-from bench.procedures.makers import coasting
-from bench.records import Measured, join
-from bench.rig.rig import Rig
-from bench.segments import Segment, Use
-from drivers.errors import ConnectionFailedError
+from norton_bench.errors import ExperimentError, OperatorStopError, SafetyStopError, UsageError
+from norton_bench.faults.witness_file import last_state, read_witness
+from norton_bench.loop import process as process_module
+from norton_bench.loop.process import LoopProcess
+from norton_bench.loop.session_watch import SILENT_NS
+from norton_bench.loop.stop_word import StopWord
+from norton_bench.procedures.makers import coasting
+from norton_bench.records import Measured, join
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Segment, Use
+from norton_drivers.errors import ConnectionFailedError
 from tests.bench.served import rig_of_its_own, served
 from tests.processes import children, process_lives, soon
 

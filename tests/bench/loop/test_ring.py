@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.loop import ring as ring_module
-from bench.loop.ring import Ring, RingReader, RingWriter
+from norton_bench.loop import ring as ring_module
+from norton_bench.loop.ring import Ring, RingReader, RingWriter
 
 SPAWN = multiprocessing.get_context("spawn")
 NUMBER = struct.Struct("<Q")

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.check.check import check_rig
-from bench.errors import SafetyStopError
-from bench.procedures.makers import pushed
-from bench.rig.load import parse_rig
-from bench.rig.rig import Rig
-from bench.segments import Segment, Use
-from sim_backend.firmware.ascii_lines import AsciiSensor
-from sim_backend.firmware.dyn200 import Dyn200Sensor
-from sim_backend.firmware.mantracourt import MantracourtSensor
-from sim_backend.firmware.odrive import ODriveAxis
-from sim_backend.firmware.odrive_05 import ODrive05Axis
+from norton_bench.check.check import check_rig
+from norton_bench.errors import SafetyStopError
+from norton_bench.procedures.makers import pushed
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Segment, Use
+from norton_sim.firmware.ascii_lines import AsciiSensor
+from norton_sim.firmware.dyn200 import Dyn200Sensor
+from norton_sim.firmware.mantracourt import MantracourtSensor
+from norton_sim.firmware.odrive import ODriveAxis
+from norton_sim.firmware.odrive_05 import ODrive05Axis
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-dyn200.toml"

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.errors import ExperimentError, SafetyStopError
-from bench.loop.orders import Idle, LeaveError, Run
-from bench.loop.session_watch import LOOK_NS, SILENT_NS, Pulse, SessionWatch
-from bench.procedures.makers import coasting
-from bench.segments import Use
-from bench.testing.world import ScriptedClock
+from norton_bench.errors import ExperimentError, SafetyStopError
+from norton_bench.loop.orders import Idle, LeaveError, Run
+from norton_bench.loop.session_watch import LOOK_NS, SILENT_NS, Pulse, SessionWatch
+from norton_bench.procedures.makers import coasting
+from norton_bench.segments import Use
+from norton_bench.testing.world import ScriptedClock
 
 
 @dataclass

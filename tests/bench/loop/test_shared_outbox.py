@@ -7,12 +7,12 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from bench.loop.devices import Arrivals
-from bench.loop.outbox import Outbox
-from bench.loop.shared_outbox import EVENTS, FRAME_BYTES, SharedInbox, SharedMemory, SharedOutbox
-from bench.records import TICK
-from bench.rig.load import load_rig
-from drivers.readings import CurrentReading, MotionReading, RawFrame, TorqueReading
+from norton_bench.loop.devices import Arrivals
+from norton_bench.loop.outbox import Outbox
+from norton_bench.loop.shared_outbox import EVENTS, FRAME_BYTES, SharedInbox, SharedMemory, SharedOutbox
+from norton_bench.records import TICK
+from norton_bench.rig.load import load_rig
+from norton_drivers.readings import CurrentReading, MotionReading, RawFrame, TorqueReading
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 TABLES = ("ticks", "motion", "load_motion", "torque", "current", "load_current")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.loop.stop_word import LONGEST_REASON_BYTES, NO_REASON, StopWord
+from norton_bench.loop.stop_word import LONGEST_REASON_BYTES, NO_REASON, StopWord
 
 SPAWN = multiprocessing.get_context("spawn")
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.loop.timing import STAGES, loop_timing, timing_rows, timing_sentence
-from bench.records import TICK, Table
+from norton_bench.loop.timing import STAGES, loop_timing, timing_rows, timing_sentence
+from norton_bench.records import TICK, Table
 
 TICK_NS = 1_000_000
 

@@ -7,14 +7,14 @@ import can
 import numpy as np
 import pytest
 
-from bench.loop.devices import Devices
-from bench.procedures.makers import coasting
-from bench.records import Event
-from bench.rig.load import load_rig
-from bench.segments import Use
-from drivers.codecs.can_errors import CanErrorFrame, ErrorClass
-from drivers.codecs.odrive import Command, arbitration_id
-from drivers.errors import ConnectionFailedError
+from norton_bench.loop.devices import Devices
+from norton_bench.procedures.makers import coasting
+from norton_bench.records import Event
+from norton_bench.rig.load import load_rig
+from norton_bench.segments import Use
+from norton_drivers.codecs.can_errors import CanErrorFrame, ErrorClass
+from norton_drivers.codecs.odrive import Command, arbitration_id
+from norton_drivers.errors import ConnectionFailedError
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-odrive.toml"

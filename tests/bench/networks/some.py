@@ -2,12 +2,12 @@
 
 from hypothesis import strategies as st
 
-from bench.models.network import NortonNetwork
-from bench.networks.equations import Equations
-from bench.networks.kinds import Form, Kind
-from bench.networks.linear import LinearNetwork
-from bench.networks.nonlinear import NonlinearNetwork
-from bench.networks.operator import Operator
+from norton_bench.models.network import NortonNetwork
+from norton_bench.networks.equations import Equations
+from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.linear import LinearNetwork
+from norton_bench.networks.nonlinear import NonlinearNetwork
+from norton_bench.networks.operator import Operator
 
 MOTOR = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")
 SPRING = 1.5

@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.errors import UsageError
-from bench.networks.equations import Equations
-from bench.networks.export.c_code import header, prefix_of
-from bench.networks.family import commands_of, converted, exertion, form_of, motion
-from bench.networks.kinds import Form, Kind
-from bench.networks.linear import LinearNetwork
-from bench.networks.motion import Motion
-from bench.networks.motor import as_equations
-from bench.networks.nonlinear import NonlinearNetwork
-from bench.networks.operator import Operator
-from bench.networks.tables import Table
+from norton_bench.errors import UsageError
+from norton_bench.networks.equations import Equations
+from norton_bench.networks.export.c_code import header, prefix_of
+from norton_bench.networks.family import commands_of, converted, exertion, form_of, motion
+from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.linear import LinearNetwork
+from norton_bench.networks.motion import Motion
+from norton_bench.networks.motor import as_equations
+from norton_bench.networks.nonlinear import NonlinearNetwork
+from norton_bench.networks.operator import Operator
+from norton_bench.networks.tables import Table
 from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, VARIABLE, series_elastic
 
 CC = shutil.which("cc")

@@ -11,12 +11,12 @@ import pytest
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
-from bench.errors import UsageError
-from bench.networks.export.fmu import export_fmu
-from bench.networks.family import commands_of, converted, exertion, form_of, motion
-from bench.networks.kinds import Form, Kind
-from bench.networks.motion import Motion
-from bench.networks.motor import as_equations
+from norton_bench.errors import UsageError
+from norton_bench.networks.export.fmu import export_fmu
+from norton_bench.networks.family import commands_of, converted, exertion, form_of, motion
+from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.motion import Motion
+from norton_bench.networks.motor import as_equations
 from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, series_elastic
 from tests.bench.networks.test_export_c import ARM, MEASURED, SEVERAL
 
@@ -153,7 +153,7 @@ def test_every_function_has_the_standards_own_signature(tmp_path):
 
 
 def test_without_a_compiler_the_source_goes_alone(tmp_path, monkeypatch):
-    monkeypatch.setattr("bench.networks.export.fmu.shutil.which", lambda _: None)
+    monkeypatch.setattr("norton_bench.networks.export.fmu.shutil.which", lambda _: None)
     assert not export_fmu(PENDULUM, tmp_path / "p.fmu")
     assert not any(name.startswith("binaries") for name in zipfile.ZipFile(tmp_path / "p.fmu").namelist())
 

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from bench.errors import UsageError
-from bench.networks.export.mjcf import export_mjcf
-from bench.networks.family import coupled
-from bench.networks.kinds import Form, Kind
-from bench.networks.linear import LinearNetwork
-from bench.networks.motion import Load
-from bench.networks.operator import Operator
+from norton_bench.errors import UsageError
+from norton_bench.networks.export.mjcf import export_mjcf
+from norton_bench.networks.family import coupled
+from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.linear import LinearNetwork
+from norton_bench.networks.motion import Load
+from norton_bench.networks.operator import Operator
 from tests.bench.networks.some import MOTOR, PNEUMATIC
 
 TICK_S = 1e-3

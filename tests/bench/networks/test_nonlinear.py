@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from bench.errors import UsageError
-from bench.networks.checks import check
-from bench.networks.equations import Equations
-from bench.networks.family import converted, coupled, exertion, motion
-from bench.networks.kinds import Form, Kind, NoConversionError
-from bench.networks.motion import Load, Motion
-from bench.networks.nonlinear import NonlinearNetwork
-from bench.networks.settled import linearised, static_exertion, static_source
+from norton_bench.errors import UsageError
+from norton_bench.networks.checks import check
+from norton_bench.networks.equations import Equations
+from norton_bench.networks.family import converted, coupled, exertion, motion
+from norton_bench.networks.kinds import Form, Kind, NoConversionError
+from norton_bench.networks.motion import Load, Motion
+from norton_bench.networks.nonlinear import NonlinearNetwork
+from norton_bench.networks.settled import linearised, static_exertion, static_source
 from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, SPRING, VARIABLE, series_elastic
 
 TICK_S = 1e-3

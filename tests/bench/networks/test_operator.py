@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from scipy import signal
 
-from bench.networks.operator import Operator, stable
+from norton_bench.networks.operator import Operator, stable
 from tests.bench.networks.some import minimum_phase
 
 S = 1j * np.geomspace(0.1, 500.0, 15)

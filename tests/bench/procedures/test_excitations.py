@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.control.calibration import LoadCalibration
-from bench.identification.information import KNOWN, Linearised, information_of_plan
-from bench.models.network import NortonNetwork
-from bench.procedures.excitations import Bounds, Candidate, candidates
-from bench.procedures.selection import Option, select
-from bench.procedures.waves import multisine
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.identification.information import KNOWN, Linearised, information_of_plan
+from norton_bench.models.network import NortonNetwork
+from norton_bench.procedures.excitations import Bounds, Candidate, candidates
+from norton_bench.procedures.selection import Option, select
+from norton_bench.procedures.waves import multisine
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 NETWORK = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")

@@ -7,24 +7,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import ExperimentError, RigError
-from bench.identification.in_situ import Exerted, InSituResult, figures, in_band_motion, in_situ_result
-from bench.identification.load_taken import LoadTaken
-from bench.identification.trials import settled
-from bench.models.network import NortonNetwork
-from bench.procedures.calibrate import CalibrateProcedure
-from bench.procedures.carry_out import carry_out
-from bench.procedures.in_situ import InSituProcedure
-from bench.procedures.knowledge import Knowledge
-from bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
-from bench.procedures.tare import TareProcedure
-from bench.records import LOAD_TAKEN, Event, Measured, join
-from bench.rig.load import load_rig, parse_rig
-from bench.rig.rig import Rig
-from bench.segments import Use
-from bench.session.supervision import learned
-from sim_backend.plant import Plant
-from sim_backend.truth import read_truth
+from norton_bench.errors import ExperimentError, RigError
+from norton_bench.identification.in_situ import Exerted, InSituResult, figures, in_band_motion, in_situ_result
+from norton_bench.identification.load_taken import LoadTaken
+from norton_bench.identification.trials import settled
+from norton_bench.models.network import NortonNetwork
+from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.carry_out import carry_out
+from norton_bench.procedures.in_situ import InSituProcedure
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.records import LOAD_TAKEN, Event, Measured, join
+from norton_bench.rig.load import load_rig, parse_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Use
+from norton_bench.session.supervision import learned
+from norton_sim.plant import Plant
+from norton_sim.truth import read_truth
 from tests.bench.bench_in_simulation import opened
 from tests.bench.watched import Watched
 

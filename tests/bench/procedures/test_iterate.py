@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import RigError
-from bench.identification.trials import TRIAL, TrialFigures, diverge, settled, trials
-from bench.procedures.calibrate import CalibrateProcedure
-from bench.procedures.carry_out import carry_out
-from bench.procedures.iterate import IterateProcedure, way
-from bench.procedures.iteration import Iteration
-from bench.procedures.knowledge import Knowledge
-from bench.procedures.learning import lacks
-from bench.procedures.options import CalibrateOptions, IterateOptions, TareOptions
-from bench.procedures.tare import TareProcedure
-from bench.records import join
-from bench.rig.load import load_rig
-from bench.session.supervision import learned
+from norton_bench.errors import RigError
+from norton_bench.identification.trials import TRIAL, TrialFigures, diverge, settled, trials
+from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.carry_out import carry_out
+from norton_bench.procedures.iterate import IterateProcedure, way
+from norton_bench.procedures.iteration import Iteration
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.learning import lacks
+from norton_bench.procedures.options import CalibrateOptions, IterateOptions, TareOptions
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.records import join
+from norton_bench.rig.load import load_rig
+from norton_bench.session.supervision import learned
 from tests.bench.bench_in_simulation import opened
 from tests.bench.watched import Watched
 

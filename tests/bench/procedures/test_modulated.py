@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import RigError
-from bench.procedures.imposed import ImposedProcedure
-from bench.procedures.iterate import IterateProcedure
-from bench.procedures.knowledge import Adaptive, Knowledge
-from bench.procedures.modulated import RAMP_S, ModulatedProcedure, modulated
-from bench.procedures.options import RestOptions, TabulateImpedanceOptions
-from bench.procedures.rest import RestProcedure
-from bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
-from bench.rig.load import load_rig
-from bench.session.dry_run import segments_of
+from norton_bench.errors import RigError
+from norton_bench.procedures.imposed import ImposedProcedure
+from norton_bench.procedures.iterate import IterateProcedure
+from norton_bench.procedures.knowledge import Adaptive, Knowledge
+from norton_bench.procedures.modulated import RAMP_S, ModulatedProcedure, modulated
+from norton_bench.procedures.options import RestOptions, TabulateImpedanceOptions
+from norton_bench.procedures.rest import RestProcedure
+from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
+from norton_bench.rig.load import load_rig
+from norton_bench.session.dry_run import segments_of
 
 RIGS = Path(__file__).parents[3] / "rigs"
 RIG = load_rig(RIGS / "sim-variable-stiffness.toml")

@@ -7,27 +7,27 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from bench.control.calibration import ActuatorFriction
-from bench.errors import ExperimentError, RigError, UsageError
-from bench.identification.results import FitResult, Trace
-from bench.models.network import NortonNetwork
-from bench.models.parameters import Estimate, Status
-from bench.procedures.blocked import BlockedProcedure
-from bench.procedures.calibrate import CalibrateProcedure, first_friction, first_inertia_kgm2, told_well_enough
-from bench.procedures.carry_out import carry_out
-from bench.procedures.catalogue import CATALOGUE, make_procedures
-from bench.procedures.directions import felt
-from bench.procedures.directions import torque_sign_faults as signs
-from bench.procedures.free import FreeProcedure
-from bench.procedures.imposed import ImposedProcedure
-from bench.procedures.knowledge import Knowledge, Procedure, Tare
-from bench.procedures.options import CalibrateOptions, TareOptions
-from bench.procedures.tare import TareProcedure
-from bench.procedures.validate import ValidateProcedure
-from bench.records import TICK, TORQUE, Measured
-from bench.rig.load import load_rig
-from bench.rig.rig import Command, Rig
-from bench.segments import LoadMode, Segment
+from norton_bench.control.calibration import ActuatorFriction
+from norton_bench.errors import ExperimentError, RigError, UsageError
+from norton_bench.identification.results import FitResult, Trace
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.procedures.blocked import BlockedProcedure
+from norton_bench.procedures.calibrate import CalibrateProcedure, first_friction, first_inertia_kgm2, told_well_enough
+from norton_bench.procedures.carry_out import carry_out
+from norton_bench.procedures.catalogue import CATALOGUE, make_procedures
+from norton_bench.procedures.directions import felt
+from norton_bench.procedures.directions import torque_sign_faults as signs
+from norton_bench.procedures.free import FreeProcedure
+from norton_bench.procedures.imposed import ImposedProcedure
+from norton_bench.procedures.knowledge import Knowledge, Procedure, Tare
+from norton_bench.procedures.options import CalibrateOptions, TareOptions
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.procedures.validate import ValidateProcedure
+from norton_bench.records import TICK, TORQUE, Measured
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Command, Rig
+from norton_bench.segments import LoadMode, Segment
 from tests.bench.bench_in_simulation import opened
 
 RIGS = Path(__file__).parents[3] / "rigs"

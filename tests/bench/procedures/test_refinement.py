@@ -5,9 +5,9 @@ from math import inf, nan
 
 import pytest
 
-from bench.identification.information import KNOWN
-from bench.models.parameters import Estimate, Status
-from bench.procedures.refinement import Interval, Refinement, half_width, intervals_of, why_wide, widest_of
+from norton_bench.identification.information import KNOWN
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.procedures.refinement import Interval, Refinement, half_width, intervals_of, why_wide, widest_of
 
 
 def estimate(name: str, std: float, status: Status = Status.VALID, value: float = 1.0) -> Estimate:

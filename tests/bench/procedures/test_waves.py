@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.procedures.waves import (
+from norton_bench.procedures.waves import (
     Motion,
     growth,
     multisine,

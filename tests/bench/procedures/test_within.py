@@ -7,23 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.control import design
-from bench.control.calibration import LoadCalibration
-from bench.identification.results import FitResult, Trace
-from bench.models.network import NortonNetwork
-from bench.models.parameters import Estimate, Status
-from bench.procedures.blocked import BlockedProcedure
-from bench.procedures.excitations import SHARE, Bounds
-from bench.procedures.free import FreeProcedure
-from bench.procedures.imposed import ImposedProcedure
-from bench.procedures.knowledge import Knowledge, Procedure, Sparing
-from bench.procedures.validate import ValidateProcedure
-from bench.procedures.waves import Motion
-from bench.procedures.within import LEAST, bounds_of, words_for
-from bench.records import Measured
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from bench.segments import PRESCRIBED_MOTION, LoadMode, Segment
+from norton_bench.control import design
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.identification.results import FitResult, Trace
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.procedures.blocked import BlockedProcedure
+from norton_bench.procedures.excitations import SHARE, Bounds
+from norton_bench.procedures.free import FreeProcedure
+from norton_bench.procedures.imposed import ImposedProcedure
+from norton_bench.procedures.knowledge import Knowledge, Procedure, Sparing
+from norton_bench.procedures.validate import ValidateProcedure
+from norton_bench.procedures.waves import Motion
+from norton_bench.procedures.within import LEAST, bounds_of, words_for
+from norton_bench.records import Measured
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import PRESCRIBED_MOTION, LoadMode, Segment
 from tests.bench.control.test_design import COARSE
 from tests.bench.procedures.test_procedures import played
 

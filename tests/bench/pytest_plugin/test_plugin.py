@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import RigError
-from bench.pytest_plugin.benches import simulated_rig
+from norton_bench.errors import RigError
+from norton_bench.pytest_plugin.benches import simulated_rig
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-free-shaft.toml"
@@ -35,7 +35,7 @@ interval = "0.0001 %"
 """
 TESTS = """\
 import pytest
-from bench.errors import UsageError
+from norton_bench.errors import UsageError
 
 @pytest.fixture(scope="session")
 def found(norton_rig, norton_run):
@@ -82,7 +82,8 @@ ALONE = {**os.environ, "PYTHONPATH": str(ROOT), "PYTEST_DISABLE_PLUGIN_AUTOLOAD"
 
 
 def test_it_loads_nothing_heavy() -> None:
-    code = 'import sys, bench.pytest_plugin; print(*{"numpy", "scipy", "numba", "textual", "rich"} & set(sys.modules))'
+    heavy = '{"numpy", "scipy", "numba", "textual", "rich"}'
+    code = f"import sys, norton_bench.pytest_plugin; print(*{heavy} & set(sys.modules))"
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, env=ALONE, capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.split() == []
@@ -105,7 +106,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> str:
         "-m",
         "pytest",
         "-p",
-        "bench.pytest_plugin",
+        "norton_bench.pytest_plugin",
         "-rA",
         "-q",
         "--norton-out",

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Event, Measured, SegmentInfo
-from bench.segments import Use
-from drivers.readings import RawFrame
+from norton_bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Event, Measured, SegmentInfo
+from norton_bench.segments import Use
+from norton_drivers.readings import RawFrame
 
 TICK_NS = 1_000_000
 START_NS = 3_000_000_000_000

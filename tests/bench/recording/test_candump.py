@@ -11,18 +11,18 @@ from can.io import CanutilsLogReader, CanutilsLogWriter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.errors import ExperimentError, UsageError
-from bench.procedures.makers import coasting
-from bench.recording.candump import log_lines, log_name
-from bench.recording.export import export
-from bench.recording.reader import read_recording
-from bench.recording.recorder import Recorder
-from bench.recording.recover import recover
-from bench.recording.wire import Frames
-from bench.rig.load import load_rig, parse_rig
-from bench.segments import Use
-from drivers.codecs.can_errors import CanErrorFrame, ErrorClass
-from drivers.readings import ERROR_FRAME, RawFrame
+from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.procedures.makers import coasting
+from norton_bench.recording.candump import log_lines, log_name
+from norton_bench.recording.export import export
+from norton_bench.recording.reader import read_recording
+from norton_bench.recording.recorder import Recorder
+from norton_bench.recording.recover import recover
+from norton_bench.recording.wire import Frames
+from norton_bench.rig.load import load_rig, parse_rig
+from norton_bench.segments import Use
+from norton_drivers.codecs.can_errors import CanErrorFrame, ErrorClass
+from norton_drivers.readings import ERROR_FRAME, RawFrame
 from tests.bench.bench_in_simulation import opened
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-odrive.toml"

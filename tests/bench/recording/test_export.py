@@ -5,11 +5,11 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import loadmat
 
-from bench.errors import ExperimentError, UsageError
-from bench.models.parameters import Estimate, Status
-from bench.recording.contents import RecordedEstimates
-from bench.recording.export import export
-from bench.recording.recorder import Recorder
+from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.recording.contents import RecordedEstimates
+from norton_bench.recording.export import export
+from norton_bench.recording.recorder import Recorder
 
 TABLES = [
     "ticks",

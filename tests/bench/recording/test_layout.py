@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.recording import frames
-from bench.recording.layout import HEADER, Layout, fields_of, table_from, varint
-from bench.recording.schemas import layout_in, message_class, schema_bytes
-from bench.recording.streams import RAW_MESSAGE, STREAMS, raw_fields
-from bench.recording.wire import Frames
-from bench.records import TICK
-from drivers.readings import RawFrame
+from norton_bench.recording import frames
+from norton_bench.recording.layout import HEADER, Layout, fields_of, table_from, varint
+from norton_bench.recording.schemas import layout_in, message_class, schema_bytes
+from norton_bench.recording.streams import RAW_MESSAGE, STREAMS, raw_fields
+from norton_bench.recording.wire import Frames
+from norton_bench.records import TICK
+from norton_drivers.readings import RawFrame
 
 INTEGERS = st.integers(-(2**63), 2**63 - 1)
 

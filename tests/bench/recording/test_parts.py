@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.recording.parts import parts_of
-from bench.recording.reader import read_recording, read_so_far
-from bench.recording.recorder import Recorder
-from bench.recording.streams import STREAMS
-from bench.records import MOTION, TICK, Measured, SegmentInfo
-from bench.segments import Use
+from norton_bench.recording.parts import parts_of
+from norton_bench.recording.reader import read_recording, read_so_far
+from norton_bench.recording.recorder import Recorder
+from norton_bench.recording.streams import STREAMS
+from norton_bench.records import MOTION, TICK, Measured, SegmentInfo
+from norton_bench.segments import Use
 
 TICK_NS = 1_000_000
 

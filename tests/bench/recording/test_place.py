@@ -10,17 +10,17 @@ from tempfile import mkdtemp
 
 import pytest
 
-from bench.errors import BenchError, ExperimentError, UsageError
-from bench.procedures.options import CalibrateOptions, TareOptions
-from bench.recording import recorder as recorder_module
-from bench.recording import room
-from bench.recording.reader import read_recording
-from bench.recording.recorder import Recorder
-from bench.recording.room import Need
-from bench.records import Measured, join
-from bench.rig.load import load_rig
-from bench.session import engine
-from bench.session.schema import Session, Step
+from norton_bench.errors import BenchError, ExperimentError, UsageError
+from norton_bench.procedures.options import CalibrateOptions, TareOptions
+from norton_bench.recording import recorder as recorder_module
+from norton_bench.recording import room
+from norton_bench.recording.reader import read_recording
+from norton_bench.recording.recorder import Recorder
+from norton_bench.recording.room import Need
+from norton_bench.records import Measured, join
+from norton_bench.rig.load import load_rig
+from norton_bench.session import engine
+from norton_bench.session.schema import Session, Step
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 SESSION = Session((Step("tare", TareOptions(0.5)), Step("calibrate", CalibrateOptions(4.0))), place="test")

@@ -14,16 +14,16 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from bench.errors import ExperimentError, UsageError
-from bench.models.parameters import Estimate, Status
-from bench.recording import recorder as recorder_module
-from bench.recording.contents import RecordedEstimates
-from bench.recording.reader import read_recording
-from bench.recording.recorder import Recorder
-from bench.recording.recover import recover
-from bench.recording.syncing import Syncing
-from bench.records import Measured, join
-from drivers.punctual import LOOP_PRIORITY, permitted_priority
+from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.recording import recorder as recorder_module
+from norton_bench.recording.contents import RecordedEstimates
+from norton_bench.recording.reader import read_recording
+from norton_bench.recording.recorder import Recorder
+from norton_bench.recording.recover import recover
+from norton_bench.recording.syncing import Syncing
+from norton_bench.records import Measured, join
+from norton_drivers.punctual import LOOP_PRIORITY, permitted_priority
 
 RIG = '[rig]\nname = "x"  # µ\n'
 
@@ -235,8 +235,8 @@ def test_closing_twice_is_harmless_and_putting_afterwards_is_told(tmp_path, part
 def test_the_death_of_the_experiment_still_ends_the_file(tmp_path) -> None:
     """Only the experiment dies: the recording process sees it go and finishes what it was sent."""
     script = (
-        "import os, sys; from pathlib import Path; from bench.records import *; import numpy as np\n"
-        "from bench.recording.recorder import Recorder\n"
+        "import os, sys; from pathlib import Path; from norton_bench.records import *; import numpy as np\n"
+        "from norton_bench.recording.recorder import Recorder\n"
         "recorder = Recorder(Path(sys.argv[1]), rig_text='', metadata={})\n"
         "recorder.put(Measured(ticks=np.zeros(50, TICK)))\n"
         "while recorder._queue.qsize(): pass\n"
@@ -258,6 +258,6 @@ def test_the_death_of_the_experiment_still_ends_the_file(tmp_path) -> None:
 
 
 def test_the_writer_imports_nothing_slow() -> None:
-    code = "import sys, bench.recording.writer; print(*sys.modules)"
+    code = "import sys, norton_bench.recording.writer; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"numba", "scipy", "matplotlib", "pyarrow", "pint", "pydantic", "can", "textual"} & set(loaded)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from bench.errors import UsageError
-from bench.recording.reader import read_recording
-from bench.recording.recorder import Recorder
-from bench.recording.recover import recover, recovered_name
-from bench.records import MOTION, TICK, Measured, join
+from norton_bench.errors import UsageError
+from norton_bench.recording.reader import read_recording
+from norton_bench.recording.recorder import Recorder
+from norton_bench.recording.recover import recover, recovered_name
+from norton_bench.records import MOTION, TICK, Measured, join
 
 KILLS = 4
 KEPT_BEFORE_S = 0.15

@@ -5,25 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.ambiguity.conditions import Judgement
-from bench.identification.friction.family import model
-from bench.identification.friction.fit import FrictionFit
-from bench.identification.in_situ import InSituResult, SourceMotion
-from bench.identification.ladder import Rung
-from bench.identification.model_free.impedance_table import ImpedanceTable
-from bench.identification.model_free.stop_operator import StopOperator
-from bench.identification.model_free.without_model import Prediction, WithoutModel
-from bench.identification.residuals.dependence import Dependence
-from bench.identification.residuals.diagnosis import ResidualTests
-from bench.identification.residuals.position_lines import Harmonic
-from bench.identification.residuals.whiteness import Memory
-from bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
-from bench.identification.trials import TrialFigures
-from bench.models.network import NortonNetwork
-from bench.models.parameters import PARAMETERS, Estimate, Status
-from bench.records import MOTION, TICK, TORQUE, Event, Measured, SegmentInfo
-from bench.report.data import ReportData
-from bench.segments import Use
+from norton_bench.identification.ambiguity.conditions import Judgement
+from norton_bench.identification.friction.family import model
+from norton_bench.identification.friction.fit import FrictionFit
+from norton_bench.identification.in_situ import InSituResult, SourceMotion
+from norton_bench.identification.ladder import Rung
+from norton_bench.identification.model_free.impedance_table import ImpedanceTable
+from norton_bench.identification.model_free.stop_operator import StopOperator
+from norton_bench.identification.model_free.without_model import Prediction, WithoutModel
+from norton_bench.identification.residuals.dependence import Dependence
+from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.identification.residuals.position_lines import Harmonic
+from norton_bench.identification.residuals.whiteness import Memory
+from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
+from norton_bench.identification.trials import TrialFigures
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import PARAMETERS, Estimate, Status
+from norton_bench.records import MOTION, TICK, TORQUE, Event, Measured, SegmentInfo
+from norton_bench.report.data import ReportData
+from norton_bench.segments import Use
 
 TICK_S = 1e-3
 START_NS = 5_000_000_000

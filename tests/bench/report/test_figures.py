@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.identification.results import Trace
-from bench.report.data import ReportData
-from bench.report.figures_fit import close_up
-from bench.report.figures_network import source_map_figure
-from bench.report.loops import presliding_loops, sliding_samples
-from bench.report.svg import style
+from norton_bench.identification.results import Trace
+from norton_bench.report.data import ReportData
+from norton_bench.report.figures_fit import close_up
+from norton_bench.report.figures_network import source_map_figure
+from norton_bench.report.loops import presliding_loops, sliding_samples
+from norton_bench.report.svg import style
 
 
 def test_small_loops_are_cut_out_by_their_segments(full: ReportData) -> None:

@@ -6,15 +6,15 @@ from itertools import combinations
 import pytest
 from matplotlib.figure import Figure
 
-from bench.report.data import ReportData
-from bench.report.figures_fit import live_figure, residual_figure, validation_figure
-from bench.report.figures_network import blocked_figure, impedance_figure, legend, source_map_figure
-from bench.report.figures_residuals import residual_tests_figure
-from bench.report.figures_timing import timing_figure
-from bench.report.figures_trials import source_motion_figure, trials_figure
-from bench.report.figures_without_model import impedance_table_figure
-from bench.report.loops import bench_time_s, presliding_loops, sliding_samples
-from bench.report.svg import figure, style
+from norton_bench.report.data import ReportData
+from norton_bench.report.figures_fit import live_figure, residual_figure, validation_figure
+from norton_bench.report.figures_network import blocked_figure, impedance_figure, legend, source_map_figure
+from norton_bench.report.figures_residuals import residual_tests_figure
+from norton_bench.report.figures_timing import timing_figure
+from norton_bench.report.figures_trials import source_motion_figure, trials_figure
+from norton_bench.report.figures_without_model import impedance_table_figure
+from norton_bench.report.loops import bench_time_s, presliding_loops, sliding_samples
+from norton_bench.report.svg import figure, style
 
 FIGURES: dict[str, Callable[[ReportData], Figure]] = {
     "source map": lambda data: source_map_figure(data.source_map, data.network, "N*m"),

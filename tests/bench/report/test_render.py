@@ -6,9 +6,9 @@ from typing import TextIO
 import pytest
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-from bench.errors import ExperimentError
-from bench.report.data import ReportData
-from bench.report.render import render, write_report
+from norton_bench.errors import ExperimentError
+from norton_bench.report.data import ReportData
+from norton_bench.report.render import render, write_report
 
 SECTIONS = [
     "parameters",

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo
-from bench.report.streams import lost_readings, stream_qualities
-from bench.segments import Use
+from norton_bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo
+from norton_bench.report.streams import lost_readings, stream_qualities
+from norton_bench.segments import Use
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 40), st.booleans())

@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.identification.residuals.diagnosis import ResidualTests
-from bench.report.data import ReportData
-from bench.report.figures_residuals import residual_tests_figure
-from bench.report.figures_without_model import impedance_table_figure, operator_figure
-from bench.report.sections_without_model import (
+from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.report.data import ReportData
+from norton_bench.report.figures_residuals import residual_tests_figure
+from norton_bench.report.figures_without_model import impedance_table_figure, operator_figure
+from norton_bench.report.sections_without_model import (
     residual_sentences,
     residuals_section,
     source_sentences,
     without_model_section,
 )
-from bench.report.svg import style
+from norton_bench.report.svg import style
 
 
 def test_each_way_of_predicting_has_its_row(full: ReportData) -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.report.words import in_prefixed_unit, interval, number, percent, pretty_unit, with_deviation
+from norton_bench.report.words import in_prefixed_unit, interval, number, percent, pretty_unit, with_deviation
 
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
 

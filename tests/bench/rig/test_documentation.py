@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from bench.rig.driver_options import declared_by
-from bench.rig.load import parse_rig
-from bench.rig.mistakes import keys_of
-from bench.rig.schema import PLAUSIBILITY, BusSection, GuardSection, LimitsSection, RecordingSection, RigSection
-from bench.session.schema import STEPS, parse_session
-from drivers import registry
-from drivers.adapters.table import ADAPTERS, mistakes
-from drivers.wiring import CanBusSettings
+from norton_bench.rig.driver_options import declared_by
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.mistakes import keys_of
+from norton_bench.rig.schema import PLAUSIBILITY, BusSection, GuardSection, LimitsSection, RecordingSection, RigSection
+from norton_bench.session.schema import STEPS, parse_session
+from norton_drivers import registry
+from norton_drivers.adapters.table import ADAPTERS, mistakes
+from norton_drivers.wiring import CanBusSettings
 
 DOCS = Path(__file__).parents[3] / "docs"
 

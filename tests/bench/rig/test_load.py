@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.errors import ExitCode, RigError
-from bench.rig.load import load_rig, parse_rig
-from bench.rig.mistakes import toml
-from bench.rig.rig import Command, Supervision
+from norton_bench.errors import ExitCode, RigError
+from norton_bench.rig.load import load_rig, parse_rig
+from norton_bench.rig.mistakes import toml
+from norton_bench.rig.rig import Command, Supervision
 
 RIGS = Path(__file__).parents[3] / "rigs"
 GOOD = """\

@@ -9,16 +9,16 @@ from typing import Any, Literal
 import pytest
 from pydantic import Field
 
-from bench.cli.new import _flat
-from bench.errors import RigError, UsageError
-from bench.rig.files import parse_toml
-from bench.rig.load import load_rig, parse_rig
-from bench.rig.new.interview import Interview
-from bench.rig.new.questions import Prepared
-from bench.rig.rig import Command
-from drivers import registry
-from drivers.discovery import FoundPort
-from drivers.options import DeviceOptions
+from norton_bench.cli.new import _flat
+from norton_bench.errors import RigError, UsageError
+from norton_bench.rig.files import parse_toml
+from norton_bench.rig.load import load_rig, parse_rig
+from norton_bench.rig.new.interview import Interview
+from norton_bench.rig.new.questions import Prepared
+from norton_bench.rig.rig import Command
+from norton_drivers import registry
+from norton_drivers.discovery import FoundPort
+from norton_drivers.options import DeviceOptions
 
 RIGS = sorted((Path(__file__).parents[3] / "rigs").glob("*.toml"))
 DYNO = {

@@ -6,21 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.cli import app
-from bench.errors import UsageError
-from bench.identification.fit import PHYSICAL, fit
-from bench.models.network import NortonNetwork
-from bench.models.parameters import Status
-from bench.procedures.calibrate import CalibrateProcedure
-from bench.procedures.imposed import ImposedProcedure
-from bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
-from bench.procedures.tare import TareProcedure
-from bench.procedures.waves import multisine
-from bench.rig.load import load_rig, parse_rig
-from bench.rig.with_network import rig_with_network
-from bench.session.engine import record_script
-from sim_backend.plant import Plant
-from sim_backend.truth import read_truth
+from norton_bench.cli import app
+from norton_bench.errors import UsageError
+from norton_bench.identification.fit import PHYSICAL, fit
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Status
+from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.imposed import ImposedProcedure
+from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.procedures.waves import multisine
+from norton_bench.rig.load import load_rig, parse_rig
+from norton_bench.rig.with_network import rig_with_network
+from norton_bench.session.engine import record_script
+from norton_sim.plant import Plant
+from norton_sim.truth import read_truth
 from tests.bench.whole_session import whole_session
 
 RIGS = Path(__file__).parents[3] / "rigs"

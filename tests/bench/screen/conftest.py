@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from bench.recording.contents import Recording
-from bench.rig.rig import Rig
-from bench.screen.experiment import Experiment
-from bench.screen.sources import Replayed
-from bench.session.operator import Order
-from bench.session.progress import Progress, SessionState, Summary
-from bench.session.replay import Replay, load_replay
+from norton_bench.recording.contents import Recording
+from norton_bench.rig.rig import Rig
+from norton_bench.screen.experiment import Experiment
+from norton_bench.screen.sources import Replayed
+from norton_bench.session.operator import Order
+from norton_bench.session.progress import Progress, SessionState, Summary
+from norton_bench.session.replay import Replay, load_replay
 from tests.bench.whole_session import RIG, SESSION, Performed, whole_session
 
 

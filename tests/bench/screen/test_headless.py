@@ -8,22 +8,22 @@ import pytest
 HEADLESS = """
 import sys
 from importlib import import_module
-for name in ("bench.cli.app", "bench.cli.experiment", "bench.cli.recordings", "bench.cli.screen",
-             "bench.session.engine", "bench.session.hosted", "bench.session.replay", "bench.session.refit",
-             "bench.report.render",
-             "bench.screen.figures", "bench.screen.picture.picture", "bench.screen.plots.drawing",
-             "bench.screen.panels.parameters", "bench.screen.settings", "bench.screen.opening"):
+for name in ("norton_bench.cli.app", "norton_bench.cli.experiment", "norton_bench.cli.recordings",
+             "norton_bench.cli.screen", "norton_bench.session.engine", "norton_bench.session.hosted",
+             "norton_bench.session.replay", "norton_bench.session.refit", "norton_bench.report.render",
+             "norton_bench.screen.figures", "norton_bench.screen.picture.picture", "norton_bench.screen.plots.drawing",
+             "norton_bench.screen.panels.parameters", "norton_bench.screen.settings", "norton_bench.screen.opening"):
     import_module(name)
     assert not [module for module in sys.modules if module.split(".")[0] == "textual"], name
 """
 UNDRAWN = """
 import sys
-import bench.cli.experiment, bench.session.engine, bench.session.hosted
+import norton_bench.cli.experiment, norton_bench.session.engine, norton_bench.session.hosted
 assert "matplotlib" not in sys.modules
 """
 LIGHT = """
 import sys
-import bench.screen.app
+import norton_bench.screen.app
 assert not [module for module in sys.modules if module.split(".")[0] in ("matplotlib", "filterpy")]
 """
 
@@ -40,7 +40,7 @@ def test_imports(program: str) -> None:
 
 @pytest.mark.parametrize("arguments", [[], ["--replay", "x.mcap"], ["rig.toml"]])
 def test_without_a_terminal_it_says_so(arguments: list[str]) -> None:
-    command = [sys.executable, "-m", "bench", "ui", *arguments]
+    command = [sys.executable, "-m", "norton_bench", "ui", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
     assert done.returncode == 2
     assert "ui needs a terminal" in done.stderr

@@ -9,19 +9,19 @@ from textual.binding import Binding
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from bench.errors import ExitCode
-from bench.screen.app import BenchApp
-from bench.screen.experiment import Experiment
-from bench.screen.opening import Opening
-from bench.screen.screens import keys
-from bench.screen.screens.choices import ChoiceScreen
-from bench.screen.screens.experiment import WINDOWS_S, ExperimentScreen
-from bench.screen.screens.key_list import KeyList
-from bench.screen.screens.questions import Ask, Confirm, Mark
-from bench.screen.screens.results import ResultsScreen
-from bench.screen.settings import Settings
-from bench.session.operator import Order
-from bench.session.progress import Prompt, SessionState, Summary
+from norton_bench.errors import ExitCode
+from norton_bench.screen.app import BenchApp
+from norton_bench.screen.experiment import Experiment
+from norton_bench.screen.opening import Opening
+from norton_bench.screen.screens import keys
+from norton_bench.screen.screens.choices import ChoiceScreen
+from norton_bench.screen.screens.experiment import WINDOWS_S, ExperimentScreen
+from norton_bench.screen.screens.key_list import KeyList
+from norton_bench.screen.screens.questions import Ask, Confirm, Mark
+from norton_bench.screen.screens.results import ResultsScreen
+from norton_bench.screen.settings import Settings
+from norton_bench.session.operator import Order
+from norton_bench.session.progress import Prompt, SessionState, Summary
 
 ROOT = Path(__file__).parents[3]
 RESULT = Summary(ExitCode.OK, report=Path("runs/report.html"))

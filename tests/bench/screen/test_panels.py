@@ -3,22 +3,22 @@
 import numpy as np
 import pytest
 
-from bench.errors import ExitCode
-from bench.identification.results import LiveEstimate
-from bench.models.parameters import Estimate, Status
-from bench.records import TICK, Measured
-from bench.rig.rig import Rig
-from bench.screen.experiment import Experiment, badge_of
-from bench.screen.panels.bar import title_row, view_row
-from bench.screen.panels.health import health_rows
-from bench.screen.panels.log import log_rows
-from bench.screen.panels.parameters import SIGNS, parameter_rows, sparkline
-from bench.screen.panels.result import result_rows
-from bench.screen.panels.steps import clock, step_rows
-from bench.screen.picture.known import Known
-from bench.screen.picture.picture import Picture
-from bench.screen.tones import Row, apart, fitted, heading, length
-from bench.session.progress import Judged, SessionState, Summary
+from norton_bench.errors import ExitCode
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.records import TICK, Measured
+from norton_bench.rig.rig import Rig
+from norton_bench.screen.experiment import Experiment, badge_of
+from norton_bench.screen.panels.bar import title_row, view_row
+from norton_bench.screen.panels.health import health_rows
+from norton_bench.screen.panels.log import log_rows
+from norton_bench.screen.panels.parameters import SIGNS, parameter_rows, sparkline
+from norton_bench.screen.panels.result import result_rows
+from norton_bench.screen.panels.steps import clock, step_rows
+from norton_bench.screen.picture.known import Known
+from norton_bench.screen.picture.picture import Picture
+from norton_bench.screen.tones import Row, apart, fitted, heading, length
+from norton_bench.session.progress import Judged, SessionState, Summary
 
 WIDTHS = (20, 34, 36, 46, 60, 70, 88, 100, 196)
 

@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.results import LiveEstimate
-from bench.models.parameters import Estimate, Status
-from bench.records import TICK, Event, Measured
-from bench.rig.rig import Rig
-from bench.screen import figures
-from bench.screen.experiment import Experiment
-from bench.screen.picture.known import half_width
-from bench.screen.picture.log import Line, Log
-from bench.screen.picture.picture import Picture
-from bench.screen.picture.steps import Steps
-from bench.screen.picture.tape import Tape
-from bench.screen.plots.figure import Figure
-from bench.session.progress import PlannedStep, SessionState
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.records import TICK, Event, Measured
+from norton_bench.rig.rig import Rig
+from norton_bench.screen import figures
+from norton_bench.screen.experiment import Experiment
+from norton_bench.screen.picture.known import half_width
+from norton_bench.screen.picture.log import Line, Log
+from norton_bench.screen.picture.picture import Picture
+from norton_bench.screen.picture.steps import Steps
+from norton_bench.screen.picture.tape import Tape
+from norton_bench.screen.plots.figure import Figure
+from norton_bench.session.progress import PlannedStep, SessionState
 
 NAMES = ["tare", "calibrate", "free", "imposed", "validate"]
 

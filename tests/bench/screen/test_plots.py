@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.screen.plots import braille
-from bench.screen.plots.axes import label, prefixed, settled, ticks
-from bench.screen.plots.drawing import GUTTER, Drawer
-from bench.screen.plots.figure import Axis, Figure, Markers, Trace
-from bench.screen.tones import length
+from norton_bench.screen.plots import braille
+from norton_bench.screen.plots.axes import label, prefixed, settled, ticks
+from norton_bench.screen.plots.drawing import GUTTER, Drawer
+from norton_bench.screen.plots.figure import Axis, Figure, Markers, Trace
+from norton_bench.screen.tones import length
 
 VIEW = braille.View(0.0, 7.0, 0.0, 7.0, 4, 2)  # 8 by 8 dots, a dot a unit
 TIME_S = np.linspace(0.0, 10.0, 10_001)

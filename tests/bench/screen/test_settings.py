@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import UsageError
-from bench.screen.screens.keys import KNOWN as KEYS
-from bench.screen.settings import PLACE, Settings, load_settings, settings_path
-from bench.screen.themes import KNOWN as THEMES
-from bench.screen.themes import user_themes
+from norton_bench.errors import UsageError
+from norton_bench.screen.screens.keys import KNOWN as KEYS
+from norton_bench.screen.settings import PLACE, Settings, load_settings, settings_path
+from norton_bench.screen.themes import KNOWN as THEMES
+from norton_bench.screen.themes import user_themes
 
 WRITTEN = """
 theme = "lab"

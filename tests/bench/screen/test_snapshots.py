@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from textual.pilot import Pilot
 
-from bench.records import Measured
-from bench.screen.app import BenchApp
-from bench.screen.experiment import Experiment
-from bench.screen.opening import Opening
-from bench.screen.screens.experiment import ExperimentScreen
-from bench.screen.screens.questions import Ask, Mark
-from bench.screen.screens.results import ResultsScreen
-from bench.session.progress import Prompt
+from norton_bench.records import Measured
+from norton_bench.screen.app import BenchApp
+from norton_bench.screen.experiment import Experiment
+from norton_bench.screen.opening import Opening
+from norton_bench.screen.screens.experiment import ExperimentScreen
+from norton_bench.screen.screens.questions import Ask, Mark
+from norton_bench.screen.screens.results import ResultsScreen
+from norton_bench.session.progress import Prompt
 from tests.bench.screen.conftest import ROOT, Performed, in_fixed_places
 from tests.bench.screen.svg_grid import differences, seen
 

@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import ExitCode
-from bench.identification.results import LiveEstimate
-from bench.records import TICK, Measured, SegmentInfo
-from bench.report.section import Facts
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from bench.screen import figures
-from bench.screen.panels.result import result_rows
-from bench.screen.panels.tables import table_rows
-from bench.screen.picture.log import STEP
-from bench.screen.picture.picture import Picture
-from bench.screen.tones import Row, length
-from bench.segments import Use
-from bench.session.progress import Summary
+from norton_bench.errors import ExitCode
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.records import TICK, Measured, SegmentInfo
+from norton_bench.report.section import Facts
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.screen import figures
+from norton_bench.screen.panels.result import result_rows
+from norton_bench.screen.panels.tables import table_rows
+from norton_bench.screen.picture.log import STEP
+from norton_bench.screen.picture.picture import Picture
+from norton_bench.screen.tones import Row, length
+from norton_bench.segments import Use
+from norton_bench.session.progress import Summary
 
 RIGS = Path(__file__).parents[3] / "rigs"
 TICK_NS, PART_TICKS = 1_000_000, 100

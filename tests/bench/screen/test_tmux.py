@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from bench.faults.witness_file import last_state, read_witness
+from norton_bench.faults.witness_file import last_state, read_witness
 
 ROOT = Path(__file__).parents[3]
-BENCH = [sys.executable, "-m", "bench"]
+BENCH = [sys.executable, "-m", "norton_bench"]
 GROUP = "239.74.163.83"
 TICK_NS, WATCHDOG_NS = 1_000_000, 300_000_000
 NOTICED_WITHIN_NS = 1_000_000_000  # that a process is gone, by the session it started

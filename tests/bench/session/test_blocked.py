@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bench.errors import UsageError
-from bench.identification.model_free.source_map import blocked_map
-from bench.procedures.options import BlockedOptions, CalibrateOptions, FreeOptions, TareOptions
-from bench.session.engine import record_session
-from bench.session.schema import Session, Step, parse_session
-from sim_backend.truth import read_truth
+from norton_bench.errors import UsageError
+from norton_bench.identification.model_free.source_map import blocked_map
+from norton_bench.procedures.options import BlockedOptions, CalibrateOptions, FreeOptions, TareOptions
+from norton_bench.session.engine import record_session
+from norton_bench.session.schema import Session, Step, parse_session
+from norton_sim.truth import read_truth
 from tests.bench.half_rate import half_rate
 
 RIG = half_rate("sim-odrive")

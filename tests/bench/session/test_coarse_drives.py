@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from bench.identification.fit import fit
-from bench.models.parameters import Estimate, Status
-from bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
-from bench.rig.load import parse_rig
-from bench.rig.rig import Rig
-from bench.session.engine import record_session
-from bench.session.schema import Session, Step
-from sim_backend.tools import true_parameters
+from norton_bench.identification.fit import fit
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session.engine import record_session
+from norton_bench.session.schema import Session, Step
+from norton_sim.tools import true_parameters
 from tests.bench.half_rate import half_rate, half_rate_text
 
 # Of eighteen values one in a thousand tries lies farther out than this.

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from bench.loop.stop_word import StopWord
-from bench.session.desk import Desk
-from bench.session.operator import Order
-from bench.session.progress import SessionState, Silent
+from norton_bench.loop.stop_word import StopWord
+from norton_bench.session.desk import Desk
+from norton_bench.session.operator import Order
+from norton_bench.session.progress import SessionState, Silent
 
 
 @dataclass

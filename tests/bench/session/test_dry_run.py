@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import RigError
-from bench.procedures.knowledge import Knowledge
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from bench.session import engine
-from bench.session.dry_run import dry_run, peaks_of, segments_of
-from bench.session.program import make_program
-from bench.session.schema import load_session, parse_session, standard_session
+from norton_bench.errors import RigError
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session import engine
+from norton_bench.session.dry_run import dry_run, peaks_of, segments_of
+from norton_bench.session.program import make_program
+from norton_bench.session.schema import load_session, parse_session, standard_session
 
 ROOT = Path(__file__).parents[3]
 RIGS = sorted((ROOT / "rigs").glob("*.toml"))

@@ -9,24 +9,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.control.admittance import AdmittanceController
-from bench.identification.results import LiveEstimate
-from bench.models.network import NortonNetwork
-from bench.models.parameters import Estimate, Status
-from bench.procedures.makers import imposed
-from bench.procedures.waves import velocity_steps
-from bench.recording.contents import Recording
-from bench.recording.reader import read_recording
-from bench.recording.recover import recover
-from bench.recording.streams import OUTCOME
-from bench.records import Measured
-from bench.rig.rig import Rig
-from bench.segments import Use
-from bench.session.conclusion import check_metadata, conclude, conclude_recording
-from bench.session.engine import run_session
-from bench.session.live_feed import replayed
-from bench.session.schema import Session, Step
-from sim_backend.tools import true_parameters
+from norton_bench.control.admittance import AdmittanceController
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.procedures.makers import imposed
+from norton_bench.procedures.waves import velocity_steps
+from norton_bench.recording.contents import Recording
+from norton_bench.recording.reader import read_recording
+from norton_bench.recording.recover import recover
+from norton_bench.recording.streams import OUTCOME
+from norton_bench.records import Measured
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Use
+from norton_bench.session.conclusion import check_metadata, conclude, conclude_recording
+from norton_bench.session.engine import run_session
+from norton_bench.session.live_feed import replayed
+from norton_bench.session.schema import Session, Step
+from norton_sim.tools import true_parameters
 from tests.bench.bench_in_simulation import opened
 from tests.bench.whole_session import CALIBRATE, RIG, SEED, SESSION, TARE, Performed, whole_session
 

@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.errors import BenchError, ExitCode, OperatorStopError, SafetyStopError
-from bench.loop.stop_word import StopWord
-from bench.procedures.options import CalibrateOptions, TareOptions
-from bench.recording.contents import Recording
-from bench.recording.reader import read_recording
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from bench.session import engine
-from bench.session.operator import Nobody
-from bench.session.schema import Session, Step
-from drivers.codecs.odrive import AxisState, Command, Heartbeat
-from drivers.registry import load_backend
-from sim_backend.backend import SimulatedBackend
-from sim_backend.firmware.odrive import ODriveAxis
+from norton_bench.errors import BenchError, ExitCode, OperatorStopError, SafetyStopError
+from norton_bench.loop.stop_word import StopWord
+from norton_bench.procedures.options import CalibrateOptions, TareOptions
+from norton_bench.recording.contents import Recording
+from norton_bench.recording.reader import read_recording
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session import engine
+from norton_bench.session.operator import Nobody
+from norton_bench.session.schema import Session, Step
+from norton_drivers.codecs.odrive import AxisState, Command, Heartbeat
+from norton_drivers.registry import load_backend
+from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.odrive import ODriveAxis
 
 ROOT = Path(__file__).parents[3]
 RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import ExitCode
-from bench.recording.reader import read_recording
-from bench.rig.load import load_rig
-from bench.session.hosted import HostedSession
-from bench.session.news import News, PartNews, PlanNews, ResultNews, StateNews, StepNews
-from bench.session.operator import Order
-from bench.session.progress import SessionState
-from bench.session.schema import parse_session
+from norton_bench.errors import ExitCode
+from norton_bench.recording.reader import read_recording
+from norton_bench.rig.load import load_rig
+from norton_bench.session.hosted import HostedSession
+from norton_bench.session.news import News, PartNews, PlanNews, ResultNews, StateNews, StepNews
+from norton_bench.session.operator import Order
+from norton_bench.session.progress import SessionState
+from norton_bench.session.schema import parse_session
 
 ROOT = Path(__file__).parents[3]
 RIG = load_rig(ROOT / "rigs" / "sim-odrive.toml")
@@ -113,10 +113,10 @@ def test_a_child_that_dies_is_told_of(tmp_path: Path) -> None:
 WATCHER = """
 import sys, time
 from pathlib import Path
-from bench.rig.load import load_rig
-from bench.session.hosted import HostedSession
-from bench.session.news import PartNews
-from bench.session.schema import parse_session
+from norton_bench.rig.load import load_rig
+from norton_bench.session.hosted import HostedSession
+from norton_bench.session.news import PartNews
+from norton_bench.session.schema import parse_session
 if __name__ == "__main__":
     session = HostedSession(load_rig(sys.argv[1]), parse_session(sys.argv[3], place="test"), out=Path(sys.argv[2]))
     while not any(isinstance(news, PartNews) for news in session.news()):

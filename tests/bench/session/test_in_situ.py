@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from bench.cli import app
-from bench.errors import ExitCode
-from bench.recording.reader import read_recording
-from bench.session.past import past_of
+from norton_bench.cli import app
+from norton_bench.errors import ExitCode
+from norton_bench.recording.reader import read_recording
+from norton_bench.session.past import past_of
 
 ROOT = Path(__file__).parents[3]
 SESSION = f"""\

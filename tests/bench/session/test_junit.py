@@ -5,10 +5,10 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from bench.errors import ExitCode, UsageError
-from bench.models.parameters import Estimate, Status
-from bench.session.junit import JUnitReport
-from bench.session.progress import Judged, PlannedStep, SessionState, Summary
+from norton_bench.errors import ExitCode, UsageError
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.session.junit import JUnitReport
+from norton_bench.session.progress import Judged, PlannedStep, SessionState, Summary
 
 PLAN = (PlannedStep("tare", 1.0), PlannedStep("imposed", 2.0, "v = 3"), PlannedStep("free", 1.0, certain=False))
 FOUND = Estimate("inertia", 5e-5, 1e-7, "kg*m^2", Status.VALID)

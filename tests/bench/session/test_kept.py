@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.procedures.knowledge import Knowledge
-from bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo, join
-from bench.rig.load import load_rig
-from bench.segments import Use
-from bench.session.kept import with_last_on_disk
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo, join
+from norton_bench.rig.load import load_rig
+from norton_bench.segments import Use
+from norton_bench.session.kept import with_last_on_disk
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 TICKS = 50_000

@@ -5,10 +5,10 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from bench.identification.results import LiveEstimate
-from bench.records import Measured
-from bench.session.mailbox import Mailbox
-from bench.session.news import NoteNews, PartNews
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.records import Measured
+from norton_bench.session.mailbox import Mailbox
+from norton_bench.session.news import NoteNews, PartNews
 
 
 def part(number: int) -> PartNews:

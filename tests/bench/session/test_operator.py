@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import OperatorStopError, SafetyStopError, UsageError
-from bench.loop.stop_word import StopWord
-from bench.procedures.options import TareOptions
-from bench.procedures.rest import RestOptions, RestProcedure
-from bench.procedures.tare import TareProcedure
-from bench.recording.reader import read_recording
-from bench.session.answers import Answers
-from bench.session.engine import run_script, run_session
-from bench.session.operator import Order
-from bench.session.progress import PlannedStep, Prompt, SessionState, Silent, Summary
-from bench.session.schema import parse_session
-from bench.session.script import Ask, Script, SoFar
+from norton_bench.errors import OperatorStopError, SafetyStopError, UsageError
+from norton_bench.loop.stop_word import StopWord
+from norton_bench.procedures.options import TareOptions
+from norton_bench.procedures.rest import RestOptions, RestProcedure
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.recording.reader import read_recording
+from norton_bench.session.answers import Answers
+from norton_bench.session.engine import run_script, run_session
+from norton_bench.session.operator import Order
+from norton_bench.session.progress import PlannedStep, Prompt, SessionState, Silent, Summary
+from norton_bench.session.schema import parse_session
+from norton_bench.session.script import Ask, Script, SoFar
 from tests.bench.half_rate import half_rate
 
 RIG = half_rate("sim-odrive")

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from bench.errors import ExperimentError, OperatorStopError, SafetyStopError
-from bench.session.perform import MOST_LAST_TURNS, perform
-from bench.session.script import Remark, Script
-from drivers.errors import ConnectionFailedError
+from norton_bench.errors import ExperimentError, OperatorStopError, SafetyStopError
+from norton_bench.session.perform import MOST_LAST_TURNS, perform
+from norton_bench.session.script import Remark, Script
+from norton_drivers.errors import ConnectionFailedError
 
 FINAL = (SafetyStopError("too fast"), OperatorStopError("space"), ConnectionFailedError("can0 is gone"))
 

@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.cli.results import until_figures, until_sentences
-from bench.errors import RigError, UsageError
-from bench.identification.fit import fit
-from bench.models.parameters import Status
-from bench.procedures import refine
-from bench.procedures.options import CalibrateOptions, ImposedOptions, RefineOptions, TareOptions
-from bench.procedures.refine import RefineProcedure
-from bench.procedures.refinement import half_width
-from bench.procedures.within import travel_left_rad
-from bench.records import Measured
-from bench.rig.load import load_rig
-from bench.segments import Use
-from bench.session.engine import SessionResult, run_session
-from bench.session.progress import Silent
-from bench.session.schema import Session, Step, refining_session
-from sim_backend.tools import true_parameters
+from norton_bench.cli.results import until_figures, until_sentences
+from norton_bench.errors import RigError, UsageError
+from norton_bench.identification.fit import fit
+from norton_bench.models.parameters import Status
+from norton_bench.procedures import refine
+from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, RefineOptions, TareOptions
+from norton_bench.procedures.refine import RefineProcedure
+from norton_bench.procedures.refinement import half_width
+from norton_bench.procedures.within import travel_left_rad
+from norton_bench.records import Measured
+from norton_bench.rig.load import load_rig
+from norton_bench.segments import Use
+from norton_bench.session.engine import SessionResult, run_session
+from norton_bench.session.progress import Silent
+from norton_bench.session.schema import Session, Step, refining_session
+from norton_sim.tools import true_parameters
 
 ROOT = Path(__file__).parents[3]
 RIG = load_rig(ROOT / "rigs" / "sim-odrive.toml")

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import SafetyStopError, UsageError
-from bench.recording.reader import read_recording
-from bench.records import Event, Measured
-from bench.rig.load import load_rig
-from bench.session.engine import record_session
-from bench.session.rehearsal import rehearsed
-from bench.session.schema import parse_session
-from drivers.errors import WiringError
-from drivers.hardware import HardwareBackend
+from norton_bench.errors import SafetyStopError, UsageError
+from norton_bench.recording.reader import read_recording
+from norton_bench.records import Event, Measured
+from norton_bench.rig.load import load_rig
+from norton_bench.session.engine import record_session
+from norton_bench.session.rehearsal import rehearsed
+from norton_bench.session.schema import parse_session
+from norton_drivers.errors import WiringError
+from norton_drivers.hardware import HardwareBackend
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 HEAD = '[[step]]\ndo = "tare"\nduration = "500 ms"\n[[step]]\ndo = "calibrate"\nduration = "2 s"\n'

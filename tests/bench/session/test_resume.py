@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import OperatorStopError, UsageError
-from bench.loop.stop_word import StopWord
-from bench.recording.reader import read_recording
-from bench.records import Measured
-from bench.session.conclusion import conclude_recording
-from bench.session.engine import SessionResult, run_session
-from bench.session.operator import Order
-from bench.session.past import before, read_past
-from bench.session.progress import Silent
-from bench.session.schema import parse_session
+from norton_bench.errors import OperatorStopError, UsageError
+from norton_bench.loop.stop_word import StopWord
+from norton_bench.recording.reader import read_recording
+from norton_bench.records import Measured
+from norton_bench.session.conclusion import conclude_recording
+from norton_bench.session.engine import SessionResult, run_session
+from norton_bench.session.operator import Order
+from norton_bench.session.past import before, read_past
+from norton_bench.session.progress import Silent
+from norton_bench.session.schema import parse_session
 from tests.bench.half_rate import half_rate
 
 RIG = half_rate("sim-odrive")

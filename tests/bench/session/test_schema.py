@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from bench.errors import ExitCode, RigError, UsageError
-from bench.procedures.catalogue import CATALOGUE
-from bench.procedures.modulated import ModulatedProcedure
-from bench.procedures.options import FreeOptions, ImposedOptions, RestOptions, TareOptions
-from bench.procedures.rest import RestProcedure
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig
-from bench.session.program import make_experiment
-from bench.session.schema import STEPS, load_session, parse_session, standard_session
+from norton_bench.errors import ExitCode, RigError, UsageError
+from norton_bench.procedures.catalogue import CATALOGUE
+from norton_bench.procedures.modulated import ModulatedProcedure
+from norton_bench.procedures.options import FreeOptions, ImposedOptions, RestOptions, TareOptions
+from norton_bench.procedures.rest import RestProcedure
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session.program import make_experiment
+from norton_bench.session.schema import STEPS, load_session, parse_session, standard_session
 
 ROOT = Path(__file__).parents[3]
 SESSIONS = sorted((ROOT / "sessions").glob("*.toml"))

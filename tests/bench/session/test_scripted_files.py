@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from bench.errors import RigError, UsageError
-from bench.procedures.options import FreeOptions, ImposedOptions, TareOptions
-from bench.rig.load import load_rig
-from bench.session.items import AskOptions, Block, Session, Step
-from bench.session.program import make_experiment
-from bench.session.schema import parse_session
+from norton_bench.errors import RigError, UsageError
+from norton_bench.procedures.options import FreeOptions, ImposedOptions, TareOptions
+from norton_bench.rig.load import load_rig
+from norton_bench.session.items import AskOptions, Block, Session, Step
+from norton_bench.session.program import make_experiment
+from norton_bench.session.schema import parse_session
 
 ROOT = Path(__file__).parents[3]
 RIG = load_rig(ROOT / "rigs" / "sim-odrive.toml")

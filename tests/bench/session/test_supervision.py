@@ -6,19 +6,19 @@ from typing import Any
 
 import pytest
 
-from bench.errors import SafetyStopError
-from bench.guard.known import NOTHING_KNOWN
-from bench.procedures.knowledge import Knowledge
-from bench.procedures.options import CalibrateOptions, TareOptions
-from bench.recording.reader import read_recording
-from bench.rig.load import load_rig
-from bench.rig.rig import Rig, Supervision
-from bench.session import engine
-from bench.session.progress import Silent
-from bench.session.schema import Session, Step
-from bench.session.supervision import told_to_guard
-from drivers.registry import load_backend
-from sim_backend.firmware.odrive import ODriveAxis
+from norton_bench.errors import SafetyStopError
+from norton_bench.guard.known import NOTHING_KNOWN
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.options import CalibrateOptions, TareOptions
+from norton_bench.recording.reader import read_recording
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig, Supervision
+from norton_bench.session import engine
+from norton_bench.session.progress import Silent
+from norton_bench.session.schema import Session, Step
+from norton_bench.session.supervision import told_to_guard
+from norton_drivers.registry import load_backend
+from norton_sim.firmware.odrive import ODriveAxis
 from tests.bench.half_rate import half_rate
 
 RIGS = Path(__file__).parents[3] / "rigs"

@@ -8,21 +8,21 @@ from tempfile import mkdtemp
 import numpy as np
 import pytest
 
-from bench.cli.output import to_json
-from bench.cli.results import identification
-from bench.errors import ExperimentError, RigError
-from bench.procedures.options import (
+from norton_bench.cli.output import to_json
+from norton_bench.cli.results import identification
+from norton_bench.errors import ExperimentError, RigError
+from norton_bench.procedures.options import (
     CalibrateOptions,
     TabulateImpedanceOptions,
     TabulateSourceOptions,
     TareOptions,
     ValidateOptions,
 )
-from bench.rig.load import load_rig
-from bench.session.conclusion import conclude_recording
-from bench.session.engine import SessionResult, run_session
-from bench.session.schema import Session, Step, refining_session, standard_session
-from sim_backend.truth import Truth, read_truth
+from norton_bench.rig.load import load_rig
+from norton_bench.session.conclusion import conclude_recording
+from norton_bench.session.engine import SessionResult, run_session
+from norton_bench.session.schema import Session, Step, refining_session, standard_session
+from norton_sim.truth import Truth, read_truth
 from tests.bench.half_rate import half_rate
 
 RIGS = Path(__file__).parents[3] / "rigs"

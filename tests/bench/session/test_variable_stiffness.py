@@ -7,27 +7,27 @@ from tempfile import mkdtemp
 
 import pytest
 
-from bench.cli.output import to_json
-from bench.cli.results import identification
-from bench.identification.tables.exertion_table import exertion_table
-from bench.identification.tables.modulation import Modulated, modulated
-from bench.identification.tables.modulator import modulator_places
-from bench.procedures.modulated import ModulatedProcedure
-from bench.procedures.options import (
+from norton_bench.cli.output import to_json
+from norton_bench.cli.results import identification
+from norton_bench.identification.tables.exertion_table import exertion_table
+from norton_bench.identification.tables.modulation import Modulated, modulated
+from norton_bench.identification.tables.modulator import modulator_places
+from norton_bench.procedures.modulated import ModulatedProcedure
+from norton_bench.procedures.options import (
     CalibrateOptions,
     RestOptions,
     TabulateImpedanceOptions,
     TabulateSourceOptions,
     TareOptions,
 )
-from bench.procedures.rest import RestProcedure
-from bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
-from bench.report.facts_tables import modulator_sentence
-from bench.report.words import Units
-from bench.session.conclusion import conclude_recording
-from bench.session.engine import SessionResult, record_procedures, run_session
-from bench.session.schema import Session, Step, WrittenFault
-from sim_backend.truth import Truth, read_truth
+from norton_bench.procedures.rest import RestProcedure
+from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
+from norton_bench.report.facts_tables import modulator_sentence
+from norton_bench.report.words import Units
+from norton_bench.session.conclusion import conclude_recording
+from norton_bench.session.engine import SessionResult, record_procedures, run_session
+from norton_bench.session.schema import Session, Step, WrittenFault
+from norton_sim.truth import Truth, read_truth
 from tests.bench.half_rate import half_rate
 
 RIG = half_rate("sim-variable-stiffness")

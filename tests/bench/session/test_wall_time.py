@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import ExitCode
-from bench.recording.reader import read_recording
-from bench.rig.load import load_rig
-from sim_backend.tools import true_parameters
+from norton_bench.errors import ExitCode
+from norton_bench.recording.reader import read_recording
+from norton_bench.rig.load import load_rig
+from norton_sim.tools import true_parameters
 
 ROOT = Path(__file__).parents[3]
 PROGRAM = Path(sys.executable).with_name("norton-bench")

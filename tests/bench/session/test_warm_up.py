@@ -5,11 +5,11 @@ import sys
 
 # What Python calls; the others are compiled within them.
 COUNT = """
-from bench.control import core
-from bench.identification import loops
-from bench.identification.friction import operators, sums
-from bench.models import network_steps
-from bench.session.warm_up import warm_up
+from norton_bench.control import core
+from norton_bench.identification import loops
+from norton_bench.identification.friction import operators, sums
+from norton_bench.models import network_steps
+from norton_bench.session.warm_up import warm_up
 
 warm_up()
 called = {core: "sense track feed_forward pass_on advance put_first".split(), network_steps: ["free_motion"]}

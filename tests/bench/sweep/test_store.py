@@ -4,11 +4,11 @@ from math import isnan, nan
 
 import pytest
 
-from bench.errors import UsageError
-from bench.models.parameters import Estimate, Status
-from bench.sweep.store import RESULTS, Store
-from bench.sweep.summary import summary
-from bench.sweep.task import Outcome
+from norton_bench.errors import UsageError
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.sweep.store import RESULTS, Store
+from norton_bench.sweep.summary import summary
+from norton_bench.sweep.task import Outcome
 
 ABOUT = {"kind": "simulations", "rig": "abc"}
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli import app
-from bench.errors import ExperimentError, UsageError
-from bench.sweep.run import executor_of, sweep
-from bench.sweep.store import Store
-from bench.sweep.task import Outcome, Recorded, carry_out
+from norton_bench.cli import app
+from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.sweep.run import executor_of, sweep
+from norton_bench.sweep.store import Store
+from norton_bench.sweep.task import Outcome, Recorded, carry_out
 from tests.bench.half_rate import half_rate_text
 
 ROOT = Path(__file__).parents[3]
@@ -126,7 +126,7 @@ def test_two_seeds_in_processes_of_their_own(swept, capsys):
 
 def test_a_second_run_has_nothing_left_to_do(swept, capsys, monkeypatch):
     _, arguments = swept
-    monkeypatch.setattr("bench.sweep.run.carry_out", None)
+    monkeypatch.setattr("norton_bench.sweep.run.carry_out", None)
     code, data = run(arguments, capsys)
     assert code == 0
     assert data["parameters"]["inertia"]["runs"] == 2

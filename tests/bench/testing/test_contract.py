@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from bench.testing import AmplifierContract, SetUp, TorqueSensorContract
-from drivers.errors import DeviceError
-from drivers.readings import DriveState, DriveStatus
+from norton_bench.testing import AmplifierContract, SetUp, TorqueSensorContract
+from norton_drivers.errors import DeviceError
+from norton_drivers.readings import DriveState, DriveStatus
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "third-party-driver"
 CAUGHT = (AssertionError, pytest.fail.Exception)

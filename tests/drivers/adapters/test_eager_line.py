@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 import serial
 
-from drivers.adapters.eager_line import EagerLine
+from norton_drivers.adapters.eager_line import EagerLine
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import time
 import can
 import pytest
 
-from drivers.adapters.patient import PatientBus
+from norton_drivers.adapters.patient import PatientBus
 
 pytestmark = pytest.mark.wall_time
 

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.errors import ConnectionFailedError
-from drivers.hardware import HardwareBackend
-from drivers.ports import CanPort
-from drivers.wiring import CanBusSettings
+from norton_drivers.errors import ConnectionFailedError
+from norton_drivers.hardware import HardwareBackend
+from norton_drivers.ports import CanPort
+from norton_drivers.wiring import CanBusSettings
 
 pytestmark = pytest.mark.wall_time
 

@@ -9,11 +9,11 @@ from contextlib import suppress
 import can
 import pytest
 
-from drivers.adapters.steady_socketcand import SteadySocketcandBus
-from drivers.codecs.socketcand import BracketStream, SocketcandFrame, decode_request
-from drivers.errors import ConnectionFailedError
-from drivers.hardware import HardwareBackend
-from drivers.wiring import CanBusSettings
+from norton_drivers.adapters.steady_socketcand import SteadySocketcandBus
+from norton_drivers.codecs.socketcand import BracketStream, SocketcandFrame, decode_request
+from norton_drivers.errors import ConnectionFailedError
+from norton_drivers.hardware import HardwareBackend
+from norton_drivers.wiring import CanBusSettings
 
 pytestmark = pytest.mark.wall_time
 

@@ -8,14 +8,14 @@ import can
 import pytest
 from can.interfaces import BACKENDS
 
-from drivers.adapters import socketcan, table
-from drivers.adapters.kvaser import KvaserHealth
-from drivers.adapters.patient import PatientBus
-from drivers.adapters.pcan import PcanHealth
-from drivers.adapters.slcan import BITRATES as SLCAN_BITRATES
-from drivers.adapters.table import ADAPTERS, mistakes, open_bus
-from drivers.errors import ConnectionFailedError
-from drivers.wiring import CanBusSettings
+from norton_drivers.adapters import socketcan, table
+from norton_drivers.adapters.kvaser import KvaserHealth
+from norton_drivers.adapters.patient import PatientBus
+from norton_drivers.adapters.pcan import PcanHealth
+from norton_drivers.adapters.slcan import BITRATES as SLCAN_BITRATES
+from norton_drivers.adapters.table import ADAPTERS, mistakes, open_bus
+from norton_drivers.errors import ConnectionFailedError
+from norton_drivers.wiring import CanBusSettings
 
 GOOD = {
     "socketcan": CanBusSettings("b", "socketcan", "can0", 500_000, {"fd": False}),

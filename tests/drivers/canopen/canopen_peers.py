@@ -5,10 +5,10 @@ from typing import ClassVar
 
 import can
 
-from drivers.codecs import canopen as protocol
-from drivers.codecs import cia402
-from drivers.codecs.canopen import NmtCommand, NmtState
-from drivers.codecs.cia402 import Controlword, State
+from norton_drivers.codecs import canopen as protocol
+from norton_drivers.codecs import cia402
+from norton_drivers.codecs.canopen import NmtCommand, NmtState
+from norton_drivers.codecs.cia402 import Controlword, State
 
 TEXTS = {0x1008: b"a device's long name", 0x100A: b"7.1"}
 

@@ -14,14 +14,14 @@ import canopen
 import pytest
 from canopen.profiles.p402 import State402
 
-from drivers.canopen.cia402 import Cia402Drive, open_amplifier
-from drivers.canopen.node import SHIPPED
-from drivers.canopen.sensor import CanopenSensor, open_torque_sensor
-from drivers.errors import DeviceTimeoutError
-from drivers.hardware import HardwareBackend
-from drivers.link import Link
-from drivers.readings import DriveState, MotionReading, TorqueReading
-from drivers.wiring import CanBusSettings, DeviceSettings
+from norton_drivers.canopen.cia402 import Cia402Drive, open_amplifier
+from norton_drivers.canopen.node import SHIPPED
+from norton_drivers.canopen.sensor import CanopenSensor, open_torque_sensor
+from norton_drivers.errors import DeviceTimeoutError
+from norton_drivers.hardware import HardwareBackend
+from norton_drivers.link import Link
+from norton_drivers.readings import DriveState, MotionReading, TorqueReading
+from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 pytestmark = pytest.mark.wall_time
 

@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.canopen.sensor import CanopenSensor, open_torque_sensor
-from drivers.codecs.canopen import NmtCommand, NmtState
-from drivers.errors import DeviceError, DeviceTimeoutError, WiringError
+from norton_drivers.canopen.sensor import CanopenSensor, open_torque_sensor
+from norton_drivers.codecs.canopen import NmtCommand, NmtState
+from norton_drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 from tests.drivers.canopen.canopen_peers import ScriptedSensor
 
 NODE = 3

@@ -9,12 +9,12 @@ from random import Random
 
 import pytest
 
-from drivers.canopen import node as canopen_node
-from drivers.canopen.cia402 import Cia402Drive, open_amplifier
-from drivers.codecs.canopen import NmtCommand, NmtState
-from drivers.codecs.cia402 import Controlword, State
-from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
-from drivers.readings import DriveState
+from norton_drivers.canopen import node as canopen_node
+from norton_drivers.canopen.cia402 import Cia402Drive, open_amplifier
+from norton_drivers.codecs.canopen import NmtCommand, NmtState
+from norton_drivers.codecs.cia402 import Controlword, State
+from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
+from norton_drivers.readings import DriveState
 from tests.drivers.canopen.canopen_peers import ScriptedDrive
 
 NODE = 5

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.codecs.can_errors import CanErrorFrame, ControllerError, ErrorClass, ProtocolError
+from norton_drivers.codecs.can_errors import CanErrorFrame, ControllerError, ErrorClass, ProtocolError
 
 FRAMES = st.builds(
     CanErrorFrame,

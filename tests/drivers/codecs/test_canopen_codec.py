@@ -10,12 +10,12 @@ from canopen.sdo.exceptions import SdoAbortedError
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.codecs import canopen as protocol
-from drivers.codecs import canopen_torque, cia402
-from drivers.codecs.canopen_torque import TorqueField
-from drivers.codecs.canopen_words import describe_error, describe_nmt_state
-from drivers.codecs.cia402 import Mode, State
-from drivers.codecs.errors import CodecError
+from norton_drivers.codecs import canopen as protocol
+from norton_drivers.codecs import canopen_torque, cia402
+from norton_drivers.codecs.canopen_torque import TorqueField
+from norton_drivers.codecs.canopen_words import describe_error, describe_nmt_state
+from norton_drivers.codecs.cia402 import Mode, State
+from norton_drivers.codecs.errors import CodecError
 
 FRAMES = 100_000
 

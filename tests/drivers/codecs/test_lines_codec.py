@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.codecs.errors import CodecError
-from drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers, signed_text
-from drivers.codecs.mantracourt import ANSWER, question, question_in
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers, signed_text
+from norton_drivers.codecs.mantracourt import ANSWER, question, question_in
 
 PLAIN = NumberFormat()
 NUMBERS = st.floats(-99_999.9, 99_999.9)

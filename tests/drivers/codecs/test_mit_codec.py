@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from motor_driver import canmotorlib
 from TMotorCANControl.mit_can import CAN_Manager, MIT_Params
 
-from drivers.codecs import mit
-from drivers.codecs.errors import CodecError
-from drivers.codecs.mit import Ranges, Reply, Special
+from norton_drivers.codecs import mit
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.mit import Ranges, Reply, Special
 
 RANGES = Ranges(12.5, 50.0, 18.0)  # AK80-9, as both packages have it (but for the velocity of one)
 CODES12, CODES16 = st.integers(0, 4095), st.integers(0, 65535)

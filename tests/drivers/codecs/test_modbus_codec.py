@@ -11,9 +11,9 @@ from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ExceptionResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadHoldingRegistersResponse
 
-from drivers.codecs.crc import crc16_modbus
-from drivers.codecs.errors import CodecError
-from drivers.codecs.modbus import (
+from norton_drivers.codecs.crc import crc16_modbus
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.modbus import (
     AnswerStream,
     ReadAnswer,
     ReadRequest,

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.codecs import odrive
-from drivers.codecs import odrive_05_words as words
-from drivers.codecs.errors import CodecError
-from drivers.codecs.odrive_05 import (
+from norton_drivers.codecs import odrive
+from norton_drivers.codecs import odrive_05_words as words
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.odrive_05 import (
     ERROR_ESTOP,
     ERROR_INVALID_STATE,
     ERROR_MOTOR_FAILED,

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.codecs import odrive
-from drivers.codecs.errors import CodecError
-from drivers.codecs.odrive_words import describe_axis_state, describe_errors, describe_procedure_result
+from norton_drivers.codecs import odrive
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.odrive_words import describe_axis_state, describe_errors, describe_procedure_result
 
 # (message, payload): written by hand from the manual's table of messages, little-endian.
 TABLE = [

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.codecs.errors import CodecError
-from drivers.codecs.slcan import SlcanFrame, SlcanStream, decode_flags, encode_flags
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.slcan import SlcanFrame, SlcanStream, decode_flags, encode_flags
 
 TABLE = [
     (SlcanFrame(0x100, b"\x11\x22\x33", 3), b"t1003112233\r"),

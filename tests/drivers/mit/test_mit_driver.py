@@ -6,9 +6,9 @@ import random
 import can
 import pytest
 
-from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
-from drivers.mit import MitActuator, open_amplifier
-from drivers.readings import DriveState
+from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
+from norton_drivers.mit import MitActuator, open_amplifier
+from norton_drivers.readings import DriveState
 
 NODE, MASTER = 5, 0
 P, V, T = 12.5, 50.0, 18.0

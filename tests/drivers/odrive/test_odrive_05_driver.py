@@ -6,12 +6,12 @@ from functools import partial
 import can
 import pytest
 
-from drivers.codecs import odrive, odrive_05
-from drivers.codecs.odrive import AxisState, Command
-from drivers.codecs.odrive_05 import Command05
-from drivers.errors import DeviceError, DeviceTimeoutError, WiringError
-from drivers.odrive import ODrive, open_amplifier
-from drivers.readings import DriveState
+from norton_drivers.codecs import odrive, odrive_05
+from norton_drivers.codecs.odrive import AxisState, Command
+from norton_drivers.codecs.odrive_05 import Command05
+from norton_drivers.errors import DeviceError, DeviceTimeoutError, WiringError
+from norton_drivers.odrive import ODrive, open_amplifier
+from norton_drivers.readings import DriveState
 
 NODE = 5
 TURN = 2 * math.pi

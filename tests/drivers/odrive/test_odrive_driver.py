@@ -7,11 +7,11 @@ from itertools import pairwise
 import can
 import pytest
 
-from drivers.codecs import odrive as protocol
-from drivers.codecs.odrive import AxisState, Command
-from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
-from drivers.odrive import ODrive, open_amplifier
-from drivers.readings import DriveState
+from norton_drivers.codecs import odrive as protocol
+from norton_drivers.codecs.odrive import AxisState, Command
+from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
+from norton_drivers.odrive import ODrive, open_amplifier
+from norton_drivers.readings import DriveState
 
 NODE = 5
 TURN = 2 * math.pi

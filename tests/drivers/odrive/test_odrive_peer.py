@@ -7,12 +7,12 @@ from itertools import pairwise
 import can
 import pytest
 
-from drivers.errors import DeviceError
-from drivers.hardware import HardwareBackend
-from drivers.link import Link
-from drivers.odrive import open_amplifier
-from drivers.readings import DriveState
-from drivers.wiring import CanBusSettings, DeviceSettings
+from norton_drivers.errors import DeviceError
+from norton_drivers.hardware import HardwareBackend
+from norton_drivers.link import Link
+from norton_drivers.odrive import open_amplifier
+from norton_drivers.readings import DriveState
+from norton_drivers.wiring import CanBusSettings, DeviceSettings
 from tests.drivers.odrive.odrive_mock import GROUP, NODE, mock_drive
 
 UDP_PORT = 30_000 + os.getpid() % 2_000

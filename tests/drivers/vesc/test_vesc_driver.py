@@ -8,9 +8,9 @@ import can
 import pytest
 from crccheck.crc import CrcXmodem
 
-from drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
-from drivers.readings import DriveState
-from drivers.vesc import Vesc, open_amplifier
+from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
+from norton_drivers.readings import DriveState
+from norton_drivers.vesc import Vesc, open_amplifier
 
 NODE, HOST = 23, 254
 POLE_PAIRS = 7

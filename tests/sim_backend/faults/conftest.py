@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 import can
 import pytest
 
-from drivers.bota import BotaSensor, open_torque_sensor
-from drivers.link import Link
-from drivers.odrive import ODrive, open_amplifier
-from drivers.ports import CanPort
-from drivers.wiring import Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.faults.schema import Fault
+from norton_drivers.bota import BotaSensor, open_torque_sensor
+from norton_drivers.link import Link
+from norton_drivers.odrive import ODrive, open_amplifier
+from norton_drivers.ports import CanPort
+from norton_drivers.wiring import Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.faults.schema import Fault
 
 MS = 1_000_000
 

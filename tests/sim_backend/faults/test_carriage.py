@@ -7,7 +7,7 @@ from itertools import pairwise
 import can
 import pytest
 
-from sim_backend.faults.schema import Corrupt, Delay, Drop, Duplicate, Reorder
+from norton_sim.faults.schema import Corrupt, Delay, Drop, Duplicate, Reorder
 from tests.sim_backend.faults.conftest import MS, Host
 
 MakeHost = Callable[..., Host]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import serial
 
-from drivers.errors import ConnectionFailedError
-from sim_backend.faults.schema import BabblingNode, BusOff, Dropout, Unplugged
-from sim_backend.trouble import CAN_ERR_BUS_OFF, TRANSMIT_QUEUE
+from norton_drivers.errors import ConnectionFailedError
+from norton_sim.faults.schema import BabblingNode, BusOff, Dropout, Unplugged
+from norton_sim.trouble import CAN_ERR_BUS_OFF, TRANSMIT_QUEUE
 from tests.sim_backend.faults.conftest import MS, Host
 
 MakeHost = Callable[..., Host]

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.wiring import Wiring
-from sim_backend.faults.reading import read_faults
-from sim_backend.faults.schema import KINDS, Carriage, Fault
-from sim_backend.tables import keys_of
+from norton_drivers.wiring import Wiring
+from norton_sim.faults.reading import read_faults
+from norton_sim.faults.schema import KINDS, Carriage, Fault
+from norton_sim.tables import keys_of
 
 TEXT = (Path(__file__).parents[3] / "docs" / "faults.md").read_text()
 COMMON = {*keys_of(Carriage), "kind"}

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.errors import WiringError
-from drivers.rehearsal import Rehearsal
-from drivers.wiring import Wiring
-from sim_backend.backend import SimulatedBackend
-from sim_backend.faults.schema import Dropout, EncoderJump, Stuck
+from norton_drivers.errors import WiringError
+from norton_drivers.rehearsal import Rehearsal
+from norton_drivers.wiring import Wiring
+from norton_sim.backend import SimulatedBackend
+from norton_sim.faults.schema import Dropout, EncoderJump, Stuck
 from tests.sim_backend.faults.conftest import MS, Host
 
 MakeHost = Callable[..., Host]

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.readings import DriveState
-from sim_backend.faults.schema import (
+from norton_drivers.readings import DriveState
+from norton_sim.faults.schema import (
     BrokenCoupling,
     DriveError,
     Fault,

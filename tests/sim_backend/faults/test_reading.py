@@ -6,11 +6,11 @@ from math import inf, isnan
 
 import pytest
 
-from drivers.errors import WiringError
-from drivers.wiring import Wiring
-from sim_backend.faults.injection import COUNTED_EFFECTS, EFFECTS
-from sim_backend.faults.reading import read_faults
-from sim_backend.faults.schema import KINDS, Delay, FalseReading, Fault, HostStall
+from norton_drivers.errors import WiringError
+from norton_drivers.wiring import Wiring
+from norton_sim.faults.injection import COUNTED_EFFECTS, EFFECTS
+from norton_sim.faults.reading import read_faults
+from norton_sim.faults.schema import KINDS, Delay, FalseReading, Fault, HostStall
 
 
 def read(text: str, wiring: Wiring) -> tuple[Fault, ...]:

@@ -6,7 +6,7 @@ from math import nan, radians
 import numpy as np
 import pytest
 
-from sim_backend.faults.schema import BiasJump, EncoderJump, FalseReading, Freeze, Saturation, SignFlip
+from norton_sim.faults.schema import BiasJump, EncoderJump, FalseReading, Freeze, Saturation, SignFlip
 from tests.sim_backend.faults.conftest import MS, Host
 
 MakeHost = Callable[..., Host]

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from sim_backend.truth import Truth, read_truth
+from norton_sim.truth import Truth, read_truth
 
 DRIVE = {"amplifier_bandwidth": "600 rad/s"}
 OUTPUT = {"inertia": "5e-5 kg*m^2", "viscous_damping": "5e-4 N*m*s/rad"}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim_backend.plant import Plant
+from norton_sim.plant import Plant
 from tests.sim_backend.plants.actuators import MODULATOR, truth_of
 
 MS = 1_000_000

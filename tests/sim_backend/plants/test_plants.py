@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from drivers.errors import WiringError
-from sim_backend.plant import Plant
-from sim_backend.plants.arm import BEGAN, REACH_COLUMNS, begin_reach, place
-from sim_backend.truth import read_truth, true_parameters
+from norton_drivers.errors import WiringError
+from norton_sim.plant import Plant
+from norton_sim.plants.arm import BEGAN, REACH_COLUMNS, begin_reach, place
+from norton_sim.truth import read_truth, true_parameters
 from tests.sim_backend.plants.actuators import ACTUATORS, LOAD, MODULATOR, MOTOR, table_of, truth_of
 
 MS = 1_000_000

@@ -8,16 +8,16 @@ from typing import Any
 import can
 from pydantic import Field
 
-from drivers.errors import DeviceError, DeviceTimeoutError
-from drivers.inbox import Inbox
-from drivers.link import Link
-from drivers.options import DeviceOptions, parse_options
-from drivers.ports import CanPort
-from drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from drivers.recognition import Recognised
-from drivers.waiting import wait_until
-from drivers.wiring import DeviceSettings
 from norton_bench_turnwell import protocol
+from norton_drivers.errors import DeviceError, DeviceTimeoutError
+from norton_drivers.inbox import Inbox
+from norton_drivers.link import Link
+from norton_drivers.options import DeviceOptions, parse_options
+from norton_drivers.ports import CanPort
+from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
+from norton_drivers.recognition import Recognised
+from norton_drivers.waiting import wait_until
+from norton_drivers.wiring import DeviceSettings
 
 FIRMWARES = (3, 4)
 STATE_PERIOD_NS = 20_000_000

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.ambiguity.conditions import Evidence, conditions, evidence_of
-from bench.identification.ambiguity.settling import Settling
-from bench.identification.ambiguity.zero_range import ZeroRange
-from bench.identification.model_free.impedance_table import ImpedanceTable
-from bench.identification.model_free.without_model import without_model
-from bench.identification.results import SourceMap, Trace
-from bench.identification.signals import signals
-from bench.identification.validation import validate
-from bench.segments import Use
+from norton_bench.identification.ambiguity.conditions import Evidence, conditions, evidence_of
+from norton_bench.identification.ambiguity.settling import Settling
+from norton_bench.identification.ambiguity.zero_range import ZeroRange
+from norton_bench.identification.model_free.impedance_table import ImpedanceTable
+from norton_bench.identification.model_free.without_model import without_model
+from norton_bench.identification.results import SourceMap, Trace
+from norton_bench.identification.signals import signals
+from norton_bench.identification.validation import validate
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bench.identification.ambiguity.settling import settling
-from bench.records import MOTION, TICK, Measured, SegmentInfo
-from bench.segments import Use
+from norton_bench.identification.ambiguity.settling import settling
+from norton_bench.records import MOTION, TICK, Measured, SegmentInfo
+from norton_bench.segments import Use
 
 TICK_NS, DWELL = 1_000_000, 400
 LEVELS = np.repeat(np.concatenate([np.linspace(-0.08, 0.08, 11), np.linspace(0.08, -0.08, 11)[1:]]), DWELL)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from bench.identification.aligned import align
-from bench.identification.ambiguity.zero_range import zero_range
-from bench.identification.signals import FINE, Signals
-from bench.records import SegmentInfo
-from bench.segments import Use
+from norton_bench.identification.aligned import align
+from norton_bench.identification.ambiguity.zero_range import zero_range
+from norton_bench.identification.signals import FINE, Signals
+from norton_bench.records import SegmentInfo
+from norton_bench.segments import Use
 
 TICK_S, COUNT, NOISE_NM = 1e-3, 3000, 6e-4
 LOOP = SegmentInfo(0, "imposed", "loop 20 mrad", Use.IDENTIFY, "admittance", 0, COUNT * 1_000_000)

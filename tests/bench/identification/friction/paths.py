@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from bench.identification.friction.equation import Equation, blocked_folds
-from bench.identification.friction.path import Path
+from norton_bench.identification.friction.equation import Equation, blocked_folds
+from norton_bench.identification.friction.path import Path
 
 DT_S = 1e-3
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.friction import additive
-from bench.identification.friction.family import model
-from bench.identification.ladder import fit_friction
+from norton_bench.identification.friction import additive
+from norton_bench.identification.friction.family import model
+from norton_bench.identification.ladder import fit_friction
 from tests.bench.identification.friction.paths import equation_of, path_of, wandering
 
 NOISE = 1e-3

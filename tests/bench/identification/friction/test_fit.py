@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from bench.errors import ExperimentError, UsageError
-from bench.identification.friction.bounded import bounded_solution
-from bench.identification.friction.family import FAMILY, family_for, model
-from bench.identification.friction.path import Path
-from bench.identification.ladder import fit_friction
+from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.identification.friction.bounded import bounded_solution
+from norton_bench.identification.friction.family import FAMILY, family_for, model
+from norton_bench.identification.friction.path import Path
+from norton_bench.identification.ladder import fit_friction
 from tests.bench.identification.friction.paths import equation_of, path_of, wandering
 
 NOISE = 2e-3

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.segments import Use
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import FREE, IMPOSED, TICK_S, Plan, Truth, multisine, smooth
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bench.identification.live.drift import MAY_MOVE, RATES, _Record, drift_of
-from bench.identification.regression import COULOMB, GAIN, INERTIA, VISCOUS
-from bench.identification.separable import solve
-from bench.identification.signals import signals
-from bench.identification.soundness.blocks import Blocks
-from bench.segments import Use
+from norton_bench.identification.live.drift import MAY_MOVE, RATES, _Record, drift_of
+from norton_bench.identification.regression import COULOMB, GAIN, INERTIA, VISCOUS
+from norton_bench.identification.separable import solve
+from norton_bench.identification.signals import signals
+from norton_bench.identification.soundness.blocks import Blocks
+from norton_bench.segments import Use
 from tests.bench.identification.live.phases import drifting, exciting_for
 from tests.bench.identification.synthetic import TICK_S, Truth
 

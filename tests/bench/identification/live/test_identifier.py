@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.fit import fit
-from bench.identification.live.identifier import LATEST_S, LiveIdentifier
-from bench.identification.live.moved import changes
-from bench.models.parameters import Status
-from bench.segments import Use
+from norton_bench.identification.fit import fit
+from norton_bench.identification.live.identifier import LATEST_S, LiveIdentifier
+from norton_bench.identification.live.moved import changes
+from norton_bench.models.parameters import Status
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.live.phases import PART_NS, drifting, exciting_for, exciting_then, feed
 from tests.bench.identification.synthetic import NAMES, TICK_S, Truth

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.live.moved import changes, with_what_moved
-from bench.models.parameters import Status
+from norton_bench.identification.live.moved import changes, with_what_moved
+from norton_bench.models.parameters import Status
 
 NAME = "viscous_damping"
 

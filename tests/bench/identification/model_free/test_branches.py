@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from bench.errors import ExperimentError
-from bench.identification.model_free.branches import dead_zone, hysteresis, monotone
-from bench.identification.results import SourceMap
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.model_free.branches import dead_zone, hysteresis, monotone
+from norton_bench.identification.results import SourceMap
 
 LEVELS = np.linspace(-1.0, 1.0, 11)
 BREAKAWAY, SLOPE, STD = 0.3, 50.0, 0.1

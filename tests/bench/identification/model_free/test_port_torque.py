@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.model_free.impedance_table import ImpedanceTable
-from bench.identification.model_free.port_torque import PortTorque
-from bench.identification.model_free.source_map import source_map
-from bench.identification.sensor_zero import SensorZero
-from bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo
-from bench.segments import Use
+from norton_bench.identification.model_free.impedance_table import ImpedanceTable
+from norton_bench.identification.model_free.port_torque import PortTorque
+from norton_bench.identification.model_free.source_map import source_map
+from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo
+from norton_bench.segments import Use
 from tests.bench.identification.synthetic import Bench
 
 TICK_S, DWELL_TICKS = 1e-3, 400

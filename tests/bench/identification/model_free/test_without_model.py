@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from bench.identification.aligned import align, usable_of
-from bench.identification.model_free.impedance_table import ImpedanceTable, impedance_table
-from bench.identification.model_free.stop_operator import (
+from norton_bench.identification.aligned import align, usable_of
+from norton_bench.identification.model_free.impedance_table import ImpedanceTable, impedance_table
+from norton_bench.identification.model_free.stop_operator import (
     COMMAND_TICKS,
     ELEMENTS,
     Normal,
     fit_operator,
     operator_columns,
 )
-from bench.identification.model_free.without_model import without_model
-from bench.identification.signals import FINE, Signals, signals
-from bench.identification.validation import validate
-from bench.segments import Use
+from norton_bench.identification.model_free.without_model import without_model
+from norton_bench.identification.signals import FINE, Signals, signals
+from norton_bench.identification.validation import validate
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
 

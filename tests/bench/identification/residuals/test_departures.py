@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.expansion import Expansion, Sums
-from bench.identification.held_out import LEAST_GAIN
-from bench.identification.residuals.departures import departures, greatest_share
-from bench.identification.signals import signals
-from bench.segments import Use
+from norton_bench.identification.expansion import Expansion, Sums
+from norton_bench.identification.held_out import LEAST_GAIN
+from norton_bench.identification.residuals.departures import departures, greatest_share
+from norton_bench.identification.signals import signals
+from norton_bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S, Truth
 
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bench.identification.aligned import align
-from bench.identification.fit import fit
-from bench.identification.kernels import FULL_BAND
-from bench.identification.residuals.dependence import dependence
-from bench.identification.residuals.diagnosis import STRIDE, diagnose, residual_tests
-from bench.identification.residuals.whiteness import MEMORY_LAGS, memory, whiten
-from bench.identification.signals import signals
-from bench.segments import Use
+from norton_bench.identification.aligned import align
+from norton_bench.identification.fit import fit
+from norton_bench.identification.kernels import FULL_BAND
+from norton_bench.identification.residuals.dependence import dependence
+from norton_bench.identification.residuals.diagnosis import STRIDE, diagnose, residual_tests
+from norton_bench.identification.residuals.whiteness import MEMORY_LAGS, memory, whiten
+from norton_bench.identification.signals import signals
+from norton_bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S
 
 STEP_S = STRIDE * TICK_S

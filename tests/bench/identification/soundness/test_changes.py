@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.identification.regression import INERTIA, VISCOUS
-from bench.identification.separable import Solution, solve
-from bench.identification.signals import signals
-from bench.identification.soundness import doubts as looked_at
-from bench.identification.soundness.blocks import BLOCK_ROWS, Blocks, loud
-from bench.identification.soundness.doubts import doubts
-from bench.segments import Use
+from norton_bench.identification.regression import INERTIA, VISCOUS
+from norton_bench.identification.separable import Solution, solve
+from norton_bench.identification.signals import signals
+from norton_bench.identification.soundness import doubts as looked_at
+from norton_bench.identification.soundness.blocks import BLOCK_ROWS, Blocks, loud
+from norton_bench.identification.soundness.doubts import doubts
+from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench.errors import ExperimentError
-from bench.identification.bootstrap import DRAWS
-from bench.identification.fit import fit
-from bench.identification.soundness.recording import NOTHING_FOUND, sound
-from bench.models.parameters import Status
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.bootstrap import DRAWS
+from norton_bench.identification.fit import fit
+from norton_bench.identification.soundness.recording import NOTHING_FOUND, sound
+from norton_bench.models.parameters import Status
 from tests.bench.identification import synthetic
 from tests.bench.identification.soundness import faulty
 from tests.bench.identification.soundness.faulty import command, late, position, rows, stepped, torque, values, without

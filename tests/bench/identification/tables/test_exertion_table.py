@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.identification.tables.exertion_table import ExertionTable, Held, shake_lines
-from bench.identification.tables.means import BLOCKS, Mean, mean_of
-from bench.identification.tables.sines import line_amplitudes
-from bench.identification.tables.sweeps import Swept, swept
-from bench.records import TICK
+from norton_bench.identification.tables.exertion_table import ExertionTable, Held, shake_lines
+from norton_bench.identification.tables.means import BLOCKS, Mean, mean_of
+from norton_bench.identification.tables.sines import line_amplitudes
+from norton_bench.identification.tables.sweeps import Swept, swept
+from norton_bench.records import TICK
 from tests.bench.identification.tables.springs import HELD, NOISE_NM, backlash, table
 
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bench.identification.tables.exertion_table import ExertionTable, Held
-from bench.identification.tables.means import Mean, Setting
-from bench.identification.tables.modulation import modulated
-from bench.identification.tables.source_table import SourceLevel, SourceTable
-from bench.report.facts_tables import modulation_sentences
-from bench.report.words import Units
+from norton_bench.identification.tables.exertion_table import ExertionTable, Held
+from norton_bench.identification.tables.means import Mean, Setting
+from norton_bench.identification.tables.modulation import modulated
+from norton_bench.identification.tables.source_table import SourceLevel, SourceTable
+from norton_bench.report.facts_tables import modulation_sentences
+from norton_bench.report.words import Units
 
 UNITS = Units("rad", "N*m/rad")
 

@@ -5,9 +5,9 @@ from itertools import accumulate
 import numpy as np
 import pytest
 
-from bench.errors import ExperimentError
-from bench.identification.tables.modulator import modulator_places
-from bench.records import MOTION, TICK, Measured
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.tables.modulator import modulator_places
+from norton_bench.records import MOTION, TICK, Measured
 
 TICKS, COUNT_RAD = 2000, 5e-5
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.errors import ExperimentError
-from bench.identification.tables.exertion_table import ExertionTable, Held
-from bench.identification.tables.means import Mean, Setting
-from bench.identification.tables.source_table import SourceLevel, SourceTable, source_table
-from bench.identification.tables.two_ports import two_ports
-from bench.records import MOTION, TICK, Measured, SegmentInfo, join
-from bench.segments import Use
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.tables.exertion_table import ExertionTable, Held
+from norton_bench.identification.tables.means import Mean, Setting
+from norton_bench.identification.tables.source_table import SourceLevel, SourceTable, source_table
+from norton_bench.identification.tables.two_ports import two_ports
+from norton_bench.records import MOTION, TICK, Measured, SegmentInfo, join
+from norton_bench.segments import Use
 
 MS = 1_000_000
 HELD = Setting(0.1)

@@ -1,0 +1,154 @@
+"""A look at a rig: who is there, how fast and how evenly each device speaks, what is wrong."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from statistics import median
+
+from norton_bench.check.absent import explain_silence
+from norton_bench.check.baud import explain_noise
+from norton_bench.check.buses import check_bus, remarks_on
+from norton_bench.check.doubles import contradictory
+from norton_bench.check.findings import BusCheck, DeviceCheck, Problem, RigCheck
+from norton_bench.check.host import host_remarks, look_at_host
+from norton_bench.check.moving import announcement, check_moving
+from norton_bench.check.probing import ask_everybody
+from norton_bench.check.streams import status_problems, stream_problems, streams_of
+from norton_bench.check.survey import Survey
+from norton_bench.check.watch import Watched, open_watched, watch
+from norton_bench.errors import BenchError, ExperimentError, OperatorStopError
+from norton_bench.loop.loop import never_stop
+from norton_bench.rig.rig import Rig
+from norton_drivers.backend import Backend
+from norton_drivers.errors import DeviceError, DeviceTimeoutError
+from norton_drivers.link import Link
+from norton_drivers.recognition import Recognition, answers_remotely
+from norton_drivers.registry import load_backend, recognition
+from norton_drivers.wiring import CanBusSettings, DeviceSettings
+
+WATCH_S = 1.0
+
+
+@dataclass(frozen=True)
+class Permission:
+    """To move the shaft: ``say`` is told what is about to happen, ``stop_request`` is asked every tick."""
+
+    say: Callable[[str], None]
+    stop_request: Callable[[], str | None] = never_stop
+
+
+def check_rig(
+    rig: Rig, *, seed: int | None = None, watch_s: float = WATCH_S, move: Permission | None = None
+) -> RigCheck:
+    """Open and watch every device of the rig. Nothing moves, but with ``move``, and then only where nothing is wrong.
+
+    Raises DeviceError where the backend itself cannot be opened, OperatorStopError where somebody stopped it.
+    """
+    with ExitStack() as stack:
+        backend: Backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
+        stack.callback(backend.close)
+        found = look(rig, backend, watch_s)
+        return found if move is None else _moved(rig, backend, found, move)
+
+
+def _moved(rig: Rig, backend: Backend, found: RigCheck, move: Permission) -> RigCheck:
+    if found.problems():
+        move.say("nothing is moved until what was found is mended")
+        return found
+    move.say(announcement(rig))
+    try:
+        moved = check_moving(rig, backend, move.stop_request)
+    except OperatorStopError:
+        raise
+    except (BenchError, DeviceError) as error:
+        return replace(found, whole=(*found.whole, error))
+    return replace(found, moved=moved.said, whole=(*found.whole, *moved.problems))
+
+
+def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
+    """As :func:`check_rig`, on a backend that is open already and stays so; its ports are closed again."""
+    survey, link, known = Survey(), Link(backend, rig.wiring.buses), recognition()
+    begun_ns = link.clock.now_ns()
+    try:
+        watched = [open_watched(settings, link, survey) for settings in rig.wiring.devices()]
+        lost = watch(watched, link, watch_s)
+        ask_everybody(watched, link, survey, known)
+        took_s = (link.clock.now_ns() - begun_ns) * 1e-9
+        troubles = link.troubles()
+    finally:
+        link.close()
+    host = None if backend.lock_step else look_at_host(rig, backend.clock)
+    seen = _Seen(rig, backend, survey, known, troubles, took_s or watch_s, watch_s)
+    buses = {settings.name: seen.bus(settings) for settings in rig.wiring.buses}
+    remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.bitrate_bit_s)]
+    return RigCheck(
+        devices=tuple(seen.device(each, buses) for each in watched),
+        buses=tuple(buses.values()),
+        host=host,
+        whole=() if lost is None else (lost,),
+        remarks=(*remarks, *(host_remarks(host, rig) if host is not None else ())),
+    )
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What was seen, and by whose help it is understood."""
+
+    rig: Rig
+    backend: Backend
+    survey: Survey
+    recognition: Mapping[str, Recognition]
+    troubles: Mapping[tuple[str, str], int]
+    took_s: float
+    watched_s: float
+
+    def bus(self, settings: CanBusSettings) -> BusCheck:
+        """One bus judged."""
+        name = settings.name
+        devices = [device for device in self.rig.wiring.devices() if device.bus == name]
+        counted = {what: count for (place, what), count in self.troubles.items() if place == f"bus {name}"}
+        return check_bus(settings, self.survey.buses[name], devices, self.recognition, counted, self.took_s)
+
+    def device(self, each: Watched, buses: Mapping[str, BusCheck]) -> DeviceCheck:
+        """One device judged, in the light of what else is heard on its bus."""
+        settings, streams = each.settings, streams_of(each, self.watched_s)
+        status = each.status() if each.status is not None else None
+        problems = [self._explained(problem, settings, buses) for problem in each.problems]
+        if each.identity is not None:
+            problems += stream_problems(each, streams, self.rig)
+            problems += status_problems(settings.role, status)
+            problems += _contradictions(each)
+        answer_s = self._answer_s(each)
+        return DeviceCheck(settings.role, settings.driver, each.identity, status, streams, tuple(problems), answer_s)
+
+    def _explained(self, problem: Problem, settings: DeviceSettings, buses: Mapping[str, BusCheck]) -> Problem:
+        if not isinstance(problem, DeviceTimeoutError):
+            return problem
+        if settings.bus is not None and settings.bus in buses:
+            bitrate_bit_s = next(bus.bitrate_bit_s for bus in self.rig.wiring.buses if bus.name == settings.bus)
+            return explain_silence(settings, problem, buses[settings.bus], bitrate_bit_s)
+        if settings.port is not None:
+            return explain_noise(settings, problem, self.survey.bytes_heard[settings.port], self.backend)
+        return problem
+
+    def _answer_s(self, each: Watched) -> float | None:
+        """The median time from a question to its first answer, while the device was asked who it is."""
+        bus = self.survey.buses.get(each.settings.bus or "")
+        offered = self.recognition.get(each.settings.driver, Recognition()).answers
+        answers = [answers_remotely] if offered is None else [answers_remotely, offered]
+        first_ns, last_ns = each.asked_ns
+        delays = [
+            found[0].stamp_ns - question.stamp_ns
+            for question, found in (() if bus is None else bus.answered(answers))
+            if first_ns <= question.stamp_ns <= last_ns
+        ]
+        return median(delays) * 1e-9 if delays else None
+
+
+def _contradictions(each: Watched) -> Iterator[Problem]:
+    for name in each.readings:
+        if name != "current" and contradictory(each.values(name)):
+            yield ExperimentError(
+                f"[{each.settings.role}] {name} readings jump to and fro between two values: two devices share its "
+                "address; give each one of its own"
+            )

@@ -1,0 +1,129 @@
+"""Everything that crosses the wires while a rig is looked at, by identifier and by serial port."""
+
+from collections import defaultdict, deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+
+import can
+
+from norton_drivers.readings import ERROR_FRAME, RawFrame
+from norton_drivers.recognition import Answers
+
+# Of one identifier: enough to see a rhythm, and no more than some seconds of the fastest stream.
+_KEPT = 5000
+# Of one identifier, frames that begin differently: several devices may answer under it.
+_KINDS = 16
+# An answer comes within this time after its question, or is none.
+_ANSWER_NS = 100_000_000
+_QUESTIONS = 500
+_LOGGED = 30_000
+_SERIAL = -1  # the identifier of what is no CAN frame
+
+
+@dataclass
+class HeardId:
+    """What came under one identifier: ``arrivals_ns`` of the frames, and the last of each that begins differently."""
+
+    extended: bool
+    arbitration_id: int
+    count: int = 0
+    arrivals_ns: list[int] = field(default_factory=list)
+    samples: dict[bytes, RawFrame] = field(default_factory=dict)
+    counts: dict[bytes, int] = field(default_factory=dict)
+
+    def note(self, frame: RawFrame) -> None:
+        self.count += 1
+        if len(self.arrivals_ns) < _KEPT:
+            self.arrivals_ns.append(frame.stamp_ns)
+        begins = frame.data[:1]
+        if begins in self.samples or len(self.samples) < _KINDS:
+            self.samples[begins] = frame
+            self.counts[begins] = self.counts.get(begins, 0) + 1
+
+    @property
+    def name(self) -> str:
+        """As a person writes it."""
+        return f"0x{self.arbitration_id:08X}" if self.extended else f"0x{self.arbitration_id:03X}"
+
+
+def message_of(frame: RawFrame) -> can.Message:
+    """A frame as a driver sees it."""
+    return can.Message(
+        arbitration_id=frame.arbitration_id,
+        is_extended_id=frame.extended,
+        is_remote_frame=frame.remote,
+        data=None if frame.remote else frame.data,
+        dlc=len(frame.data),
+    )
+
+
+Key = tuple[int, bool]  # identifier, and whether it is an extended one
+
+
+@dataclass
+class BusSurvey:
+    """One bus: what was heard by identifier, and everything that passed, both ways, in order."""
+
+    heard: dict[Key, HeardId] = field(default_factory=dict)
+    bits: int = 0
+    frames: int = 0  # heard, not sent
+    log: deque[RawFrame] = field(default_factory=lambda: deque(maxlen=_LOGGED))
+
+    def note(self, frame: RawFrame) -> None:
+        self.bits += bits_of(frame)
+        self.log.append(frame)
+        if not frame.sent:
+            self.frames += 1
+            key = (frame.arbitration_id, frame.extended)
+            self.heard.setdefault(key, HeardId(frame.extended, frame.arbitration_id)).note(frame)
+
+    def standard_ids(self) -> set[int]:
+        """The 11-bit identifiers heard."""
+        return {identifier for identifier, extended in self.heard if not extended}
+
+    def answered(self, answers: Sequence[Answers]) -> Iterator[tuple[RawFrame, list[RawFrame]]]:
+        """For each question that has any: its answers, until something is asked under its identifier again."""
+        log, questions = list(self.log), 0
+        for place, question in enumerate(log):
+            if question.sent and questions < _QUESTIONS:
+                found = list(_answers_to(question, islice(log, place + 1, None), answers))
+                questions += 1
+                if found:
+                    yield question, found
+
+
+def _answers_to(question: RawFrame, after: Iterable[RawFrame], answers: Sequence[Answers]) -> Iterator[RawFrame]:
+    for frame in after:
+        if frame.stamp_ns - question.stamp_ns > _ANSWER_NS:
+            return
+        if frame.sent:
+            if (frame.arbitration_id, frame.extended) == (question.arbitration_id, question.extended):
+                return
+        elif any(is_answer(question, frame) for is_answer in answers):
+            yield frame
+
+
+@dataclass
+class Survey:
+    """All buses and ports; :meth:`note` is the link's tap."""
+
+    buses: dict[str, BusSurvey] = field(default_factory=lambda: defaultdict(BusSurvey))
+    bytes_heard: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+
+    def note(self, frame: RawFrame) -> None:
+        if frame.arbitration_id == _SERIAL:
+            if not frame.sent:
+                self.bytes_heard[frame.channel] += len(frame.data)
+        elif not frame.arbitration_id & ERROR_FRAME:  # those are counted by the port
+            self.buses[frame.channel].note(frame)
+
+
+def bits_of(frame: RawFrame) -> int:
+    """About how many bits a classic frame takes on the bus, with a typical share of stuff bits and the gap after it.
+
+    Source: ISO 11898-1: 47 bits about the data of a standard frame, 67 of an extended one, 3 of them the gap; of those
+    before the CRC's end, at most every fifth is stuffed, in practice about one in twenty.
+    """
+    plain = (67 if frame.extended else 47) + 8 * (0 if frame.remote else len(frame.data))
+    return round(plain * 1.05)

@@ -1,0 +1,49 @@
+"""Arguments that several commands share."""
+
+import re
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from norton_bench.errors import UsageError
+
+RigFile = Annotated[Path, Parameter(name="RIG", help="A rig file.")]
+RecordingFile = Annotated[Path, Parameter(name="RECORDING", help="A recording (.mcap).")]
+Json = Annotated[bool, Parameter(help="Print one JSON document on stdout and nothing else there.")]
+Quiet = Annotated[bool, Parameter(help="Say nothing on the way.")]
+Seed = Annotated[int | None, Parameter(help="Seed of the simulation, instead of the rig file's.")]
+Backend = Annotated[str | None, Parameter(help='"hardware" or "simulated", instead of the rig file\'s.')]
+Out = Annotated[Path | None, Parameter(help="Folder for the results.")]
+
+
+RUNS = Path("runs")
+NUMBERS = re.compile(r"(\d+)(?:-(\d+))?")
+MOST_NUMBERS = 10_000
+
+
+def numbers_in(option: str, text: str) -> tuple[int, ...]:
+    """The numbers that "1-3,7" stands for, each once, in that order. Raises UsageError where ``option`` is no such."""
+    found: dict[int, None] = {}
+    for part in text.split(","):
+        match = NUMBERS.fullmatch(part.strip())
+        last = int(match[2] or match[1]) if match else -1
+        if match is None or last < int(match[1]):
+            raise UsageError(f'{option} "{text}": write numbers and ranges, such as 1-5 or 1,4,7')
+        if last - int(match[1]) >= MOST_NUMBERS:
+            raise UsageError(f'{option} "{text}": these are more than {MOST_NUMBERS}; ask for fewer')
+        found.update(dict.fromkeys(range(int(match[1]), last + 1)))
+    return tuple(found)
+
+
+def run_folder(out: Path | None, rig_name: str, runs: Path = RUNS) -> Path:
+    """The folder of this run, made: ``out``, or <runs>/<stamp>-<rig>. Raises UsageError where it cannot be made."""
+    folder = out if out is not None else runs / f"{datetime.now():%Y%m%d-%H%M%S}-{rig_name}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"{folder}: the folder cannot be made ({error.strerror}); choose another with --out"
+        ) from error
+    return folder

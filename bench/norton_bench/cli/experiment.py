@@ -1,0 +1,230 @@
+"""``identify`` and ``run``: an experiment from its files to its result."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from norton_bench.cli.arguments import Backend, Json, Out, Quiet, RigFile, Seed, run_folder
+from norton_bench.cli.output import Output
+from norton_bench.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from norton_bench.cli.operator import CommandLineOperator
+    from norton_bench.rig.rig import Rig
+    from norton_bench.session.engine import SessionResult
+    from norton_bench.session.progress import Progress
+    from norton_bench.session.schema import Session
+
+SessionFile = Annotated[Path, Parameter(name="SESSION", help="A session file.")]
+Until = Annotated[
+    str | None, Parameter(help='Choose excitations until every 95 % interval is within ± this of its value: "1%".')
+]
+AtMost = Annotated[str, Parameter(help="Bench time that --until may take in all.")]
+OtherRig = Annotated[Path | None, Parameter(name="--rig", help="A rig file, instead of the session's.")]
+DryRun = Annotated[bool, Parameter(help="Check every step and limit, and print the plan. Opens nothing.")]
+JUnit = Annotated[Path | None, Parameter(name="--junit", help="Also write a JUnit report to this file.")]
+SetValue = Annotated[
+    list[str] | None, Parameter(name="--set", help="A parameter of the session: --set speed=40. Repeat it for others.")
+]
+Answer = Annotated[
+    list[str] | None, Parameter(name="--answer", help="Answer a prompt beforehand: --answer fixture=A. Repeat it.")
+]
+Yes = Annotated[bool, Parameter(help='Answer every other prompt with its first choice, or "yes".')]
+Resume = Annotated[
+    Path | None, Parameter(help="Go on behind the last finished step of this recording, or the newest of this folder.")
+]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """How an experiment is to run, beside its rig and its session."""
+
+    out: Path | None = None
+    seed: int | None = None
+    junit: Path | None = None
+    resume: Path | None = None
+    answers: dict[str, str] = field(default_factory=dict)
+    yes: bool = False
+
+
+def identify(
+    rig_file: RigFile,
+    /,
+    *,
+    until: Until = None,
+    at_most: AtMost = "10 min",
+    backend: Backend = None,
+    seed: Seed = None,
+    out: Out = None,
+    junit: JUnit = None,
+    dry_run: DryRun = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Identify the actuator of a rig: tare, calibrate, free, blocked, imposed, validate, as far as the rig allows."""
+    from norton_bench.rig.load import load_rig  # noqa: PLC0415
+    from norton_bench.session.schema import refining_session, standard_session  # noqa: PLC0415
+
+    asked, at_most_s = _fraction(until), _quantity("--at-most", at_most, "s")
+    rig = load_rig(rig_file, backend=backend)
+    session = standard_session(rig) if asked is None else refining_session(rig, asked, at_most_s)
+    output = Output(json, quiet)
+    if dry_run:
+        return show_plan(rig, session, output)
+    return perform(rig, session, Wishes(out, seed, junit), output)
+
+
+def run(
+    session_file: SessionFile,
+    /,
+    *,
+    rig_file: OtherRig = None,
+    set_value: SetValue = None,
+    answer: Answer = None,
+    yes: Yes = False,
+    resume: Resume = None,
+    backend: Backend = None,
+    seed: Seed = None,
+    out: Out = None,
+    junit: JUnit = None,
+    dry_run: DryRun = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Run the steps of a session file on its rig."""
+    from norton_bench.rig.load import load_rig  # noqa: PLC0415
+    from norton_bench.session import answers, values  # noqa: PLC0415
+    from norton_bench.session.schema import load_session  # noqa: PLC0415
+
+    session = load_session(session_file, values.parsed(set_value or ()))
+    place = rig_file or session.rig
+    if place is None:
+        raise UsageError(f'{session_file}: names no rig; add rig = "../rigs/my-rig.toml", or give --rig')
+    rig, output = load_rig(place, backend=backend), Output(json, quiet)
+    if dry_run:
+        return show_plan(rig, session, output)
+    seed = session.seed if seed is None else seed
+    return perform(rig, session, Wishes(out, seed, junit, resume, answers.parsed(answer or ()), yes), output)
+
+
+def show_plan(rig: "Rig", session: "Session", output: Output) -> int:
+    """What the session would do, once everything is found to be in order."""
+    from norton_bench.cli.plan import plan_data, plan_view  # noqa: PLC0415
+    from norton_bench.session import dry_run  # noqa: PLC0415
+
+    found = dry_run.dry_run(session, rig)
+    output.result(plan_data(found, session, rig), plan_view(found, session, rig))
+    return ExitCode.OK
+
+
+def _fraction(until: str | None) -> float | None:
+    if until is None:
+        return None
+    asked = _quantity("--until", until, "")
+    if not 0 < asked < 1:
+        raise UsageError(f"--until {until}: must be between 0 and 100 %; write it like --until 1%")
+    return asked
+
+
+def _quantity(option: str, text: str, unit: str) -> float:
+    from norton_bench.units import parse_quantity  # noqa: PLC0415
+
+    try:
+        return parse_quantity(text, unit)
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from None
+
+
+def perform(rig: "Rig", session: "Session", wishes: Wishes, output: Output) -> int:
+    """Run ``session`` and show what came of it; returns the exit code."""
+    folder = run_folder(wishes.out, rig.name)
+    before = set(folder.iterdir())
+    output.say("preparing; the very first run compiles for a while")
+    try:
+        result = _run(rig, session, folder, wishes, output)
+    except BaseException:  # whatever ended it, the data are worth a word
+        _say_what_is_kept(folder, before, output)
+        raise
+    return _show(result, output)
+
+
+def _run(rig: "Rig", session: "Session", folder: Path, wishes: Wishes, output: Output) -> "SessionResult":
+    from norton_bench.cli.operator import operator_here  # noqa: PLC0415
+    from norton_bench.session.answers import Answers  # noqa: PLC0415
+    from norton_bench.session.engine import run_session  # noqa: PLC0415
+
+    with operator_here() as operator, _watching(rig, session, wishes, operator, output) as progress:
+        return run_session(
+            rig,
+            session,
+            out=folder,
+            seed=wishes.seed,
+            progress=progress,
+            operator=operator,
+            answers=Answers(wishes.answers, wishes.yes),
+            resume=wishes.resume,
+        )
+
+
+@contextmanager
+def _watching(
+    rig: "Rig", session: "Session", wishes: Wishes, operator: "CommandLineOperator", output: Output
+) -> Iterator["Progress"]:
+    """All who watch the session: the terminal, its operator, and the report for a CI server."""
+    from norton_bench.cli.progress import showing_progress  # noqa: PLC0415
+    from norton_bench.session.junit import JUnitReport  # noqa: PLC0415
+    from norton_bench.session.news import News, Teller  # noqa: PLC0415
+
+    with showing_progress(output, rig.tick_s) as shown:
+        watchers: list[Progress] = [shown, operator]
+        if wishes.junit is not None:
+            about = {"rig": rig.place, "session": session.place, "seed": str(wishes.seed or "")}
+            junit = JUnitReport(wishes.junit, f"norton-bench.{rig.name}", about)
+            junit.prepare()
+            watchers.append(junit)
+
+        def hear(news: News) -> None:
+            for watcher in watchers:
+                news.tell(watcher)
+
+        yield Teller(hear)
+
+
+def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:
+    for recording in sorted(set(folder.glob("*.mcap")) - before):
+        output.say(f"what was measured is kept in {recording}")
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _show(result: "SessionResult", output: Output) -> int:
+    from norton_bench.cli.results import events, expected, identification, summary, until_figures, until_sentences  # noqa: PLC0415
+
+    found, refined = result.conclusion, result.knowledge.refinement
+    data: dict[str, Any] = {**identification(found, result.recording), "events": events(result.measured)}
+    view = [summary(found, result.recording)]
+    if refined is not None and found.fit is not None:
+        until = until_figures(refined, found.fit, len(result.measured.ticks) * result.knowledge.tick_s)
+        data["until"] = until
+        view.append(until_sentences(until))
+    if result.expectations:
+        data["expectations"] = [judged.__dict__ for judged in result.expectations]
+        view += expected(result.expectations)
+    output.result(data, *view)
+    return _judged(result, output)
+
+
+def _judged(result: "SessionResult", output: Output) -> int:
+    found = result.conclusion
+    missed = sum(not judged.met for judged in result.expectations)
+    if missed:
+        output.say(f"{missed} of {len(result.expectations)} expectations were not met")
+        return ExitCode.EXPERIMENT_FAILED
+    if found.fit is not None and found.fit.shortcoming:
+        output.say(found.fit.shortcoming)
+        return ExitCode.EXPERIMENT_FAILED
+    return ExitCode.OK

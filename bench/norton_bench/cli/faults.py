@@ -1,0 +1,142 @@
+"""``faults``: every fault on every rig, and what became of it."""
+
+import os
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from norton_bench.cli.arguments import Json, Quiet, RigFile, Seed
+from norton_bench.cli.output import Output
+from norton_bench.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from norton_bench.faults.campaign import Trial
+    from norton_bench.faults.case import Case, Outcome
+
+# One for each family of drives: those of them that lie in ./rigs are tried where none is named.
+FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit")
+
+Quick = Annotated[bool, Parameter(help="A choice of the faults, in a minute or two.")]
+Jobs = Annotated[int | None, Parameter(help="How many at a time; as many as this machine has cores.")]
+Only = Annotated[str | None, Parameter(help="Only faults in whose name, kind or place this occurs.")]
+
+
+def faults(
+    *rig_files: RigFile,
+    quick: Quick = False,
+    only: Only = None,
+    jobs: Jobs = None,
+    seed: Seed = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Rehearse faults on simulated rigs: who notices each, how soon both drives are off, and what is true meanwhile."""
+    from norton_bench.cli.progress import counting  # noqa: PLC0415
+    from norton_bench.faults.campaign import run_campaign  # noqa: PLC0415
+    from norton_bench.faults.case import Verdict  # noqa: PLC0415
+
+    output = Output(json, quiet)
+    trials = [
+        _trial(path, quick, only, losses=not (quick and number)) for number, path in enumerate(rig_files or _families())
+    ]
+    count = sum(trial.count for trial in trials)
+    if not count:
+        raise UsageError(f'--only "{only}": no fault has that in its name, kind or place; leave it out to see them all')
+    output.say(f"{count} faults on {', '.join(trial.rig.name for trial in trials)}; each rig is calibrated first")
+    with counting(output, count) as done:
+        outcomes = run_campaign(trials, jobs or os.cpu_count() or 1, seed, lambda outcome: done(_remark(outcome)))
+    output.result(faults_data(outcomes), faults_text(outcomes))
+    tried = [outcome.verdict for outcome in outcomes if outcome.verdict is not Verdict.SKIPPED]
+    return ExitCode.OK if all(verdict.safe for verdict in tried) else ExitCode.EXPERIMENT_FAILED
+
+
+def _families() -> list[Path]:
+    found = [path for path in (Path("rigs") / f"{name}.toml" for name in FAMILIES) if path.is_file()]
+    if not found:
+        raise UsageError(
+            "no rig is named, and none of the shipped ones lies in ./rigs; add one: norton-bench faults RIG"
+        )
+    return found
+
+
+def _trial(path: Path, quick: bool, only: str | None, losses: bool) -> "Trial":
+    """``losses``: the host is lost there too, which takes wall time."""
+    from norton_bench.faults.campaign import Trial  # noqa: PLC0415
+    from norton_bench.faults.matrix import cases, host_losses  # noqa: PLC0415
+    from norton_bench.rig.load import load_rig  # noqa: PLC0415
+
+    rig = load_rig(path, backend="simulated")
+
+    def chosen(all_cases: Sequence["Case"]) -> list["Case"]:
+        return [case for case in all_cases if (case.quick or not quick) and _named(case, only)]
+
+    return Trial(rig, chosen(cases(rig)), chosen(host_losses()) if losses else ())
+
+
+def _named(case: "Case", only: str | None) -> bool:
+    return only is None or any(only.lower() in text.lower() for text in (case.name, case.table["kind"], case.on))
+
+
+def _remark(outcome: "Outcome") -> str:
+    return f"{outcome.family}: {outcome.fault} ({outcome.on}): {outcome.verdict.value}"
+
+
+# ---- What is printed -----------------------------------------------------------------------------------------------
+
+
+def faults_data(outcomes: Sequence["Outcome"]) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {
+        "safe": all(outcome.verdict.safe for outcome in outcomes if outcome.verdict.value != "skipped"),
+        "cases": [
+            {
+                **vars(outcome),
+                "peak": outcome.peak._asdict(),
+                "peak_after": outcome.peak_after._asdict(),
+                "safe": outcome.verdict.safe,
+                "evidence": outcome.evidence,
+            }
+            for outcome in outcomes
+        ],
+    }
+
+
+def faults_text(outcomes: Sequence["Outcome"]) -> str:
+    """The same for a terminal: a line of figures for each fault, and below it who noticed, or what shows that it was no
+    danger. Times and peaks count from the fault on."""
+    lines: list[str] = []
+    for (family, rig), group in groupby(outcomes, key=lambda outcome: (outcome.family, outcome.rig)):
+        lines += [*_family_lines(family, rig, list(group)), ""]
+    safe = sum(outcome.verdict.safe for outcome in outcomes)
+    skipped = sum(outcome.verdict.value == "skipped" for outcome in outcomes)
+    left_out = f", {skipped} skipped" if skipped else ""
+    return "\n".join([*lines, f"{safe} of {len(outcomes) - skipped} faults end safely{left_out}."])
+
+
+def _family_lines(family: str, rig: str, outcomes: Sequence["Outcome"]) -> Iterator[str]:
+    allowed_ms = outcomes[0].allowed_s * 1e3
+    yield f"{family} ({rig}): a drive may go on for {allowed_ms:g} ms, its watchdog's period and two ticks"
+    headings = ("noticed", "off", "torque", "speed")
+    yield f"  {'fault':<34}{'on':<15}{'ends':<16}{''.join(f'{heading:>12}' for heading in headings)}  drives"
+    for outcome in outcomes:
+        figures = (
+            _figure(outcome.detected_s, 1e3, "ms"),
+            _figure(outcome.off_s, 1e3, "ms"),
+            _figure(outcome.peak.torque_nm, 1.0, "N*m"),
+            _figure(outcome.peak.velocity_rad_s, 1.0, "rad/s"),
+        )
+        columns = "".join(f"{figure:>12}" for figure in figures)
+        drives = ", ".join(dict.fromkeys(outcome.drives.values()))
+        yield f"  {outcome.fault:<34}{outcome.on:<15}{outcome.verdict.value:<16}{columns}  {drives}"
+        yield f"      {outcome.guard or (outcome.evidence if outcome.verdict.safe else 'nobody noticed')}"
+
+
+def _figure(value: float | None, scale: float, unit: str) -> str:
+    if value is None or not isfinite(value):
+        return "–"
+    scaled = value * scale
+    return f"{scaled:.0f} {unit}" if abs(scaled) >= 10 else f"{scaled:.2g} {unit}"

@@ -1,0 +1,204 @@
+"""``network show``, ``convert``, ``plot`` and ``export``: what can be done with a network in a file."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from norton_bench.cli.arguments import Json
+from norton_bench.cli.output import Output
+from norton_bench.errors import ExitCode, UsageError
+from norton_bench.units import parse_quantity
+
+if TYPE_CHECKING:
+    from norton_bench.networks.checks import Finding
+    from norton_bench.networks.family import Network
+
+NetworkFile = Annotated[Path, Parameter(name="FILE", help="A network file (JSON).")]
+Type = Annotated[Literal["thevenin", "norton"] | None, Parameter(name="--type", help="Type of the source.")]
+FormName = Annotated[Literal["impedance", "admittance"] | None, Parameter(name="--form", help="Operational form.")]
+Out = Annotated[Path | None, Parameter(name="--out", help="The file to write, instead of one beside FILE.")]
+Settle = Annotated[str, Parameter(help="How long a network with states is given to come to rest.")]
+Span = Annotated[float | None, Parameter(help="Greatest command shown, in the command's unit.")]
+
+Target = Annotated[Literal["mujoco", "c", "fmu", "rig"], Parameter(name="--to", help="What it is written for.")]
+IntoRig = Annotated[
+    Path | None, Parameter(name="--rig", help="With --to rig: the simulated rig to put it into, if not its own.")
+]
+
+ENDINGS = {"mujoco": ".mjcf.xml", "c": ".h", "fmu": ".fmu", "rig": "-network.toml"}
+
+
+def show(file: NetworkFile, /, *, settle: Settle = "1 s", json: Json = False) -> int:
+    """What the network is, what its port can tell of it, and which equivalents it has."""
+    from norton_bench.networks.checks import check  # noqa: PLC0415  (numpy and scipy are slow to import)
+    from norton_bench.networks.family import commands_of, form_of, kind_of  # noqa: PLC0415
+    from norton_bench.networks.files import load  # noqa: PLC0415
+
+    network = load(file)
+    findings = check(network, settle_s=_seconds(settle))
+    data: dict[str, Any] = {
+        "file": file,
+        "type": kind_of(network).value,
+        "form": form_of(network).value,
+        "equations": _equations(network),
+        "commands": commands_of(network),
+        "conditions": [
+            {"condition": each.condition, "holds": each.holds, "why": each.why, "interval_rad": each.interval_rad}
+            for each in findings
+        ],
+        "equivalents": _equivalents(network),
+        "provenance": dict(network.provenance),
+    }
+    Output(json).result(data, "\n".join(_lines(data, findings)))
+    return ExitCode.OK
+
+
+def convert(
+    file: NetworkFile, /, *, kind: Type = None, form: FormName = None, out: Out = None, json: Json = False
+) -> int:
+    """Write the exact equivalent network of another type, form or both; what is not named stays."""
+    from norton_bench.networks.family import converted, form_of, kind_of  # noqa: PLC0415
+    from norton_bench.networks.files import load, save  # noqa: PLC0415
+    from norton_bench.networks.kinds import Form, Kind, NoConversionError  # noqa: PLC0415
+
+    network = load(file)
+    wanted = (Kind(kind) if kind else kind_of(network), Form(form) if form else form_of(network))
+    try:
+        found = converted(network, *wanted)
+    except NoConversionError as error:
+        raise NoConversionError(f"{file}: {error}") from error
+    path = out or file.with_name(f"{_stem(file)}.{wanted[0].value}-{wanted[1].value}.json")
+    save(found.with_provenance({"converted_from": file.name}), path)
+    Output(json).result({"network": path, "type": wanted[0].value, "form": wanted[1].value}, str(path))
+    return ExitCode.OK
+
+
+def plot(
+    file: NetworkFile, /, *, out: Out = None, span: Span = None, settle: Settle = "1 s", json: Json = False
+) -> int:
+    """Draw source and impedance into an SVG, PNG or PDF file."""
+    from norton_bench.networks.files import load  # noqa: PLC0415
+    from norton_bench.networks.plots import save_plot  # noqa: PLC0415
+
+    path = out or file.with_name(f"{_stem(file)}.svg")
+    if span is not None and not span > 0.0:
+        raise UsageError(f"--span {span:g} shows nothing; give a command greater than zero")
+    save_plot(load(file), path, span=span, settle_s=_seconds(settle))
+    Output(json).result({"plot": path}, str(path))
+    return ExitCode.OK
+
+
+def export(file: NetworkFile, /, *, to: Target, rig_file: IntoRig = None, out: Out = None, json: Json = False) -> int:
+    """Write the network as a MuJoCo model, a self-contained C header, an FMU for co-simulation (FMI 3.0), or a rig file
+    whose simulated actuator it is."""
+    from norton_bench.networks.files import load  # noqa: PLC0415
+
+    output = Output(json)
+    path = out or file.with_name(f"{_stem(file)}{ENDINGS[to]}")
+    if rig_file is not None and to != "rig":
+        raise UsageError(f"--rig is for --to rig; leave it out with --to {to}")
+    try:
+        network = load(file)
+        left_out = _into_rig(network, rig_file, file, path) if to == "rig" else _exported(network, to, path)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    for sentence in left_out:
+        output.say(sentence)
+    output.result({"file": path, "to": to, "left_out": left_out}, str(path))
+    return ExitCode.OK
+
+
+def _into_rig(network: "Network", rig_file: Path | None, file: Path, path: Path) -> list[str]:
+    """The same for a rig file; the rig is the network's own where none is named."""
+    from norton_bench.models.network import NortonNetwork  # noqa: PLC0415
+    from norton_bench.rig.load import load_rig, parse_rig  # noqa: PLC0415
+    from norton_bench.rig.with_network import rig_with_network  # noqa: PLC0415
+
+    if not isinstance(network, NortonNetwork):
+        raise UsageError(f"{file}: is no identified motor, and the simulated plants know no other network yet")
+    if "scale" in network.provenance:
+        raise UsageError(f"{file}: knows only ratios of its parameters, so no machine follows; measure torque, too")
+    known = network.provenance.get("rig_file")
+    if rig_file is None and known is None:
+        raise UsageError(f"{file}: does not say which rig it is from; name a simulated one with --rig")
+    text, left_out = rig_with_network(load_rig(rig_file or Path(str(known)), backend="simulated"), network, path.stem)
+    parse_rig(text, place=str(path), backend="simulated")
+    path.write_text(text, encoding="utf-8")
+    return list(left_out)
+
+
+def _exported(network: "Network", to: str, path: Path) -> list[str]:
+    """Write it; returns in sentences what the file lacks."""
+    name = path.name.removesuffix(ENDINGS[to]).split(".")[0]
+    if to == "mujoco":
+        from norton_bench.networks.export.mjcf import export_mjcf  # noqa: PLC0415
+
+        model = export_mjcf(network, name)
+        path.write_text(model.text, encoding="utf-8")
+        return list(model.left_out)
+    if to == "c":
+        from norton_bench.networks.export.c_code import header  # noqa: PLC0415
+
+        path.write_text(header(network, name), encoding="utf-8")
+        return []
+    from norton_bench.networks.export.fmu import export_fmu  # noqa: PLC0415
+
+    compiled = export_fmu(network, path)
+    return (
+        [] if compiled else ["No C compiler was found, so the FMU has its source alone; the importer must compile it."]
+    )
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = parse_quantity(text, "s")
+    except ValueError as error:
+        raise UsageError(f"--settle: {error}") from error
+    if not value > 0.0:
+        raise UsageError(f'--settle "{text}" is no time to come to rest in; give more than zero, such as "1 s"')
+    return value
+
+
+def _stem(file: Path) -> str:
+    return file.name.removesuffix(".json").removesuffix(".network")
+
+
+def _equations(network: "Network") -> str:
+    from norton_bench.models.network import NortonNetwork  # noqa: PLC0415
+    from norton_bench.networks.linear import LinearNetwork  # noqa: PLC0415
+
+    if isinstance(network, NortonNetwork):
+        return "dahl motor"
+    return "linear" if isinstance(network, LinearNetwork) else "nonlinear"
+
+
+def _equivalents(network: "Network") -> list[dict[str, Any]]:
+    """The four shapes: whether the network has an equivalent of it, or why it has none."""
+    from norton_bench.networks.family import converted  # noqa: PLC0415
+    from norton_bench.networks.kinds import Form, Kind, NoConversionError  # noqa: PLC0415
+
+    found = []
+    for kind in Kind:
+        for form in Form:
+            try:
+                converted(network, kind, form)
+                why = None
+            except NoConversionError as error:
+                why = str(error)
+            found.append({"type": kind.value, "form": form.value, "exists": why is None, "why": why})
+    return found
+
+
+def _lines(data: dict[str, Any], findings: "tuple[Finding, ...]") -> Iterator[str]:
+    from norton_bench.networks.checks import VERDICTS  # noqa: PLC0415
+
+    commands = ", ".join(f"{name} [{unit or '-'}]" for name, unit in data["commands"].items())
+    yield f"{data['type']} network in {data['form']} form, {data['equations']}; commands: {commands or 'none'}"
+    for each in findings:
+        yield f"{each.condition}: {VERDICTS[each.holds]}: {each.why}"
+    for each in data["equivalents"]:
+        yield f"{each['type']}, {each['form']}: {'exact' if each['exists'] else each['why']}"
+    for name, text in data["provenance"].items():
+        yield f"{name}: {text}"

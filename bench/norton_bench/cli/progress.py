@@ -1,0 +1,110 @@
+"""A running session on stderr: a bar with the time left on a terminal, a line a step elsewhere."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import count
+
+from rich.console import Console
+from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+
+from norton_bench.cli.output import Output
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.models.parameters import Status
+from norton_bench.records import Measured
+from norton_bench.session.progress import PlannedStep, Progress, SessionState, Silent
+
+
+class Lines(Silent):
+    """One line a step."""
+
+    def __init__(self, output: Output) -> None:
+        self._output = output
+        self._steps: Sequence[PlannedStep] = ()
+
+    def plan(self, steps: Sequence[PlannedStep]) -> None:
+        self._steps = steps
+        total_s = sum(step.duration_s for step in steps)
+        self._output.say(f"{len(steps)} steps, about {total_s:.0f} s of bench time")
+
+    def step(self, index: int, name: str) -> None:
+        self._output.say(f"[{index + 1}/{len(self._steps)}] {name}")
+
+    def note(self, text: str) -> None:
+        self._output.say(text)
+
+
+class Terminal(Silent):
+    """A bar for the whole session; it says which step runs and how many parameters are known by now."""
+
+    def __init__(self, bars: Bars, tick_s: float) -> None:
+        self._bars = bars
+        self._tick_s = tick_s
+        self._steps: Sequence[PlannedStep] = ()
+        self._task: TaskID | None = None
+
+    def plan(self, steps: Sequence[PlannedStep]) -> None:
+        self._steps = steps
+        self._task = self._bars.add_task("preparing", total=sum(step.duration_s for step in steps), known="")
+
+    def step(self, index: int, name: str) -> None:
+        if self._task is None:
+            return
+        before_s = sum(step.duration_s for step in self._steps[:index])
+        self._bars.update(self._task, description=f"{index + 1}/{len(self._steps)} {name}", completed=before_s)
+
+    def part(self, measured: Measured, live: LiveEstimate) -> None:
+        if self._task is None:
+            return
+        valid = sum(estimate.status is Status.VALID for estimate in live.estimates)
+        known = f"{valid} of {len(live.estimates)} parameters known" if live.estimates else ""
+        self._bars.update(self._task, advance=len(measured.ticks) * self._tick_s, known=known)
+
+    def state(self, state: SessionState) -> None:
+        """While somebody is asked, the bar must not draw over what is typed."""
+        if state in (SessionState.PAUSED, SessionState.ASKING):
+            self._bars.stop()
+        else:
+            self._bars.start()
+
+    def note(self, text: str) -> None:
+        self._bars.console.print(text, markup=False, highlight=False)
+
+
+@contextmanager
+def counting(output: Output, total: int) -> Iterator[Callable[[str], None]]:
+    """What to call, with a line about it, for each of ``total`` things that are done."""
+    if output.quiet:
+        yield lambda _line: None
+    elif not sys.stderr.isatty():
+        done = count(1)
+        yield lambda line: output.say(f"[{next(done)}/{total}] {line}")
+    else:
+        columns = (BarColumn(), TextColumn("{task.completed}/{task.total}"), TimeRemainingColumn())
+        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+            task = bars.add_task("", total=total)
+
+            def step(line: str) -> None:
+                bars.console.print(line, markup=False, highlight=False)
+                bars.advance(task)
+
+            yield step
+
+
+@contextmanager
+def showing_progress(output: Output, tick_s: float) -> Iterator[Progress]:
+    """What to hand to a session, so that whoever sits there sees it run."""
+    if output.quiet:
+        yield Silent()
+    elif not sys.stderr.isatty():
+        yield Lines(output)
+    else:
+        columns = (
+            TextColumn("{task.description:<16}"),
+            BarColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[known]}"),
+        )
+        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+            yield Terminal(bars, tick_s)

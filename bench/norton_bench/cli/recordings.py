@@ -1,0 +1,153 @@
+"""``fit``, ``report``, ``recover`` and ``export``: what can be had from a recording."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from norton_bench.cli.arguments import Json, Out, Quiet, RecordingFile
+from norton_bench.cli.output import Output
+from norton_bench.errors import ExitCode, UsageError
+
+RECORDING_SUFFIX = ".mcap"
+
+Source = Annotated[
+    Path, Parameter(name="LOG", help="Recordings (.mcap) of one rig, or logs from elsewhere with --columns.")
+]
+Columns = Annotated[Path | None, Parameter(help="Column map (TOML) of logs that were made elsewhere.")]
+Train = Annotated[str | None, Parameter(help='What is fitted: "0:12.5 s", or files by name or pattern.')]
+Test = Annotated[str | None, Parameter(help="What is only predicted, likewise.")]
+ModelName = Annotated[
+    str | None, Parameter(name="--model", help='Friction model by name, or "best" on held-out parts.')
+]
+Format = Annotated[
+    Literal["parquet", "csv", "mat", "candump"],
+    Parameter(name="--format", help="Kind of tables, or the CAN frames alone."),
+]
+
+
+@dataclass(frozen=True)
+class Split:
+    """``--train`` and ``--test`` as written."""
+
+    train: str | None
+    test: str | None
+
+
+def fit(
+    first: Source,
+    /,
+    *others: Source,
+    columns: Columns = None,
+    train: Train = None,
+    test: Test = None,
+    model: ModelName = None,
+    out: Out = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Fit a recording again, from what it holds alone; several sessions of one rig; or foreign logs, by a map of their
+    columns."""
+    if columns is not None:
+        return _fit_logs((first, *others), columns, Split(train, test), model, out, Output(json, quiet))
+    _check_recordings((first, *others), (train, test, model))
+    if others:
+        return _fit_several((first, *others), out, Output(json, quiet))
+    from norton_bench.cli.results import identification, summary  # noqa: PLC0415
+    from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
+
+    output = Output(json, quiet)
+    output.say(f"fitting {first}")
+    _, found = conclude_recording(first, _made(out))
+    output.result(identification(found, first), summary(found, first))
+    if found.fit is not None and found.fit.shortcoming:
+        output.say(found.fit.shortcoming)
+        return ExitCode.EXPERIMENT_FAILED
+    return ExitCode.OK
+
+
+def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...]) -> None:
+    """Raises UsageError where something else than recordings was given."""
+    for path in paths:
+        if path.suffix.lower() != RECORDING_SUFFIX and path.is_file():
+            raise UsageError(
+                f"{path} is not an MCAP recording; name a .mcap file or, for a log from elsewhere, say what its "
+                "columns hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
+            )
+    if any(option is not None for option in for_logs):
+        raise UsageError("--train, --test and --model are for logs from elsewhere, with --columns MAP; leave them out")
+
+
+def _fit_several(paths: tuple[Path, ...], out: Path | None, output: Output) -> int:
+    from norton_bench.cli.several import several_identification, several_summary  # noqa: PLC0415
+    from norton_bench.session.several import conclude_several  # noqa: PLC0415
+
+    found = conclude_several(paths, _made(out), output.say)
+    output.result(several_identification(found), several_summary(found))
+    return ExitCode.OK if found.together.combined else ExitCode.EXPERIMENT_FAILED
+
+
+def _fit_logs(
+    paths: tuple[Path, ...], columns: Path, split: Split, model: str | None, out: Path | None, output: Output
+) -> int:
+    from norton_bench.cli.logs import log_identification, log_summary, report_log  # noqa: PLC0415
+    from norton_bench.logs.column_map import load_map  # noqa: PLC0415
+    from norton_bench.logs.fit import Request, fit_logs  # noqa: PLC0415
+
+    column_map = load_map(columns)
+    folder = _made(out)
+    output.say(f"fitting {', '.join(map(str, paths))}")
+    request = Request(paths, column_map, split.train, split.test, model)
+    found = fit_logs(request)
+    report = None if folder is None else report_log(folder / f"{paths[0].stem}.report.html", request, found)
+    output.result(log_identification(found, paths, columns, report), log_summary(found, report))
+    return ExitCode.OK if found.converged and not found.doubtful else ExitCode.EXPERIMENT_FAILED
+
+
+def report(recording: RecordingFile, /, *, out: Out = None, json: Json = False, quiet: Quiet = False) -> None:
+    """Write the report of a recording, beside it or into the folder given."""
+    from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
+
+    output = Output(json, quiet)
+    output.say(f"fitting {recording}")
+    _, found = conclude_recording(recording, _made(out))
+    output.result({"report": found.report}, str(found.report))
+
+
+def recover(recording: RecordingFile, /, *, json: Json = False) -> None:
+    """Write everything sound in a damaged recording to <name>.recovered.mcap; the original is not touched."""
+    from norton_bench.recording.recover import recover as rescue  # noqa: PLC0415
+
+    done = rescue(recording)
+    data = {
+        "recording": done.path,
+        "messages": done.messages,
+        "bytes_lost": done.bytes_lost,
+        "chunks_lost": done.chunks_lost,
+        "was_complete": done.was_complete,
+        "candump": done.log,
+    }
+    lost = "nothing was lost" if done.was_complete else f"{done.bytes_lost} bytes and {done.chunks_lost} chunks lost"
+    Output(json).result(data, f"{done.path}: {done.messages} messages, {lost}")
+
+
+def export(
+    recording: RecordingFile, /, *, kind: Format = "parquet", out: Out = None, json: Json = False, quiet: Quiet = False
+) -> None:
+    """Write every stream of a recording as a table; units stand in the column names."""
+    from norton_bench.recording.export import export as write_tables  # noqa: PLC0415
+
+    output = Output(json, quiet)
+    paths = write_tables(recording, kind, _made(out) or recording.parent)
+    output.result({"files": paths}, "\n".join(map(str, paths)))
+
+
+def _made(out: Path | None) -> Path | None:
+    """The folder, made where it is not there yet. Raises UsageError."""
+    if out is not None:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"{out}: the folder cannot be made ({error.strerror}); choose another") from error
+    return out

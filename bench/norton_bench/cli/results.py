@@ -1,0 +1,288 @@
+"""The result of an identification, for programs and for people."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import floor, isfinite, isnan, log10
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from norton_bench.cli.model_free import model_free, residual_figures
+from norton_bench.cli.output import plain_table
+from norton_bench.cli.tables import tables_data, tables_view
+from norton_bench.identification.ambiguity.conditions import Judgement
+from norton_bench.identification.in_situ import InSituResult
+from norton_bench.identification.ladder import Rung
+from norton_bench.identification.model_error import ModelError
+from norton_bench.identification.results import FitResult, Validation
+from norton_bench.identification.trials import TrialFigures, last_driven, settled
+from norton_bench.models.parameters import BY_NAME, Estimate
+from norton_bench.models.prediction import UNITS, PredictionError
+from norton_bench.procedures.refinement import Refinement, in_percent, widest_of, words
+from norton_bench.records import FOR_PROGRAMS, Measured
+from norton_bench.report.loops import bench_time_s
+from norton_bench.session.conclusion import Conclusion
+from norton_bench.session.progress import Judged
+from norton_bench.session.summary import of_trials
+
+
+def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    fit = found.fit
+    return {
+        "parameters": {estimate.name: parameter(estimate) for estimate in (fit.estimates if fit else ())},
+        "validation": None if found.validation is None else validation_figures(found.validation),
+        "model_error": model_error_figures(found.model_error),
+        "without_model": model_free(found.source_map, found.without_model),
+        "residuals": residual_figures(found.residuals),
+        "conditions": [condition_figures(judged) for judged in found.conditions],
+        "tables": tables_data(found),
+        "ladder": [rung_figures(rung) for rung in found.ladder],
+        "trials": trials_figures(found.trials),
+        "in_situ": in_situ_figures(found.in_situ, found.motion_file),
+        "verdict": list(fit.verdict) if fit else [],
+        "converged": bool(fit and fit.converged),
+        "recording": recording,
+        "network": found.network,
+        "report": found.report,
+    }
+
+
+def events(measured: Measured) -> list[dict[str, Any]]:
+    """What happened on the way, for ``--json``; times as in the report, from the first tick."""
+    told = [event for event in measured.events if event.kind not in FOR_PROGRAMS]
+    times_s = bench_time_s(measured, [event.stamp_ns for event in told])
+    return [
+        {"time_s": float(time_s), "kind": event.kind, "text": event.text}
+        for time_s, event in zip(times_s, told, strict=True)
+    ]
+
+
+def condition_figures(judged: Judgement) -> dict[str, Any]:
+    """One of the three conditions; ``holds`` is null where the data cannot tell."""
+    return {
+        "condition": judged.condition,
+        "holds": judged.holds,
+        "why": judged.why,
+        "figure": judged.figure,
+        "value": judged.value,
+        "interval": list(judged.interval),
+        "unit": judged.unit,
+    }
+
+
+def rung_figures(rung: Rung) -> dict[str, Any]:
+    """One friction model of the ladder."""
+    return {
+        "model": rung.name,
+        "train_relative": rung.train_relative,
+        "held_out_relative": rung.held_out_relative,
+        "held_out_std": rung.held_out_std / rung.target_rms,
+        "selected": rung.selected,
+    }
+
+
+def trials_figures(trials: Sequence[TrialFigures]) -> dict[str, Any] | None:
+    """A repeated movement, trial by trial."""
+    if not trials:
+        return None
+    return {
+        "converged": settled(trials),
+        "below_first_db": last_driven(trials).below_db(trials[0]),
+        "torque_nm": [trial.torque_nm for trial in trials],
+        "with_noise_nm": [trial.with_noise_nm for trial in trials],
+        "noise_nm": [trial.noise_nm for trial in trials],
+    }
+
+
+def in_situ_figures(found: InSituResult | None, source: Path | None) -> dict[str, Any] | None:
+    """The actuator in situ: its trials, and where its motion source lies."""
+    if found is None or not found.trials:
+        return None
+    scatter = None if found.source is None else found.source.scatter_rad_s
+    return {
+        **(trials_figures(found.trials) or {}),
+        "driven": [trial.driven for trial in found.trials],
+        "assembly": list(found.assembly),
+        "reasons": list(found.reasons),
+        "source": source,
+        "source_scatter_rad_s": scatter,
+    }
+
+
+def parameter(estimate: Estimate) -> dict[str, Any]:
+    return {
+        "value": float(estimate.value),
+        "std": float(estimate.std),
+        "unit": estimate.unit,
+        "status": estimate.status.value,
+    }
+
+
+def validation_figures(validation: Validation) -> dict[str, float]:
+    return {
+        "torque_rms_nm": float(validation.torque_rms_nm),
+        "torque_relative": float(validation.torque_relative),
+        "velocity_rms_rad_s": float(validation.velocity_rms_rad_s),
+        "velocity_relative": float(validation.velocity_relative),
+        "velocity_noise_rad_s": float(validation.velocity_noise_rad_s),
+    }
+
+
+def model_error_figures(error: ModelError | None) -> dict[str, Any] | None:
+    """How far predictions are off beyond noise, and what that goes with; null where it was not looked at."""
+    if error is None:
+        return None
+    prediction = error.prediction
+    return {
+        "torque_nm": prediction.torque_nm,
+        "velocity_rad_s": None if isnan(prediction.velocity_rad_s) else prediction.velocity_rad_s,
+        "level": prediction.level,
+        "ranges": {name: list(span) for name, span in prediction.ranges.items()},
+        "rms_nm": error.rms_nm,
+        "noise_nm": error.noise_nm,
+        "left_nm": error.left_nm,
+        "zero_nm": error.zero.fitted_nm,
+        "zero_less_tare_nm": None if isnan(error.zero.moved_nm) else error.zero.moved_nm,
+        "departures": [
+            {
+                "cause": found.kind.name,
+                "rms_nm": found.rms_nm,
+                "share": found.share,
+                "left_nm": found.left_nm,
+                "p_value": found.p_value,
+                "periods_per_turn": found.periods_per_turn or None,
+            }
+            for found in error.departures
+        ],
+        "unexplained": error.unexplained,
+    }
+
+
+def until_figures(refined: Refinement, fit: FitResult, bench_time_s: float) -> dict[str, Any]:
+    """What ``--json`` says of ``--until``. The final fit has the last word on what was reached."""
+    widest = widest_of(fit.estimates)
+    return {
+        "asked": refined.target,
+        "reached": refined.reached and widest is not None and widest[1] <= refined.target,
+        "rounds": refined.rounds,
+        "bench_time_s": bench_time_s,
+        "widest": None if widest is None else {"parameter": widest[0], "half_width": widest[1]},
+        "reasons": list(refined.sentences),
+    }
+
+
+def until_sentences(until: Mapping[str, Any]) -> str:
+    """The same in words."""
+    rounds = f"{until['rounds']} round{'' if until['rounds'] == 1 else 's'}"
+    verb = "Reached" if until["reached"] else "Did not reach"
+    head = f"{verb} {in_percent(until['asked'])} after {rounds}, {until['bench_time_s']:.0f} s of bench time"
+    widest = until["widest"]
+    if widest is not None:
+        head += f"; the widest interval is that of {words(widest['parameter'])}, {in_percent(widest['half_width'])}"
+    return " ".join([f"{head}.", *until["reasons"]])
+
+
+def expected(expectations: Iterable[Judged]) -> list[RenderableType]:
+    """Whether what was expected came true, a line each."""
+    return [f"{'✓' if judged.met else '✗'} {judged.said}" for judged in expectations]
+
+
+def summary(found: Conclusion, recording: Path) -> RenderableType:
+    """The same for a terminal: table, validation, verdict, and where the files lie."""
+    parts: list[RenderableType] = []
+    if found.fit is not None:
+        parts.append(parameter_table(found.fit.estimates))
+        parts += [f"· {remark}" for remark in found.fit.verdict]
+    parts += map(str, found.conditions)
+    if found.validation is not None:
+        parts.append(validation_sentence(found.validation))
+    if found.model_error is not None:
+        parts.append(prediction_sentence(found.model_error.prediction, found.units.command))
+    parts += of_trials(found)
+    parts += tables_view(found)
+    files = (
+        ("recording", recording),
+        ("source", found.motion_file),
+        ("network", found.network),
+        ("report", found.report),
+    )
+    parts.append(file_table(files))
+    return Group(*parts)
+
+
+def parameter_table(estimates: Iterable[Estimate]) -> Table:
+    """One row a parameter: symbol, name, value ± standard deviation, unit, status."""
+    table = plain_table()
+    for heading, justify in (("", "left"), ("parameter", "left"), ("value", "right"), ("± std", "right")):
+        table.add_column(heading, justify="right" if justify == "right" else "left", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    table.add_column("status", no_wrap=True)
+    for estimate in estimates:
+        value, std = with_digits(estimate.value, estimate.std)
+        symbol = BY_NAME[estimate.name].symbol if estimate.name in BY_NAME else ""
+        table.add_row(symbol, estimate.name, value, std, estimate.unit, estimate.status.value)
+    return table
+
+
+def with_digits(value: float, std: float) -> tuple[str, str]:
+    """Value and deviation with the digits that the deviation's two leading ones leave meaning."""
+    if not isfinite(value):
+        return "–", "–"
+    if not isfinite(std) or std <= 0:
+        return f"{value:.4g}", "–"
+    scale = floor(log10(max(abs(value), std)))
+    exponent = 0 if -4 < scale < 5 else scale
+    decimals = max(0, exponent - floor(log10(std)) + 1)
+    suffix = f"e{exponent}" if exponent else ""
+    return f"{value / 10.0**exponent:.{decimals}f}{suffix}", f"{std / 10.0**exponent:.{decimals}f}{suffix}"
+
+
+def validation_sentence(validation: Validation) -> str:
+    """What was validated; a rig without a torque sensor, or whose shaft is held, has only one of the two."""
+    noise = validation.velocity_noise_rad_s
+    readings = f"; readings alone are {noise:.2g} rad/s apart by their noise" if noise > 0.0 else ""
+    predicted = [
+        f"{what} to {rms:.3g} {unit} rms ({relative:.1%}{more})"
+        for what, rms, unit, relative, more in (
+            ("torque", validation.torque_rms_nm, "N*m", validation.torque_relative, " of it"),
+            (
+                "free velocity",
+                validation.velocity_rms_rad_s,
+                "rad/s",
+                validation.velocity_relative,
+                f" of it{readings}",
+            ),
+        )
+        if isfinite(rms)
+    ]
+    return f"Predicted where no fit has looked: {', '.join(predicted) or 'nothing'}."
+
+
+def prediction_sentence(prediction: PredictionError, command_unit: str) -> str:
+    """What the network's predictions are good for."""
+    bounds = [
+        f"{what} within {bound:.2g} {unit} rms"
+        for what, bound, unit in (
+            ("torque", prediction.torque_nm, "N*m"),
+            ("free velocity", prediction.velocity_rad_s, "rad/s"),
+        )
+        if isfinite(bound)
+    ]
+    seen = ", ".join(
+        f"{name} {low:.3g} to {high:.3g} {UNITS.get(name, command_unit)}"
+        for name, (low, high) in prediction.ranges.items()
+    )
+    return (
+        f"Predictions of motion not seen are right {prediction.level:.0%} of the time to: {', '.join(bounds)}; {seen}."
+    )
+
+
+def file_table(files: Sequence[tuple[str, Path | None]]) -> Table:
+    """Where the files lie."""
+    table = Table.grid(padding=(0, 2))
+    for name, path in files:
+        if path is not None:
+            table.add_row(name, str(path))
+    return table

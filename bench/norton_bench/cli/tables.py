@@ -1,0 +1,173 @@
+"""What was tabulated, for programs and for people."""
+
+from typing import Any
+
+from rich.console import RenderableType
+from rich.table import Table
+
+from norton_bench.cli.output import plain_table
+from norton_bench.identification.results import BlockedMap
+from norton_bench.identification.tables.exertion_table import ExertionTable
+from norton_bench.identification.tables.means import Mean, Setting
+from norton_bench.identification.tables.modulation import Modulated, modulated
+from norton_bench.identification.tables.modulator import ModulatorPlaces
+from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.tables.sweeps import Branch
+from norton_bench.identification.tables.two_ports import two_ports
+from norton_bench.report.facts_tables import modulation_sentences, modulator_sentence
+from norton_bench.report.section import Facts
+from norton_bench.session.conclusion import Conclusion
+from norton_bench.session.summary import tabulated
+
+
+def tables_data(found: Conclusion) -> dict[str, Any]:
+    """What ``--json`` prints; half-widths are those of 95 % intervals."""
+    return {
+        "source": None if found.source is None else _source(found.source),
+        "exertion": None if found.exertion is None else _exertion(found.exertion),
+        "two_ports": [
+            {
+                **_setting(row.setting),
+                "external_rad": _mean(row.external),
+                "actuator_rad": _mean(row.actuator),
+                "apart_rad": row.apart_rad,
+                "load_nm": _mean(row.load),
+                "exertion_nm": _mean(row.exertion),
+            }
+            for row in two_ports(found.source, found.exertion)
+        ],
+        "modulation": _modulated(modulated(found.source, found.exertion)),
+        "modulator": None if found.modulator is None else _modulator(found.modulator),
+        "blocked": None if found.blocked_map is None else _blocked(found.blocked_map),
+    }
+
+
+def tables_view(found: Conclusion) -> list[RenderableType]:
+    """The same for a terminal, without every single reading."""
+    effect = modulated(found.source, found.exertion)
+    said = () if effect is None else modulation_sentences(effect, found.units)
+    stood = () if found.modulator is None else (modulator_sentence(found.modulator, found.units),)
+    return [*(_table(facts) for facts in tabulated(found)), *said, *stood]
+
+
+def _source(table: SourceTable) -> list[dict[str, Any]]:
+    return [
+        {
+            "port": level.port,
+            **_setting(level.setting),
+            "rising": level.rising,
+            "position_rad": _mean(level.position),
+            "torque_nm": _mean(level.torque),
+            "velocity_rad_s": level.velocity_rad_s,
+            "settled": level.settled,
+            "settling_s": level.settling_s,
+        }
+        for level in table.levels
+    ]
+
+
+def _exertion(table: ExertionTable) -> dict[str, Any]:
+    return {
+        "commands": [
+            {
+                **_setting(line.setting),
+                "source_rad": _mean(line.source),
+                "stiffness_nm_rad": _mean(line.stiffness),
+                "hysteresis_nm": line.hysteresis_nm,
+                "sliding_friction_nm": None if line.sweep is None else _mean(line.sweep.friction),
+                "sweep_rad_s": None if line.sweep is None else line.sweep.speed_rad_s,
+                "zero_range_rad": None if line.zeros is None else _mean(line.zeros.width),
+            }
+            for line in table.lines()
+        ],
+        "held": [
+            {
+                **_setting(held.setting),
+                "displacement_rad": held.displacement_rad,
+                "rising": held.rising,
+                "torque_nm": _mean(held.torque),
+            }
+            for held in table.held
+        ],
+        "swept": [
+            {
+                **_setting(way.setting),
+                "rising": way.rising,
+                "speed_rad_s": way.speed_rad_s,
+                **_columns(way.branch),
+            }
+            for way in table.swept
+        ],
+        "shaken": [
+            {
+                **_setting(row.setting),
+                "displacement_rad": row.displacement_rad,
+                "frequency_hz": row.frequency_hz,
+                "real_nm_rad": row.stiffness_nm_rad.real,
+                "imaginary_nm_rad": row.stiffness_nm_rad.imag,
+                "half_width_nm_rad": row.half_width_nm_rad,
+            }
+            for row in table.shaken
+        ],
+    }
+
+
+def _modulated(found: Modulated | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    shift = found.shift
+    return {
+        "stiffness": [
+            {"modulation": row.modulation, "stiffness_nm_rad": _mean(row.stiffness)} for row in found.stiffness
+        ],
+        "stiffens": found.stiffens,
+        "source_shift": None
+        if shift is None
+        else {"command": shift.command, "low": shift.low, "high": shift.high, "shift_rad": _mean(shift.shift)},
+        "source_shifts": None if shift is None else shift.shows,
+    }
+
+
+def _modulator(found: ModulatorPlaces) -> dict[str, Any]:
+    return {
+        "followed": found.followed,
+        "same_rad": found.same_rad,
+        "stood": [{"modulation": each.modulation, "places_rad": list(each.places_rad)} for each in found.stood],
+    }
+
+
+def _blocked(found: BlockedMap) -> list[dict[str, Any]]:
+    histories = found.histories or ("slow",) * len(found.command)
+    columns = (found.command, found.torque_nm, found.torque_std_nm, found.from_above, histories)
+    return [
+        {
+            "command": float(command),
+            "torque_nm": float(torque),
+            "torque_std_nm": float(std),
+            "from_above": None if history == "rest" else bool(above),
+            "history": history,
+        }
+        for command, torque, std, above, history in zip(*columns, strict=True)
+    ]
+
+
+def _columns(branch: Branch) -> dict[str, list[float]]:
+    names = ("displacement_rad", "torque_nm", "half_width_nm")
+    return {name: column.tolist() for name, column in zip(names, branch, strict=True)}
+
+
+def _setting(setting: Setting) -> dict[str, float | None]:
+    return {"command": setting.command, "modulation": setting.modulation}
+
+
+def _mean(mean: Mean) -> dict[str, float]:
+    return {"value": mean.value, "half_width": mean.half_width}
+
+
+def _table(facts: Facts) -> Table:
+    table = plain_table()
+    for place, heading in enumerate(facts.head):
+        table.add_column(heading, justify="left" if place == 0 else "right")
+    for row in facts.rows:
+        table.add_row(*row)
+    return table

@@ -1,0 +1,242 @@
+"""The admittance law at the load drive: one call a tick turns a sample into the load torque that is wished.
+
+    M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port
+
+Zero torque and prescribed motion are its two ends. See ``docs/control.md``.
+"""
+
+from dataclasses import dataclass, field, replace
+from math import floor, nan
+
+import numpy as np
+
+from norton_bench.control import core
+from norton_bench.control.anticipation import Anticipation, design_anticipation
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.control.design import TorqueGains, design_torque_loop, design_tracking
+from norton_bench.control.dynamics import AMPLIFIER, POSITION, VELOCITY
+from norton_bench.control.estimator import Estimator
+from norton_bench.control.feed_forward import FeedForward
+from norton_bench.control.observer import FREE_RATE
+from norton_bench.control.reference import Reference, continued
+from norton_bench.control.regulator import FREE, LOAD
+from norton_bench.control.torque_loop import TorqueLoop, settles_s
+from norton_bench.control.virtual import VirtualBody
+from norton_bench.sample import Sample, Target
+from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance
+
+# The lightest virtual body that the load can act, over its own inertia; zero torque is another matter (no body at all).
+LEAST_MASS = 1.0
+# Contacts are taken to slide after so many of the load's own presliding lengths: the actuator's may be longer.
+SLIDING_LENGTHS = 30.0
+PLAY_COUNTS = 4.0  # this many encoder counts back are a turn
+# The regulator's state is laid out as the observer's begins; these are measured from the reference.
+PLACES = np.array([POSITION, VELOCITY, AMPLIFIER, FREE, LOAD])
+FORESEEN = np.array([VELOCITY, FREE, FREE_RATE])
+
+
+@dataclass
+class AdmittanceController:
+    """Each tick: ``update`` (or ``observe`` while something else decides), then ``note_sent`` with what was sent.
+
+    Construction designs the gains and takes a second or two. Raises ExperimentError where no gains keep their margins.
+    """
+
+    calibration: LoadCalibration
+    tick_s: float
+    torque_limit_nm: float
+    _frees: bool = field(default=True, init=False)  # zero torque is asked for
+    _rigid: bool = field(default=False, init=False)
+    _leads: bool = field(default=False, init=False)  # along a free motion that was foreseen
+    _goes_on: bool = field(default=False, init=False)  # and did so until now
+    _anticipating: Anticipation | None = field(default=None, init=False)
+    _deciding: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        c = self.calibration
+        self._whole = floor(c.drive_delay_s / self.tick_s)
+        into_tick_s = c.drive_delay_s - self._whole * self.tick_s
+        self._tracking = design_tracking(c, self.tick_s)
+        self._regulator, self._estimator = self._tracking.regulator, Estimator(c, self.tick_s, self._tracking.observer)
+        self._gains = design_torque_loop(c, self._tracking.observer, self.tick_s)
+        self._anticipation = design_anticipation(c, self._gains, self.tick_s)
+        self._inertias_kgm2 = np.array([c.inertia_kgm2, c.actuator_inertia_kgm2 or c.inertia_kgm2])
+        self._feed = FeedForward(
+            c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, self._whole, self.torque_limit_nm
+        )
+        self._reference = Reference(c.inertia_kgm2, into_tick_s / self.tick_s)
+        self._body = VirtualBody(ZERO_TORQUE, self.tick_s)
+        self._choose(None)
+        self._compile()
+        self._last_target = Target()
+
+    @property
+    def lead_ticks(self) -> int:
+        """How far ahead :meth:`update` wants to know the reference."""
+        return self._whole + 2
+
+    def begin(
+        self, sample: Sample, admittance: Admittance, *, leads: bool = False, mends_rad_s: float | None = None
+    ) -> None:
+        """Take over without a bump: the command continues from the last one sent.
+
+        ``leads``: under zero torque the reference is the free motion, foreseen. What was fed forward along such a
+        reference before is taken along: it may ask for another torque at once, where the actuator's command jumps.
+        ``mends_rad_s``: it is foreseen so well that feedback had better be so slow; None for as quick as its margins
+        allow.
+        """
+        self._goes_on, self._leads = leads and self._leads and self._deciding, leads
+        if admittance not in (ZERO_TORQUE, PRESCRIBED_MOTION):
+            mass = max(admittance.mass_kgm2, LEAST_MASS * self.calibration.inertia_kgm2)
+            self._body = VirtualBody(replace(admittance, mass_kgm2=mass), self.tick_s)
+        self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, False
+        self._choose(self._anticipation if self._frees and not leads else None)
+        if mends_rad_s is not None:
+            self._loop.settles_s = settles_s(self._gains, self.calibration)
+            self._loop.slow = min(mends_rad_s * self._loop.settles_s, 1.0)
+
+    def observe(self, sample: Sample) -> None:
+        """Keep watching while the load torque is decided elsewhere."""
+        self._estimator.sense(sample)
+        self._deciding = False
+
+    def update(self, sample: Sample, target: Target, ahead: Target | None = None) -> float:
+        """The load torque wished [N m]; NaN where a signal is missing or is no number.
+
+        ``target`` is the reference now, ``ahead`` that ``lead_ticks`` later; without it the reference is continued
+        along its last slope. Under zero torque the reference is the motion source as far as it is known beforehand:
+        its velocity and acceleration are used, its position means nothing.
+        """
+        if not self._estimator.sense(sample):
+            self._deciding = False
+            return nan
+        begins, self._deciding = not self._deciding, True
+        if self._frees:
+            wish_nm = self._zero_torque(sample, target, self._ahead(target, ahead, begins), begins)
+        elif self._rigid:
+            wish_nm = self._track(target, self._ahead(target, ahead, begins), begins)
+        else:
+            wish_nm = self._follow_body(target, begins)
+        self._last_target = target
+        return float(min(max(wish_nm, -self.torque_limit_nm), self.torque_limit_nm))
+
+    def note_sent(self, load_torque_nm: float) -> None:
+        """What the guard let through; once a tick, after ``update`` or ``observe``."""
+        if self._deciding:
+            self._feed.advance()
+        self._estimator.advance(load_torque_nm)
+
+    def _torque_loop(self, gains: TorqueGains) -> TorqueLoop:
+        c = self.calibration
+        return TorqueLoop(
+            gains,
+            self.tick_s,
+            SLIDING_LENGTHS * c.coulomb_torque_nm / c.presliding_stiffness_nm_rad,
+            PLAY_COUNTS * c.position_resolution_rad,
+        )
+
+    def _choose(self, anticipation: Anticipation | None) -> None:
+        """The observer and the feedback of what is to be done."""
+        gains = anticipation.gains if anticipation else self._gains
+        self._anticipating, self._loop = anticipation, self._torque_loop(gains)
+        observer = (anticipation or self._tracking).observer
+        self._estimator.use(observer, knows_friction=anticipation is not None)
+
+    def _compile(self) -> None:
+        """Before the loop runs: compiling takes seconds. Leaves everything at zero."""
+        self._track(Target(), Target(), begins=True)
+        self._fed_forward(Target(), begins=True)
+        if self._anticipation is not None:
+            self._anticipated(self._anticipation, begins=True)
+        self._feed.advance()
+
+    def _zero_torque(self, sample: Sample, target: Target, ahead: Target, begins: bool) -> float:
+        position_rad, velocity_rad_s = self._estimator.motion()
+        motion = position_rad, velocity_rad_s - target.velocity_rad_s  # what is foreseen needs no damping
+        if begins:
+            self._loop.begin(sample.torque_nm, *motion)
+        anticipation = self._anticipating
+        if anticipation:
+            fed_nm = self._anticipated(anticipation, begins)
+        else:
+            fed_nm = self._fed_forward(ahead, begins and not self._goes_on)
+        nothing_known = not self._leads and ahead.velocity_rad_s == 0.0 and ahead.acceleration_rad_s2 == 0.0
+        return fed_nm + self._loop.change_nm(sample.torque_nm, *motion, bold=nothing_known)
+
+    def _track(self, target: Target, ahead: Target, begins: bool) -> float:
+        if begins:
+            self._reference.begin(ahead, self._estimator.contact_nm)
+        seen, feed, reference, gains = self._estimator, self._feed, self._reference, self._regulator
+        wish_nm: float = core.track(
+            seen.states,
+            seen.contact,
+            seen.commands,
+            feed.shares,
+            feed.delivered,
+            feed.lag,
+            reference.path,
+            seen.friction_law,
+            gains.on_state,
+            gains.on_commands,
+            PLACES,
+            reference.inertia_kgm2,
+            reference.between,
+            self.tick_s,
+            target.position_rad,
+            target.velocity_rad_s,
+            target.acceleration_rad_s2,
+            ahead.velocity_rad_s,
+            ahead.acceleration_rad_s2,
+            begins,
+        )
+        return wish_nm
+
+    def _follow_body(self, target: Target, begins: bool) -> float:
+        if begins:
+            self._body.begin(*self._estimator.motion())
+        body = self._body.step(self._estimator.torque_nm(), target)
+        return self._track(body, body, begins)
+
+    def _fed_forward(self, ahead: Target, begins: bool) -> float:
+        """The last command, changed as its feed-forward share changes."""
+        if begins:
+            self._reference.begin(ahead, 0.0)
+        seen, feed, reference = self._estimator, self._feed, self._reference
+        fed_nm: float = core.feed_forward(
+            seen.commands,
+            feed.shares,
+            feed.delivered,
+            feed.lag,
+            reference.path,
+            seen.friction_law,
+            reference.inertia_kgm2,
+            reference.between,
+            self.tick_s,
+            ahead.velocity_rad_s,
+            ahead.acceleration_rad_s2,
+            begins,
+        )
+        return fed_nm
+
+    def _anticipated(self, anticipation: Anticipation, begins: bool) -> float:
+        """The last command, changed as what the free motion will need changes."""
+        seen, feed = self._estimator, self._feed
+        fed_nm: float = core.anticipate(
+            seen.commands,
+            feed.shares,
+            feed.delivered,
+            feed.lag,
+            seen.states,
+            seen.contacts,
+            seen.laws,
+            self._inertias_kgm2,
+            FORESEEN,
+            anticipation.lead_s,
+            begins,
+        )
+        return fed_nm
+
+    def _ahead(self, target: Target, ahead: Target | None, begins: bool) -> Target:
+        if ahead is not None:
+            return ahead
+        return continued(target, target if begins else self._last_target, self.lead_ticks, self.tick_s)

@@ -1,0 +1,150 @@
+"""The Kalman observer: where the bench is now, from readings that are all some time old.
+
+Its state adds to the bench's own (:mod:`norton_bench.control.dynamics`) the actuator's free acceleration and a
+disturbance torque on the load, both as random walks, and the offset between the two encoders. The states at the last
+few ticks are kept with it, so that a reading corrects what it really saw.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from norton_bench.control.dynamics import STATES, Bench, FloatArray, Sampled, look_back, sampled
+from norton_bench.control.riccati import solve_riccati
+
+FREE, FREE_RATE, LOAD, OFFSET = STATES, STATES + 1, STATES + 2, STATES + 3
+WIDTH = STATES + 4
+INPUTS = 4  # command in force, next command, known torque on the load, known part of the free acceleration
+GRID = 16  # instants within a tick for which output rows are kept
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the observer believes: deviations of readings, and of the random walks over one second."""
+
+    torque_nm: float
+    position_rad: float
+    free_rad_s2: float
+    free_rate_rad_s3: float
+    load_nm: float
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Everything that the running observer needs, as arrays.
+
+    ``rows`` (GRID + 1, 3, WIDTH + INPUTS) gives the outputs at instants within a tick, ``step`` (WIDTH, WIDTH + INPUTS)
+    the state at the next tick, ``gain`` ((past + 1)·WIDTH, 3) corrects the states at this and the ``past`` last ticks.
+    """
+
+    step: FloatArray
+    rows: FloatArray
+    gain: FloatArray
+    nominal: tuple[tuple[int, int], ...]  # of each output: ticks back and instant on the grid
+    past: int
+    whole: int
+
+
+def place(delay_s: float, tick_s: float) -> tuple[int, int]:
+    """An instant ``delay_s`` ago as (ticks back, place on the grid of that tick)."""
+    back, after_s = look_back(delay_s, tick_s)
+    return back, round(after_s / tick_s * GRID)
+
+
+def holds_at_any_age(observer: Observer, bench: Bench, tick_s: float) -> bool:
+    """Whether the observer's error dies out however old the readings are when a tick sees them, up to a tick."""
+    size = (observer.past + 1) * WIDTH
+    shift = np.eye(size, k=-WIDTH)
+    shift[:WIDTH, :WIDTH] = observer.step[:, :WIDTH]
+    for places in product(*(_places(delay_s, tick_s) for delay_s in bench.delays_s())):
+        expected = np.zeros((3, size))
+        for i, (back, instant) in enumerate(places):
+            expected[i, back * WIDTH : (back + 1) * WIDTH] = observer.rows[instant, i, :WIDTH]
+        if np.max(np.abs(np.linalg.eigvals(shift @ (np.eye(size) - observer.gain @ expected)))) >= 1.0:
+            return False
+    return True
+
+
+def _places(delay_s: float, tick_s: float) -> list[tuple[int, int]]:
+    """Where readings may lie that are ``delay_s`` old on average, half a tick of it their age.
+
+    The youngest, the oldest, and either side of a whole tick between: there a reading is compared with another of the
+    past states, and what the gain does changes at once. Between these it changes little by little.
+    """
+    youngest_s, oldest_s = delay_s - 0.5 * tick_s, delay_s + 0.5 * tick_s
+    places = [place(youngest_s, tick_s), place(oldest_s, tick_s)]
+    younger, older = places[0][0], places[1][0]
+    return [*places, (younger, 0), (older, GRID)] if younger < older else places
+
+
+def design_observer(bench: Bench, noise: Noise, tick_s: float, past: int) -> Observer:
+    """The steady-state Kalman observer for the nominal bench."""
+    model = _extended(bench, tick_s)
+    step = model.flow(tick_s)
+    outputs = _outputs(bench)
+    rows = np.stack([outputs @ model.flow(tick_s * i / GRID) for i in range(GRID + 1)])
+    gain = _gain(model, outputs, bench, noise, past)
+    nominal = tuple(place(delay_s, tick_s) for delay_s in bench.delays_s())
+    return Observer(step, rows, gain, nominal, past, model.whole)
+
+
+def _extended(bench: Bench, tick_s: float) -> Sampled:
+    """The bench with its disturbances as states; inputs: command, torque on the load, free acceleration."""
+    a5, b5 = bench.matrices()
+    a, b = np.zeros((WIDTH, WIDTH)), np.zeros((WIDTH, 3))
+    a[:STATES, :STATES], b[:STATES] = a5, b5
+    a[:STATES, LOAD], a[:STATES, FREE] = b5[:, 1], b5[:, 2]
+    a[FREE, FREE_RATE] = 1.0
+    return sampled(a, b, tick_s, bench.command_delay_s)
+
+
+def _outputs(bench: Bench) -> FloatArray:
+    rows = np.zeros((3, WIDTH))
+    rows[:, :STATES] = bench.outputs()
+    rows[2, OFFSET] = 1.0
+    return rows
+
+
+def _gain(model: Sampled, outputs: FloatArray, bench: Bench, noise: Noise, past: int) -> FloatArray:
+    size = (past + 1) * WIDTH
+    transition, seen = np.zeros((size, size)), np.zeros((3, size))
+    transition[:WIDTH, :WIDTH] = model.flow(model.tick_s)[:, :WIDTH]
+    transition[WIDTH:, :-WIDTH] = np.eye(size - WIDTH)
+    for output, delay_s in enumerate(bench.delays_s()):
+        back, after_s = look_back(delay_s, model.tick_s)
+        seen[output, back * WIDTH : (back + 1) * WIDTH] = outputs[output] @ model.flow(after_s)[:, :WIDTH]
+    process = np.zeros((size, size))
+    process[:WIDTH, :WIDTH] = _process_noise(model, bench, noise)
+    scale = np.tile(_scale(bench, noise), past + 1)
+    reading = np.array([noise.torque_nm, noise.position_rad, noise.position_rad])
+    f = transition * scale / scale[:, None]
+    h = seen * scale / reading[:, None]
+    q = process / np.outer(scale, scale)
+    covariance = solve_riccati(f.T, h.T, q)
+    gain = covariance @ h.T @ np.linalg.inv(h @ covariance @ h.T + np.eye(3))
+    return np.asarray(gain * scale[:, None] / reading)
+
+
+def _process_noise(model: Sampled, bench: Bench, noise: Noise) -> FloatArray:
+    """Of one tick: random walks of free acceleration, load torque and encoder offset, a little of everything else."""
+    density = np.zeros(WIDTH)
+    density[FREE], density[LOAD] = noise.free_rad_s2**2, noise.load_nm**2
+    density[FREE_RATE] = noise.free_rate_rad_s3**2
+    density[OFFSET] = (0.1 * noise.position_rad) ** 2
+    # What no state stands for, per second: cogging, eccentricity, the sensor's own bearings.
+    density[1] = (0.1 * noise.load_nm / bench.load_inertia_kgm2) ** 2 * model.tick_s
+    density[3] = (0.1 * noise.free_rad_s2) ** 2 * model.tick_s
+    covariance = np.zeros((WIDTH, WIDTH))
+    for i in range(8):
+        phi = model.flow(model.tick_s * (i + 0.5) / 8)[:, :WIDTH]
+        covariance += phi @ np.diag(density) @ phi.T * model.tick_s / 8
+    return covariance
+
+
+def _scale(bench: Bench, noise: Noise) -> FloatArray:
+    """Typical sizes, which keep the Riccati equation well conditioned."""
+    twist = noise.torque_nm / bench.stiffness_nm_rad
+    return np.array(
+        [noise.position_rad, 0.1, twist, 100 * twist, noise.torque_nm, 10.0, 1e3, noise.torque_nm, noise.position_rad]
+    )

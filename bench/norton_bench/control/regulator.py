@@ -1,0 +1,74 @@
+"""The feedback of prescribed motion: least squares of tracking errors against changes of the command.
+
+    minimise Σ (Il Δv / T)² + (Il Δx / T²)² + ρ (Δu)²,     T the time in which an error of position is to be mended
+
+Changes of the command are what costs, so that a standing disturbance leaves no standing error.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from norton_bench.control.dynamics import POSITION, STATES, VELOCITY, Bench, FloatArray, sampled
+from norton_bench.control.riccati import solve_riccati
+
+FREE, FREE_RATE, LOAD = STATES, STATES + 1, STATES + 2
+WIDTH = STATES + 3  # deviations from the reference
+# Disturbances are random walks to the observer; here they forget slowly, which Riccati's equation needs.
+FORGETTING_S = 1.0
+# An error of position weighs as much as the error of velocity that mends it in this time.
+MENDING_S = 0.01
+
+
+@dataclass(frozen=True)
+class Regulator:
+    """Gains on the deviations (WIDTH,) and on the last commands, newest first (commands in flight,)."""
+
+    on_state: FloatArray
+    on_commands: FloatArray
+
+
+def design_regulator(bench: Bench, effort: float, tick_s: float) -> Regulator:
+    """``effort`` is √ρ: the error, as a torque, that is worth one newton metre of change within a tick."""
+    transition, change = _transition(bench, tick_s)
+    errors = np.zeros((2, len(transition)))
+    errors[0, VELOCITY] = bench.load_inertia_kgm2 / MENDING_S
+    errors[1, POSITION] = bench.load_inertia_kgm2 / MENDING_S**2
+    scale = _scale(bench, len(transition))
+    f, g, h = transition * scale / scale[:, None], change / scale[:, None], errors * scale / effort
+    value = solve_riccati(f, g, h.T @ h)
+    gain = np.linalg.solve(np.eye(1) + g.T @ value @ g, g.T @ value @ f)[0] / scale
+    return Regulator(gain[:WIDTH], gain[WIDTH:])
+
+
+def _transition(bench: Bench, tick_s: float) -> tuple[FloatArray, FloatArray]:
+    """State (deviations, last commands newest first) from tick to tick, and its input, the change of the command."""
+    a5, b5 = bench.matrices()
+    a, b = np.zeros((WIDTH, WIDTH)), np.zeros((WIDTH, 1))
+    a[:STATES, :STATES], b[:STATES] = a5, b5[:, :1]
+    a[:STATES, LOAD], a[:STATES, FREE] = b5[:, 1], b5[:, 2]
+    a[FREE, FREE_RATE] = 1.0
+    for disturbance in (FREE, FREE_RATE, LOAD):
+        a[disturbance, disturbance] = -1.0 / FORGETTING_S
+    model = sampled(a, b, tick_s, bench.command_delay_s)
+    flow, in_flight = model.flow(tick_s), model.whole + 1
+    size = WIDTH + in_flight
+    transition, change = np.zeros((size, size)), np.zeros((size, 1))
+    transition[:WIDTH, :WIDTH] = flow[:, :WIDTH]
+    transition[:WIDTH, WIDTH + model.whole] += flow[:, WIDTH]
+    if model.whole:
+        transition[:WIDTH, WIDTH + model.whole - 1] += flow[:, WIDTH + 1]
+    else:
+        transition[:WIDTH, WIDTH] += flow[:, WIDTH + 1]
+        change[:WIDTH, 0] = flow[:, WIDTH + 1]
+    transition[WIDTH, WIDTH] = change[WIDTH, 0] = 1.0
+    transition[WIDTH + 1 :, WIDTH:-1] = np.eye(in_flight - 1)
+    return transition, change
+
+
+def _scale(bench: Bench, size: int) -> FloatArray:
+    """Typical sizes, which keep the Riccati equation well conditioned."""
+    twist, scale = 1e-2 / bench.stiffness_nm_rad, np.full(size, 1e-2)
+    free = 1e-2 / bench.load_inertia_kgm2
+    scale[:WIDTH] = [1e-3, 1.0, twist, 300 * twist, 1e-2, free, 100 * free, 1e-2]
+    return scale

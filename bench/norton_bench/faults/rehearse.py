@@ -1,0 +1,189 @@
+"""One case in lock step: a whole session on the simulated backend, with a witness of what is true."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import nan
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from norton_bench.errors import BenchError, UsageError
+from norton_bench.faults.case import Case, Outcome, Verdict
+from norton_bench.faults.exercise import Exercise
+from norton_bench.faults.judge import Detection, allowed_ns, judge
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.loop.devices import open_devices
+from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.options import CalibrateOptions, TareOptions
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.records import Measured, join
+from norton_bench.rig.rig import Rig
+from norton_bench.session.engine import record_procedures
+from norton_bench.session.progress import Silent
+from norton_bench.session.schema import Session, WrittenFault
+from norton_drivers.errors import DeviceError
+from norton_drivers.registry import load_backend
+from norton_drivers.rehearsal import Rehearsal, TrueState
+
+# Just enough to impose motion.
+BEFORE = (TareProcedure(TareOptions(0.5)), CalibrateProcedure(CalibrateOptions(2.0)))
+# After the drives are armed, which is up to a heartbeat before the exercise begins.
+STRIKES = {"after": "armed", "at": "600 ms"}
+# How long the world is watched after the session has ended, beyond what the drives may take.
+WATCH_ON_NS = 100_000_000
+COUNTS = ("bus", "device")  # events in which a recording counts what was wrong
+
+
+@dataclass
+class _Listener(Silent):
+    """Keeps what was measured, whatever becomes of the session."""
+
+    parts: list[Measured] = field(default_factory=list)
+
+    def part(self, measured: Measured, live: LiveEstimate) -> None:
+        self.parts.append(measured)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What is known after a session: what ended it, what was measured, what was true; ``bug`` is what should not be."""
+
+    error: str | None
+    bug: str | None
+    ended_ns: int
+    measured: Measured
+    states: Sequence[TrueState]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A rig that is ready for its faults: what its first session learned, and the longest of its drives' watchdogs."""
+
+    rig: Rig
+    known: Knowledge
+    watchdog_s: float
+
+
+def prepare(rig: Rig, seed: int | None = None) -> Prepared:
+    """A session that learns enough of the rig to impose motion.
+
+    Raises RigError where the rig cannot be simulated or has no load drive, and what :func:`record_procedures` raises.
+    """
+    Exercise().require(rig)
+    with TemporaryDirectory() as folder:
+        session = Session((), "faults, calibration")
+        known = record_procedures(rig, session, BEFORE, out=Path(folder), seed=seed).knowledge
+    seen = replace(rig, supervision=replace(rig.supervision, verify_watchdogs=False))  # just now: once is enough
+    return Prepared(seen, known, longest_watchdog_s(rig))
+
+
+def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> Outcome:
+    """The exercise, and the fault in the middle of it. Raises UsageError for a backend that cannot rehearse."""
+    rig = prepared.rig
+    backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
+    if not isinstance(backend, Rehearsal):
+        raise UsageError(f'{rig.place}: backend = "{rig.backend}" cannot rehearse faults; use "simulated"')
+    allowed = allowed_ns(prepared.watchdog_s, rig.tick_ns)
+    run = _run(prepared, case, backend, seed, allowed)
+    fault = backend.injected[-1] if backend.injected else None
+    outcome = nothing_yet(rig, case, allowed)
+    if run.bug is not None:
+        return _failed(outcome, run.bug)
+    if fault is None or fault.begun_ns is None:
+        return _failed(outcome, f"the session ended before the fault: {run.error or 'as planned'}")
+    if "count" in case.table and not fault.hits:
+        return _failed(outcome, "the fault hit no frame")
+    return _judged(outcome, run, fault.begun_ns, fault.hits, rig)
+
+
+def longest_watchdog_s(rig: Rig) -> float:
+    """The longest of the drives' watchdogs, as their drivers set them. Raises RigError, DeviceError."""
+    backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=None, place=rig.place)
+    try:
+        devices = open_devices(rig, backend)
+        found = max(drive.watchdog_s for drive in devices.drives)
+        devices.link.close()
+    finally:
+        backend.close()
+    return found
+
+
+def family(rig: Rig) -> str:
+    """By its drives."""
+    drivers = [device.driver for device in (rig.wiring.actuator, rig.wiring.load) if device is not None]
+    return "+".join(dict.fromkeys(drivers))
+
+
+def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None, allowed: int) -> _Run:
+    states, listener = backend.watch(), _Listener()
+    error: str | None = None
+    bug: str | None = None
+    session = Session((), f"faults, {case.name}", faults=(WrittenFault({**STRIKES, **case.table}, Exercise.name),))
+    with TemporaryDirectory() as folder:
+        try:
+            record_procedures(
+                prepared.rig,
+                session,
+                (Exercise(),),
+                out=Path(folder),
+                backend=backend,
+                known=prepared.known,
+                seed=seed,
+                progress=listener,
+            )
+        except (BenchError, DeviceError) as stopped_by:
+            error = str(stopped_by)
+        except Exception as stumbled_over:  # a host that a fault makes stumble is a finding, among all the others
+            bug = f"the program itself failed ({type(stumbled_over).__name__}: {stumbled_over})"
+    ended_ns = backend.clock.now_ns()
+    backend.clock.wait_until_ns(ended_ns + allowed + WATCH_ON_NS)
+    return _Run(error, bug, ended_ns, join(listener.parts), states)
+
+
+def nothing_yet(rig: Rig, case: Case, allowed: int) -> Outcome:
+    """What is known of a case before it is tried; a drive is allowed to go on for so many nanoseconds."""
+    return Outcome(case.name, case.on, family(rig), rig.name, case.expected, Verdict.FAILED, allowed_s=allowed * 1e-9)
+
+
+def _failed(outcome: Outcome, why: str) -> Outcome:
+    return replace(outcome, guard=why)
+
+
+def _judged(outcome: Outcome, run: _Run, begun_ns: int, hits: int, rig: Rig) -> Outcome:
+    detection = _detection(run)
+    if detection is not None and detection.stamp_ns < begun_ns:
+        return _failed(outcome, f"the session ended before the fault: {detection.words}")
+    found = judge(
+        run.states,
+        begun_ns,
+        detection,
+        outcome.expected,
+        allowed_ns=round(outcome.allowed_s * 1e9),
+        limits=rig.limits,
+    )
+    return replace(
+        outcome,
+        **vars(found),
+        guard="" if detection is None else detection.words,
+        detected_s=None if detection is None else (detection.stamp_ns - begun_ns) * 1e-9,
+        hits=hits,
+        longest_silence_s=_longest_silence_s(run.measured, begun_ns),
+        counted=tuple(event.text for event in run.measured.events if event.kind in COUNTS),
+    )
+
+
+def _detection(run: _Run) -> Detection | None:
+    if run.error is None:
+        return None
+    stops = [event for event in run.measured.events if event.kind == "stop"]
+    return Detection(stops[-1].stamp_ns if stops else run.ended_ns, run.error)
+
+
+def _longest_silence_s(measured: Measured, begun_ns: int) -> float:
+    """The longest time without a reading of any one stream, from just before the fault on."""
+    streams = [table["arrival_ns"] for table in (measured.motion, measured.load_motion, measured.torque) if len(table)]
+    later = [stamps[max(0, np.searchsorted(stamps, begun_ns) - 1) :] for stamps in streams]
+    gaps = [float(np.max(np.diff(stamps))) for stamps in later if len(stamps) > 1]
+    return max(gaps) * 1e-9 if gaps else nan

@@ -1,0 +1,206 @@
+"""The claims of section IV.D, from the experiments with the torque motor with Dahl friction."""
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.gallery import motor_experiments as done
+from norton_bench.gallery import motor_figures as figures
+from norton_bench.gallery.claim import Estimated, Experiment, Shown, row
+from norton_bench.gallery.looks import Look, looks, pairs
+from norton_bench.gallery.repeated import Line, mean, wider
+from norton_bench.identification.model_free.branches import REST_SHARE
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motor:
+    """The true motor, and what the bench measured of it, each pair as its half difference."""
+
+    experiment: Experiment
+
+    @property
+    def gain(self) -> float:
+        return self.experiment.true["torque_gain"]
+
+    @property
+    def damping(self) -> float:
+        return self.experiment.true["viscous_damping"]
+
+    @property
+    def coulomb(self) -> float:
+        return self.experiment.true["coulomb_torque"]
+
+    def source_rad_s(self, command: float) -> float:
+        """ω_N(c), in its three branches."""
+        drive = self.gain * command
+        return float(np.sign(drive) * max(abs(drive) - self.coulomb, 0.0) / self.damping)
+
+    @cached_property
+    def steady(self) -> FloatArray:
+        """Imposed velocity and torque, and the command: shape (pairs, 3)."""
+        found = self._looks(done.SteadySpeeds.name, done.STEADY_LOOK_S)
+        return np.array([_odd(one, other) for one, other in pairs(found)])
+
+    @cached_property
+    def steady_line(self) -> Line:
+        return Line(self.steady[:, 0], self.steady[:, 1])
+
+    @cached_property
+    def free(self) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        """Free velocity, torque left, and command (pairs, 3), and which were approached from below (pairs,).
+
+        The velocity is that at no torque: what the load drive left of it is made up for, with the damping measured.
+        """
+        found = list(pairs(self._looks(done.FreeLevels.name, done.FREE_LOOK_S)))
+        table = np.array([_odd(one, other) for one, other in found])
+        moving = np.abs(table[:, 0]) > np.abs(table[:, 1] / self.steady_line.slope.value)
+        table[moving, 0] -= table[moving, 1] / self.steady_line.slope.value
+        return table, np.array([one.label[2] == "below" for one, _ in found])
+
+    @cached_property
+    def stops(self) -> dict[bool, FloatArray]:
+        """Torque at rest and what was taken back (pairs, 2), for approaches with the command (True) and against it."""
+        table: dict[bool, list[tuple[float, float]]] = {True: [], False: []}
+        for one, other in pairs(self._looks(done.SlowStops.name, done.STOP_LOOK_S)):
+            _, taken, sign, side = one.label
+            # As under approach from positive velocity: the command's sign is that of `with`.
+            torque = 0.5 * float(side) * (one.torque_nm - other.torque_nm)
+            table[float(sign) == float(side)].append((torque, float(taken)))
+        return {with_command: np.array(found) for with_command, found in table.items()}
+
+    @cached_property
+    def stop_command(self) -> float:
+        found = self._looks(done.SlowStops.name, done.STOP_LOOK_S)
+        return float(np.mean([abs(each.command) for each in found]))
+
+    def stopped(self, with_command: bool) -> Line:
+        """Torque at rest against what was taken back; at none of it stands the paper's."""
+        table = self.stops[with_command]
+        return Line(table[:, 1], table[:, 0])
+
+    def _looks(self, procedure: str, look_s: float) -> list[Look]:
+        names = ("rest", "release", "creep")
+        return [each for each in looks(self.experiment.measured, procedure, look_s) if each.label[0] not in names]
+
+
+def claims(experiment: Experiment) -> tuple[Shown, ...]:
+    """All of them. Raises ExperimentError where the recording lacks what they need."""
+    motor = Motor(experiment)
+    return (thevenin_and_norton(motor), three_branches(motor), steady_torque(motor), slow_approach(motor))
+
+
+def thevenin_and_norton(motor: Motor) -> Shown:
+    name, command = "one source", motor.stop_command
+    above, below = motor.stops[True], motor.stops[False]
+    # Mirrored, an approach against the command is one from below under a positive command.
+    apart = Line(above[:, 1], -below[:, 0] - above[:, 0]).value(0.0)
+    free, from_below = motor.free
+    levels = np.unique(np.round(free[:, 2] / free[:, 2].max(), 3))
+    same = [np.isclose(free[:, 2] / free[:, 2].max(), level, atol=0.01) for level in levels[1:]]
+    differences = np.concatenate([free[at & from_below, 0] - free[at & ~from_below, 0] for at in same])
+    blocked = "blocked torque, from below less from above"
+    moving = "free velocity, from below less from above"
+    rows = (
+        row(name, blocked, "N*m", 2 * motor.coulomb, apart, 0.0),
+        row(name, moving, "rad/s", 0.0, mean(differences), 2 * motor.coulomb / motor.damping),
+    )
+    return Shown(
+        name,
+        "Thévenin's source is ambiguous by ± τc, Norton's is not",
+        "IV.D",
+        "The torque of a blocked port depends on how it came to rest; the velocity of the free port does not.",
+        rows,
+        partial(figures.one_source, motor, command),
+        "Left: torque at rest, by the side from which rest was reached, and the closed form Km·Ka·c ∓ τc. Right: free "
+        "velocity at each command, by the side from which the command was reached.",
+    )
+
+
+def three_branches(motor: Motor) -> Shown:
+    """Within its threshold a shaft on Dahl's contact creeps while the load drive shivers: what is slow enough rests."""
+    name = "three branches"
+    free, _ = motor.free
+    levels = np.round(free[:, 2] / free[:, 2].max(), 2)
+    rows = []
+    for level in np.unique(levels):
+        at = levels == level
+        command = float(np.mean(free[at, 2]))
+        without_friction = motor.gain * command / motor.damping
+        found = mean(free[at, 0])
+        if motor.source_rad_s(command) == 0.0:
+            found = wider(found, REST_SHARE * float(np.max(free[:, 0])))
+        what = f"free velocity at {command / motor.coulomb * motor.gain:.1f} thresholds"
+        rows.append(row(name, what, "rad/s", motor.source_rad_s(command), found, without_friction))
+    moving = levels > levels.min()
+    branch = Line(free[moving, 2], free[moving, 0])
+    unit = f"({motor.experiment.rig.command.unit})"
+    rows += [
+        row(name, "slope of the outer branches", f"rad/s/{unit}", motor.gain / motor.damping, branch.slope, 0.0),
+        row(name, "threshold", motor.experiment.rig.command.unit, motor.coulomb / motor.gain, branch.zero(), 0.0),
+    ]
+    return Shown(
+        name,
+        "The motion source has three branches",
+        "IV.D",
+        "ω_N(c) is zero between two thresholds and straight beyond: not invertible, but unambiguous.",
+        tuple(rows),
+        partial(figures.three_branches, motor),
+        "Steady free velocity against command (half differences of either direction, drawn on both sides), and the "
+        "closed form.",
+    )
+
+
+def steady_torque(motor: Motor) -> Shown:
+    name, line = "steady torque", motor.steady_line
+    command = float(np.mean(motor.steady[:, 2]))
+    slope = line.slope
+    damping = Estimated(-slope.value, (-slope.interval[1], -slope.interval[0]))
+    rows = (
+        row(name, "fall of torque with velocity", "N*m*s/rad", motor.damping, damping, 0.0),
+        row(name, "velocity without torque", "rad/s", motor.source_rad_s(command), line.zero(), 0.0),
+    )
+    return Shown(
+        name,
+        "At constant speed the torque is B (ω_N − ω)",
+        "IV.D",
+        "While source and port slide one way, friction cancels between them: a damper about the source is left.",
+        rows,
+        partial(figures.steady_torque, motor),
+        "Mean torque at imposed velocities under one command (half differences of both directions), and closed form.",
+    )
+
+
+def slow_approach(motor: Motor) -> Shown:
+    name, command = "slow approach", motor.stop_command
+    source_nm = motor.damping * motor.source_rad_s(command)
+    above = "blocked, with the source's motion: B·ω_N"
+    below = "blocked, against it: B·ω_N − 2·τc"
+    apart = 2 * motor.coulomb
+    rows = (
+        row(name, above, "N*m", source_nm, motor.stopped(True).value(0.0), source_nm + apart),
+        row(name, below, "N*m", -source_nm - apart, motor.stopped(False).value(0.0), -source_nm),
+    )
+    return Shown(
+        name,
+        "Blocked after a slow approach: B ω_N, or B ω_N − 2 τc",
+        "IV.D",
+        "Which of the two the port shows depends on whether it came to rest with the source's motion or against it.",
+        rows,
+        partial(figures.slow_approach, motor),
+        "Torque at rest against what the load's torque was eased by to stop the creep: the contact springs back in "
+        "proportion, and with no easing stands the closed form (squares).",
+    )
+
+
+def _odd(one: Look, other: Look) -> tuple[float, float, float]:
+    """Half of the difference of a pair, as if all of it had been done in the positive direction."""
+    sign = float(one.label[1])
+    return (
+        0.5 * sign * (one.velocity_rad_s - other.velocity_rad_s),
+        0.5 * sign * (one.torque_nm - other.torque_nm),
+        0.5 * sign * (one.command - other.command),
+    )

@@ -1,0 +1,175 @@
+"""The claims of section IV.C.2, from the experiments with a pneumatic muscle against a spring."""
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from math import pi, sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.gallery import muscle_figures as figures
+from norton_bench.gallery.claim import Experiment, Shown, row
+from norton_bench.gallery.muscle_experiments import LOOK_S, REACH_RAD, MuscleSweeps
+from norton_bench.gallery.repeated import Line, mean
+from norton_bench.records import Measured, SegmentInfo
+
+FloatArray = npt.NDArray[np.float64]
+
+# The exertion is read where the sweep passes through this much of the way on either side of a place.
+WINDOW_RAD = 0.05
+DISPLACED_RAD = 0.3
+CLOSE_RAD = 0.15
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One sweep there and back: exertion at places, the mean of both directions, in which friction cancels."""
+
+    share: float
+    command: float
+    place_rad: FloatArray
+    exertion_nm: FloatArray
+
+    def at(self, place_rad: float) -> float:
+        """By a straight line through what lies within the window."""
+        near = np.abs(self.place_rad - place_rad) <= WINDOW_RAD
+        return float(Line(self.place_rad[near], self.exertion_nm[near]).at(place_rad))
+
+    def zero_rad(self, near_rad: float) -> float:
+        """Where nothing is exerted, by a parabola: the curve bends."""
+        near = np.abs(self.place_rad - near_rad) <= CLOSE_RAD
+        coefficients = np.polyfit(self.exertion_nm[near], self.place_rad[near], 2)
+        return float(coefficients[-1])
+
+
+@dataclass(frozen=True)
+class Muscle:
+    """The true muscle, and what the bench measured of it."""
+
+    experiment: Experiment
+
+    @property
+    def spring(self) -> float:
+        return self.experiment.true["spring"]
+
+    def source_rad(self, command: float) -> float:
+        """θ_N(c): the root between 0 and π of 0 = (π − θ)² c − K θ."""
+        half = pi + self.spring / (2 * command)
+        return half - sqrt(half * half - pi * pi)
+
+    def exertion_nm(self, command: float, place_rad: npt.ArrayLike) -> FloatArray:
+        """K (θ_N (π − θ)²/(π − θ_N)² − θ)."""
+        source, place = self.source_rad(command), np.asarray(place_rad, dtype=float)
+        return np.asarray(self.spring * (source * (pi - place) ** 2 / (pi - source) ** 2 - place))
+
+    def stiffness_nm_rad(self, command: float) -> float:
+        """What the exertion falls by with the place, at the source."""
+        source = self.source_rad(command)
+        return self.spring * (2 * source / (pi - source) + 1)
+
+    @cached_property
+    def shares(self) -> tuple[float, ...]:
+        return tuple(dict.fromkeys(curve.share for curve in self.curves))
+
+    @cached_property
+    def curves(self) -> tuple[Curve, ...]:
+        return self._curves("sweep", self.drift_nm_s)
+
+    @cached_property
+    def drift_nm_s(self) -> float:
+        """By how much the torque sensor's zero wanders: the place of the tare, visited again without a command."""
+        again = self._curves("reference", 0.0)
+        tare, last = self.experiment.measured.segments[0], self._swept("reference")[-1]
+        drifted_nm = float(np.mean([curve.at(self._tare_rad) for curve in again]))
+        return drifted_nm / ((last.start_ns - tare.start_ns) * 1e-9)
+
+    @cached_property
+    def _tare_rad(self) -> float:
+        tare = self.experiment.measured.segments[0]
+        return float(np.mean(self.experiment.measured.between(tare.start_ns, tare.end_ns).motion["position_rad"]))
+
+    def _curves(self, name: str, drift_nm_s: float) -> tuple[Curve, ...]:
+        ups, downs = (self._swept(f"{name} {way}") for way in ("up", "down"))
+        return tuple(self._curve(up, down, drift_nm_s) for up, down in zip(ups, downs, strict=True))
+
+    def of(self, share: float) -> tuple[Curve, ...]:
+        return tuple(curve for curve in self.curves if curve.share == share)
+
+    def free_rad(self, share: float) -> FloatArray:
+        """Where the free port rested, the mean of both sides: one a round."""
+        sides = [
+            [_end_rad(self.experiment.measured, each) for each in self._swept(f"free {name}") if _share(each) == share]
+            for name in ("up", "down")
+        ]
+        return np.asarray(np.mean(sides, axis=0))
+
+    def _swept(self, name: str) -> list[SegmentInfo]:
+        segments = self.experiment.measured.segments
+        return [each for each in segments if each.procedure == MuscleSweeps.name and each.name.startswith(name)]
+
+    def _curve(self, up: SegmentInfo, down: SegmentInfo, drift_nm_s: float) -> Curve:
+        ways = [self._way(segment, drift_nm_s) for segment in (up, down)]
+        low = max(float(way[0][0]) for way in ways)
+        high = min(float(way[0][-1]) for way in ways)
+        place = np.linspace(low, high, 400)
+        exertion = np.mean([np.interp(place, *way) for way in ways], axis=0)
+        inside = self.experiment.measured.between(up.start_ns, up.end_ns)
+        return Curve(_share(up), float(np.mean(inside.ticks["command"])), place, exertion)
+
+    def _way(self, segment: SegmentInfo, drift_nm_s: float) -> tuple[FloatArray, FloatArray]:
+        """Places, increasing, and torque less the sensor's zero, in means of ten readings."""
+        inside = self.experiment.measured.between(segment.start_ns, segment.end_ns)
+        torque = inside.torque[inside.torque["valid"]]
+        place = np.interp(torque["arrival_ns"], inside.motion["arrival_ns"], inside.motion["position_rad"])
+        order = np.argsort(place)
+        whole = 10 * (order.size // 10)
+        means = [values[order][:whole].reshape(-1, 10).mean(axis=1) for values in (place, torque["torque_nm"])]
+        since_s = (segment.start_ns - self.experiment.measured.segments[0].start_ns) * 1e-9
+        return means[0], means[1] - self.experiment.torque_zero_nm - drift_nm_s * since_s
+
+
+def claims(experiment: Experiment) -> tuple[Shown, ...]:
+    """All of them. Raises ExperimentError where the recording lacks what they need."""
+    return (nonlinear_connection(Muscle(experiment)),)
+
+
+def nonlinear_connection(muscle: Muscle) -> Shown:
+    name, rows = "nonlinear connection", []
+    for share in muscle.shares:
+        curves = muscle.of(share)
+        command = float(np.mean([curve.command for curve in curves]))
+        source = muscle.source_rad(command)
+        other = muscle.source_rad(
+            command * (muscle.shares[0] if share == muscle.shares[1] else muscle.shares[1]) / share
+        )
+        free = mean(muscle.free_rad(share))
+        zero = mean([curve.zero_rad(free.value) for curve in curves])
+        rows += [
+            row(name, f"free port's place, c = {command:.3g}", "rad", source, free, other),
+            row(name, "place without exertion", "rad", source, zero, other),
+        ]
+        for displaced in (-DISPLACED_RAD, DISPLACED_RAD):
+            place = free.value + displaced
+            found = mean([curve.at(place) for curve in curves])
+            linear = -muscle.stiffness_nm_rad(command) * (place - source)
+            expected = float(muscle.exertion_nm(command, place))
+            rows.append(row(name, f"exertion {displaced:+g} rad from there", "N*m", expected, found, linear))
+    return Shown(
+        name,
+        "A muscle's connection is nonlinear, and zero at its source",
+        "IV.C.2",
+        "Its exertion is no function of the displacement from the source alone, and yet it vanishes at the source.",
+        tuple(rows),
+        partial(figures.nonlinear_connection, muscle, REACH_RAD),
+        "Exertion along slow sweeps (mean of both directions) under two commands, closed form, and the straight line "
+        "that a linear connection would have. Crosses: where the free port rested.",
+    )
+
+
+def _share(segment: SegmentInfo) -> float:
+    return float(segment.name.split()[-1])
+
+
+def _end_rad(measured: Measured, segment: SegmentInfo) -> float:
+    end = measured.between(segment.end_ns - round(LOOK_S * 1e9), segment.end_ns)
+    return float(np.mean(end.motion["position_rad"]))

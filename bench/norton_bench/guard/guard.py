@@ -1,0 +1,188 @@
+"""The last word before the wire. Independent of every controller and procedure, it fails closed: what it cannot judge,
+it stops. Once tripped it stays tripped, until an operator says otherwise."""
+
+from dataclasses import dataclass, field
+from math import inf, isfinite
+
+from norton_bench.errors import SafetyStopError, UsageError
+from norton_bench.guard.check import Check
+from norton_bench.guard.commands import NOTHING, Commands, DriveHealth, Limited
+from norton_bench.guard.known import Known
+from norton_bench.rig.rig import Limits
+from norton_bench.sample import Sample
+from norton_drivers.readings import DriveState
+
+
+@dataclass
+class Guard:
+    """Holds the limits of one rig.
+
+    ``has_load`` and ``has_torque_sensor`` say which signals must be there; ``command_limit`` is the greatest actuator
+    command, in its own unit, ``modulation_limit`` that of a modulator, None where there is none. ``checks`` are asked
+    in their order, after all limits: a limit is the clearer word.
+    """
+
+    limits: Limits
+    command_limit: float
+    tick_s: float
+    has_load: bool
+    has_torque_sensor: bool
+    checks: tuple[Check, ...] = ()
+    modulation_limit: float | None = None
+    tripped: SafetyStopError | None = field(default=None, init=False)
+    _sent: Commands = field(default=NOTHING, init=False)
+    _home_rad: float | None = field(default=None, init=False)
+
+    def permit(self) -> None:
+        """Asked before any drive is enabled. Raises SafetyStopError while an earlier trip has not been reset."""
+        if self.tripped is not None:
+            raise SafetyStopError(
+                f"the guard stopped the bench and nothing is enabled again before an operator says so "
+                f"(Loop.reset_guard); it was: {self.tripped}",
+                self.tripped.by,
+            )
+
+    def reset(self, word: str) -> None:
+        """Forget the trip, on an operator's ``word`` that the bench is safe. Raises UsageError where there is none."""
+        if not word.strip():
+            raise UsageError("a guard that tripped is reset by an operator's word: say who looked, and what was done")
+        self.tripped = None
+
+    def know(self, known: Known) -> None:
+        """Lean on what the bench has measured of itself. Call it with the drives idle."""
+        for check in self.checks:
+            check.know(known)
+
+    def begin(self, sample: Sample) -> None:
+        """The drives were just enabled at zero. The position window is centred where the shaft first stood."""
+        self._sent = NOTHING
+        if self._home_rad is None and isfinite(sample.position_rad):
+            self._home_rad = sample.position_rad
+        for check in self.checks:
+            check.begin(sample)
+
+    def limit(self, wished: Commands, sample: Sample, drives: tuple[DriveHealth, ...]) -> Commands:
+        """``wished`` within its bounds. Raises SafetyStopError where the bench is not as it must be."""
+        if self.tripped is not None:
+            raise self.trip(str(self.tripped), self.tripped.by)
+        self._check_wish(wished)
+        self._check_freshness(sample)
+        self._check_values(sample)
+        for drive in drives:
+            self._check_drive(drive, sample.tick_ns)
+        for check in self.checks:
+            said = check.fault(sample, self._sent)
+            if said is not None:
+                raise self.trip(said, check.name)
+        return self._clip(wished)
+
+    def trip(self, reason: str, by: str) -> SafetyStopError:
+        """Latch ``reason``; returns the error to raise. ``by`` is what tripped, in a word or two."""
+        self.tripped = SafetyStopError(reason, by)
+        return self.tripped
+
+    def _check_wish(self, wished: Commands) -> None:
+        if not (isfinite(wished.command) and isfinite(wished.load_torque_nm)):
+            raise self.trip(
+                f"the controller asked for command {wished.command} and load torque {wished.load_torque_nm} N m: "
+                "not a number, so nothing was sent",
+                "wish",
+            )
+        if not isfinite(wished.modulation):
+            raise self.trip(f"the procedure asked for modulation {wished.modulation}: not a number", "wish")
+
+    def _check_freshness(self, sample: Sample) -> None:
+        stale_ns = self.limits.stale_after_ns
+        if not 0 <= sample.motion_age_ns <= stale_ns:
+            raise self._silent("actuator encoder", sample.motion_age_ns)
+        if self.has_load and not 0 <= sample.load_motion_age_ns <= stale_ns:
+            raise self._silent("load encoder", sample.load_motion_age_ns)
+        if self.has_torque_sensor and not 0 <= sample.torque_age_ns <= stale_ns:
+            raise self._silent("torque sensor", sample.torque_age_ns)
+        if self.modulation_limit is not None and not 0 <= sample.modulator_motion_age_ns <= stale_ns:
+            raise self._silent("modulator encoder", sample.modulator_motion_age_ns)
+
+    def _silent(self, name: str, age_ns: int) -> SafetyStopError:
+        if age_ns < 0:
+            return self.trip(f"{name}: no reading yet", "stale")
+        return self.trip(
+            f"{name}: silent for {age_ns / 1e6:.1f} ms, more than [limits] stale_after = "
+            f"{self.limits.stale_after_ns / 1e6:g} ms",
+            "stale",
+        )
+
+    def _check_values(self, sample: Sample) -> None:
+        # Written so that NaN fails, with which a comparison is never true, and infinity where there is no limit.
+        limits, velocity_rad_s, position_rad = self.limits, sample.velocity_rad_s, sample.position_rad
+        bound = limits.velocity_rad_s
+        if not (isfinite(velocity_rad_s) and abs(velocity_rad_s) <= bound):
+            raise self._outside("actuator velocity", velocity_rad_s, bound, "velocity", "rad/s")
+        if self._home_rad is None:
+            raise self.trip("actuator position: not a number when the drives were enabled", "position")
+        travel_rad = position_rad - self._home_rad
+        if not (isfinite(travel_rad) and abs(travel_rad) <= limits.position_rad):
+            raise self._outside("travel from where the shaft stood", travel_rad, limits.position_rad, "position", "rad")
+        if self.has_load:
+            load_rad_s = sample.load_velocity_rad_s
+            if not (isfinite(load_rad_s) and abs(load_rad_s) <= bound):
+                raise self._outside("load velocity", load_rad_s, bound, "velocity", "rad/s")
+            if not isfinite(sample.load_position_rad):
+                raise self._outside("load position", sample.load_position_rad, inf, "position", "rad")
+        if self.has_torque_sensor:
+            torque_nm = sample.torque_nm
+            if not (isfinite(torque_nm) and abs(torque_nm) <= limits.torque_nm):
+                raise self._outside("port torque", torque_nm, limits.torque_nm, "torque", "N m")
+            power_w = torque_nm * velocity_rad_s
+            if not (isfinite(power_w) and abs(power_w) <= limits.power_w):
+                raise self._outside("port power", power_w, limits.power_w, "power", "W")
+
+    def _outside(self, name: str, value: float, bound: float, key: str, unit: str) -> SafetyStopError:
+        if isfinite(value):
+            return self.trip(f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}", key)
+        return self.trip(
+            f"{name}: is no number: the device marks its reading as invalid, or reads beyond its range; "
+            "check the device",
+            key,
+        )
+
+    def _check_drive(self, drive: DriveHealth, tick_ns: int) -> None:
+        status, limit_c = drive.status, self.limits.temperature_c
+        if status.state is not DriveState.ENABLED:
+            words = "; ".join(status.errors) or "no reason given"
+            raise self.trip(f"{drive.name} drive: left its torque loop ({status.state.value}: {words})", "drive")
+        heartbeat_ns = status.heartbeat_ns
+        if heartbeat_ns is None or tick_ns - heartbeat_ns > drive.heartbeat_timeout_ns:
+            raise self.trip(
+                f"{drive.name} drive: no heartbeat for {drive.heartbeat_timeout_ns / 1e6:g} ms", "heartbeat"
+            )
+        # Drives that report no temperature leave NaN, which is no alarm; a hot one is.
+        if status.transistor_temperature_c > limit_c:
+            raise self._hot(drive.name, "transistors", status.transistor_temperature_c)
+        if status.motor_temperature_c > limit_c:
+            raise self._hot(drive.name, "motor", status.motor_temperature_c)
+
+    def _hot(self, name: str, part: str, celsius: float) -> SafetyStopError:
+        return self.trip(
+            f"{name} drive: {part} at {celsius:.0f} °C, above [limits] temperature = {self.limits.temperature_c:g} °C",
+            "temperature",
+        )
+
+    def _clip(self, wished: Commands) -> Commands:
+        limited = 0
+        command = min(max(wished.command, -self.command_limit), self.command_limit)
+        if command != wished.command:
+            limited |= Limited.COMMAND
+        step = self.limits.command_rate_per_s * self.tick_s
+        slewed = min(max(command, self._sent.command - step), self._sent.command + step)
+        if slewed != command:
+            limited |= Limited.COMMAND_RATE
+        load_nm = min(max(wished.load_torque_nm, -self.limits.load_torque_nm), self.limits.load_torque_nm)
+        if load_nm != wished.load_torque_nm:
+            limited |= Limited.LOAD_TORQUE
+        modulation = wished.modulation
+        if self.modulation_limit is not None:
+            modulation = min(max(modulation, -self.modulation_limit), self.modulation_limit)
+            if modulation != wished.modulation:
+                limited |= Limited.MODULATION
+        self._sent = Commands(slewed, load_nm, int(limited), modulation)
+        return self._sent

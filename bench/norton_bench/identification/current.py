@@ -1,0 +1,126 @@
+"""Torque constant and amplifier gain apart: possible only where the amplifier reports its current.
+
+i = Ka·lag_β(c): with the lag known from the torque, the gain is one more linear unknown, and Km = (Km·Ka)/Ka.
+
+A drive that reports its current in steps makes the same error again and again where the current is held, and no number
+of readings averages it out: each step that was met is one datum, and its error as likely anywhere within the step.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.identification import loops
+from norton_bench.identification.covariance import sandwich
+from norton_bench.identification.separable import linear_solution
+from norton_bench.identification.signals import Signals
+from norton_bench.models.parameters import BY_NAME, Estimate, Status
+
+FloatArray = npt.NDArray[np.float64]
+
+DELAY_STEPS = 6
+LEAST_READINGS = 50
+# Currents come in steps where so many readings share a value; fewer on one do not make it count for less.
+READINGS_A_STEP = 20
+
+
+@dataclass(frozen=True)
+class CurrentFit:
+    """Ka [A per command] and Km [N m/A], each with its deviation. Amperes are the drive's own: nothing here
+    tells how well its current sensor is calibrated."""
+
+    amplifier_gain: float
+    amplifier_gain_std: float
+    torque_constant: float
+    torque_constant_std: float
+
+    def estimates(self, command_unit: str, gain_status: Status) -> list[Estimate]:
+        """As rows of the table; no better than the torque gain they are drawn from."""
+        known = (
+            ("torque_constant", self.torque_constant, self.torque_constant_std),
+            ("amplifier_gain", self.amplifier_gain, self.amplifier_gain_std),
+        )
+        return [
+            Estimate(name, value, std, BY_NAME[name].unit_for(command_unit), gain_status) for name, value, std in known
+        ]
+
+
+def fit_current(
+    stretches: tuple[Signals, ...], bandwidth_rad_s: float, delay_s: float, torque_gain: float, torque_gain_std: float
+) -> CurrentFit | None:
+    """None where current was not measured throughout, or says nothing.
+
+    ``delay_s`` is where the search for the current's own delay begins: it comes on another wire than the torque.
+    """
+    readings = [_in_use(stretch) for stretch in stretches]
+    target = np.concatenate([value for _, value in readings])
+    if target.size < LEAST_READINGS:
+        return None
+    steps = Steps.of(target)
+    weight = np.ones(target.size) if steps is None else steps.weight
+    for _ in range(DELAY_STEPS):
+        parts = [
+            _lag(stretch, bandwidth_rad_s, time_s - delay_s)
+            for stretch, (time_s, _) in zip(stretches, readings, strict=True)
+        ]
+        columns = np.concatenate([np.concatenate(parts, axis=1), np.ones((1, target.size))])
+        solution = linear_solution(columns * weight, target * weight)
+        gain, slope, _bias = solution
+        if gain == 0.0:
+            return None
+        delay_s -= float(np.clip(slope / gain, -1e-3, 1e-3))
+    residual = target - solution @ columns
+    columns, residual = columns * weight, residual * weight
+    covariance = sandwich(columns.T, residual, np.concatenate([time_s for time_s, _ in readings]))
+    unseen = 0.0 if steps is None else steps.deviation(columns)
+    std = float(np.sqrt(covariance[0, 0] + unseen**2))
+    constant = torque_gain / gain
+    relative = np.hypot(std / gain, torque_gain_std / torque_gain)
+    return CurrentFit(float(gain), std, float(constant), float(abs(constant) * relative))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Readings that come in steps: the step of each reading, and how wide each step is [A]."""
+
+    index: npt.NDArray[np.intp]
+    width: FloatArray
+
+    @classmethod
+    def of(cls, readings: FloatArray) -> "Steps | None":
+        """None where the readings, shape (m,), come in no steps."""
+        levels, index = np.unique(readings, return_inverse=True)
+        if levels.size < 2 or readings.size < READINGS_A_STEP * levels.size:
+            return None
+        return cls(index, np.gradient(levels))
+
+    @property
+    def weight(self) -> FloatArray:
+        """By which each row is to be multiplied, shape (m,), so that every step weighs the same."""
+        met = np.maximum(np.bincount(self.index), READINGS_A_STEP)
+        return np.asarray(1.0 / np.sqrt(met[self.index]), dtype=np.float64)
+
+    def deviation(self, weighted: FloatArray) -> float:
+        """What the steps' own errors leave unknown of the first parameter; ``weighted`` columns, (parameters, m)."""
+        scores = np.stack([np.bincount(self.index, row * self.weight) for row in weighted])
+        of_first = np.linalg.solve(weighted @ weighted.T, scores)[0]
+        return float(np.sqrt(np.sum((of_first * self.width) ** 2) / 12.0))
+
+
+def _in_use(stretch: Signals) -> tuple[FloatArray, FloatArray]:
+    """Instants and currents, each of shape (m,), where the stretch may be fitted."""
+    if stretch.current is None:
+        return np.empty(0), np.empty(0)
+    nearest = np.round((stretch.current.time_s - stretch.time_s[0]) / stretch.tick_s).astype(np.int64)
+    chosen = stretch.usable[np.clip(nearest, 0, stretch.usable.size - 1)]
+    return stretch.current.time_s[chosen], stretch.current.value[chosen]
+
+
+def _lag(stretch: Signals, bandwidth_rad_s: float, at_s: FloatArray) -> FloatArray:
+    """The lagged command and its rate at any instants, shape (2, m): exact, so nothing needs filtering."""
+    if not at_s.size:
+        return np.empty((2, 0))
+    lag = loops.lag_of_held(stretch.sent_s, stretch.command, bandwidth_rad_s, at_s, stretch.released_at_zero)
+    held = stretch.command[np.clip(np.searchsorted(stretch.sent_s, at_s, side="right") - 1, 0, None)]
+    return np.stack([lag, bandwidth_rad_s * (held - lag)])

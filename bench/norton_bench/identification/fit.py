@@ -1,0 +1,381 @@
+"""The final fit of the Norton network, in impedance form and without an initial guess (paper, section IV.D).
+
+Torque under the measured motion is linear in gain, inertia, damping, Coulomb torque and presliding damping once the
+amplifier's bandwidth, the shape of the friction and two delays are given: see docs/identification.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
+from norton_bench.identification.coupling import Coupling
+from norton_bench.identification.covariance import sandwich
+from norton_bench.identification.current import fit_current
+from norton_bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
+from norton_bench.identification.results import Cogging, FitResult, Simulated, Trace
+from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.separable import Solution, limits, linear_solution, solve
+from norton_bench.identification.signals import Port, Signals, signals
+from norton_bench.identification.soundness.doubts import Doubt, doubts, status_of
+from norton_bench.identification.soundness.recording import NOTHING_FOUND, Findings, sound
+from norton_bench.identification.verdict import LOOSE_BEYOND, loose_directions, verdict
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.records import Measured
+from norton_bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+
+PHYSICAL = (
+    "torque_gain",
+    "amplifier_bandwidth",
+    "inertia",
+    "viscous_damping",
+    "coulomb_torque",
+    "presliding_stiffness",
+    "presliding_damping",
+)
+# What free motion tells only as a ratio to the torque gain.
+PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
+# The command must explain this many times what nothing explains, or the port's torque sets no scale: errors in what
+# explains a torque make its scale too small by the square of their share, here by 1/25, which can be taken off.
+LEAST_EVIDENCE = 5.0
+# Deviations to which a residual can be told from the noise in it.
+TOLD_FROM_NOISE = 2.0
+
+
+def fit(
+    measured: Measured,
+    *,
+    command_unit: str,
+    tick_s: float,
+    use: Use = Use.IDENTIFY,
+    draws: int = DRAWS,
+    coupling: Coupling | None = None,
+) -> FitResult:
+    """Fit the actuator to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit.
+
+    ``draws`` records are simulated for the deviations (:mod:`norton_bench.identification.bootstrap`); with none of them
+    the fit takes a tenth of the time, and the deviations hold only what its residual shows. ``coupling`` is what the
+    calibration tells of the spring between the motors (:func:`norton_bench.identification.load.coupling_of`).
+    """
+    believed = sound(measured)
+    stretches = signals(believed.measured, tick_s, use)
+    readings = Readings(believed.measured, tick_s, use, draws, coupling) if draws else None
+    return fit_signals(stretches, command_unit=command_unit, findings=believed.findings, readings=readings)
+
+
+def fit_signals(
+    stretches: tuple[Signals, ...],
+    *,
+    command_unit: str,
+    port: Port = Port.ACTUATOR,
+    findings: Findings = NOTHING_FOUND,
+    cogging: tuple[float, ...] = (),
+    readings: Readings | None = None,
+    both_driven: bool = False,
+) -> FitResult:
+    """The same, from signals that stand on one grid already, and what was found when they were made.
+
+    ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
+    ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows. With
+    ``both_driven`` both machines pushed on purpose, as they do for a load: a noisy sensor then hides no scale.
+    Raises ExperimentError where no command was given.
+    """
+    solution = solution_of(stretches, port=port, findings=findings, cogging=cogging, both_driven=both_driven)
+    readings = None if findings.doubts else readings
+    return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=readings)
+
+
+def solution_of(
+    stretches: tuple[Signals, ...],
+    *,
+    port: Port = Port.ACTUATOR,
+    findings: Findings = NOTHING_FOUND,
+    cogging: tuple[float, ...] = (),
+    both_driven: bool = False,
+) -> Solution:
+    """The equation solved; for the motion alone where torque sets no scale. Arguments and errors as in fit_signals."""
+    if not any(np.ptp(stretch.command) > 0.0 for stretch in stretches):
+        raise ExperimentError(f"the {port.value} was never commanded: nothing can be learned of its forward path")
+    measured = all(stretch.torque_nm is not None for stretch in stretches)
+    doubtful = bool(findings.doubts)
+    solution = solve(stretches, free_motion=not measured, roughly=doubtful, cogging=cogging)
+    told = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
+        beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
+    )
+    if port is Port.LOAD and not told:
+        raise ExperimentError(
+            "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
+            "actuator too, independently of the load, and see that the torque sensor works"
+        )
+    if measured and not told:
+        solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
+    return solution
+
+
+def scale_evidence(solution: Solution) -> float:
+    """What only the command explains of the torque, over what nothing explains, both rms.
+
+    Next to nothing where the machine across the port is passive: it then answers the motion as this one does,
+    and the torque between them follows from the motion alone, whatever the command.
+    """
+    lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
+    alone = lag - linear_solution(others.T, lag) @ others.T
+    return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)) / np.sqrt(np.mean(solution.innovation**2)))
+
+
+def beyond_noise(solution: Solution) -> float:
+    """The share of the residual's power that the torque readings' own noise does not explain, as far as can be told.
+
+    That noise makes a number uncertain, as its deviation says, but sets no wrong scale; the encoder's does. The power
+    of n normal errors is known to √(2/n) of itself (chi-squared), n rows that are not alike.
+    """
+    regression = solution.regression
+    counts = [row.usable.size for row in regression.rows]
+    noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
+    told = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
+    left = float(np.mean(solution.residual**2))
+    return float(np.clip(1.0 - noise / max(left, 1e-300), min(told, 1.0), 1.0))
+
+
+def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
+    """Of the solution's unknowns, linear ones first, as its residual gives it."""
+    return sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
+
+
+def physical(
+    solution: Solution, time_s: FloatArray, covariance: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Values in the order of PHYSICAL, then the two delays, and their covariance: (9,), (9, 9).
+
+    From free motion they are per unit of torque gain, whose own value is then 1. ``covariance`` is that of the
+    solution's unknowns, linear ones first; as the residual gives it where it is not told.
+    """
+    if covariance is None:
+        covariance = covariance_of(solution, time_s)
+    shape, columns = solution.shape, len(solution.linear)
+    linear, to_linear = _linear_in_torque(solution)
+    stiffness = linear[COULOMB] * shape.s_per_rad
+    ordered = np.array(
+        [linear[GAIN], shape.bandwidth_rad_s, *linear[INERTIA : COULOMB + 1], stiffness, linear[DAMPING],
+         shape.command_delay_s, shape.motion_delay_s]
+    )  # fmt: skip
+    # The gradient of each over (linear, then those of log β, log s, d_c, d_m that were free).
+    gradient = np.zeros((9, columns + len(solution.free)))
+    for row, column in ((0, GAIN), (2, INERTIA), (3, VISCOUS), (4, COULOMB), (6, DAMPING)):
+        gradient[row, :5] = to_linear[column]
+    gradient[5, :5] = shape.s_per_rad * to_linear[COULOMB]
+    slopes = {0: (1, shape.bandwidth_rad_s), 1: (5, stiffness), 2: (7, 1.0), 3: (8, 1.0)}
+    for position, unknown in enumerate(solution.free):
+        row, slope = slopes[unknown]
+        gradient[row, columns + position] = slope
+    return ordered, gradient @ covariance @ gradient.T
+
+
+def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
+    """The five linear unknowns and their gradient over the five that were solved for: shapes (5,), (5, 5)."""
+    solved = solution.linear[:5]
+    if not solution.free_motion:
+        return solved, np.eye(5)
+    # Solved for: gain, B, τc and σ1 over the inertia. Wanted: all over the gain.
+    gain = solved[GAIN]
+    linear = solved / gain
+    linear[INERTIA] = 1.0 / gain
+    gradient = np.eye(5) / gain
+    gradient[:, GAIN] -= solved / gain**2
+    gradient[INERTIA] = 0.0
+    gradient[INERTIA, GAIN] = -1.0 / gain**2
+    return linear, gradient
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The solution in the terms of the network. ``ratios`` are what is known per unit of gain where no scale is."""
+
+    estimates: tuple[Estimate, ...]
+    network: NortonNetwork
+    ratios: tuple[Estimate, ...]
+    has_current: bool
+
+
+def result_of(
+    stretches: tuple[Signals, ...],
+    solution: Solution,
+    *,
+    command_unit: str,
+    findings: Findings = NOTHING_FOUND,
+    readings: Readings | None = None,
+) -> FitResult:
+    """What a solution says of the motor. Arguments as in fit_signals."""
+    regression = solution.regression
+    target = regression.target()
+    of_unknowns = covariance_of(solution, regression.time_s())
+    values, covariance = physical(solution, regression.time_s(), of_unknowns)
+    simulated = None
+    # Free motion is not simulated: its torque is nil, and what is measured of it follows from nothing else.
+    if readings is not None and solution.converged and not solution.free_motion:
+        bench = Simulation.of(readings, stretches, solution)
+        values, covariance, simulated = _simulated(bench, values, covariance)
+    deviations = np.sqrt(np.diag(covariance))
+    doubted = (
+        *(Doubt(sentence) for sentence in findings.doubts),
+        *doubts(solution, values, deviations, tick_s=stretches[0].tick_s),
+    )
+    found = _found(stretches, solution, values, covariance, command_unit, doubted)
+    said = verdict(
+        found.estimates,
+        loose_directions(PHYSICAL, _relative(solution, values, covariance)),
+        ratios=found.ratios,
+        converged=solution.converged,
+        has_current=found.has_current,
+    )
+    to_torque = float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0
+    rms = float(np.sqrt(np.mean(solution.residual**2)))
+    return FitResult(
+        estimates=found.estimates,
+        network=found.network,
+        converged=solution.converged,
+        torque_rms_nm=rms * to_torque,
+        torque_relative=rms / float(np.sqrt(np.mean(target**2))),
+        samples=len(target),
+        command_delay_s=float(values[7] - values[8] if solution.free_motion else values[7]),
+        command_delay_std_s=float(deviations[7]),
+        motion_delay_s=float(values[8]),
+        motion_delay_std_s=float(deviations[8]),
+        trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
+        band=regression.rows[0].kernel,
+        cogging=_cogging(solution, to_torque),
+        torque_bias_nm=_bias(solution),
+        torque_zero=_zero(solution, of_unknowns),
+        simulated=simulated,
+        verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
+        doubted=doubted,
+    )
+
+
+def _simulated(
+    bench: Simulation, values: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray, Simulated]:
+    """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before."""
+    scatter = scatter_of(bench, values, physical)
+    stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
+    of_residual = dict(zip(PHYSICAL, stated, strict=False))
+    repeated_std = dict(zip(PHYSICAL, scatter.bias_std.tolist(), strict=False))
+    return *scatter.applied(values, covariance), Simulated(of_residual, repeated_std, bench)
+
+
+def _found(
+    stretches: tuple[Signals, ...],
+    solution: Solution,
+    values: FloatArray,
+    covariance: FloatArray,
+    command_unit: str,
+    doubted: tuple[Doubt, ...],
+) -> _Found:
+    deviations = np.sqrt(np.diag(covariance))
+    statuses = _statuses(solution, values, deviations, stretches[0].tick_s)
+    estimates = [
+        Estimate(name, float(value), float(std), BY_NAME[name].unit_for(command_unit), status)
+        for name, value, std, status in zip(PHYSICAL, values, deviations, statuses, strict=False)
+    ]
+    current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
+    if current is not None:
+        estimates += current.estimates(command_unit, statuses[0])
+    network = network_of(estimates, command_unit, covariance[:7, :7])
+    ratios: tuple[Estimate, ...] = ()
+    if solution.free_motion:
+        ratios = tuple(estimate for estimate in estimates if estimate.name in PER_GAIN and not doubted)
+        network = replace(network, provenance={"scale": "free motion only: everything per unit of torque gain"})
+        estimates = [_without_scale(estimate) for estimate in estimates]
+    judged = tuple(replace(each, status=status_of(each.status, each.name, doubted)) for each in estimates)
+    return _Found(judged, network, ratios, current is not None)
+
+
+def _cogging(solution: Solution, to_torque: float) -> tuple[Cogging, ...]:
+    """The waves found, from the pairs that follow the five linear unknowns."""
+    periods = solution.regression.cogging
+    pairs = solution.linear[5 : 5 + 2 * len(periods)].reshape(-1, 2)
+    amplitudes = np.hypot(pairs[:, 0], pairs[:, 1]) * to_torque
+    return tuple(Cogging(period, float(amplitude)) for period, amplitude in zip(periods, amplitudes, strict=True))
+
+
+def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Covariance of the logarithms of PHYSICAL; a scale that free motion leaves open is as good as infinite."""
+    size = np.maximum(np.abs(values[:7]), 1e-300)
+    relative = covariance[:7, :7] / np.outer(size, size)
+    if not solution.free_motion:
+        return np.asarray(relative)
+    scaled = np.array([float(name != "amplifier_bandwidth") for name in PHYSICAL])
+    return np.asarray(relative + 1e6 * np.outer(scaled, scaled))
+
+
+def _bias(solution: Solution) -> float:
+    """The mean of the bias's hats, which follow the five linear unknowns and the pairs of the cogging."""
+    return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + 2 * len(solution.regression.cogging) :]))
+
+
+def _zero(solution: Solution, covariance: FloatArray) -> SensorZero | None:
+    """The bias's hats, with their part of the unknowns' ``covariance``; None where no torque was fitted."""
+    if solution.free_motion:
+        return None
+    time_s, unknowns = solution.regression.time_s(), len(solution.linear)
+    first = 5 + 2 * len(solution.regression.cogging)
+    knots_s = np.linspace(np.min(time_s), np.max(time_s), unknowns - first)  # as `hats` has them
+    return SensorZero(knots_s, solution.linear[first:], covariance[first:unknowns, first:unknowns])
+
+
+def _without_scale(estimate: Estimate) -> Estimate:
+    """No number where only a ratio is known; what is known on its own stays."""
+    if estimate.name in ("amplifier_bandwidth", "amplifier_gain") or estimate.status is not Status.VALID:
+        return estimate
+    return replace(estimate, value=float("nan"), std=float("nan"), status=Status.RATIO_ONLY)
+
+
+def trace(stretches: tuple[Signals, ...], measured: FloatArray, predicted: FloatArray) -> Trace:
+    """Both on the whole grid, NaN where nothing was used. Inputs have one value for each usable instant."""
+    usable = np.concatenate([stretch.usable for stretch in stretches])
+    pair = np.full((2, usable.size), np.nan)
+    pair[0, usable], pair[1, usable] = measured, predicted
+    time_s = np.concatenate([stretch.time_s for stretch in stretches])
+    return Trace(time_s, pair[0], pair[1], "N*m")
+
+
+def _statuses(solution: Solution, values: FloatArray, deviations: FloatArray, tick_s: float) -> list[Status]:
+    at_bound = _at_bound(solution, tick_s)
+    statuses = []
+    for name, value, deviation in zip(PHYSICAL, values[:7], deviations[:7], strict=True):
+        if not solution.converged:
+            status = Status.NOT_CONVERGED
+        elif name in at_bound or (value < 0 and name not in ("torque_gain", "presliding_damping")):
+            status = Status.AT_BOUND
+        elif name == "torque_gain" and solution.free_motion:
+            status = Status.VALID
+        elif not deviation <= LOOSE_BEYOND * abs(value):
+            status = Status.UNEXCITED
+        else:
+            status = Status.VALID
+        statuses.append(status)
+    return statuses
+
+
+def _at_bound(solution: Solution, tick_s: float) -> set[str]:
+    low, high = limits(tick_s)
+    at, width = solution.shape.as_array(), high - low
+    held = (at - low < 1e-3 * width) | (high - at < 1e-3 * width)
+    names = ("amplifier_bandwidth", "presliding_stiffness")
+    return {name for name, hit in zip(names, held, strict=False) if hit}
+
+
+def network_of(estimates: Sequence[Estimate], command_unit: str, covariance: FloatArray | None = None) -> NortonNetwork:
+    """The network with these values; ``covariance`` is that of PHYSICAL."""
+    return NortonNetwork.of_parameters(
+        {estimate.name: estimate.value for estimate in estimates},
+        command_unit,
+        covariance_names=() if covariance is None else PHYSICAL,
+        covariance=() if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance),
+    )

@@ -1,0 +1,36 @@
+"""All models of friction, from the simplest on, by their names."""
+
+from norton_bench.errors import UsageError
+from norton_bench.identification.friction.asymmetric import Asymmetric
+from norton_bench.identification.friction.model import FrictionModel
+from norton_bench.identification.friction.path import Path
+from norton_bench.identification.friction.presliding import Dahl, ElastoPlastic, LuGre, MaxwellSlip
+from norton_bench.identification.friction.static import CoulombViscous, LoadDependent, Stribeck
+from norton_bench.rig.mistakes import nearest
+
+FAMILY: tuple[FrictionModel, ...] = (
+    CoulombViscous(),
+    Asymmetric(CoulombViscous(), memory=False),
+    LoadDependent(),
+    Stribeck(),
+    Asymmetric(Stribeck(), memory=False),
+    Dahl(),
+    ElastoPlastic(),
+    LuGre(),
+    MaxwellSlip(),
+    Asymmetric(ElastoPlastic(), memory=True),
+    Asymmetric(MaxwellSlip(), memory=True),
+)
+
+
+def model(name: str) -> FrictionModel:
+    """The member called ``name``. Raises UsageError, with the nearest name, where there is none."""
+    by_name = {member.name: member for member in FAMILY}
+    if name not in by_name:
+        raise UsageError(f'there is no friction model "{name}"; {nearest(name, by_name)}')
+    return by_name[name]
+
+
+def family_for(path: Path) -> tuple[FrictionModel, ...]:
+    """Those that can be computed on ``path``: a model that asks for the load only where the load is known."""
+    return tuple(member for member in FAMILY if path.load is not None or not isinstance(member, LoadDependent))

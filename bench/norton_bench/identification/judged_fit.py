@@ -1,0 +1,51 @@
+"""The fit of a recording as its session concludes it: with what the model's own error makes of it."""
+
+from dataclasses import dataclass, replace
+
+from norton_bench.identification.bootstrap import Readings
+from norton_bench.identification.bounds import possible
+from norton_bench.identification.expansion import Expansion
+from norton_bench.identification.fit import fit_signals
+from norton_bench.identification.load import coupling_of
+from norton_bench.identification.model_error import ModelError, expanded, judged, model_error, validation_stretches
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.signals import Signals, signals
+from norton_bench.identification.soundness.recording import Findings, Sound
+from norton_bench.segments import Use
+
+NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
+
+
+@dataclass(frozen=True)
+class JudgedFit:
+    """``fitted`` is the fit to ``stretches`` as if the model were true, ``result`` the same with the model's ``error``.
+
+    ``unseen`` are the stretches kept for validation. ``at`` and ``error`` are None where the torque tells no scale.
+    """
+
+    fitted: FitResult
+    result: FitResult
+    stretches: tuple[Signals, ...]
+    unseen: tuple[Signals, ...]
+    at: Expansion | None
+    error: ModelError | None
+
+
+def fit_judged(believed: Sound, *, command_unit: str, tick_s: float) -> JudgedFit:
+    """Statuses and deviations as a session concludes them. Raises ExperimentError where there is nothing to fit."""
+    measured = believed.measured
+    stretches, unseen = signals(measured, tick_s, Use.IDENTIFY), validation_stretches(measured, tick_s)
+    readings = Readings(measured, tick_s, Use.IDENTIFY, coupling=coupling_of(measured, tick_s))
+    findings = _findings(believed, unseen)
+    fitted = possible(fit_signals(stretches, command_unit=command_unit, findings=findings, readings=readings))
+    at = expanded(fitted, stretches, unseen)
+    error = None if at is None else model_error(fitted, at, stretches, unseen, measured)
+    return JudgedFit(fitted, judged(fitted, error), stretches, unseen, at, error)
+
+
+def _findings(believed: Sound, unseen: tuple[Signals, ...]) -> Findings:
+    """And that nothing is left to validate on, where something was meant to be: the fit is worth its while."""
+    findings = believed.findings
+    if unseen or all(segment.use is not Use.VALIDATE for segment in believed.measured.segments):
+        return findings
+    return replace(findings, remarks=(*findings.remarks, NOTHING_TO_VALIDATE_ON))

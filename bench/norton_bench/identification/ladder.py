@@ -1,0 +1,100 @@
+"""The ladder of friction models: each fitted on part of the data and judged on the part it has not seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.friction.equation import Equation, blocked_folds
+from norton_bench.identification.friction.fit import FrictionFit, Problem, fit_friction
+from norton_bench.identification.friction.model import FrictionModel
+from norton_bench.identification.held_out import held_out_rms, simplest_as_good
+
+__all__ = ["Equation", "FrictionFit", "Rung", "blocked_folds", "fit_friction", "ladder", "selected"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model and how well it predicts.
+
+    ``fit`` is on all rows; ``train_rms`` its residual. ``held_out_rms`` is over all folds, each predicted by a fit that
+    has not seen it; ``held_out_std`` its standard error. The relative ones are over the rms of the target.
+    """
+
+    model: FrictionModel
+    fit: FrictionFit
+    train_rms: float
+    held_out_rms: float
+    held_out_std: float
+    target_rms: float
+    fold_mean_squares: tuple[float, ...]
+    selected: bool = False
+
+    @property
+    def name(self) -> str:
+        return self.model.name
+
+    @property
+    def unknowns(self) -> int:
+        """How many numbers the model has."""
+        return len(self.model.terms) + len(self.model.unknowns)
+
+    @property
+    def train_relative(self) -> float:
+        return self.train_rms / self.target_rms
+
+    @property
+    def held_out_relative(self) -> float:
+        return self.held_out_rms / self.target_rms
+
+
+def ladder(equation: Equation, models: Sequence[FrictionModel], rows: BoolArray | None = None) -> tuple[Rung, ...]:
+    """Every model on the folds of ``rows`` (all by default), in the order given, one of them selected.
+
+    ``simplest_as_good`` selects. Raises ExperimentError for fewer than two folds.
+    """
+    rows = np.ones(equation.target.size, dtype=bool) if rows is None else rows
+    folds = [int(fold) for fold in np.unique(equation.fold[rows]) if fold >= 0]
+    if len(folds) < 2:
+        raise ExperimentError("models are compared on data held out: the record needs at least two parts")
+    rungs = [_rung(equation, model, rows, folds) for model in models]
+    chosen = simplest_as_good([rung.fold_mean_squares for rung in rungs], [rung.unknowns for rung in rungs])
+    return tuple(replace(rung, selected=index == chosen) for index, rung in enumerate(rungs))
+
+
+def selected(rungs: Sequence[Rung]) -> Rung:
+    """The one to be used."""
+    return next(rung for rung in rungs if rung.selected)
+
+
+def _rung(equation: Equation, model: FrictionModel, rows: BoolArray, folds: list[int]) -> Rung:
+    # Part 0 is always trained on, -1 never; the folds follow.
+    part = np.where(rows, 0, -1)
+    for index, fold in enumerate(folds):
+        part[rows & (equation.fold == fold)] = index + 1
+    problem = Problem.of(equation, model, part)
+    best = problem.refine(rows, problem.scan())
+    whole = problem.finish(rows, best)
+    squares = []
+    for index in range(1, len(folds) + 1):
+        train = rows & (part != index)
+        reached = problem.refine(train, problem.scan(index, best.at))
+        held_out = part == index
+        residual = equation.target[held_out] - reached.linear @ reached.columns[:, held_out]
+        squares.append(float(np.mean(residual**2)))
+    rms, std = held_out_rms(squares)
+    return Rung(
+        model=model,
+        fit=whole,
+        train_rms=whole.rms,
+        held_out_rms=rms,
+        held_out_std=std,
+        target_rms=float(np.sqrt(np.mean(equation.target[rows] ** 2))),
+        fold_mean_squares=tuple(squares),
+    )

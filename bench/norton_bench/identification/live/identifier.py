@@ -1,0 +1,191 @@
+"""Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
+
+Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the same
+data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is imposed.
+What moves meanwhile is followed from there (:mod:`norton_bench.identification.live.drift`). Deviations are those of the
+parametric bootstrap, which is repeated each time that the data have doubled; in between they shrink as the
+residual's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.bootstrap import Readings
+from norton_bench.identification.coupling import Coupling
+from norton_bench.identification.fit import PHYSICAL, network_of, physical, result_of, solution_of
+from norton_bench.identification.live.drift import Drift, drift_of
+from norton_bench.identification.live.sanity import sound
+from norton_bench.identification.load import coupling_of
+from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
+from norton_bench.identification.separable import Solution
+from norton_bench.identification.signals import signals
+from norton_bench.identification.soundness import recording
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.records import Measured, SegmentInfo, join
+from norton_bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+
+LEARNT_FROM = (Use.CALIBRATE, Use.IDENTIFY)
+# The first fit. Half as much tells next to nothing of friction.
+FIRST_S = 4.0
+# The next one when there is so much more, and not sooner or later than this: all of them together then cost some five
+# times the last one.
+GROWTH = 0.3
+SOONEST_S, LATEST_S = 2.0, 10.0
+# What is older is forgotten: a fit of it takes some three seconds.
+WINDOW_S = 180.0
+# Simulated records for the deviations: half of the final fit's, which widens them by a tenth (Student's t).
+DRAWS = 6
+SIGNIFICANT = 2.0  # deviations
+
+
+@dataclass(frozen=True)
+class _Correction:
+    """What the bootstrap made of one value and its deviation: the factor by which the residual's deviation is wider,
+    the value's bias, and the deviation of that, both relative."""
+
+    wider: float = 1.0
+    bias: float = 0.0
+    bias_std: float = 0.0
+
+    @classmethod
+    def of(cls, estimate: Estimate, simulated: Simulated) -> "_Correction":
+        (value, std), bias_std = simulated.of_residual[estimate.name], simulated.repeated_std[estimate.name]
+        size = max(abs(value), 1e-300)
+        of_scatter = max(estimate.std**2 - bias_std**2, std**2)
+        wider, bias = float(np.sqrt(of_scatter) / max(std, 1e-300)), value - estimate.value
+        # A few draws alone make a bias of this size; to take that off would only shake the values.
+        if abs(bias) < SIGNIFICANT * np.sqrt(of_scatter / DRAWS):
+            bias = 0.0
+        return cls(wider, bias / size, bias_std / size)
+
+    def of_estimate(self, estimate: Estimate) -> Estimate:
+        """The same, of a later fit's."""
+        size = abs(estimate.value)
+        std = float(np.hypot(self.wider * estimate.std, self.bias_std * size))
+        return replace(estimate, value=estimate.value - self.bias * size, std=std)
+
+
+@dataclass
+class LiveIdentifier:
+    """Takes consecutive parts; returns the newest estimate each time."""
+
+    command_unit: str
+    tick_s: float
+    _parts: list[Measured] = field(default_factory=list, init=False)
+    _told_ticks: int = field(default=0, init=False)  # so many were meant for identification
+    _next_ticks: int = field(default=0, init=False)
+    _simulated_ticks: int = field(default=0, init=False)
+    _coupling: Coupling | None = field(default=None, init=False)
+    _calibrated_ticks: int = field(default=0, init=False)  # that the coupling is known from
+    _corrections: dict[str, _Correction] = field(default_factory=dict, init=False)
+    _latest: LiveEstimate = field(default_factory=lambda: LiveEstimate(0), init=False)
+
+    def __post_init__(self) -> None:
+        self._next_ticks = round(FIRST_S / self.tick_s)
+
+    def update(self, part: Measured) -> LiveEstimate:
+        """Learn from the next part: of segments meant for LEARNT_FROM alone."""
+        part = sound(part)
+        if self._went_back(part):
+            self._begin_anew()
+        self._parts.append(part)
+        told = [segment.index for segment in part.segments if segment.use in LEARNT_FROM]
+        self._told_ticks += int(np.count_nonzero(np.isin(part.ticks["segment"], told)))
+        if self._told_ticks >= self._next_ticks:
+            more_s = np.clip(GROWTH * self._told_ticks * self.tick_s, SOONEST_S, LATEST_S)
+            self._next_ticks = self._told_ticks + round(float(more_s) / self.tick_s)
+            self._forget()
+            self._latest = self._fitted()
+        stamp_ns = int(part.ticks["tick_ns"][-1]) if len(part.ticks) else self._latest.stamp_ns
+        self._latest = replace(self._latest, stamp_ns=stamp_ns)
+        return self._latest
+
+    def _went_back(self, part: Measured) -> bool:
+        """Whether the clock was set back: what came before is then of another time."""
+        before = next((each.ticks["tick_ns"][-1] for each in reversed(self._parts) if len(each.ticks)), None)
+        return before is not None and len(part.ticks) > 0 and bool(part.ticks["tick_ns"][0] <= before)
+
+    def _begin_anew(self) -> None:
+        self._parts, self._corrections, self._coupling = [], {}, None
+        self._told_ticks, self._simulated_ticks, self._calibrated_ticks = 0, 0, 0
+        self._next_ticks = round(FIRST_S / self.tick_s)
+
+    def _forget(self) -> None:
+        newest_ns = next(int(each.ticks["tick_ns"][-1]) for each in reversed(self._parts) if len(each.ticks))
+        while len(self._parts[0].ticks) and self._parts[0].ticks["tick_ns"][-1] < newest_ns - WINDOW_S * 1e9:
+            self._parts.pop(0)
+
+    def _fitted(self) -> LiveEstimate:
+        """Of all parts; the estimate before where they tell nothing yet."""
+        measured = join(self._parts)
+        try:
+            believed = recording.sound(replace(measured, segments=tuple(map(_learnt_from, measured.segments))))
+            stretches = signals(believed.measured, self.tick_s, Use.IDENTIFY)
+            solution = solution_of(stretches, findings=believed.findings)
+        except ExperimentError:
+            return self._latest
+        doubled = self._told_ticks >= 2 * self._simulated_ticks
+        readings = self._readings(measured, believed.measured) if doubled and not believed.findings.doubts else None
+        result = result_of(
+            stretches, solution, command_unit=self.command_unit, findings=believed.findings, readings=readings
+        )
+        estimates = tuple(result.estimate(name) for name in PHYSICAL)
+        if simulated := result.simulated:
+            self._simulated_ticks = self._told_ticks
+            self._corrections = {each.name: _Correction.of(each, simulated) for each in estimates}
+            stated = simulated.of_residual
+            estimates = tuple(replace(each, value=stated[each.name][0], std=stated[each.name][1]) for each in estimates)
+        if not result.ratios_only:
+            estimates = self._corrected(estimates)
+        drift = None if result.ratios_only or not result.converged else drift_of(solution)
+        if drift is not None:
+            estimates = self._moved(estimates, solution, drift)
+        network = self._network(estimates, result)
+        return LiveEstimate(self._latest.stamp_ns, estimates, network, result.samples)
+
+    def _readings(self, measured: Measured, believed: Measured) -> Readings:
+        calibrated = [segment.index for segment in measured.segments if segment.use is Use.CALIBRATE]
+        ticks = int(np.count_nonzero(np.isin(measured.ticks["segment"], calibrated)))
+        if ticks > self._calibrated_ticks:
+            self._coupling, self._calibrated_ticks = coupling_of(measured, self.tick_s), ticks
+        return Readings(believed, self.tick_s, Use.IDENTIFY, DRAWS, self._coupling)
+
+    def _corrected(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+        return tuple(self._corrections.get(each.name, _Correction()).of_estimate(each) for each in estimates)
+
+    def _moved(self, estimates: Sequence[Estimate], solution: Solution, drift: Drift) -> tuple[Estimate, ...]:
+        """As they are now: each by what the end of the record differs from all of it."""
+        linear, shape = solution.linear + drift.change[: len(solution.linear)], solution.shape.as_array()
+        shape[list(solution.free)] += drift.change[len(solution.linear) :]
+        now = replace(solution, linear=linear, shape=type(solution.shape).of(shape))
+        time_s = solution.regression.time_s()
+        before = physical(solution, time_s)[0]
+        after, covariance = physical(now, time_s, drift.covariance)
+        moved = []
+        for at, estimate in enumerate(estimates):
+            known = self._corrections.get(estimate.name, _Correction())
+            value = estimate.value + float(after[at] - before[at])
+            std = float(np.hypot(known.wider * np.sqrt(covariance[at, at]), known.bias_std * abs(value)))
+            moved.append(replace(estimate, value=value, std=std))
+        return tuple(moved)
+
+    def _network(self, estimates: Sequence[Estimate], result: FitResult) -> NortonNetwork | None:
+        """Once every parameter is valid: correlated as in the fit, as uncertain as the estimates."""
+        if any(estimate.status is not Status.VALID for estimate in estimates):
+            return None
+        covariance = np.asarray(result.network.covariance)
+        std = np.array([estimate.std for estimate in estimates])
+        wider = std / np.sqrt(np.diag(covariance))
+        network = network_of(estimates, self.command_unit, covariance * np.outer(wider, wider))
+        return network.with_provenance({"fit": "live"})
+
+
+def _learnt_from(segment: SegmentInfo) -> SegmentInfo:
+    return replace(segment, use=Use.IDENTIFY) if segment.use in LEARNT_FROM else segment

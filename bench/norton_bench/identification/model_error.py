@@ -1,0 +1,344 @@
+"""The model's own error: how far predictions are off beyond the sensors' noise, and what that goes with.
+
+Whatever the fit's deviations say, they say it of the paper's motor. Here the network is asked for segments that its
+values were not fitted to: those kept for validation, and every other one by a fit without it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.bootstrap import Simulation
+from norton_bench.identification.expansion import Expansion, Sums
+from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.ladder import Rung, selected
+from norton_bench.identification.residuals.departures import CHANGE, Departure, departures, greatest_share
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.ringing import folded_ringing
+from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.signals import Signals, signals
+from norton_bench.identification.validation import free_runs
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.models.prediction import NAN, PredictionError
+from norton_bench.records import Measured
+from norton_bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+
+# Predictions are judged over stretches of this length, and over what is left of a segment down to the shorter one.
+PIECE_S = 2.0
+SHORTEST_PIECE_S = 0.5
+LEVEL = 0.95
+# Noise is no greater than what this share of the segments is left with: a machine that is knocked about makes the
+# readings' own differences look noisy.
+QUIETEST = 0.25
+# More than this share of what is left is no noise: then there is something, even where nothing looked at explains it.
+UNEXPLAINED = 0.5
+TWICE = 2.0
+
+
+@dataclass(frozen=True)
+class Zero:
+    """The torque sensor's zero [N m] in the fit, and as it was read at rest before anything moved."""
+
+    fitted_nm: float
+    tare_nm: float = NAN
+    tare_std_nm: float = NAN
+
+    @property
+    def moved_nm(self) -> float:
+        """By how much the two differ; NaN where nothing was read at rest."""
+        return self.fitted_nm - self.tare_nm
+
+    @property
+    def standing_nm(self) -> float:
+        """What of the fitted zero is no zero: a torque that stands there whenever the shaft moves."""
+        return 0.0 if np.isnan(self.moved_nm) else self.moved_nm
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """``rms_nm`` is what the network leaves of the torque on segments that its values were not fitted to, beyond the
+    ``noise_nm`` of the readings; ``left_nm`` the same, were all ``departures`` in the model.
+
+    It is ``unexplained`` where most of that is neither noise nor what ticks and counts leave open.
+    ``spread`` (7,) is how far each of fit.PHYSICAL moves, relative, when segments are left out one by one (jackknife).
+    """
+
+    rms_nm: float
+    noise_nm: float
+    left_nm: float
+    departures: tuple[Departure, ...]
+    spread: FloatArray
+    zero: Zero
+    unexplained: bool = False
+    prediction: PredictionError = field(default_factory=PredictionError)
+
+    @property
+    def change(self) -> FloatArray:
+        """How far the terms that were named move each of fit.PHYSICAL, relative, shape (7,)."""
+        return self.departures[-1].change if self.departures else np.zeros(len(PHYSICAL))
+
+
+def expanded(result: FitResult, fitted: Sequence[Signals], unseen: Sequence[Signals]) -> Expansion | None:
+    """The equation about a fit to ``fitted``; None where torque tells no scale, or the friction is none.
+
+    A fit that did not converge has one too: what the model lacks may be why.
+    """
+    if result.ratios_only or any(each.torque_nm is None for each in (*fitted, *unseen)):
+        return None
+    if min(result.network.coulomb_torque_nm, result.network.presliding_stiffness_nm_rad) <= 0.0:
+        return None
+    return Expansion.of(result, fitted, unseen)
+
+
+def model_error(
+    result: FitResult, at: Expansion, fitted: Sequence[Signals], unseen: Sequence[Signals], measured: Measured
+) -> ModelError:
+    """Of a fit to ``fitted``, expanded ``at`` its own values."""
+    found, usual = _named(result, at, unseen)
+    zero = _zero(at, measured)
+    mean_squares, noise_nm2 = _mean_squares(at, zero)
+    velocity_rad_s = _velocity(result, at.zero.moved(-zero.standing_nm), (*fitted, *unseen), measured)
+    beyond = max(float(np.mean(mean_squares)) - noise_nm2, 0.0)
+    left = found[-1].left_nm ** 2 if found else _without_cogging(at)
+    return ModelError(
+        rms_nm=float(np.sqrt(beyond)),
+        noise_nm=float(np.sqrt(noise_nm2)),
+        left_nm=float(np.sqrt(max(left - noise_nm2, 0.0))),
+        unexplained=_mostly_no_noise(at, left, usual),
+        departures=found,
+        spread=_spread(at),
+        zero=zero,
+        prediction=_prediction(at, mean_squares, noise_nm2, velocity_rad_s),
+    )
+
+
+@dataclass(frozen=True)
+class _Usual:
+    """What errors of the readings alone do, at most: the share of the mean square that looks like some departure, and
+    the mean square that the model leaves [N² m²]."""
+
+    share: float = 0.0
+    left_nm2: float = 0.0
+
+
+def _named(result: FitResult, at: Expansion, unseen: Sequence[Signals]) -> tuple[tuple[Departure, ...], _Usual]:
+    """What is no error of the readings; the simulated records are only asked where something is to be named, or much
+    is left."""
+    found, usual = departures(at), _Usual()
+    suspicious = found or _mostly_no_noise(at, _without_cogging(at), usual)
+    if suspicious and result.simulated is not None:
+        simulation = result.simulated.bench.over(tuple(unseen))
+        usual = _usual(result, simulation)
+        found = departures(at, usual.share)
+        if found or _mostly_no_noise(at, _without_cogging(at), usual):
+            # The simulated records ring as the calibration has it; it may be otherwise.
+            found = departures(at, usual.share, folded_ringing(simulation, result))
+    return _told_apart(at, found, usual), usual
+
+
+def _usual(result: FitResult, simulation: Simulation) -> _Usual:
+    """From the records that were simulated with the fit for the truth. What they show of an error is known to its own
+    size, as a bias is: it may be twice that."""
+    tick_s, share, left_nm2 = simulation.readings.tick_s, 0.0, 0.0
+    for record in simulation.records():
+        at = Expansion.of(result, signals(record, tick_s, Use.IDENTIFY), validation_stretches(record, tick_s))
+        share, left_nm2 = max(share, greatest_share(at)), max(left_nm2, _without_cogging(at))
+    return _Usual(TWICE**2 * share, left_nm2)
+
+
+def validation_stretches(measured: Measured, tick_s: float) -> tuple[Signals, ...]:
+    """What is kept for validation; nothing where the session has no such step."""
+    try:
+        return signals(measured, tick_s, Use.VALIDATE)
+    except ExperimentError:
+        return ()
+
+
+def _told_apart(at: Expansion, found: tuple[Departure, ...], usual: _Usual) -> tuple[Departure, ...]:
+    """Only the first where all of them leave more than noise: what comes next may be what its terms left of it."""
+    return found[:1] if found and _mostly_no_noise(at, found[-1].left_nm ** 2, usual) else found
+
+
+def _mostly_no_noise(at: Expansion, left_nm2: float, usual: _Usual) -> bool:
+    """Whether more than UNEXPLAINED of the mean square left is neither noise nor what ticks and counts leave open."""
+    return (1 - UNEXPLAINED) * left_nm2 > max(at.noise_nm2 + at.unknown_nm2, usual.left_nm2)
+
+
+def bound(mean_squares: FloatArray) -> tuple[float, float]:
+    """What the next of exchangeable values (n,) stays below, and how often: at LEVEL, or as near as n values can tell.
+
+    The k-th smallest of n exceeds the next with a chance of k/(n + 1), whatever their distribution (conformal
+    prediction: Vovk, Gammerman and Shafer 2005).
+    """
+    count = mean_squares.size
+    rank = min(count, int(np.ceil(LEVEL * (count + 1))))
+    return float(np.sort(mean_squares)[rank - 1]), min(LEVEL, rank / (count + 1))
+
+
+def judged(result: FitResult, error: ModelError | None) -> FitResult:
+    """The same fit with what the model's error makes of deviations, statuses, verdict and network.
+
+    A value that the missing part of the model moves by more than its own deviation is no estimate of a motor's
+    constant. One sentence a departure; what only looked like a change at some instant is no longer said.
+    """
+    if error is None:
+        return result
+    result = replace(result, network=replace(result.network, prediction=error.prediction))
+    if not error.departures and not error.unexplained:
+        return result
+    named = any(each.kind is not CHANGE for each in error.departures)
+    looked_like = tuple(doubt for doubt in result.doubted if doubt.midway and named)
+    told = replace(
+        result,
+        doubted=tuple(doubt for doubt in result.doubted if doubt not in looked_like),
+        verdict=tuple(said for said in result.verdict if said not in {doubt.sentence for doubt in looked_like}),
+    )
+    undoubted = bool(looked_like) and not told.doubted
+    estimates = tuple(_judged(each, error, undoubted=undoubted) for each in result.estimates)
+    concerned = [each.name for each in estimates if each.status is Status.INADEQUATE]
+    said = sentences(error, concerned)
+    network = widened(result, estimates).with_provenance({"model": said[0]})
+    return replace(told, estimates=estimates, network=network, verdict=(*said, *told.verdict))
+
+
+def widened(result: FitResult, estimates: Sequence[Estimate]) -> NortonNetwork:
+    """The network with the deviations of ``estimates``, correlated as they were."""
+    network = result.network
+    std = {estimate.name: estimate.std for estimate in estimates}
+    wider = np.array([std[name] / max(result.estimate(name).std, 1e-300) for name in network.covariance_names])
+    covariance = np.asarray(network.covariance) * np.outer(wider, wider)
+    return replace(network, covariance=tuple(tuple(float(value) for value in row) for row in covariance))
+
+
+def _judged(estimate: Estimate, error: ModelError, *, undoubted: bool) -> Estimate:
+    status = Status.VALID if undoubted and estimate.status is Status.DOUBTFUL else estimate.status
+    # Torque constant and amplifier gain are shares of the torque gain, and move as it does.
+    name = "torque_gain" if estimate.name in ("torque_constant", "amplifier_gain") else estimate.name
+    at = PHYSICAL.index(name)
+    moved, spread = (float(relative[at]) * abs(estimate.value) for relative in (np.abs(error.change), error.spread))
+    if status is Status.VALID and (error.unexplained or moved > estimate.std):
+        status = Status.INADEQUATE
+    return replace(estimate, std=max(estimate.std, float(np.hypot(moved, spread))), status=status)
+
+
+def sentences(error: ModelError, concerned: Sequence[str]) -> tuple[str, ...]:
+    """What is wrong with the model, how much that is, and which values are not to be built upon."""
+    said = [_sentence(each) for each in error.departures]
+    if error.unexplained:
+        but = "; nothing else that was looked at explains it" if said else "; nothing that was looked at explains it"
+        said.append(
+            f"The model is inadequate: {'beyond that ' if said else ''}it leaves {_milli(error.left_nm)} rms of the "
+            f"torque that is not noise{but}."
+        )
+    if concerned:
+        names = ", ".join(name.replace("_", " ") for name in concerned)
+        said.append(f"Not to be built upon, because another model gives other values: {names}.")
+    return tuple(said)
+
+
+def of_ladder(rungs: Sequence[Rung]) -> tuple[str, ...]:
+    """Which friction model leaves less than Dahl's on data held out, in a sentence; none where Dahl's is selected."""
+    dahl = next((rung for rung in rungs if rung.name == "dahl"), None)
+    if dahl is None or dahl.selected or not rungs:
+        return ()
+    best = selected(rungs)
+    return (
+        f"Of the friction models, {best.name} does best on data held out: it leaves {_milli(best.held_out_rms)} rms "
+        f"where Dahl's, the network's own, leaves {_milli(dahl.held_out_rms)}.",
+    )
+
+
+def _sentence(found: Departure) -> str:
+    where = f" ({found.periods_per_turn} a turn)" if found.periods_per_turn else ""
+    return (
+        f"The model is inadequate: {_milli(found.rms_nm)} rms of the torque, {found.share:.0%} of the variance it "
+        f"leaves, goes with {found.kind.goes_with}{where}: {found.kind.cause}. "
+        f"With a term for it ({found.kind.term}) {_milli(found.left_nm)} would be left."
+    )
+
+
+def _milli(value_nm: float) -> str:
+    return f"{1e3 * value_nm:.2g} mN*m"
+
+
+def _mean_squares(at: Expansion, zero: Zero) -> tuple[FloatArray, float]:
+    """Of the network's error over pieces (pieces,), each predicted without itself; and the noise's share of each."""
+    sums = Sums.of(at, at.jacobian)
+    every = np.arange(len(at.jacobian))
+    left = at.without(at.zero.moved(-zero.standing_nm))
+    whole = sums.solved(every)
+    values = []
+    for part in range(int(at.part.max()) + 1):
+        inside = np.flatnonzero(at.part == part)
+        error = left[inside]
+        if at.fitted[inside[0]]:
+            shift = (sums.solved(every, part) - whole) / sums.scale
+            shift[at.hats] = 0.0
+            error = error - shift @ at.jacobian[:, inside]
+        values += [float(np.mean(error[piece] ** 2)) for piece in _pieces(at.time_s[inside])]
+    mean_squares = np.array(values)
+    return mean_squares, min(at.noise_nm2, float(np.quantile(mean_squares, QUIETEST)))
+
+
+def _pieces(time_s: FloatArray) -> list[npt.NDArray[np.int64]]:
+    """Indices of stretches of PIECE_S each; the last may be as short as SHORTEST_PIECE_S."""
+    number = np.floor((time_s - time_s[0]) / PIECE_S).astype(np.int64)
+    tick_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else 0.0
+    pieces = [np.flatnonzero(number == each) for each in range(int(number[-1]) + 1)]
+    return [piece for piece in pieces if piece.size * tick_s >= SHORTEST_PIECE_S]
+
+
+def _without_cogging(at: Expansion) -> float:
+    """The mean square that the fit's own equation leaves."""
+    sums = Sums.of(at, at.jacobian)
+    every = np.arange(len(at.jacobian))
+    return sums.left(every, sums.solved(every), np.ones(sums.part.size, dtype=bool)) / sums.count
+
+
+def _spread(at: Expansion) -> FloatArray:
+    """The jackknife's deviation of each of fit.PHYSICAL, relative, over segments; shape (7,)."""
+    sums = Sums.of(at, at.jacobian)
+    every = np.arange(len(at.jacobian))
+    parts = np.unique(sums.part)
+    shifts = np.stack([at.physical(sums.solved(every, int(part)) / sums.scale) for part in parts])
+    return np.asarray(np.sqrt((parts.size - 1) * np.var(shifts, axis=0)))
+
+
+def _zero(at: Expansion, measured: Measured) -> Zero:
+    """As fitted where the fitted part begins, and as read in the tare."""
+    fitted_nm = float(at.zero.value_nm[0])
+    rests = [each for each in measured.segments if each.use is Use.TARE and each.name == "rest"]
+    if not rests:
+        return Zero(fitted_nm)
+    torque = measured.between(rests[0].start_ns, rests[0].end_ns).torque
+    values = np.asarray(torque["torque_nm"][torque["valid"]], dtype=np.float64)
+    if values.size < 2:
+        return Zero(fitted_nm)
+    return Zero(fitted_nm, float(np.mean(values)), float(np.std(values) / np.sqrt(values.size)))
+
+
+def _velocity(result: FitResult, zero: SensorZero, stretches: Sequence[Signals], measured: Measured) -> float:
+    """What the rms error of the free velocity stays below over a piece of free motion; NaN where there was none."""
+    used = [each for each in measured.segments if each.use in (Use.IDENTIFY, Use.VALIDATE)]
+    runs = free_runs(result, stretches, used, zero)
+    if not runs:
+        return NAN
+    beyond = [
+        float(np.mean((run.measured - run.predicted)[piece] ** 2)) - run.noise_rad2_s2
+        for run in runs
+        for piece in _pieces(run.time_s)
+    ]
+    return float(np.sqrt(max(bound(np.array(beyond))[0], 0.0))) if beyond else NAN
+
+
+def _prediction(at: Expansion, mean_squares: FloatArray, noise_nm2: float, velocity_rad_s: float) -> PredictionError:
+    greatest, level = bound(mean_squares)
+    seen = {"velocity": at.velocity_rad_s, "acceleration": at.acceleration_rad_s2, "command": at.command}
+    ranges = {name: (float(np.min(values)), float(np.max(values))) for name, values in seen.items()}
+    return PredictionError(float(np.sqrt(max(greatest - noise_nm2, 0.0))), velocity_rad_s, level, ranges)

@@ -1,0 +1,469 @@
+"""The impedance form as a regression: what is linear once lag, friction's shape and delays are given.
+
+    τ(t) = Km·Ka·lag_β(c)(t − d_c) − Im·ω̇ − B·ω − τc·h − σ1·ḣ/s + bias + E,   motion at t + d_m,  h = s·φ
+
+E is what is left of the friction's unknown state at the end of each rest; it fades as the shaft turns, and whatever
+looks like it is taken off every term. The same low-pass stands before every term, so it cancels; a sensor that averages
+by itself has filtered its torque once more, and so every other term is averaged over as long here.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.identification import loops
+from norton_bench.identification.friction.additive import hats
+from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.recounting import friction_error
+from norton_bench.identification.signals import FINE, Signals
+from norton_bench.identification.turns import Turns, Whitening
+
+FloatArray = npt.NDArray[np.float64]
+
+LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
+GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
+MOTION_DELAY = 3  # of (log β, log s, d_c, d_m)
+# Steps of the differences that stand for derivatives: relative, and of delays.
+SMALL = 0.01
+SMALL_S = 2e-5
+# The torque sensor's zero may wander this slowly.
+DRIFT_KNOT_S = 60.0
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The unknowns in which the regression is not linear. ``s`` is σ0/τc [1/rad]; positive delays mean later."""
+
+    bandwidth_rad_s: float
+    s_per_rad: float
+    command_delay_s: float
+    motion_delay_s: float
+
+    def as_array(self) -> FloatArray:
+        """(log β, log s, d_c, d_m)."""
+        return np.array(
+            [np.log(self.bandwidth_rad_s), np.log(self.s_per_rad), self.command_delay_s, self.motion_delay_s]
+        )
+
+    @classmethod
+    def of(cls, array: FloatArray) -> "Shape":
+        return cls(float(np.exp(array[0])), float(np.exp(array[1])), float(array[2]), float(array[3]))
+
+
+MOST_RECENT = 6
+
+# Only its delays matter, and they are nil.
+STILL = Shape(1.0, 1.0, 0.0, 0.0)
+
+
+class _Recent(dict[tuple[str, float], FloatArray]):
+    """The few paths worked out last: differences that stand for derivatives ask for each again and again."""
+
+    def once(self, key: tuple[str, float], make: Callable[[], FloatArray]) -> FloatArray:
+        if key not in self:
+            while len(self) >= MOST_RECENT:
+                del self[next(iter(self))]
+            self[key] = make()
+        return self[key]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of the regression at every ``stride``-th usable instant of one stretch."""
+
+    signals: Signals
+    kernel: Kernel
+    stride: int = 1
+    friction_error: FloatArray | None = None  # of h along the path, what is known of it
+    _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
+    _waves: dict[float, tuple[FloatArray, FloatArray]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )  # by periods a turn, before any filter: the same at every step of the search
+
+    @property
+    def fine(self) -> int:
+        """How many times a tick motion and lag are worked out: where not every tick counts, once will do."""
+        return FINE if self.stride == 1 else 1
+
+    def _grid(self, motion: FloatArray) -> FloatArray:
+        return motion if self.fine == FINE else np.ascontiguousarray(motion[::FINE])
+
+    @cached_property
+    def usable(self) -> npt.NDArray[np.int64]:
+        """Which of the rows may be fitted."""
+        return np.flatnonzero(self.signals.usable[:: self.stride])
+
+    @property
+    def count(self) -> int:
+        return -(-self.signals.usable.size // self.stride)
+
+    @cached_property
+    def averaging(self) -> Kernel:
+        """The kernel for all but the torque, whose sensor has averaged already."""
+        return self.kernel.averaging(self.signals.torque_averaging_s / self.signals.tick_s)
+
+    def torque(self, shift_s: float = 0.0) -> FloatArray:
+        """The filtered torque, ``shift_s`` later, shape (count,); zero where nothing measures it."""
+        torque = self.signals.torque_nm
+        return np.zeros(self.count) if torque is None else self._at_ticks(torque[None, :], shift_s, self.kernel)[0]
+
+    def of_tick_signal(self, values: FloatArray, shift_s: float = 0.0) -> FloatArray:
+        """Any signal but the torque, given at the ticks, filtered."""
+        return np.asarray(self.of_tick_signals(values[None, :], shift_s)[0])
+
+    def of_tick_signals(self, values: FloatArray, shift_s: float = 0.0) -> FloatArray:
+        """Several at once: from (signals, ticks) to (signals, count)."""
+        return self._at_ticks(values, shift_s, self.averaging)
+
+    def _at_ticks(self, values: FloatArray, shift_s: float, kernel: Kernel) -> FloatArray:
+        shift = shift_s / self.signals.tick_s
+        reach = int(np.ceil(kernel.half_width + abs(shift)))
+        taps = kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)[None, :]
+        return np.stack([loops.filter_at(row, taps, -reach, self.stride, self.count)[0] for row in values])
+
+    def lag(self, shape: Shape, derivative: int = 0) -> FloatArray:
+        """The amplifier's lag of the command, per unit of gain, or its rate: shape (count,)."""
+        signals, bandwidth = self.signals, shape.bandwidth_rad_s
+        fine_s, count = signals.tick_s / self.fine, signals.time_s.size * self.fine
+        lag = self._recent.once(
+            ("lag", bandwidth),
+            lambda: loops.mean_lag_of_held(
+                signals.sent_s,
+                signals.command,
+                bandwidth,
+                signals.time_s[0],
+                fine_s,
+                count,
+                signals.released_at_zero,
+            ),
+        )
+        return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
+
+    def kinematics(self, shape: Shape) -> FloatArray:
+        """ω and ω̇, shape (2, count)."""
+        return self._recent.once(
+            ("kinematics", shape.motion_delay_s),
+            lambda: self.of_fine_signal(self._grid(self.signals.position_rad), (1, 2), shape.motion_delay_s),
+        )
+
+    def position(self, shape: Shape) -> FloatArray:
+        """θ and ω, shape (2, count)."""
+        return self.of_fine_signal(self._grid(self.signals.position_rad), (0, 1), shape.motion_delay_s)
+
+    def friction(self, shape: Shape) -> FloatArray:
+        """h, ḣ/s and E, shape (3, count)."""
+        path = self._friction_path(shape.s_per_rad)
+        sliding = self.of_fine_signal(self._corrected(path[0]), (0, 1), shape.motion_delay_s, of_means=True)
+        left = self.of_fine_signal(path[1], (0,), shape.motion_delay_s, of_means=True)
+        return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
+
+    def _friction_path(self, s_per_rad: float) -> FloatArray:
+        """h and what is left of an unknown state along the path, shape (2, ...)."""
+        path, rests = self.signals.path_rad, self.signals.rests
+        return self._recent.once(
+            ("friction", s_per_rad), lambda: loops.friction_path(self._grid(path), s_per_rad, rests * self.fine)
+        )
+
+    def _corrected(self, h: FloatArray) -> FloatArray:
+        """Without what counts do to it on average, as far as that is known."""
+        return h if self.friction_error is None else h - self._grid(self.friction_error)
+
+    def rates(self, shape: Shape, cogging: tuple[float, ...]) -> FloatArray:
+        """Change in time of all that moves: columns from INERTIA to DAMPING, each wave of cogging's two, and E, shape
+        (5 + 2 · waves, count)."""
+        motion = self.of_fine_signal(self._grid(self.signals.position_rad), (2, 3), shape.motion_delay_s)
+        path = self._friction_path(shape.s_per_rad)
+        sliding = self.of_fine_signal(self._corrected(path[0]), (1, 2), shape.motion_delay_s, of_means=True)
+        left = self.of_fine_signal(path[1], (1,), shape.motion_delay_s, of_means=True)
+        waves = [self.cogging(shape, periods, 1) for periods in cogging]
+        return np.concatenate([-motion[::-1], -sliding / [[1.0], [shape.s_per_rad]], *waves, -left])
+
+    def recounted(self, shape: Shape) -> "Rows":
+        """With what counts do to the friction on average taken off, as found at ``shape``."""
+        return replace(self, friction_error=friction_error(self.signals, shape.s_per_rad))
+
+    def cogging(self, shape: Shape, periods: float, derivative: int = 0) -> FloatArray:
+        """Cosine and sine of so many periods a turn, or their change in time, shape (2, count)."""
+        if periods not in self._waves:
+            angle = periods * self._grid(self.signals.position_rad)
+            self._waves[periods] = (np.cos(angle), np.sin(angle))
+        return np.concatenate(
+            [self.of_fine_signal(wave, (derivative,), shape.motion_delay_s) for wave in self._waves[periods]]
+        )
+
+    def memory(self) -> npt.NDArray[np.int64]:
+        """After which rest each instant lies, shape (count,): from 0, before the first."""
+        return np.searchsorted(self.signals.rests, np.arange(self.count) * self.stride, side="right")
+
+    def noise(self) -> FloatArray:
+        """Variances that readings' own errors give to the torque, the acceleration and the velocity, shape (3,)."""
+        torque, (velocity, acceleration) = self.torque_noise(0), (self.motion_noise(order) for order in (1, 2))
+        return np.array([torque, acceleration, velocity])
+
+    def torque_noise(self, derivative: int) -> float:
+        """The variance that readings' own errors give to a derivative of the torque."""
+        tick_s = self.signals.tick_s
+        return self.signals.torque_noise * self.kernel.energy(derivative) / tick_s ** (2 * derivative + 1)
+
+    def motion_noise(self, derivative: int) -> float:
+        """The same of the motion."""
+        tick_s = self.signals.tick_s
+        return self.signals.position_noise * self.averaging.energy(derivative) / tick_s ** (2 * derivative + 1)
+
+    def columns(self, shape: Shape) -> FloatArray:
+        """The five physical columns in the order of LINEAR, then E: shape (6, count)."""
+        velocity, acceleration = self.kinematics(shape)
+        h, rate, left = self.friction(shape)
+        return np.stack([self.lag(shape), -acceleration, -velocity, -h, -rate, -left])
+
+    def of_fine_signal(
+        self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False
+    ) -> FloatArray:
+        """Derivatives of any signal given at the motions' instants, filtered: shape (derivatives, count)."""
+        tick_s = self.signals.tick_s
+        taps = _fine_taps(self.averaging, derivatives, shift_s, tick_s, self.fine, of_means)
+        reach = taps.shape[1] // 2
+        return np.asarray(loops.filter_at(values, taps, -reach, self.stride * self.fine, self.count))
+
+
+@lru_cache(maxsize=64)  # every stretch asks for the same, and one step of the search for several of the last's
+def _fine_taps(
+    kernel: Kernel, derivatives: tuple[int, ...], shift_s: float, tick_s: float, fine: int, of_means: bool
+) -> FloatArray:
+    """Shape (derivatives, taps), of a signal known ``fine`` times a tick; not to be written to."""
+    reach = int(np.ceil(kernel.half_width + abs(shift_s) / tick_s)) * fine
+    offsets = np.arange(-reach, reach + 1) / fine - shift_s / tick_s
+    return np.stack([kernel.taps(offsets, order, of_means=of_means) / tick_s**order for order in derivatives])
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What is left of unknown states of the friction, one a rest, each with an unknown factor: all solved for at once.
+
+    ``left`` (samples,) in order of time, ``edges`` where each rest's samples begin and the last one's end, ``power``
+    the sum of squares of ``left`` over each.
+    """
+
+    left: FloatArray
+    edges: npt.NDArray[np.int64]
+    power: FloatArray
+
+    @classmethod
+    def of(cls, left: FloatArray, rest: npt.NDArray[np.int64]) -> "Memory":
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(rest)) + 1, [rest.size]])
+        power = np.add.reduceat(left**2, edges[:-1])
+        return cls(left, edges, np.where(power > 0, power, 1.0))
+
+    def columns(self) -> FloatArray:
+        """What a state of 1 after each rest leaves, shape (rests, samples)."""
+        columns = np.zeros((self.power.size, self.left.size))
+        for column, start, end in zip(columns, self.edges, self.edges[1:], strict=False):
+            column[start:end] = self.left[start:end]
+        return columns
+
+    def factors(self, values: FloatArray) -> FloatArray:
+        """The states after each rest that explain ``values`` (samples,) best, repeated for each of its samples."""
+        factors = np.add.reduceat(values * self.left, self.edges[:-1]) / self.power
+        return np.repeat(factors, np.diff(self.edges))
+
+    def taken_off(self, values: FloatArray) -> FloatArray:
+        """What no unknown state could have made of ``values``, shape (..., samples)."""
+        rows = np.ascontiguousarray(values).reshape(-1, self.left.size)
+        return loops.without_memory(rows, self.left, self.edges, self.power).reshape(values.shape)
+
+
+@dataclass(frozen=True)
+class Regression:
+    """All stretches together.
+
+    ``free_motion`` solves the same equation for ω̇ instead of τ, which stays sound as τ vanishes: linear unknowns are
+    then those of LINEAR over the inertia, and the inertia's column is -τ with the unknown 1/Im. It stands on the
+    motion's time: d_c is then relative to the motion, and d_m moves the torque.
+    """
+
+    rows: tuple[Rows, ...]
+    free_motion: bool = False
+    cogging: tuple[float, ...] = ()  # periods a turn of torques that go with the position
+    whitening: Whitening | None = None  # of the rows, where turns have been counted
+
+    @classmethod
+    def of(
+        cls,
+        stretches: tuple[Signals, ...],
+        kernel: Kernel,
+        stride: int = 1,
+        *,
+        free_motion: bool = False,
+        cogging: tuple[float, ...] = (),
+    ) -> "Regression":
+        return cls(tuple(Rows(stretch, kernel, stride) for stretch in stretches), free_motion, cogging)
+
+    def recounted(self, shape: Shape) -> "Regression":
+        """The same, corrected for what counts do to the friction on average."""
+        return replace(self, rows=tuple(rows.recounted(shape) for rows in self.rows))
+
+    def whitened(self, shape: Shape, coulomb: float, residual: FloatArray) -> "Regression":
+        """The same, by what counts leave unknown at every turn of the path.
+
+        ``coulomb`` and ``residual`` (samples,) as found at ``shape``.
+        """
+        count_rad = max(rows.signals.count_rad for rows in self.rows)
+        if count_rad == 0.0:
+            return self
+        parts = [Turns.of(rows.signals, shape.s_per_rad).at(rows.usable) for rows in self.rows]
+        turns = Turns(np.concatenate([part.way_rad for part in parts]), np.concatenate([part.kicks for part in parts]))
+        known_again = np.flatnonzero(np.diff(self._rest, prepend=-1))
+        width = abs(coulomb) * count_rad / np.sqrt(self.alike * np.mean(residual**2))
+        return replace(self, whitening=Whitening.likeliest(turns, known_again, shape.s_per_rad, residual, width))
+
+    def white(self, values: FloatArray) -> FloatArray:
+        """``values`` (k, samples) as least squares should see them."""
+        return values if self.whitening is None else self.whitening.of(values)
+
+    def white_memory(self, memory: "Memory") -> "Memory":
+        """The same of what the friction may remember: the filter begins anew after every rest."""
+        return memory if self.whitening is None else Memory.of(self.white(memory.left[None, :])[0], self._rest)
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Which of (log β, log s, d_c, d_m) can be estimated: without torque only one delay has a meaning."""
+        measured = all(rows.signals.torque_nm is not None for rows in self.rows)
+        return (0, 1, 2, 3) if measured else (0, 1, 2)
+
+    @property
+    def alike(self) -> float:
+        """So many neighbouring rows, made alike by the low-pass, count as one."""
+        rows = self.rows[0]
+        return max(1.0, 0.5 / (rows.kernel.cutoff * rows.stride))
+
+    def chosen(self, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+        """Parts of shape (..., count), one a stretch, cut to their usable instants and joined."""
+        cut = [part.take(rows.usable, axis=-1) for part, rows in zip(parts, self.rows, strict=True)]
+        return np.concatenate(cut, axis=-1)
+
+    def target(self) -> FloatArray:
+        """What the columns explain, shape (samples,)."""
+        return self._target
+
+    @cached_property  # the same at every step of the search, as are the others below
+    def _target(self) -> FloatArray:
+        if self.free_motion:
+            return self.chosen([rows.kinematics(STILL)[1] for rows in self.rows])
+        return self.chosen([rows.torque() for rows in self.rows])
+
+    def time_s(self) -> FloatArray:
+        return self.chosen([rows.signals.time_s[:: rows.stride] for rows in self.rows])
+
+    def segment(self) -> npt.NDArray[np.int64]:
+        return self.chosen([rows.signals.segment[:: rows.stride] for rows in self.rows])
+
+    def columns(self, shape: Shape) -> tuple[FloatArray, "Memory"]:
+        """Physical columns, cogging, bias: shape (unknowns, samples); and what the friction may remember."""
+        own = self._on_own_time(shape)
+        parts = [rows.columns(own) for rows in self.rows]
+        chosen = self.chosen(parts)
+        if self.free_motion:
+            chosen[INERTIA] = -self._torque_at(shape.motion_delay_s)
+        waves = [self.chosen([rows.cogging(own, periods) for rows in self.rows]) for periods in self.cogging]
+        return np.concatenate([chosen[:5], *waves, self.bias()]), Memory.of(chosen[5], self._rest)
+
+    @cached_property
+    def _rest(self) -> npt.NDArray[np.int64]:
+        """A number for each rest of each stretch, at every sample."""
+        numbers, first = [], 0
+        for rows in self.rows:
+            memory = rows.memory()
+            numbers.append(first + memory)
+            first += int(memory[-1]) + 1
+        return self.chosen(numbers)
+
+    def contamination(self) -> FloatArray:
+        """What readings' own errors add to the squares of the physical columns, shape (5,): expected sums."""
+        total = np.zeros(5)
+        for rows in self.rows:
+            torque, acceleration, velocity = rows.noise() * rows.usable.size
+            total[VISCOUS] += velocity
+            total[INERTIA] += torque if self.free_motion else acceleration
+        return total * self._white_energy
+
+    def slope_contamination(self, linear: FloatArray) -> float:
+        """The same of the change with d_m: noise in it makes d_m look better known than it is."""
+        inertia, viscous = linear[INERTIA], linear[VISCOUS]
+        squares = (
+            inertia**2 * rows.torque_noise(1)
+            if self.free_motion
+            else inertia**2 * rows.motion_noise(3) + viscous**2 * rows.motion_noise(2)
+            for rows in self.rows
+        )
+        sizes = (rows.usable.size for rows in self.rows)
+        return self._white_energy * float(sum(square * size for square, size in zip(squares, sizes, strict=True)))
+
+    @property
+    def _white_energy(self) -> float:
+        return 1.0 if self.whitening is None else self.whitening.energy
+
+    def position(self) -> FloatArray:
+        """Of the shaft, shape (samples,)."""
+        return self.chosen([rows.signals.position_rad[:: rows.stride * FINE] for rows in self.rows])
+
+    def _on_own_time(self, shape: Shape) -> Shape:
+        return replace(shape, motion_delay_s=0.0) if self.free_motion else shape
+
+    def _torque_at(self, delay_s: float) -> FloatArray:
+        """The torque that belongs to a motion whose readings come later by ``delay_s``."""
+        return self.chosen([rows.torque(-delay_s) for rows in self.rows])
+
+    def bias(self) -> FloatArray:
+        """The sensor's slowly wandering zero, as hats in time: shape (knots, samples)."""
+        return self._bias
+
+    @cached_property
+    def _bias(self) -> FloatArray:
+        time_s = self.time_s()
+        return hats(time_s, round((time_s[-1] - time_s[0]) / DRIFT_KNOT_S) + 2)
+
+    def jacobian(
+        self,
+        shape: Shape,
+        columns: FloatArray,
+        linear: FloatArray,
+        memory: Memory | None = None,
+        states: FloatArray | None = None,
+    ) -> FloatArray:
+        """Change of the prediction with (log β, log s, d_c, d_m), shape (4, samples).
+
+        What is left of the friction's ``states`` (samples,) after rests changes with the shape, too (Golub and Pereyra
+        1973); without them that is left out.
+        """
+        at = self._on_own_time(shape)
+        other_lag = replace(at, bandwidth_rad_s=at.bandwidth_rad_s * np.exp(SMALL))
+        other_s = replace(at, s_per_rad=at.s_per_rad * np.exp(SMALL))
+        lag_rate = self.chosen([rows.lag(at, 1) for rows in self.rows])
+        lag = self.chosen([rows.lag(other_lag) for rows in self.rows])
+        left = np.zeros(columns.shape[1]) if memory is None else memory.left
+        held = np.zeros(left.size) if states is None else states
+        now = np.concatenate([columns[[COULOMB, DAMPING]], left[None, :]])
+        friction = -self.chosen([rows.friction(other_s) for rows in self.rows]) - now
+        return np.stack(
+            [
+                linear[GAIN] * (lag - columns[GAIN]) / SMALL,
+                (linear[[COULOMB, DAMPING]] @ friction[:2] + held * friction[2]) / SMALL,
+                -linear[GAIN] * lag_rate,
+                self._motion_slope(shape, linear, held),
+            ]
+        )
+
+    def _motion_slope(self, shape: Shape, linear: FloatArray, states: FloatArray) -> FloatArray:
+        """Change of the prediction with d_m, shape (samples,)."""
+        if self.free_motion:
+            around = (shape.motion_delay_s + side * SMALL_S for side in (0.5, -0.5))
+            later, earlier = (self._torque_at(delay_s) for delay_s in around)
+            return np.asarray(linear[INERTIA] * (earlier - later) / SMALL_S)
+        waves = self.cogging if len(linear) > len(LINEAR) else ()  # whose size nobody asks for
+        rates = self.chosen([rows.rates(shape, waves) for rows in self.rows])
+        moving = len(LINEAR) + 2 * len(waves)
+        return np.asarray(linear[INERTIA:moving] @ rates[:-1] + states * rates[-1])

@@ -1,0 +1,212 @@
+"""What an identification says: estimates with their confidence, residuals, and what the data cannot tell."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import PchipInterpolator
+
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.kernels import FULL_BAND, Kernel
+from norton_bench.identification.model_free import branches
+from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.soundness.doubts import Doubt
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+
+if TYPE_CHECKING:
+    from norton_bench.identification.bootstrap import Simulation
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Measured beside predicted, arrays of shape (n,); NaN between segments."""
+
+    time_s: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    unit: str
+
+
+@dataclass(frozen=True)
+class Cogging:
+    """Torque that goes with the position, taken out of every estimate: so many periods a turn."""
+
+    periods_per_turn: float
+    amplitude_nm: float
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What simulated records made of a fit: mappings are by the names of parameters.
+
+    ``of_residual`` are the value and the deviation that the residual alone gives; ``repeated_std`` is the part of the
+    deviation that every session of the same bench repeats: that of the bias which was taken off.
+    """
+
+    of_residual: Mapping[str, tuple[float, float]]
+    repeated_std: Mapping[str, float]
+    bench: "Simulation" = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """One fit of the Norton network.
+
+    ``torque_rms_nm`` is the rms of the torque residual, ``torque_relative`` that over the rms of the torque. Delays are
+    relative to the torque stream; positive means later. ``verdict`` says in words what the data cannot tell.
+    """
+
+    estimates: tuple[Estimate, ...]
+    network: NortonNetwork
+    converged: bool
+    torque_rms_nm: float
+    torque_relative: float
+    samples: int
+    command_delay_s: float
+    command_delay_std_s: float
+    motion_delay_s: float
+    motion_delay_std_s: float
+    trace: Trace
+    band: Kernel = FULL_BAND  # the low-pass through which everything was looked at
+    cogging: tuple[Cogging, ...] = ()
+    torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
+    verdict: tuple[str, ...] = ()
+    doubted: tuple[Doubt, ...] = ()  # what of the verdict makes estimates doubtful
+    torque_zero: SensorZero | None = None  # the same as it drifts; None where no torque was fitted
+    simulated: Simulated | None = None  # None where the deviations are those of the residual alone
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the data contradict themselves: some estimates are then none, as the verdict says."""
+        return any(estimate.status is Status.DOUBTFUL for estimate in self.estimates)
+
+    @property
+    def shortcoming(self) -> str:
+        """Why its values, or some of them, are no results; empty where they all are what they claim to be."""
+        if not self.converged:
+            return "the fit did not converge: these parameters are no result; see the report for what was not excited"
+        if self.doubtful:
+            return "the data contradict themselves: what is called doubtful is no result; the verdict says why"
+        if any(estimate.status is Status.INADEQUATE for estimate in self.estimates):
+            return (
+                "the actuator does what the model does not have: what is called inadequate is no result; the "
+                "verdict says what, and the network says how far its predictions are off"
+            )
+        return ""
+
+    @property
+    def ratios_only(self) -> bool:
+        """Whether only the free motion told anything: everything is then per unit of torque gain."""
+        return "scale" in self.network.provenance
+
+    def estimate(self, name: str) -> Estimate:
+        """Raises KeyError for a name that was not estimated."""
+        return {estimate.name: estimate for estimate in self.estimates}[name]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Prediction of segments that no fit has seen: torque under the measured motion, and the free motion itself.
+
+    The sensor's zero is that of the fit. The free motion is that under the torque measured at the port, whose noise and
+    that of the position's readings alone put ``velocity_noise_rad_s`` rms between the two.
+    """
+
+    torque_rms_nm: float
+    torque_relative: float
+    velocity_rms_rad_s: float
+    velocity_relative: float
+    torque: Trace
+    velocity: Trace
+    velocity_noise_rad_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class SourceMap:
+    """The static motion source as measured: steady free velocity against command; arrays of shape (levels,).
+
+    ``rising`` says from which side each level was approached. ``resampled_rad_s`` (resamples, levels) are velocities as
+    a repetition of the experiment might have given them: every interval comes from them.
+    ``settling_s`` is the time constant with which the shaft was seen to settle, 0 where it was not.
+    ``port_torque_nm`` and ``port_torque_std_nm`` (levels,) are the mean torque at the port while each level was held,
+    less the sensor's zero: velocities are those without it. Empty where it is not known, and velocities as measured.
+    """
+
+    command: FloatArray
+    velocity_rad_s: FloatArray
+    velocity_std_rad_s: FloatArray
+    rising: npt.NDArray[np.bool_]
+    resampled_rad_s: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    settling_s: float = 0.0
+    port_torque_nm: FloatArray = field(default_factory=lambda: np.empty(0))
+    port_torque_std_nm: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def velocity(self, command: npt.ArrayLike, rising: bool) -> FloatArray:
+        """Steady free velocity [rad/s] on one branch, of the shape of ``command``: monotonic between the levels, NaN
+        outside them. Raises ExperimentError where that branch was not measured."""
+        levels, values, _ = self.branch(rising)
+        return np.asarray(self._curve(levels, values, rising)(np.asarray(command, dtype=float)))
+
+    def band(self, command: npt.ArrayLike, rising: bool) -> FloatArray:
+        """The 95 % band of :meth:`velocity`, shape (2, ...): lower and upper; NaN where nothing was resampled."""
+        levels, _, draws = self.branch(rising)
+        if not len(draws):
+            return np.full((2, *np.shape(command)), np.nan)
+        at = np.asarray(command, dtype=float)
+        drawn = [self._curve(levels, draw, rising)(at) for draw in draws]
+        return np.asarray(np.quantile(drawn, branches.TAILS, axis=0))
+
+    def dead_zone(self, rising: bool) -> branches.DeadZone | None:
+        """The commands between which the shaft rests; None where the branch does not show both ends."""
+        levels, values, draws = self.branch(rising)
+        return branches.dead_zone(levels, values, draws) if levels.size else None
+
+    def hysteresis(self) -> branches.Hysteresis | None:
+        """How far the two branches lie apart; None where the data cannot tell."""
+        return branches.hysteresis(self.branch(True), self.branch(False))
+
+    def branch(self, rising: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Command and velocity (levels,) and resamples (resamples, levels) of one branch, where they are known."""
+        chosen = (self.rising == rising) & np.isfinite(self.velocity_rad_s)
+        draws = self.resampled_rad_s if len(self.resampled_rad_s) else np.empty((0, self.command.size))
+        return self.command[chosen], self.velocity_rad_s[chosen], draws[:, chosen]
+
+    @staticmethod
+    def _curve(levels: FloatArray, values: FloatArray, rising: bool) -> PchipInterpolator:
+        if np.unique(levels).size < 2:
+            side = "rising" if rising else "falling"
+            raise ExperimentError(f"the {side} branch of the source was not measured: run the step 'free' to its end")
+        return branches.monotone(levels, values)
+
+
+@dataclass(frozen=True)
+class BlockedMap:
+    """The Thévenin experiment: torque at standstill against command, by how standstill was reached.
+
+    ``histories`` has "slow", "fast" or "rest" (never moved: it has no side) for each; empty where all were slow.
+    """
+
+    command: FloatArray
+    torque_nm: FloatArray
+    torque_std_nm: FloatArray
+    from_above: npt.NDArray[np.bool_]  # True: the shaft came to rest from positive velocity
+    histories: tuple[str, ...] = ()
+
+    def chosen(self, history: str) -> npt.NDArray[np.bool_]:
+        """Which levels were reached like that, shape (levels,)."""
+        return np.array([each == history for each in self.histories or ("slow",) * self.command.size], dtype=bool)
+
+
+@dataclass(frozen=True)
+class LiveEstimate:
+    """The state of the live identification at ``stamp_ns``. ``network`` is there once every parameter is valid."""
+
+    stamp_ns: int
+    estimates: tuple[Estimate, ...] = ()
+    network: NortonNetwork | None = None
+    samples: int = field(default=0)

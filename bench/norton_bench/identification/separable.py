@@ -1,0 +1,329 @@
+"""Separable least squares (variable projection): the linear unknowns are solved for exactly at every step.
+
+No initial guess: a scan over the friction's shape, then Gauss-Newton from several amplifier bandwidths in a low band,
+in which delays are harmless, then in the full band.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.identification.cogging import strongest_period
+from norton_bench.identification.kernels import FULL_BAND, Kernel
+from norton_bench.identification.regression import COULOMB, INERTIA, MOTION_DELAY, Memory, Regression, Shape
+from norton_bench.identification.signals import Signals
+
+FloatArray = npt.NDArray[np.float64]
+
+# In cycles a tick. The low band leaves delays of some ticks within the reach of Gauss-Newton.
+LOW_BAND = Kernel(cutoff=0.05, half_width=24.0)
+LOW_STRIDE = 5
+
+BANDWIDTH_RAD_S = (20.0, 6000.0)
+S_PER_RAD = (5.0, 5e4)
+DELAY_TICKS = 8.0
+SCAN_S = np.geomspace(20.0, 10_000.0, 10)
+START_BANDWIDTHS = (150.0, 500.0, 1500.0)
+
+LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
+# Of each parameter: relative for the first two, seconds for the delays.
+CONVERGED_STEP = np.array([1e-4, 1e-4, 1e-7, 1e-7])
+# Enough to go on from: the low band finds where to begin in the full one, and that what else there is.
+ROUGH_STEP = np.array([0.03, 0.03, 2e-5, 2e-5])
+# From each start; a local minimum may look the better one after a few.
+LOW_STEPS = 15
+MOST_STEPS = 40
+# The full band is narrowed only where it is worth the time.
+NARROWED_BELOW = 0.7
+NARROWEST_CUTOFF = 0.02
+MOST_COGGINGS = 4
+# A step of a twentieth, and of a fifth, of a deviation.
+NOTHING_GAINED = 2e-3
+LITTLE_GAINED = 4e-2
+STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where the iteration ended.
+
+    ``residual`` (samples,) is in the target's unit; ``innovation`` (samples,) is what of it least squares saw, and
+    ``jacobian`` (samples, parameters) its change, negative, with the linear unknowns, then log β, log s, delays.
+    """
+
+    shape: Shape
+    linear: FloatArray
+    residual: FloatArray
+    innovation: FloatArray
+    jacobian: FloatArray
+    free: tuple[int, ...]
+    contamination: FloatArray  # what errors of readings add to the squares of the jacobian's columns, (parameters,)
+    cost: float
+    regression: Regression  # the one that was solved
+    converged: bool
+
+    @property
+    def free_motion(self) -> bool:
+        return self.regression.free_motion
+
+
+def solve(
+    stretches: tuple[Signals, ...],
+    *,
+    free_motion: bool = False,
+    roughly: bool = False,
+    cogging: tuple[float, ...] = (),
+) -> Solution:
+    """The best fit of all stretches; ``free_motion`` as in Regression; ``roughly`` where nobody will believe it.
+
+    ``cogging`` is what is known of it beforehand.
+    """
+    low = Regression.of(stretches, told(stretches, LOW_BAND), LOW_STRIDE, free_motion=free_motion, cogging=cogging)
+    ends = [_descend(start, most_steps=LOW_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
+    widest = told(stretches, FULL_BAND)
+    full = Regression.of(stretches, widest, free_motion=free_motion, cogging=cogging)
+    solution = _first_settled(full, sorted(ends, key=lambda at: at.cost))
+    if roughly:
+        return solution
+    band = worthwhile_band(full, solution)
+    if band != widest:
+        full = Regression.of(stretches, band, free_motion=free_motion, cogging=cogging)
+        solution = _iterate(full, solution.shape, within=ROUGH_STEP)
+    solution = _with_cogging(solution, within=ROUGH_STEP)
+    counted = solution.regression.recounted(solution.shape).whitened(
+        solution.shape, float(solution.linear[COULOMB]), solution.residual
+    )
+    return _with_cogging(_iterate(counted, solution.shape, within=CONVERGED_STEP), within=CONVERGED_STEP)
+
+
+def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
+    """The same fit of another record of the same experiment, whose solution is ``near``: same band, same cogging."""
+    before = near.regression
+    regression = Regression.of(
+        stretches, before.rows[0].kernel, free_motion=before.free_motion, cogging=before.cogging
+    ).recounted(near.shape)
+    at = _At.of(regression, near.shape)
+    white = regression.whitened(near.shape, float(at.linear[COULOMB]), at.residual)
+    return _iterated(_At.solved(white, near.shape, at.columns, at.memory), within=CONVERGED_STEP)
+
+
+def told(stretches: Sequence[Signals], band: Kernel) -> Kernel:
+    """The part of a band that sensors slower than the loop can tell."""
+    periods_s = [(stretch.position_period_s, stretch.torque_period_s) for stretch in stretches]
+    tick_s = stretches[0].tick_s
+    return _narrowed(band, FULL_BAND.cutoff * min(1.0, tick_s / max(np.max(periods_s), tick_s)))
+
+
+def _narrowed(band: Kernel, cutoff: float) -> Kernel:
+    """To ``cutoff``, where that is worth the time; the narrower, the longer."""
+    cutoff = max(cutoff, NARROWEST_CUTOFF)
+    return band if cutoff > NARROWED_BELOW * band.cutoff else Kernel(cutoff, band.half_width * band.cutoff / cutoff)
+
+
+def worthwhile_band(regression: Regression, solution: Solution) -> Kernel:
+    """The band in which the residual's noise is nearly white, so that least squares wastes no information.
+
+    Above it the encoder's errors, which inertia makes grow with the square of the frequency, drown the torque sensor's:
+    weighting by the innovation's spectrum would leave out the same. Never wider than FULL_BAND, nor than what a sensor
+    slower than the loop can tell.
+    """
+    tick_s = regression.rows[0].signals.tick_s
+    widest = told([rows.signals for rows in regression.rows], FULL_BAND)
+    torque, position = 0.0, 0.0
+    for rows in regression.rows:
+        count = rows.usable.size
+        torque += count * rows.signals.torque_noise
+        position += count * rows.signals.position_noise
+    inertia = abs(float(solution.linear[INERTIA]))
+    if not solution.free_motion and torque > 0 and position > 0 and inertia > 0:
+        corner_hz = (torque / position) ** 0.25 / (2 * np.pi * np.sqrt(inertia))
+        return _narrowed(widest, corner_hz * tick_s)
+    return widest
+
+
+def limits(tick_s: float) -> tuple[FloatArray, FloatArray]:
+    """The box searched: (log β, log s, d_c, d_m)."""
+    delay_s = DELAY_TICKS * tick_s
+    low = np.array([np.log(BANDWIDTH_RAD_S[0]), np.log(S_PER_RAD[0]), -delay_s, -delay_s])
+    high = np.array([np.log(BANDWIDTH_RAD_S[1]), np.log(S_PER_RAD[1]), delay_s, delay_s])
+    return low, high
+
+
+def linear_solution(columns: FloatArray, target: FloatArray) -> FloatArray:
+    """Least squares of ``target`` (samples,) by ``columns`` (unknowns, samples)."""
+    return normal_solution(columns, columns @ target)
+
+
+def normal_solution(columns: FloatArray, right: FloatArray, contamination: FloatArray | None = None) -> FloatArray:
+    """The normal equations of scaled columns with this right side; columns that say nothing get zero.
+
+    ``contamination`` is what errors in the columns add to their squares. It is taken off again, or they would shrink
+    what is estimated; columns beyond its length have none.
+    """
+    matrix = columns @ columns.T
+    scale = np.sqrt(np.diag(matrix))
+    scale[scale == 0] = 1.0
+    matrix /= np.outer(scale, scale)
+    if contamination is not None:
+        at = np.arange(len(contamination))
+        matrix[at, at] -= contamination / scale[: len(at)] ** 2
+    return np.asarray(np.linalg.lstsq(matrix, right / scale, rcond=1e-13)[0] / scale)
+
+
+@dataclass(frozen=True)
+class _At:
+    """The regression at one shape, solved for what is linear."""
+
+    regression: Regression
+    shape: Shape
+    columns: FloatArray
+    memory: Memory
+    white_memory: Memory
+    seen: FloatArray  # of the columns, what least squares sees
+    linear: FloatArray
+    states: FloatArray  # that the friction had after each rest, for every sample
+    residual: FloatArray
+    innovation: FloatArray
+    cost: float
+
+    @classmethod
+    def of(cls, regression: Regression, shape: Shape) -> "_At":
+        return cls.solved(regression, shape, *regression.columns(shape))
+
+    @classmethod
+    def solved(cls, regression: Regression, shape: Shape, columns: FloatArray, memory: Memory) -> "_At":
+        """With the regression's own columns at this shape, which no whitening changes."""
+        contamination, white_memory = regression.contamination(), regression.white_memory(memory)
+        white = regression.white(np.concatenate([columns, regression.target()[None, :]]))
+        *_, wanted = left = white_memory.taken_off(white)
+        seen = left[:-1]
+        linear = normal_solution(seen, seen @ wanted, contamination)
+        innovation = wanted - linear @ seen
+        states = white_memory.factors(white[-1] - linear @ white[:-1])
+        residual = regression.target() - linear @ columns - states * memory.left
+        # Errors in the columns add this to the squares of the innovations.
+        cost = float(innovation @ innovation - contamination @ linear[:5] ** 2)
+        return cls(regression, shape, columns, memory, white_memory, seen, linear, states, residual, innovation, cost)
+
+    def solution(self, *, converged: bool) -> Solution:
+        """What the search ends with."""
+        return Solution(
+            shape=self.shape,
+            linear=self.linear,
+            residual=self.residual,
+            innovation=self.innovation,
+            jacobian=np.concatenate([self.seen, self.slopes]).T,
+            free=self.regression.free,
+            contamination=self.contamination,
+            cost=self.cost,
+            regression=self.regression,
+            converged=converged,
+        )
+
+    @cached_property  # of the last step of a search, and of the solution
+    def slopes(self) -> FloatArray:
+        """Change of the prediction with the free unknowns of the shape, shape (free, samples)."""
+        slopes = self.regression.jacobian(self.shape, self.columns, self.linear, self.memory, self.states)
+        return self.white_memory.taken_off(self.regression.white(slopes[list(self.regression.free)]))
+
+    @property
+    def contamination(self) -> FloatArray:
+        """What errors of readings add to the squares of the linear columns and of the free slopes, (parameters,)."""
+        regression = self.regression
+        columns = np.zeros(len(self.linear) + len(regression.free))
+        columns[:5] = regression.contamination()
+        if regression.free[-1] == MOTION_DELAY:
+            columns[-1] = regression.slope_contamination(self.linear)
+        return columns
+
+    def step(self) -> tuple[FloatArray, float]:
+        """Of Gauss-Newton, shape (4,); zero for what is not free. And how far that is, in squared deviations."""
+        contamination, linear = self.contamination, len(self.linear)
+        every = np.concatenate([self.seen, self.slopes])
+        right = every @ self.innovation
+        # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
+        right[:linear] += contamination[:linear] * self.linear
+        whole = normal_solution(every, right, contamination)
+        step = np.zeros(4)
+        step[list(self.regression.free)] = whole[len(self.seen) :]
+        variance = self.regression.alike * max(self.cost, 0.0) / self.innovation.size
+        return step, float(right @ whole) / max(variance, 1e-300)
+
+
+def _starts(regression: Regression) -> list[_At]:
+    tick_s = regression.rows[0].signals.tick_s
+    shapes = [Shape(START_BANDWIDTHS[1], s, tick_s, 0.0) for s in SCAN_S]
+    best = min(shapes, key=lambda shape: _At.of(regression, shape).cost)
+    return [_At.of(regression, replace(best, bandwidth_rad_s=bandwidth)) for bandwidth in START_BANDWIDTHS]
+
+
+def _first_settled(regression: Regression, ends: list[_At]) -> Solution:
+    """From the best end of the low band; from the next where that leads nowhere."""
+    solutions = []
+    for end in ends:
+        solutions.append(_iterate(regression, end.shape, within=ROUGH_STEP))
+        if solutions[-1].converged:
+            break
+    return min(solutions, key=lambda solution: (not solution.converged, solution.cost))
+
+
+def _with_cogging(solution: Solution, *, within: FloatArray) -> Solution:
+    """The same with every wave that stands out of what is left."""
+    for _ in range(MOST_COGGINGS - len(solution.regression.cogging)):
+        regression = solution.regression
+        periods = strongest_period(regression.position(), solution.residual, regression.alike)
+        if periods is None or periods in regression.cogging:
+            break
+        more = replace(regression, cogging=(*regression.cogging, periods))
+        solution = _iterate(more, solution.shape, within=within)
+    return solution
+
+
+def _iterate(regression: Regression, shape: Shape, *, within: FloatArray) -> Solution:
+    """To the minimum nearest to ``shape``."""
+    return _iterated(_At.of(regression, shape), within=within)
+
+
+def _iterated(at: _At, *, within: FloatArray) -> Solution:
+    """To the minimum nearest to it."""
+    at, converged = _descend(at, most_steps=MOST_STEPS, within=within)
+    return at.solution(converged=converged)
+
+
+def shortened(step: FloatArray) -> Iterator[FloatArray]:
+    """Each unknown held to its longest step; and, where that leads nowhere, all of them in the step's own direction:
+    a lag and a delay that stand for each other must be moved together."""
+    clipped = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+    straight = step / max(1.0, float(np.max(np.abs(step) / LONGEST_STEP)))
+    for direction in (clipped, straight):
+        for share in STEP_SHARES:
+            yield share * direction
+
+
+def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool]:
+    """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that.
+
+    Returns where it ended and whether it converged.
+    """
+    regression = at.regression
+    low, high = limits(regression.rows[0].signals.tick_s)
+    for _ in range(most_steps):
+        step, squared_deviations = at.step()
+        # What the data hardly tell, such as a bandwidth far above theirs, may wander on for ever.
+        if np.all(np.abs(step) < within) or abs(squared_deviations) < NOTHING_GAINED:
+            return at, True
+        little = abs(squared_deviations) < LITTLE_GAINED
+        # Where little is to be gained, one try will do.
+        tries = islice(shortened(step), 1 if little else None)
+        moved = (np.clip(at.shape.as_array() + each, low, high) for each in tries)
+        better = (trial for each in moved if (trial := _At.of(regression, Shape.of(each))).cost < at.cost)
+        found = next(better, None)
+        if found is None:
+            # Gauss-Newton cannot improve: at the minimum to within rounding, or held by the box.
+            return at, little or bool(np.all(np.abs(step) < 100 * within))
+        at = found
+    return at, False

@@ -1,0 +1,191 @@
+"""Several fits of one actuator, each of a session of its own, as one result; and what differs between the sessions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.identification.fit import PHYSICAL, network_of
+from norton_bench.identification.random_effects import Combined, combine
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.verdict import LOOSE_BEYOND
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import PARAMETERS, Estimate, Status
+
+FloatArray = npt.NDArray[np.float64]
+
+# What chance may name, of all parameters together, as different between sessions where nothing is.
+ALARM = 0.05
+# Probabilities below this say no more than that they are.
+LEAST_P = 1e-9
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """One session: what messages call it, and its fit."""
+
+    name: str
+    fit: FitResult
+
+    def taking_part(self, parameter: str) -> Estimate | None:
+        """Its estimate of the parameter, where that is valid and has a deviation."""
+        for estimate in self.fit.estimates:
+            if estimate.name == parameter:
+                sound = np.isfinite(estimate.value) and 0.0 < estimate.std < np.inf
+                return estimate if sound and estimate.status is Status.VALID else None
+        return None
+
+
+@dataclass(frozen=True)
+class Together:
+    """``estimates`` as those of one fit; ``spreads`` by name, of what is valid in two sessions or more.
+
+    ``network`` is None where one of its parameters is valid in no session.
+    """
+
+    estimates: tuple[Estimate, ...]
+    spreads: Mapping[str, Combined]
+    network: NortonNetwork | None
+    verdict: tuple[str, ...]
+
+    @property
+    def combined(self) -> bool:
+        """Whether anything could be combined at all."""
+        return bool(self.spreads)
+
+
+def together(sessions: Sequence[Fitted], command_unit: str) -> Together:
+    """Combine the sessions, parameter by parameter: only what is valid in a session takes part."""
+    known = {estimate.name for session in sessions for estimate in session.fit.estimates}
+    names = [parameter.name for parameter in PARAMETERS if parameter.name in known]
+    takers = {name: [session for session in sessions if session.taking_part(name)] for name in names}
+    spreads = {name: _combined(name, takers[name]) for name in names if len(takers[name]) > 1}
+    estimates = tuple(_estimate(name, sessions, spreads.get(name)) for name in names)
+    found = [estimate for estimate in estimates if np.isfinite(estimate.value)]
+    whole = set(PHYSICAL) <= {estimate.name for estimate in found}
+    network = network_of(found, command_unit, _covariance(sessions, found, spreads)) if whole else None
+    return Together(estimates, spreads, network, _verdict(sessions, takers, estimates, spreads))
+
+
+def differing(spreads: Mapping[str, Combined]) -> tuple[str, ...]:
+    """Parameters that differ between sessions by more than the sessions' own intervals allow.
+
+    By Cochran's Q; chance is counted for all that are looked at (Holm 1979, Scand. J. Stat. 6:65).
+    """
+    found: list[str] = []
+    for name in sorted(spreads, key=lambda name: spreads[name].p):
+        if spreads[name].p * (len(spreads) - len(found)) > ALARM:
+            break
+        found.append(name)
+    return tuple(found)
+
+
+def _combined(name: str, takers: Sequence[Fitted]) -> Combined:
+    estimates = [session.fit.estimate(name) for session in takers]
+    values = np.array([each.value for each in estimates])
+    # What a fit makes alike in every session of one bench: no average makes it smaller.
+    simulated = [session.fit.simulated for session in takers]
+    repeated = [0.0 if each is None else each.repeated_std.get(name, 0.0) for each in simulated]
+    return combine(values, np.array([each.std for each in estimates]), float(np.mean(repeated)))
+
+
+def _estimate(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> Estimate:
+    """What one session alone knows is not settled: nothing tells how far another would be from it."""
+    own = [estimate for session in sessions for estimate in session.fit.estimates if estimate.name == name]
+    unit = own[0].unit
+    if spread is not None:
+        settled = spread.std <= LOOSE_BEYOND * abs(spread.value)
+        return Estimate(name, spread.value, spread.std, unit, Status.VALID if settled else Status.LEARNING)
+    sound = next((estimate for session in sessions if (estimate := session.taking_part(name))), None)
+    if sound is not None:
+        return Estimate(name, sound.value, sound.std, unit, Status.LEARNING)
+    return Estimate(name, float("nan"), float("nan"), unit, own[0].status)
+
+
+def _covariance(
+    sessions: Sequence[Fitted], estimates: Sequence[Estimate], spreads: Mapping[str, Combined]
+) -> FloatArray:
+    """Of PHYSICAL: correlations within each session go in with its weights; between sessions none are known.
+
+    The deviations are those of the combined estimates.
+    """
+    weights = np.array([_weights(name, sessions, spreads.get(name)) for name in PHYSICAL]).T
+    between = np.array([spreads[name].between_std ** 2 if name in spreads else 0.0 for name in PHYSICAL])
+    total = np.diag(between * np.sum(weights**2, axis=0))
+    for session, own in zip(sessions, weights, strict=True):
+        share = np.outer(own, own)
+        total += share * np.where(share > 0.0, np.array(session.fit.network.covariance), 0.0)
+    found = {estimate.name: estimate.std for estimate in estimates}
+    factor = np.array([found[name] for name in PHYSICAL]) / np.sqrt(np.diag(total))
+    return np.asarray(total * np.outer(factor, factor))
+
+
+def _weights(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> FloatArray:
+    """How much each session counts for the parameter, 0 where it took no part; shape (sessions,)."""
+    weights = np.array([float(session.taking_part(name) is not None) for session in sessions])
+    if spread is not None:
+        weights[weights > 0.0] = spread.weights
+    return weights
+
+
+def _verdict(
+    sessions: Sequence[Fitted],
+    takers: Mapping[str, Sequence[Fitted]],
+    estimates: Sequence[Estimate],
+    spreads: Mapping[str, Combined],
+) -> tuple[str, ...]:
+    sentences = [_difference(spreads)] if spreads else ["No parameter is valid in two sessions: nothing was combined."]
+    if len(sessions) == 2 and spreads:
+        sentences.append("Two sessions tell little of the spread between sessions: record three or more.")
+    wide = [_plain(each.name) for each in estimates if each.name in spreads and each.status is Status.LEARNING]
+    if wide:
+        sentences.append(f"Uncertain by more than half of the value: {', '.join(wide)}; record more sessions.")
+    sentences += _left_out(sessions, takers)
+    alone = [_plain(name) for name, taking in takers.items() if len(taking) == 1]
+    if alone:
+        sentences.append(f"Known from one session alone, without any spread between sessions: {', '.join(alone)}.")
+    missing = [_plain(name) for name in PHYSICAL if not takers.get(name)]
+    if missing:
+        sentences.append(f"There is no network of all sessions: none has a valid {' or '.join(missing)}.")
+    shared = [said for said in sessions[0].fit.verdict if all(said in other.fit.verdict for other in sessions)]
+    return (*sentences, *shared)
+
+
+def _difference(spreads: Mapping[str, Combined]) -> str:
+    named = differing(spreads)
+    if not named:
+        return "No parameter differs between sessions by more than their own intervals allow."
+    each = [
+        f"{_plain(name)} (standard deviation {_percent(spread.between_std / abs(spread.value))}, "
+        f"at most {_percent(spread.between_std_upper / abs(spread.value))}, {_chance(spread.p)})"
+        for name in named
+        for spread in (spreads[name],)
+    ]
+    return (
+        f"Between sessions differ, by more than their own intervals allow: {', '.join(each)}. The combined intervals "
+        "hold this; look for what changed: temperature, wear, mounting."
+    )
+
+
+def _left_out(sessions: Sequence[Fitted], takers: Mapping[str, Sequence[Fitted]]) -> list[str]:
+    """One sentence for each session that lacks what another has."""
+    sentences = []
+    for session in sessions:
+        lacking = [_plain(name) for name, taking in takers.items() if taking and session not in taking]
+        if lacking:
+            why = "" if session.fit.converged else ", whose fit did not converge"
+            sentences.append(f"Left out of {session.name}{why}, for want of a valid value: {', '.join(lacking)}.")
+    return sentences
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
+
+
+def _chance(p: float) -> str:
+    return f"p = {p:.1g}" if p >= LEAST_P else f"p < {LEAST_P:.0e}"

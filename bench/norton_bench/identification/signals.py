@@ -1,0 +1,300 @@
+"""From raw streams to one uniform grid: every signal at the same instants, each with its own clock undone.
+
+The grid has the tick's period and the torque stream's time (arrival less jitter, mean delay included). Command and
+motion have other delays; the fit estimates both relative to the torque.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import ExperimentError
+from norton_bench.identification import noise
+from norton_bench.identification.kernels import TABLE_PER_UNIT, Kernel
+from norton_bench.identification.quantisation import moving, resolution_rad, unquantised
+from norton_bench.identification.timing import nominal_period_s, sampled_at_s, taken_late_s
+from norton_bench.records import NO_DEVICE_TIME, Measured, Table
+from norton_bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+# The motion is known this many times a tick: between its samples the friction's path is taken as straight.
+FINE = 4
+# Wide enough to leave everything below a quarter of the sampling rate as it is.
+INTERPOLATION = Kernel(cutoff=0.36, half_width=12.0)
+LONGEST_GAP_S = 0.05
+SHORTEST_STRETCH_TICKS = 100
+# Rows of a shaft that hardly moves are left out, unless little else would remain.
+LEAST_MOVING_SHARE = 0.1
+# After a rest of this length nobody knows what the friction holds; it is known again where the motion tells.
+FORGETS_AFTER_S = 0.1
+# A shaft that begins to move has moved a little already when it shows.
+BEFORE_MOVING_TICKS = 10
+
+
+class Port(Enum):
+    """Whose port is looked at: the torque sensor is the boundary of both machines."""
+
+    ACTUATOR = "actuator"
+    LOAD = "load"
+
+
+@dataclass(frozen=True)
+class Signals:
+    """One stretch of time without gaps; arrays of shape (n,), but motions (n · FINE,) and commands (m,).
+
+    ``position_rad`` is as read, for velocity and acceleration (counting makes it noisy, but not wrong);
+    ``path_rad`` is smoothed within the encoder's counts, for friction, which minds every turning back.
+    ``usable`` marks what may be fitted; the rest is there because friction and amplifier remember it. ``rests`` are the
+    ends of longer rests, as indices of ``time_s``; within a rest counts do not tell what becomes of the friction.
+    ``torque_nm`` and ``current`` are None where nothing measures them; current comes as it was read, for drives report
+    it more slowly than anything can be interpolated. ``smoothed`` are the readings that ``path_rad`` comes from.
+    """
+
+    tick_s: float
+    origin_ns: int
+    time_s: FloatArray
+    position_rad: FloatArray
+    path_rad: FloatArray
+    sent_s: FloatArray
+    command: FloatArray
+    segment: IntArray
+    usable: BoolArray
+    rests: IntArray
+    torque_nm: FloatArray | None = None
+    current: "Stream | None" = None
+    position_noise: float = 0.0  # spectral density of the readings' own errors [rad²/Hz], two-sided
+    torque_noise: float = 0.0  # [N² m²/Hz]
+    position_period_s: float = 0.0  # between two readings
+    position_step_rad: float = 0.0  # between two counts; 0 where none can be seen
+    torque_period_s: float = 0.0
+    torque_averaging_s: float = 0.0  # over which the sensor itself averages, or how old its held readings may be
+    smoothed: "Stream | None" = None
+    count_rad: float = 0.0  # the step in which positions are read; 0 where none can be seen
+    released_at_zero: bool = False  # the drive: as in records.Chain
+
+
+def signals(measured: Measured, tick_s: float, use: Use, port: Port = Port.ACTUATOR) -> tuple[Signals, ...]:
+    """The stretches in which something may be fitted. Raises ExperimentError where nothing was measured."""
+    motion = measured.motion if port is Port.ACTUATOR else measured.load_motion
+    if not len(motion) or not len(measured.ticks):
+        raise ExperimentError(f"no motion of the {port.value} was recorded: run an experiment that moves it")
+    origin_ns = int(measured.ticks["tick_ns"][0])
+    count_rad = resolution_rad(np.asarray(motion["position_rad"], dtype=np.float64))
+    streams = _streams(measured, motion, port, origin_ns, count_rad)
+    stretches = [
+        _stretch(measured, streams, tick_s, use, port, origin_ns, count_rad, start_s, end_s)
+        for start_s, end_s in _common_spans(measured, streams, origin_ns)
+        if end_s - start_s >= SHORTEST_STRETCH_TICKS * tick_s
+    ]
+    useful = tuple(stretch for stretch in stretches if stretch.usable.any())
+    if not useful:
+        raise ExperimentError(f'nothing was recorded to be used for "{use.value}": run the procedures that measure it')
+    return useful
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Readings with the instants at which they were taken [s]."""
+
+    time_s: FloatArray
+    value: FloatArray
+    period_s: float
+    step: float = 0.0  # in which values come; 0 where none can be seen
+
+    def at(self, grid_s: FloatArray) -> FloatArray:
+        """Interpolated, band-limited; a straight line where readings are missing."""
+        from norton_bench.identification import loops  # noqa: PLC0415  (compiled: slow to import)
+
+        time_s, value = self._filled()
+        table = INTERPOLATION.table()
+        return np.asarray(loops.resample(time_s, value, self.period_s, grid_s, table, TABLE_PER_UNIT))
+
+    def _filled(self) -> tuple[FloatArray, FloatArray]:
+        steps = np.diff(self.time_s)
+        gaps = np.flatnonzero((steps > 1.5 * self.period_s) & (steps < LONGEST_GAP_S))
+        if not gaps.size:
+            return self.time_s, self.value
+        missing = [
+            np.linspace(self.time_s[gap], self.time_s[gap + 1], round(steps[gap] / self.period_s) + 1)[1:-1]
+            for gap in gaps
+        ]
+        time_s = np.sort(np.concatenate([self.time_s, *missing]))
+        return time_s, np.interp(time_s, self.time_s, self.value)
+
+    def between(self, start_s: float, end_s: float) -> "Stream":
+        """The readings of a span."""
+        first, last = np.searchsorted(self.time_s, [start_s, end_s])
+        return replace(self, time_s=self.time_s[first:last], value=self.value[first:last])
+
+    def covers(self, grid_s: FloatArray) -> BoolArray:
+        """Where no reading is missing within the kernel's main lobe."""
+        gaps = np.flatnonzero(np.diff(self.time_s) > 1.5 * self.period_s)
+        covered = np.ones(grid_s.size, dtype=bool)
+        for gap in gaps:
+            reach = 3 * self.period_s
+            first, last = np.searchsorted(grid_s, [self.time_s[gap] - reach, self.time_s[gap + 1] + reach])
+            covered[first:last] = False
+        return covered
+
+
+def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, count_rad: float) -> dict[str, Stream]:
+    position = positions_of(motion, origin_ns)
+    smooth = unquantised(position.value, count_rad)
+    streams = {
+        "position": replace(position, step=count_rad),
+        "path": replace(position, value=smooth),
+        "moving": replace(position, value=moving(smooth, count_rad).astype(float)),
+    }
+    torque = measured.torque[measured.torque["valid"]]
+    if len(torque):
+        stream = stream_of(torque, "torque_nm", origin_ns)
+        sign = 1.0 if port is Port.ACTUATOR else -1.0
+        streams["torque"] = replace(stream, value=sign * stream.value)
+    if len(measured.current) and port is Port.ACTUATOR:
+        streams["current"] = stream_of(measured.current, "current_a", origin_ns)
+    return streams
+
+
+def stream_of(table: Table, column: str, origin_ns: int) -> Stream:
+    """One column of a table of readings, by the device's own clock where it sends its time."""
+    time_s, rows = instants(table, origin_ns)
+    value = np.ascontiguousarray(table[column], dtype=float)
+    return Stream(time_s, value[rows], nominal_period_s(table["arrival_ns"]))
+
+
+def positions_of(table: Table, origin_ns: int) -> Stream:
+    """An encoder's readings, as they would be at even instants: without what the shaft turned in the time by which they
+    were taken later."""
+    stream = stream_of(table, "position_rad", origin_ns)
+    late_s = positions_late_s(table, origin_ns)
+    if not late_s.any():
+        return stream
+    return replace(stream, value=stream.value - np.gradient(stream.value, stream.time_s) * late_s)
+
+
+def positions_late_s(table: Table, origin_ns: int) -> FloatArray:
+    """How much later than at even instants these readings were taken [s], shape (n,), as far as arrivals tell."""
+    time_s, rows = instants(table, origin_ns)
+    arrival_s = (table["arrival_ns"][rows] - origin_ns) * 1e-9
+    value = np.asarray(table["position_rad"][rows], dtype=np.float64)
+    return taken_late_s(time_s, arrival_s - time_s, value)
+
+
+def sent_at_s(ticks: Table, origin_ns: int) -> FloatArray:
+    """When the commands of each tick were sent [s since ``origin_ns``], shape (ticks,)."""
+    return np.asarray((ticks["tick_ns"] + ticks["lateness_ns"] + ticks["work_ns"] - origin_ns) * 1e-9)
+
+
+def instants(table: Table, origin_ns: int) -> tuple[FloatArray, IntArray]:
+    """When readings were taken [s], and which rows of the table they are: those that are later than the row before."""
+    own = table["device_ns"] if "device_ns" in (table.dtype.names or ()) else None
+    stamped = own is not None and bool(np.all(own != NO_DEVICE_TIME))
+    time_s = sampled_at_s(table["arrival_ns"], own if stamped else None, origin_ns)
+    rows = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > 0)
+    return time_s[rows], rows
+
+
+def _common_spans(measured: Measured, streams: dict[str, Stream], origin_ns: int) -> list[tuple[float, float]]:
+    """Where ticks and streams all run without a long silence."""
+    runs = [(measured.ticks["tick_ns"] - origin_ns) * 1e-9]
+    runs += [stream.time_s for name, stream in streams.items() if name != "current"]
+    spans = [(-np.inf, np.inf)]
+    for times in runs:
+        breaks = np.flatnonzero(np.diff(times) > LONGEST_GAP_S)
+        starts, ends = times[np.concatenate([[0], breaks + 1])], times[np.concatenate([breaks, [-1]])]
+        spans = [
+            (max(a, start), min(b, end))
+            for a, b in spans
+            for start, end in zip(starts, ends, strict=True)
+            if max(a, start) < min(b, end)
+        ]
+    return spans
+
+
+def _stretch(
+    measured: Measured,
+    streams: dict[str, Stream],
+    tick_s: float,
+    use: Use,
+    port: Port,
+    origin_ns: int,
+    count_rad: float,
+    start_s: float,
+    end_s: float,
+) -> Signals:
+    # On whole ticks, so that grids of different machines fall on each other.
+    start_s = float(np.ceil(start_s / tick_s) * tick_s)
+    count = int((end_s - start_s) / tick_s)
+    time_s: FloatArray = np.asarray(start_s + np.arange(count) * tick_s, dtype=np.float64)
+    fine_s: FloatArray = np.asarray(start_s + np.arange(count * FINE) * (tick_s / FINE), dtype=np.float64)
+    covered = streams["position"].covers(time_s)
+    torque = streams.get("torque")
+    if torque is not None:
+        covered &= torque.covers(time_s)
+    edge = round(INTERPOLATION.half_width)
+    covered[:edge], covered[-edge:] = False, False
+    ticks = measured.ticks
+    sent_s = sent_at_s(ticks, origin_ns)
+    chosen = (sent_s >= start_s - LONGEST_GAP_S) & (sent_s <= end_s)
+    column = "command" if port is Port.ACTUATOR else "load_torque_nm"
+    segment, in_use = _segments(measured, origin_ns, time_s, use)
+    usable = covered & in_use
+    moves = np.interp(time_s, streams["moving"].time_s, streams["moving"].value) > 0.5
+    well_known = usable & moves
+    # A clamped shaft never moves, and still tells its gain.
+    if np.count_nonzero(well_known) > LEAST_MOVING_SHARE * np.count_nonzero(usable):
+        usable = well_known
+    return Signals(
+        tick_s=tick_s,
+        origin_ns=origin_ns,
+        time_s=time_s,
+        position_rad=streams["position"].at(fine_s),
+        path_rad=streams["path"].at(fine_s),
+        sent_s=np.ascontiguousarray(sent_s[chosen]),
+        command=np.ascontiguousarray(ticks[column][chosen]),
+        segment=segment,
+        usable=usable,
+        rests=_ends_of_rests(moves, tick_s),
+        torque_nm=None if torque is None else torque.at(time_s),
+        current=streams["current"].between(start_s, end_s) if "current" in streams else None,
+        position_noise=_density(streams["position"], time_s, usable),
+        torque_noise=0.0 if torque is None else _density(torque, time_s, usable),
+        position_period_s=streams["position"].period_s,
+        position_step_rad=streams["position"].step,
+        torque_period_s=0.0 if torque is None else torque.period_s,
+        torque_averaging_s=measured.chain.torque_averaging_s,
+        smoothed=streams["path"].between(start_s - LONGEST_GAP_S, end_s + LONGEST_GAP_S),
+        count_rad=count_rad,
+        released_at_zero=port.value in measured.chain.released_at_zero,
+    )
+
+
+def _ends_of_rests(moves: BoolArray, tick_s: float) -> IntArray:
+    """Where motion begins after a rest worth the name."""
+    changes = np.flatnonzero(np.diff(moves.astype(np.int8))) + 1
+    edges = np.concatenate([[0], changes, [moves.size]])
+    ends = edges[1:][(np.diff(edges) * tick_s >= FORGETS_AFTER_S) & ~moves[edges[:-1]]]
+    return np.asarray(ends[ends < moves.size] - BEFORE_MOVING_TICKS, dtype=np.int64)
+
+
+def _density(stream: Stream, time_s: FloatArray, usable: BoolArray) -> float:
+    """Of the readings' own errors, where they are used."""
+    chosen = np.interp(stream.time_s, time_s, usable, left=0.0, right=0.0) > 0.5
+    return noise.deviation(stream.value, chosen) ** 2 * stream.period_s
+
+
+def _segments(measured: Measured, origin_ns: int, time_s: FloatArray, use: Use) -> tuple[IntArray, BoolArray]:
+    """The index of each instant's segment (-1: none), and whether that segment is for ``use``."""
+    index = np.full(time_s.size, -1, dtype=np.int64)
+    in_use = np.zeros(time_s.size, dtype=bool)
+    for segment in measured.segments:
+        span = [(segment.start_ns - origin_ns) * 1e-9, (segment.end_ns - origin_ns) * 1e-9]
+        first, last = np.searchsorted(time_s, span)
+        index[first:last] = segment.index
+        in_use[first:last] = segment.use is use
+    return index, in_use

@@ -1,0 +1,200 @@
+"""How well a network predicts what no fit has seen: the torque under a measured motion, and the free motion itself."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.fit import trace
+from norton_bench.identification.kernels import FULL_BAND
+from norton_bench.identification.regression import INERTIA, Regression, Rows, Shape
+from norton_bench.identification.results import FitResult, Trace, Validation
+from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.separable import LOW_BAND, linear_solution
+from norton_bench.identification.signals import Signals, signals
+from norton_bench.records import Measured, SegmentInfo
+from norton_bench.segments import Use
+
+FloatArray = npt.NDArray[np.float64]
+
+NAN = float("nan")
+# What happened this long before a free segment, friction and amplifier may still remember.
+MEMORY_S = 0.3
+# The noise that the torque's reading puts into a free motion's prediction is that of so many drawn beside it.
+NOISE_DRAWS = 4
+FREE_PROCEDURES = ("free", "validate")
+
+
+def validate(result: FitResult, measured: Measured, *, tick_s: float, use: Use = Use.VALIDATE) -> Validation:
+    """Predict every segment meant for ``use`` with the fit's network and delays. NaN for what was not measured.
+
+    Raises ExperimentError where there is nothing to validate on.
+    """
+    return validate_signals(result, signals(measured, tick_s, use), measured.segments)
+
+
+def validate_signals(
+    result: FitResult,
+    stretches: tuple[Signals, ...],
+    segments: Sequence[SegmentInfo],
+    *,
+    zero: SensorZero | None = None,
+    use: Use = Use.VALIDATE,
+) -> Validation:
+    """The same, from signals that stand on one grid already. ``zero`` is the fit's; else that of its mean."""
+    known = zero if zero is not None else SensorZero.constant(result.torque_bias_nm)
+    torque, torque_rms, torque_relative = _torque(result, stretches, known)
+    runs = free_runs(result, stretches, [segment for segment in segments if segment.use is use], known)
+    velocity, velocity_rms, velocity_relative = _free_motion(runs)
+    if np.isnan(torque_rms) and np.isnan(velocity_rms):
+        raise ExperimentError("nothing to validate on: neither torque under motion nor free motion was recorded")
+    noise = float(np.sqrt(np.mean([run.noise_rad2_s2 for run in runs]))) if runs else NAN
+    return Validation(torque_rms, torque_relative, velocity_rms, velocity_relative, torque, velocity, noise)
+
+
+def is_free(segment: SegmentInfo) -> bool:
+    """Whether a segment's port torque was held at zero, or its shaft free."""
+    return segment.procedure in FREE_PROCEDURES and (segment.name.startswith("free") or segment.procedure == "free")
+
+
+def network_trace(
+    result: FitResult, stretches: tuple[Signals, ...], *, zero: SensorZero | None = None, free_motion: bool = False
+) -> Trace:
+    """Torque under the measured motion by the network alone: whatever else a fit found (cogging, say) stays in between.
+
+    The friction's state after a rest is not predicted, nor is the sensor's slow zero, unless it is given: then it is
+    taken off the torque, nothing is fitted here but that state, and all is seen in the band of the fit. ``free_motion``
+    compares what the network makes of the acceleration instead, as a torque per unit of torque gain: for networks that
+    know only ratios.
+    """
+    network = result.network
+    regression = Regression.of(stretches, FULL_BAND if zero is None else result.band, free_motion=free_motion)
+    s = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
+    command_delay_s = result.command_delay_s + (result.motion_delay_s if free_motion else 0.0)
+    columns, memory = regression.columns(
+        Shape(network.amplifier_bandwidth_rad_s, s, command_delay_s, result.motion_delay_s)
+    )
+    known = np.array(
+        [
+            network.torque_gain,
+            network.inertia_kgm2,
+            network.viscous_damping_nms_rad,
+            network.coulomb_torque_nm,
+            network.presliding_damping_nms_rad,
+        ]
+    )
+    unknown, to_torque = columns[5:], 1.0
+    if free_motion:
+        # Solved for the acceleration: all over the inertia, and what torque there is at the port counts for itself.
+        to_torque = network.inertia_kgm2
+        known = known / to_torque
+        known[INERTIA] = 0.0
+        unknown = np.concatenate([columns[[INERTIA]], unknown])
+    target = regression.target()
+    if zero is not None:
+        target = target - zero.at(regression.time_s())
+        unknown = unknown[:0]
+    rest, seen = memory.taken_off(target - known @ columns[:5]), memory.taken_off(unknown)
+    predicted = target - rest + (linear_solution(seen, rest) @ seen if len(seen) else 0.0)
+    return trace(stretches, target * to_torque, predicted * to_torque)
+
+
+def _torque(result: FitResult, stretches: tuple[Signals, ...], zero: SensorZero) -> tuple[Trace, float, float]:
+    if any(stretch.torque_nm is None for stretch in stretches):
+        return _nothing("N*m"), NAN, NAN
+    told = network_trace(result, stretches, zero=zero)
+    rms = float(np.sqrt(np.nanmean((told.measured - told.predicted) ** 2)))
+    return told, rms, rms / float(np.sqrt(np.nanmean(told.measured**2)))
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """One segment of free motion: time, velocity as measured and as predicted, all (n,).
+
+    ``noise_rad2_s2`` is the mean square that the noise of both readings, torque and position, leaves between them.
+    """
+
+    time_s: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    noise_rad2_s2: float
+
+
+def free_runs(
+    result: FitResult, stretches: Sequence[Signals], segments: Sequence[SegmentInfo], zero: SensorZero
+) -> tuple[FreeRun, ...]:
+    """The free motion of every free segment, predicted from the command and the torque that was measured at the port.
+
+    Zero torque is never quite zero, and what is left of it moves the shaft. Both velocities have passed the same
+    low-pass, so that the encoder's counts are no error of the prediction.
+    """
+    return tuple(
+        run
+        for segment in segments
+        if is_free(segment)
+        for stretch in stretches
+        if (run := _free_run(result, stretch, segment, zero)) is not None
+    )
+
+
+def _free_motion(runs: Sequence[FreeRun]) -> tuple[Trace, float, float]:
+    if not runs:
+        return _nothing("rad/s"), NAN, NAN
+    time_s, measured, predicted = (
+        np.concatenate([getattr(run, name) for run in runs]) for name in ("time_s", "measured", "predicted")
+    )
+    rms = float(np.sqrt(np.mean((measured - predicted) ** 2)))
+    return Trace(time_s, measured, predicted, "rad/s"), rms, rms / float(np.sqrt(np.mean(measured**2)))
+
+
+def _free_run(result: FitResult, stretch: Signals, segment: SegmentInfo, zero: SensorZero) -> FreeRun | None:
+    reach = int(np.ceil(LOW_BAND.half_width))
+    inside = np.flatnonzero((stretch.segment == segment.index) & stretch.usable)[:-reach]
+    if inside.size < 2:
+        return None
+    tick_s, network = stretch.tick_s, result.network
+    first = max(0, inside[0] - round(MEMORY_S / tick_s))
+    time_s = stretch.time_s[first : inside[-1] + 1 + reach]
+    # The command that acts at an instant of the motion was sent this much earlier, to the nearest tick; the rest of
+    # the delay is made up for by comparing at shifted instants.
+    sent_s = time_s - result.command_delay_s
+    index = np.clip(np.searchsorted(stretch.sent_s, sent_s, side="right") - 1, 0, stretch.command.size - 1)
+    shift_s = float(np.median(sent_s - stretch.sent_s[index]))
+    rows = Rows(stretch, LOW_BAND)
+    measured = rows.kinematics(Shape(1.0, 1.0, 0.0, result.motion_delay_s))[0]
+    start = float(measured[first])
+    taps = LOW_BAND.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
+
+    def predicted(port_nm: FloatArray) -> FloatArray:
+        velocity = network.free_motion(
+            stretch.command[index],
+            tick_s,
+            port_torque_nm=port_nm,
+            velocity_rad_s=start,
+            motor_torque_nm=network.torque_gain * stretch.command[index[0]],
+            friction_torque_nm=network.coulomb_torque_nm * float(np.sign(start)),
+        )[1]
+        smooth = np.convolve(velocity, taps, "same")
+        return np.asarray(np.interp(time_s[inside - first], time_s - shift_s, smooth))
+
+    port_nm = _port_torque(result, stretch, time_s - shift_s + 0.5 * tick_s, zero)
+    exact = predicted(port_nm)
+    deviation_nm = 0.0 if stretch.torque_nm is None else float(np.sqrt(stretch.torque_noise / tick_s))
+    draws = np.random.default_rng(0).normal(0.0, deviation_nm, (NOISE_DRAWS, time_s.size))
+    noise = 0.0
+    if deviation_nm > 0.0 and not result.ratios_only:
+        noise = float(np.mean([(predicted(port_nm + draw) - exact) ** 2 for draw in draws]))
+    return FreeRun(time_s[inside - first], measured[inside], exact, noise + float(rows.noise()[2]))
+
+
+def _port_torque(result: FitResult, stretch: Signals, time_s: FloatArray, zero: SensorZero) -> FloatArray:
+    """As measured, at instants (n,); none where it was not, or where the network has no scale of torque."""
+    if stretch.torque_nm is None or result.ratios_only:
+        return np.zeros(time_s.size)
+    return np.asarray(np.interp(time_s, stretch.time_s, stretch.torque_nm) - zero.at(time_s))
+
+
+def _nothing(unit: str) -> Trace:
+    return Trace(np.empty(0), np.empty(0), np.empty(0), unit)

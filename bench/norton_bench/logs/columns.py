@@ -1,0 +1,95 @@
+"""What a stretch's columns mean in the equation of motion: motion, drive, and what the known load asks for.
+
+τ = gain · drive − inertia · a − friction − offset − load        τ at the port, zero where it is free
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.logs.column_map import ColumnMap
+from norton_bench.logs.filters import Filters, integral, slope
+from norton_bench.logs.grid import Stretch
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Filtered motion of one stretch, arrays (n,)."""
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    @classmethod
+    def of(cls, stretch: Stretch, filters: Filters) -> "Motion":
+        """From the position or, where only velocity was logged, from that."""
+        dt_s = stretch.dt_s
+        if "position" in stretch.columns:
+            position = filters.smooth(stretch.columns["position"])
+            velocity = slope(position, dt_s)
+        else:
+            velocity = filters.smooth(stretch.columns["velocity"])
+            position = integral(velocity, dt_s)
+        return cls(position, velocity, slope(velocity, dt_s))
+
+
+@dataclass(frozen=True)
+class Terms:
+    """One stretch at its own rate, before the decimation; arrays (n,). ``gain`` is None where it is unknown."""
+
+    motion: Motion
+    drive: FloatArray | None
+    gain: float | None
+    port: FloatArray | None
+    load: FloatArray | None
+    normal: FloatArray | None
+    temperature: FloatArray | None
+    sound: BoolArray
+
+    @classmethod
+    def of(cls, stretch: Stretch, column_map: ColumnMap, filters: Filters) -> "Terms":
+        motion = Motion.of(stretch, filters)
+        port = stretch.columns.get("exertion")
+        return cls(
+            motion=motion,
+            drive=drive_of(stretch),
+            gain=stretch.log.given("actuator", "torque_gain"),
+            port=port,
+            # What hangs beyond a sensor at the port is no part of the actuator.
+            load=None if port is not None else _known_load(stretch, motion, translation=column_map.translation),
+            normal=stretch.columns.get("normal"),
+            temperature=stretch.columns.get("temperature"),
+            sound=stretch.sound & enabled(stretch),
+        )
+
+
+def drive_of(stretch: Stretch) -> FloatArray | None:
+    """The command; where the supply was logged, the command is the share of it that is switched on."""
+    command = stretch.columns.get("command")
+    if command is None or "supply" not in stretch.columns:
+        return command
+    return command * stretch.columns["supply"]
+
+
+def enabled(stretch: Stretch) -> BoolArray:
+    """Where the drive was on; it answers to no command elsewhere."""
+    if "enabled" not in stretch.columns:
+        return np.ones(len(stretch.time_s), dtype=bool)
+    return np.asarray(stretch.columns["enabled"] > 0.5)
+
+
+def _known_load(stretch: Stretch, motion: Motion, *, translation: bool) -> FloatArray | None:
+    """Inertia and gravity of the load, which pulls a turning shaft towards its zero and a slide backwards.
+
+    None where nothing is known of a load.
+    """
+    inertia, gravity = (stretch.log.given("load", key) for key in ("inertia", "gravity"))
+    if inertia is None and gravity is None:
+        return None
+    zero = stretch.log.given("load", "gravity_zero") or 0.0
+    pull = 1.0 if translation else np.sin(motion.position - zero)
+    return np.asarray((inertia or 0.0) * motion.acceleration + (gravity or 0.0) * pull)

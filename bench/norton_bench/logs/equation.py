@@ -1,0 +1,215 @@
+"""All stretches as one equation in which friction, and what else is not known, is to be found."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.identification.friction import additive
+from norton_bench.identification.friction.path import Path
+from norton_bench.identification.ladder import Equation, blocked_folds
+from norton_bench.logs.column_map import ColumnMap
+from norton_bench.logs.columns import Terms
+from norton_bench.logs.filters import Filters
+from norton_bench.logs.grid import Stretch
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+LEAST_ROWS = 30
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The equation of a log, and what its rows are.
+
+    ``known`` is the target and ``columns`` the others, at the samples' own rate. ``exertion`` (n,) is what the actuator
+    exerts, where anything measures it or a known gain gives it, else what the known load asks for, else the drive:
+    errors are relative to it. ``scaled`` says whether anything fixes the scale of exertion.
+    ``train`` and ``test`` (n,) are the split.
+    """
+
+    equation: Equation
+    known: FloatArray
+    exertion: FloatArray
+    scaled: bool
+    train: BoolArray
+    test: BoolArray
+    columns: Mapping[str, FloatArray]
+    terms: tuple[Terms, ...]
+    filters: Filters
+    stretches: tuple[Stretch, ...]
+
+    @property
+    def exertion_rms(self) -> float:
+        """Over the rows trained on."""
+        return float(np.sqrt(np.mean(self.exertion[self.train] ** 2)))
+
+    @property
+    def side(self) -> int:
+        """1 where the exertion stands in the target as it is, −1 where it stands there turned round."""
+        first = self.terms[0]
+        return 1 if first.port is not None or (first.gain is None and first.load is not None) else -1
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which samples of all stretches joined become rows, and the filter that they pass on the way.
+
+    ``starts`` (stretches + 1,) are the first samples of the stretches, and the end; ``pick`` (n,) the rows' samples.
+    """
+
+    starts: IntArray
+    pick: IntArray
+    filters: Filters
+
+    @classmethod
+    def of(cls, terms: Sequence[Terms], filters: Filters) -> "Rows":
+        lengths = [len(term.sound) for term in terms]
+        starts = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+        sound = np.concatenate([_settled(term.sound, filters.margin) for term in terms])
+        places = np.concatenate([np.arange(a, b, filters.factor) for a, b in pairwise(starts)])
+        return cls(starts, places[sound[places]], filters)
+
+    def process(self, samples: FloatArray) -> FloatArray:
+        """Columns at the samples' rate, (columns, samples), as rows, (columns, n)."""
+        pieces = [self.filters.anti_alias(samples[:, a:b]) for a, b in pairwise(self.starts)]
+        return np.asarray(np.concatenate(pieces, axis=1)[:, self.pick])
+
+
+def make_problem(
+    column_map: ColumnMap,
+    parts: Sequence[Stretch],
+    splits: Sequence[tuple[BoolArray, BoolArray]],
+) -> Problem:
+    """``splits`` are the instants of each stretch to train and to test on.
+
+    Raises ExperimentError where nothing is left to learn from.
+    """
+    filters = Filters.of(parts[0].dt_s, column_map.filter.cutoff_hz, column_map.filter.rate_hz)
+    terms = tuple(Terms.of(part, column_map, filters) for part in parts)
+    rows = Rows.of(terms, filters)
+    train, test = (np.concatenate([split[side] for split in splits])[rows.pick] for side in (0, 1))
+    if np.count_nonzero(train) < LEAST_ROWS:
+        raise ExperimentError(
+            f"{parts[0].log.place}: {np.count_nonzero(train)} rows are left to learn from, {LEAST_ROWS} are the least; "
+            "use a longer log, a wider --train, or a higher [filter] rate"
+        )
+    scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
+    columns = _others(column_map, parts, terms, scaled=scaled)
+    target, exertion = _known(terms, scaled=scaled)
+    time_s = np.concatenate([part.time_s for part in parts])[rows.pick]
+    equation = Equation(
+        target=rows.process(target[None, :])[0],
+        others=rows.process(np.array(list(columns.values())).reshape(len(columns), target.size)),
+        names=tuple(columns),
+        path=_path(parts, terms, rows.starts[:-1]),
+        fold=_folds(train),
+        time_s=_running(time_s),
+        process=rows.process,
+    )
+    return Problem(
+        equation=equation,
+        known=target,
+        exertion=rows.process(exertion[None, :])[0],
+        scaled=scaled,
+        train=train,
+        test=test,
+        columns=columns,
+        terms=terms,
+        filters=filters,
+        stretches=tuple(parts),
+    )
+
+
+def _settled(sound: BoolArray, margin: int) -> BoolArray:
+    """Where nothing unsound, and no end of the stretch, lies within ``margin`` samples."""
+    count = np.concatenate([[0], np.cumsum(~sound)])
+    at = np.arange(len(sound))
+    low, high = at - margin, at + margin + 1
+    inside = (low >= 0) & (high <= len(sound))
+    spoilt = count[np.clip(high, 0, len(sound))] > count[np.clip(low, 0, len(sound))]
+    return np.asarray(inside & ~spoilt)
+
+
+def _folds(train: BoolArray) -> IntArray:
+    """Blocks of the rows trained on take turns; the others are in no fold."""
+    fold = np.full(train.size, -1, dtype=np.int64)
+    fold[train] = blocked_folds(int(np.count_nonzero(train)))
+    return fold
+
+
+def _running(time_s: FloatArray) -> FloatArray:
+    """Time that goes on where the next log begins again."""
+    steps = np.diff(time_s, prepend=time_s[0])
+    steps[steps < 0] = 0.0
+    return np.asarray(time_s[0] + np.cumsum(steps))
+
+
+def _joined(terms: Sequence[Terms], name: str) -> FloatArray | None:
+    values = [getattr(term, name) for term in terms]
+    return None if values[0] is None else np.concatenate(values)
+
+
+def _path(parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray) -> Path:
+    return Path(
+        dt_s=parts[0].dt_s,
+        position=np.concatenate([term.motion.position for term in terms]),
+        velocity=np.concatenate([term.motion.velocity for term in terms]),
+        starts=starts,
+        load=_joined(terms, "normal"),
+        temperature_c=_joined(terms, "temperature"),
+    )
+
+
+def _known(terms: Sequence[Terms], *, scaled: bool) -> tuple[FloatArray, FloatArray]:
+    """The target, and what errors are relative to: all that is known of the exertion, at the samples' rate."""
+    zeros = np.zeros(sum(len(term.motion.position) for term in terms))
+    port, load, drive = (_joined(terms, name) for name in ("port", "load", "drive"))
+    gained = None if terms[0].gain is None else np.concatenate([_gained(term) for term in terms])
+    if not scaled:
+        assert drive is not None  # the map has a command or an exertion
+        return -drive, drive
+    target = (zeros if port is None else port) + (zeros if load is None else load)
+    target = target - (zeros if gained is None else gained)
+    exertion = next(known for known in (port, gained, load) if known is not None)
+    return target, exertion
+
+
+def _gained(term: Terms) -> FloatArray:
+    assert term.drive is not None
+    assert term.gain is not None
+    return term.gain * term.drive
+
+
+def _others(
+    column_map: ColumnMap, parts: Sequence[Stretch], terms: Sequence[Terms], *, scaled: bool
+) -> dict[str, FloatArray]:
+    """What is not friction and not known, as columns of the target. Raises UsageError for a temperature unknown."""
+    model = column_map.model
+    position = np.concatenate([term.motion.position for term in terms])
+    columns: dict[str, FloatArray] = {}
+    drive = _joined(terms, "drive")
+    if drive is not None and terms[0].gain is None and scaled:
+        columns["torque_gain"] = drive
+    if model.inertia:
+        columns["inertia"] = -np.concatenate([term.motion.acceleration for term in terms])
+    if model.gravity and not column_map.translation:
+        columns |= {"gravity_sine": -np.sin(position), "gravity_cosine": -np.cos(position)}
+    period = parts[0].log.given("model", "cogging_period")
+    if period is not None:
+        columns |= additive.cogging(position, period)
+    if model.temperature:
+        warmth = _joined(terms, "temperature")
+        if warmth is None:
+            raise UsageError(f"{parts[0].log.place}: [model] temperature: the log holds none; leave it out of the map")
+        columns |= additive.temperature(np.concatenate([term.motion.velocity for term in terms]), warmth)
+    if model.drift_s is not None:
+        columns |= additive.drift(np.concatenate([part.time_s for part in parts]), model.drift_s)
+    elif model.offset:
+        columns["offset"] = -np.ones(position.size)
+    return columns

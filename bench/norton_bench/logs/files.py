@@ -1,0 +1,281 @@
+"""Foreign log files of every kind to named arrays and numbers. Nested names are joined by "/": "group/dataset"."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import UsageError
+from norton_bench.logs.schema import LogSection
+from norton_bench.rig.mistakes import nearest
+
+FloatArray = npt.NDArray[np.float64]
+
+SUFFIXES = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".tsv": "tsv",
+    ".tab": "tsv",
+    ".mat": "mat",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+    ".hdf": "hdf5",
+    ".parquet": "parquet",
+    ".pq": "parquet",
+    ".jsonl": "jsonl",
+    ".ndjson": "jsonl",
+    ".json": "json",
+}
+SEPARATORS = ("\t", ";", ",")
+# A whole log in one block: the types of columns are then found from all of it.
+BLOCK_BYTES = 1 << 30
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a log file holds: ``arrays`` of numbers, one-dimensional and not all of one length, and single numbers.
+
+    ``unreadable`` says of a name why it is no array of numbers.
+    """
+
+    place: str
+    arrays: Mapping[str, FloatArray]
+    numbers: Mapping[str, float]
+    unreadable: Mapping[str, str]
+
+    def array(self, name: str, where: str) -> FloatArray:
+        """Raises UsageError with the nearest names; ``where`` is the place in the map that asks."""
+        if name in self.unreadable:
+            raise UsageError(f'{self.place}: "{name}" ({where}) {self.unreadable[name]}')
+        if name not in self.arrays:
+            raise UsageError(f'{self.place}: holds no "{name}" ({where}); {nearest(name, self.arrays)}')
+        return self.arrays[name]
+
+    def number(self, name: str, where: str) -> float:
+        """A single number, or the one value that a column keeps throughout. Raises UsageError."""
+        if name in self.numbers:
+            return self.numbers[name]
+        if name in self.arrays and np.all(self.arrays[name] == self.arrays[name][0]):
+            return float(self.arrays[name][0])
+        if name in self.arrays:
+            raise UsageError(f'{self.place}: "{name}" ({where}) changes; a known value must be a single number')
+        raise UsageError(f'{self.place}: holds no number "{name}" ({where}); {nearest(name, self.numbers)}')
+
+
+def read_file(path: Path, section: LogSection) -> Content:
+    """Everything in the file. Raises UsageError, in a sentence, where it cannot be read."""
+    kind = section.format or SUFFIXES.get(path.suffix.lower())
+    if kind is None:
+        known = ", ".join(sorted(set(SUFFIXES.values())))
+        raise UsageError(f'{path}: its kind is not known by its name; write [log] format = "..." (one of {known})')
+    if not path.is_file():
+        raise UsageError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; check the path")
+    if path.stat().st_size == 0:
+        raise UsageError(f"{path}: is empty; check how it was written")
+    try:
+        found = READERS[kind](path, section)
+    except UsageError:
+        raise
+    except Exception as wrong:  # each library has errors of its own
+        first = (
+            "".join(filter(str.isprintable, str(wrong).splitlines()[0][:80])) if str(wrong) else type(wrong).__name__
+        )
+        raise UsageError(
+            f"{path}: cannot be read as {kind} ({first}); check the file, or write [log] format"
+        ) from wrong
+    return _content(path, found)
+
+
+def _content(path: Path, found: Mapping[str, object]) -> Content:
+    arrays: dict[str, FloatArray] = {}
+    numbers: dict[str, float] = {}
+    unreadable: dict[str, str] = {}
+    for name, value in _flat(found, ""):
+        try:
+            array = np.asarray(value).astype(np.float64)
+        except (TypeError, ValueError):
+            unreadable[name] = _no_numbers(value)
+            continue
+        squeezed = np.squeeze(array)
+        if squeezed.ndim == 0:
+            numbers[name] = float(squeezed)
+        elif squeezed.ndim == 1:
+            arrays[name] = squeezed
+        elif squeezed.ndim == 2:
+            rows = squeezed if squeezed.shape[0] <= squeezed.shape[1] else squeezed.T
+            arrays.update({f"{name}[{index}]": np.ascontiguousarray(row) for index, row in enumerate(rows)})
+        else:
+            unreadable[name] = f"has {squeezed.ndim} dimensions; a column has one"
+    if not arrays:
+        raise UsageError(f"{path}: holds no column of numbers; check the file, its separator, or [log] entries")
+    return Content(str(path), arrays, numbers, unreadable)
+
+
+def _no_numbers(value: object) -> str:
+    """Where a column holds something else than numbers."""
+    if isinstance(value, (list, np.ndarray)):
+        for row, each in enumerate(value, 1):
+            try:
+                float(each)
+            except (TypeError, ValueError):
+                return f"is no number in row {row} ({each!r}); leave such rows out, or empty"
+    return "holds no numbers"
+
+
+def _flat(found: Mapping[str, object], prefix: str) -> Iterator[tuple[str, object]]:
+    for name, value in found.items():
+        place = f"{prefix}{str(name).strip()}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{place}/")
+        else:
+            yield place, value
+
+
+def _read_text_table(path: Path, section: LogSection) -> dict[str, object]:
+    from pyarrow import csv  # noqa: PLC0415  (slow to import)
+
+    separator = section.separator or _separator(path, section.skip)
+    table = csv.read_csv(
+        path,
+        read_options=csv.ReadOptions(
+            block_size=BLOCK_BYTES, autogenerate_column_names=not section.header, skip_rows=section.skip
+        ),
+        parse_options=csv.ParseOptions(delimiter=separator),
+        convert_options=csv.ConvertOptions(strings_can_be_null=True, check_utf8=False),
+    )
+    names = (
+        [f"column {index}" for index in range(1, table.num_columns + 1)] if not section.header else table.column_names
+    )
+    return _arrow_columns(path, [str(name).strip() for name in names], table.columns)
+
+
+def _separator(path: Path, skip: int) -> str:
+    """That of tab, semicolon and comma which the first line holds most often, ``skip`` lines left out."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        line = next(islice(file, skip, None), "")
+    return max(SEPARATORS, key=line.count)
+
+
+def _read_parquet(path: Path, _: LogSection) -> dict[str, object]:
+    from pyarrow import parquet  # noqa: PLC0415  (slow to import)
+
+    table = parquet.read_table(path).flatten()
+    return _arrow_columns(path, [name.replace(".", "/") for name in table.column_names], table.columns)
+
+
+def _arrow_columns(path: Path, names: Sequence[str], columns: Sequence[Any]) -> dict[str, object]:
+    """Columns of an Arrow table; what is missing is NaN."""
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise UsageError(f'{path}: the column "{min(repeated)}" is there more than once; rename one in its first line')
+    values: dict[str, object] = {}
+    for name, column in zip(names, columns, strict=True):
+        values[name] = _arrow_values(column)
+    return values
+
+
+def _arrow_values(column: Any) -> npt.NDArray[Any]:
+    kind = str(column.type)
+    if kind.startswith(("timestamp", "duration")):
+        # The unit of a stamp stands in its type; as a number it is in seconds.
+        ns = column.cast("timestamp[ns]" if kind.startswith("timestamp") else "duration[ns]").cast("int64")
+        return np.asarray(ns.to_numpy(), dtype=np.float64) * 1e-9
+    if "string" in kind:
+        return np.asarray(column.to_pylist(), dtype=object)
+    return np.asarray(column.cast("double").to_numpy() if kind in ("bool", "null") else column.to_numpy())
+
+
+def _read_mat(path: Path, section: LogSection) -> dict[str, object]:
+    """MATLAB's files up to version 7 by scipy; version 7.3 is HDF5."""
+    from scipy.io import loadmat  # noqa: PLC0415  (slow to import)
+
+    try:
+        found = loadmat(path, simplify_cells=True)
+    except NotImplementedError:
+        return _read_hdf5(path, section)
+    return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _read_hdf5(path: Path, _: LogSection) -> dict[str, object]:
+    import h5py  # noqa: PLC0415  (slow to import)
+
+    found: dict[str, object] = {}
+
+    def visit(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+            value = item[()]
+            names = getattr(value, "dtype", None) and value.dtype.names
+            found.update({f"{name}/{field}": value[field] for field in names} if names else {name: value})
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+        found.update({name: value for name, value in file.attrs.items() if name not in found})
+    return found
+
+
+def _read_json_lines(path: Path, _: LogSection) -> dict[str, object]:
+    entries = []
+    with path.open(encoding="utf-8") as file:
+        for number, line in enumerate(file, 1):
+            if not line.strip():
+                continue
+            try:
+                entries.append(json.loads(line))
+            except json.JSONDecodeError as wrong:
+                raise UsageError(f"{path}: line {number} is not JSON ({wrong.msg}); cut it out or mend it") from None
+    return _from_entries(path, entries)
+
+
+def _read_json(path: Path, section: LogSection) -> dict[str, object]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as wrong:
+        raise UsageError(f"{path}: is not JSON at line {wrong.lineno} ({wrong.msg}); mend it there") from None
+    if isinstance(found, list):
+        return _from_entries(path, found)
+    if not isinstance(found, dict):
+        raise UsageError(f"{path}: is neither a list of entries nor a table of columns; check the file")
+    if section.entries is None:
+        return found
+    entries: object = found
+    for step in section.entries.split("/"):
+        entries = entries.get(step) if isinstance(entries, dict) else None
+    if not isinstance(entries, list):
+        raise UsageError(
+            f'{path}: holds no list "{section.entries}" ([log] entries); {nearest(section.entries, found)}'
+        )
+    return {
+        **{key: value for key, value in found.items() if not isinstance(value, list)},
+        **_from_entries(path, entries),
+    }
+
+
+def _from_entries(path: Path, entries: Sequence[object]) -> dict[str, object]:
+    """A list of rows as columns; what a row lacks is NaN."""
+    rows = []
+    for number, entry in enumerate(entries, 1):
+        if not isinstance(entry, dict):
+            raise UsageError(f"{path}: entry {number} is no table of names and values; check [log] entries")
+        rows.append(dict(_flat(entry, "")))
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [_or_nan(row.get(name)) for row in rows] for name in names}
+
+
+def _or_nan(value: object) -> object:
+    return float("nan") if value is None else value
+
+
+READERS: Mapping[str, Callable[[Path, LogSection], dict[str, object]]] = {
+    "csv": _read_text_table,
+    "tsv": _read_text_table,
+    "mat": _read_mat,
+    "hdf5": _read_hdf5,
+    "parquet": _read_parquet,
+    "json": _read_json,
+    "jsonl": _read_json_lines,
+}

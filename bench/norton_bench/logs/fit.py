@@ -1,0 +1,177 @@
+"""Foreign logs to a fit: read, checked, put on a grid, fitted by every model of friction, and predicted."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import UsageError
+from norton_bench.identification.friction.family import family_for
+from norton_bench.identification.friction.family import model as friction_model
+from norton_bench.identification.friction.model import FrictionModel
+from norton_bench.identification.ladder import Rung, ladder, selected
+from norton_bench.logs.column_map import ColumnMap
+from norton_bench.logs.doubts import (
+    Basic,
+    ahead_of_goal,
+    out_of_step,
+    swapped,
+    unexplained,
+    unlike_derivative,
+    variation,
+    wrong_signs,
+)
+from norton_bench.logs.equation import Problem, make_problem
+from norton_bench.logs.grid import Stretch, common_interval, stretches
+from norton_bench.logs.log import Log, read_log
+from norton_bench.logs.outcome import Judged, outcome, refined
+from norton_bench.logs.results import LogFit
+from norton_bench.logs.rows import usable_rows
+from norton_bench.logs.split import Selection, extra_files, parse_selection, train_and_test
+
+BoolArray = npt.NDArray[np.bool_]
+
+BEST = "best"
+# What a refinement begins with.
+FIRST_MODEL = "coulomb-viscous"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be fitted. ``train`` and ``test`` as on the command line; ``model`` names one, or the best."""
+
+    paths: tuple[Path, ...]
+    column_map: ColumnMap
+    train: str | None = None
+    test: str | None = None
+    model: str | None = None
+
+
+def fit_logs(request: Request) -> LogFit:
+    """Raises UsageError for files, maps and splits that cannot be used, ExperimentError for data that cannot be."""
+    column_map = request.column_map
+    train, test, paths = _split(request)
+    logs = [_checked(path, column_map) for path in paths]
+    _check_alike(logs)
+    remarks: list[str] = [remark for log in logs for remark in log.remarks]
+    parts, said = _on_grid(logs, column_map)
+    remarks += said
+    splits = _splits(parts, train, test)
+    problem = make_problem(column_map, parts, splits)
+    if request.test is not None and not problem.test.any():
+        raise UsageError("--test: no row that is not trained on lies there; choose another part, or a narrower --train")
+    rungs = ladder(problem.equation, _models(request, problem), problem.train)
+    chosen = _chosen(request, rungs)
+
+    def again(others: Sequence[Log]) -> Problem:
+        moved, _ = _on_grid(others, column_map)
+        return make_problem(column_map, moved, _splits(moved, train, test))
+
+    doubts = _doubts(column_map, logs, problem, chosen, again)
+    judged = Judged(column_map, problem, tuple(splits), rungs, chosen, doubts, tuple(remarks))
+    return outcome(judged) if column_map.model.refine is None else refined(judged, _asked(request))
+
+
+def _split(request: Request) -> tuple[Selection | None, Selection | None, tuple[Path, ...]]:
+    """What to train and to test on, and all logs. What the command line says replaces all that the map says.
+
+    The map's own split is for the logs it was written with: where it names none of those given, all are fitted.
+    """
+    if request.train is None and request.test is None:
+        split = request.column_map.split
+        train, test = (_selection(text, f"{request.column_map.place}: [split]") for text in (split.train, split.test))
+        known = train is None or not train.files or any(map(train.names, request.paths))
+        return (train, test, request.paths) if known else (None, None, request.paths)
+    train, test = _selection(request.train, "--train"), _selection(request.test, "--test")
+    paths = (*request.paths, *extra_files(train, request.paths), *extra_files(test, request.paths))
+    _check_files((train, test), paths)
+    return train, test, paths
+
+
+def _selection(text: str | None, where: str) -> Selection | None:
+    return None if text is None else parse_selection(text, where)
+
+
+def _check_files(selections: Sequence[Selection | None], paths: Sequence[Path]) -> None:
+    for selection in selections:
+        if selection is not None and selection.files and not any(map(selection.names, paths)):
+            known = ", ".join(path.name for path in paths[:5])
+            raise UsageError(f'--train, --test: no log is named "{", ".join(selection.files)}"; there are {known}')
+
+
+def _checked(path: Path, column_map: ColumnMap) -> Log:
+    return usable_rows(read_log(path, column_map))
+
+
+def _check_alike(logs: Sequence[Log]) -> None:
+    for log in logs[1:]:
+        if set(log.columns) != set(logs[0].columns):
+            odd = ", ".join(sorted(set(log.columns) ^ set(logs[0].columns)))
+            raise UsageError(f"{log.place}: differs from {logs[0].place} in what it holds ({odd}); fit them apart")
+
+
+def _on_grid(logs: Sequence[Log], column_map: ColumnMap) -> tuple[tuple[Stretch, ...], list[str]]:
+    dt_s = common_interval(logs, column_map.log.rate_hz)
+    parts: list[Stretch] = []
+    remarks: list[str] = []
+    for log in logs:
+        found, said = stretches(log, dt_s, column_map.log.gap_s)
+        parts += found
+        remarks += said
+    return tuple(parts), remarks
+
+
+def _splits(
+    parts: Sequence[Stretch], train: Selection | None, test: Selection | None
+) -> list[tuple[BoolArray, BoolArray]]:
+    return [train_and_test(train, test, Path(part.log.place), part.time_s) for part in parts]
+
+
+def _asked(request: Request) -> str | None:
+    """The model that is asked for; None for the best."""
+    asked = request.model or request.column_map.model.friction
+    return None if asked == BEST else asked
+
+
+def _models(request: Request, problem: Problem) -> tuple[FrictionModel, ...]:
+    """The candidates of the map, or all that the log can tell, and the one that is asked for.
+
+    What is refined afterwards only needs a place to begin.
+    """
+    if request.column_map.model.refine is not None:
+        return (friction_model(FIRST_MODEL),)
+    candidates = request.column_map.model.candidates
+    models = tuple(map(friction_model, candidates)) or family_for(problem.equation.path)
+    asked = _asked(request)
+    if asked is None or asked in {member.name for member in models}:
+        return models
+    return (*models, friction_model(asked))
+
+
+def _chosen(request: Request, rungs: Sequence[Rung]) -> Rung:
+    asked = _asked(request)
+    if asked is None or request.column_map.model.refine is not None:
+        return selected(rungs)
+    return next(rung for rung in rungs if rung.name == asked)
+
+
+def _doubts(
+    column_map: ColumnMap,
+    logs: Sequence[Log],
+    problem: Problem,
+    chosen: Rung,
+    again: Callable[[Sequence[Log]], Problem],
+) -> tuple[str, ...]:
+    basic = Basic.of(problem)
+    left = chosen.train_rms / max(variation(problem), 1e-300)
+    found = [
+        *unlike_derivative(problem.stretches, problem.filters),
+        *ahead_of_goal(problem.stretches, problem.filters),
+    ]
+    found = found or [*wrong_signs(basic, column_map)]
+    if column_map.model.refine is None:
+        # What is refined on the motion is judged by it.
+        found = found or [*out_of_step(problem, column_map), *unexplained(basic, left)]
+    return (*found, *(swapped(logs, basic, again) if found else ()))

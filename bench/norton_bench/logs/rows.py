@@ -1,0 +1,103 @@
+"""Which rows of a log can be used: numbers in every column, and a clock that goes forward."""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import UsageError
+from norton_bench.logs.log import LEAST_ROWS, Log
+from norton_bench.logs.sensors import check_constant, held_rows
+
+BoolArray = npt.NDArray[np.bool_]
+
+# More rows than this without a number, or with the stamp of the row before, and the log is not what it is taken for.
+MOST_MISSING = 0.5
+# With more steps back than this a column is not the time.
+NO_CLOCK = 0.01
+# What follows from the others, or changes slowly, may be missing in a row.
+SPARSE = ("temperature", "supply", "normal", "enabled", "goal")
+
+
+def usable_rows(log: Log) -> Log:
+    """The log without the rows that hold no number or repeat a stamp; what was left out is said in its remarks.
+
+    Raises UsageError where time runs backwards or stands still, a column is constant, or too little is left.
+    """
+    log = _without(log, ~np.isfinite(log.time_s), "time")
+    for name in sorted(set(log.columns) - set(SPARSE)):
+        log = _without(log, ~np.isfinite(log.columns[name]), name)
+    log = _filled(log)
+    check_constant(log)
+    _check_order(log)
+    return _readings(_without_repeats(log))
+
+
+def _without(log: Log, wrong: BoolArray, name: str) -> Log:
+    count = int(np.count_nonzero(wrong))
+    if not count:
+        return log
+    total = len(wrong)
+    if total - count < LEAST_ROWS or count > MOST_MISSING * total:
+        raise UsageError(
+            f"{log.place}: {name} holds no number in {count} of {total} rows; check the column, its unit and `missing`"
+        )
+    said = f"{name} holds no number in {count} of {total} rows (first in row {int(np.argmax(wrong)) + 1}); left out."
+    return replace(_rows(log, ~wrong), remarks=(*log.remarks, f"{log.place}: {said}"))
+
+
+def _rows(log: Log, keep: BoolArray) -> Log:
+    return replace(log, time_s=log.time_s[keep], columns={name: values[keep] for name, values in log.columns.items()})
+
+
+def _filled(log: Log) -> Log:
+    """Slow columns keep their last value where they lack one."""
+    columns = dict(log.columns)
+    for name in set(SPARSE) & set(columns):
+        known = np.isfinite(columns[name])
+        if not known.any():
+            raise UsageError(
+                f"{log.place}: {name} holds no number at all; check the column, or leave it out of the map"
+            )
+        last = np.maximum.accumulate(np.where(known, np.arange(known.size), int(np.argmax(known))))
+        columns[name] = columns[name][last]
+    return replace(log, columns=columns)
+
+
+def _check_order(log: Log) -> None:
+    backwards = np.diff(log.time_s) < 0
+    if backwards.any():
+        row = int(np.argmax(backwards))
+        if np.count_nonzero(backwards) > NO_CLOCK * len(backwards):
+            raise UsageError(
+                f"{log.place}: time runs backwards in {int(backwards.sum())} rows; that column is no clock"
+            )
+        raise UsageError(
+            f"{log.place}: time runs backwards after row {row + 1} (from {log.time_s[row]:.6g} s to "
+            f"{log.time_s[row + 1]:.6g} s); a clock jumped or logs were joined: cut the log there"
+        )
+
+
+def _without_repeats(log: Log) -> Log:
+    repeats = np.concatenate([[False], np.diff(log.time_s) == 0])
+    count = int(np.count_nonzero(repeats))
+    if not count:
+        return log
+    if count > MOST_MISSING * len(repeats) or len(repeats) - count < LEAST_ROWS:
+        raise UsageError(
+            f"{log.place}: {count} of {len(repeats)} rows have the same time as the row before; check the column and "
+            'its unit, or leave it out and write [log] rate = "1 kHz"'
+        )
+    said = f"{count} of {len(repeats)} rows have the same time as the row before; left out."
+    return replace(_rows(log, ~repeats), remarks=(*log.remarks, f"{log.place}: {said}"))
+
+
+def _readings(log: Log) -> Log:
+    """One row a reading, where the log repeats a sensor's readings: the repetitions are old."""
+    held = held_rows(log)
+    if held is None or len(log.time_s) // held[0] < LEAST_ROWS:
+        return log
+    every, first = held
+    keep = np.arange(len(log.time_s)) % every == first
+    said = f"a sensor was read in every {every}. row only, the others repeat it; left out."
+    return replace(_rows(log, keep), remarks=(*log.remarks, f"{log.place}: {said}"))

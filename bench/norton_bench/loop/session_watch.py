@@ -1,0 +1,88 @@
+"""What a loop in a process of its own sees of its session: drives are not left enabled for a session that is gone."""
+
+import select
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.sharedctypes import RawArray
+from typing import Any
+
+from norton_bench.errors import SafetyStopError
+from norton_bench.loop.orders import Idle, LeaveError, Order
+from norton_drivers.clock import Clock
+
+# A session beats 25 times a second; one that does not for so long hangs, or was stopped.
+SILENT_NS = 1_000_000_000
+# How often the pipe is looked at: it tells sooner of a session that has died.
+LOOK_NS = 10_000_000
+# How long to wait for the next segment's order before the heart is listened to again.
+NEXT_ORDER_S = 0.0005
+
+
+class Pulse:
+    """When the session was last seen alive, in memory that it shares with the loop; goes to it as an argument."""
+
+    def __init__(self) -> None:
+        self.memory: Any = RawArray("B", 8)
+
+    def view(self) -> "memoryview[int]":
+        """One number [ns]: the clock's when it beat."""
+        return memoryview(self.memory).cast("B").cast("Q")
+
+
+@dataclass
+class SessionWatch:
+    """The session as long as the drives are enabled: during a segment, and between two."""
+
+    pulse: Pulse
+    orders: "Connection[Any, Any]"
+    clock: Clock
+    _look_ns: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        self._beat_ns = self.pulse.view()
+        self._has_order = _waiting_in(self.orders)
+
+    def look(self) -> None:
+        """Asked every tick. Raises SafetyStopError where the session is gone, LeaveError where it wants them idle.
+
+        During a segment a session says nothing but that it wants no more of it.
+        """
+        now_ns = self._listen()
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + LOOK_NS
+            if self._has_order():
+                order = self._read()
+                raise LeaveError(order if isinstance(order, Idle) else Idle())
+
+    def next_order(self, within_ns: int) -> Order | None:
+        """What to do after a segment; None where that was not said in time. Raises SafetyStopError where it is gone."""
+        until_ns = self.clock.now_ns() + within_ns
+        while not self.orders.poll(NEXT_ORDER_S):
+            if self._listen() > until_ns:
+                return None
+        return self._read()
+
+    def _listen(self) -> int:
+        """The time [ns], if the session's heart still beats."""
+        now_ns = self.clock.now_ns()
+        silent_ns = now_ns - self._beat_ns[0]
+        if silent_ns > SILENT_NS:
+            raise SafetyStopError(f"the session has not been heard for {silent_ns / 1e6:.0f} ms: it hangs", "session")
+        return now_ns
+
+    def _read(self) -> Order:
+        try:
+            order: Order = self.orders.recv()
+        except (EOFError, OSError):
+            raise SafetyStopError("the session's process has died", "session") from None
+        return order
+
+
+def _waiting_in(orders: "Connection[Any, Any]") -> Callable[[], bool]:
+    """Whether there is something to read in the pipe, or its end. Its own ``poll`` takes half of a tick's work."""
+    if not hasattr(select, "poll"):  # Windows
+        return orders.poll
+    poller = select.poll()
+    poller.register(orders, select.POLLIN)
+    return lambda: bool(poller.poll(0))

@@ -1,0 +1,290 @@
+"""The identified nonlinear Norton network: its motion source and its impedance (paper, sections III and IV.D).
+
+The source is the motion under zero port torque; the impedance is the torque under any other motion:
+
+    τ = Km·Ka·lag(c) − Im·ω̇ − B·ω − σ0·φ − σ1·φ̇,     φ̇ = ω − (σ0/τc)·|ω|·φ
+
+``torque(command, free_motion(command))`` is zero: the source is the zero of the impedance.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import ceil, isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.errors import UsageError
+from norton_bench.models.parameters import BY_NAME
+from norton_bench.models.prediction import PredictionError
+
+FloatArray = npt.NDArray[np.float64]
+
+FORMAT = "norton-network"
+VERSION = 1
+REQUIRED = (
+    "torque_gain",
+    "amplifier_bandwidth_rad_s",
+    "inertia_kgm2",
+    "viscous_damping_nms_rad",
+    "coulomb_torque_nm",
+    "presliding_stiffness_nm_rad",
+    "presliding_damping_nms_rad",
+)
+# Fields of the network and the names of the one table of parameters, in its order.
+PARAMETER_OF_FIELD = {
+    "torque_gain": "torque_gain",
+    "amplifier_bandwidth_rad_s": "amplifier_bandwidth",
+    "inertia_kgm2": "inertia",
+    "viscous_damping_nms_rad": "viscous_damping",
+    "coulomb_torque_nm": "coulomb_torque",
+    "presliding_stiffness_nm_rad": "presliding_stiffness",
+    "presliding_damping_nms_rad": "presliding_damping",
+    "torque_constant": "torque_constant",
+    "amplifier_gain": "amplifier_gain",
+}
+SIGNED = ("torque_gain", "amplifier_gain")
+# Steps no longer than this resolve the friction contact of a small motor (hundreds of rad/s, well damped).
+LONGEST_STEP_S = 1e-4
+
+
+@dataclass(frozen=True)
+class NortonNetwork:
+    """A motion source and a nonlinear impedance, for an actuator whose command is in ``command_unit``.
+
+    ``torque_gain`` is in N m per command; ``torque_constant`` [N m/A] and ``amplifier_gain`` [A per command] are there
+    only where current was measured. ``covariance`` belongs to ``covariance_names`` (names of the table of parameters),
+    row by row; ``provenance`` says in words where the network comes from.
+    """
+
+    torque_gain: float
+    amplifier_bandwidth_rad_s: float
+    inertia_kgm2: float
+    viscous_damping_nms_rad: float
+    coulomb_torque_nm: float
+    presliding_stiffness_nm_rad: float
+    presliding_damping_nms_rad: float
+    command_unit: str
+    torque_constant: float | None = None
+    amplifier_gain: float | None = None
+    covariance_names: tuple[str, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    prediction: PredictionError | None = None  # how far it is off on motion not seen, where that was looked at
+
+    @classmethod
+    def of_parameters(cls, values: Mapping[str, float], command_unit: str, **more: Any) -> "NortonNetwork":
+        """From values by the names of the table of parameters; ``more`` are other fields by their own names."""
+        named: dict[str, Any] = {field: values[name] for field, name in PARAMETER_OF_FIELD.items() if name in values}
+        return cls(**named, command_unit=command_unit, **more)
+
+    def dissipative(self) -> "NortonNetwork":
+        """The same with dampings no less than none: one that the data hardly tell may come out below zero, and a motion
+        predicted with it would run away."""
+        return replace(
+            self,
+            viscous_damping_nms_rad=max(self.viscous_damping_nms_rad, 0.0),
+            presliding_damping_nms_rad=max(self.presliding_damping_nms_rad, 0.0),
+        )
+
+    @property
+    def thresholds(self) -> tuple[float, float]:
+        """The commands, lower and upper, between which the shaft stays at rest."""
+        breakaway = abs(self.coulomb_torque_nm / self.torque_gain)
+        return -breakaway, breakaway
+
+    def source_velocity(self, command: npt.ArrayLike) -> FloatArray:
+        """ω_N(c) [rad/s], the steady free velocity: three branches (section IV.D), of the shape of ``command``."""
+        torque = self.torque_gain * np.asarray(command, dtype=float)
+        beyond = np.maximum(np.abs(torque) - self.coulomb_torque_nm, 0.0)
+        return np.sign(torque) * beyond / self.viscous_damping_nms_rad
+
+    def free_motion(
+        self,
+        command: npt.ArrayLike,
+        tick_s: float,
+        *,
+        port_torque_nm: npt.ArrayLike = 0.0,
+        position_rad: float = 0.0,
+        velocity_rad_s: float = 0.0,
+        motor_torque_nm: float = 0.0,
+        friction_torque_nm: float = 0.0,
+        longest_step_s: float = LONGEST_STEP_S,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The motion source: position [rad], velocity [rad/s] and acceleration [rad/s²] at each tick, shape (n,).
+
+        ``command`` (n,) is held from each tick to the next, and so is ``port_torque_nm``, (n,) or one for all: what the
+        shaft exerts on its load where that is not quite zero. The state is that at the first tick;
+        ``friction_torque_nm`` is what the deflected contact (σ0·φ) holds then. Steps longer than the default are
+        quicker and less exact.
+        """
+        from norton_bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
+
+        s = self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
+        phi = friction_torque_nm / self.presliding_stiffness_nm_rad
+        held = np.ascontiguousarray(command, dtype=float)
+        motion = network_steps.free_motion(
+            held,
+            np.ascontiguousarray(np.broadcast_to(np.asarray(port_torque_nm, dtype=float), held.shape)),
+            tick_s,
+            ceil(tick_s / longest_step_s - 1e-9),
+            self.torque_gain,
+            self.amplifier_bandwidth_rad_s,
+            self.inertia_kgm2,
+            self.viscous_damping_nms_rad,
+            s,
+            self.presliding_stiffness_nm_rad,
+            self.presliding_damping_nms_rad,
+            np.array([position_rad, velocity_rad_s, motor_torque_nm, min(max(phi, -1 / s), 1 / s)]),
+        )
+        return motion[0], motion[1], motion[2]
+
+    def torque(
+        self,
+        command: npt.ArrayLike,
+        position_rad: npt.ArrayLike,
+        tick_s: float,
+        *,
+        motor_torque_nm: float = 0.0,
+        friction_torque_nm: float = 0.0,
+    ) -> FloatArray:
+        """The impedance: port torque [N m] at each tick, shape (n,), under a motion sampled at the ticks.
+
+        ``position_rad`` is differentiated twice: give it smooth. The state is that at the first tick.
+        """
+        from norton_bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
+
+        position = np.ascontiguousarray(position_rad, dtype=float)
+        held = np.ascontiguousarray(command, dtype=float)
+        decay = float(np.exp(-self.amplifier_bandwidth_rad_s * tick_s))
+        motor = self.torque_gain * network_steps.lagged(held, decay, motor_torque_nm / self.torque_gain)
+        s = self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
+        phi = network_steps.dahl_path(position, s, friction_torque_nm / self.presliding_stiffness_nm_rad)
+        velocity = np.gradient(position, tick_s)
+        return np.asarray(
+            motor
+            - self.inertia_kgm2 * _second_difference(position, tick_s)
+            - self.viscous_damping_nms_rad * velocity
+            - self.presliding_stiffness_nm_rad * phi
+            - self.presliding_damping_nms_rad * np.gradient(phi, tick_s)
+        )
+
+    def with_provenance(self, provenance: Mapping[str, str]) -> "NortonNetwork":
+        """The same network, with more said of where it comes from."""
+        return replace(self, provenance={**self.provenance, **provenance})
+
+    def save(self, path: Path | str) -> None:
+        """Write the network as JSON (docs/identification.md). Raises UsageError where that is impossible."""
+        try:
+            Path(path).write_text(json.dumps(self._as_json(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise UsageError(
+                f"{path}: cannot write the network file ({error.strerror}); choose another place"
+            ) from error
+
+    def _as_json(self) -> dict[str, Any]:
+        parameters = {
+            name: {"value": value, "unit": BY_NAME[name].unit_for(self.command_unit)}
+            for attribute, name in PARAMETER_OF_FIELD.items()
+            if (value := getattr(self, attribute)) is not None
+        }
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "command_unit": self.command_unit,
+            "parameters": parameters,
+            "covariance": {"names": list(self.covariance_names), "matrix": [list(row) for row in self.covariance]},
+            **({} if self.prediction is None else {"prediction": self.prediction.as_json(self.command_unit)}),
+            "provenance": dict(self.provenance),
+        }
+
+    @classmethod
+    def load(cls, path: Path | str) -> "NortonNetwork":
+        """Read a network file. Raises UsageError, in a sentence, for a file that is none."""
+        content = _read_json(path)
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            raise UsageError(f'{path}: not a network file; expected JSON with "format": "{FORMAT}"')
+        if content.get("version") != VERSION:
+            version = content.get("version")
+            raise UsageError(
+                f"{path}: version {version!r} of the network file is unknown here; this program reads {VERSION}"
+            )
+        unit = content.get("command_unit")
+        if not isinstance(unit, str):
+            raise UsageError(f'{path}: "command_unit" is missing; add the unit of the command, such as "N*m"')
+        covariance = _object(content.get("covariance", {}))
+        return cls(
+            **_read_parameters(path, _object(content.get("parameters"))),
+            command_unit=unit,
+            covariance_names=tuple(str(name) for name in covariance.get("names", [])),
+            covariance=_read_matrix(path, covariance),
+            provenance={str(key): str(value) for key, value in _object(content.get("provenance", {})).items()},
+            prediction=_read_prediction(path, content.get("prediction")),
+        )
+
+
+def impossible(name: str, value: float) -> bool:
+    """Whether no network may have this value of a parameter of the table."""
+    return (value < 0.0 and name not in SIGNED) or (value == 0.0 and name != "presliding_damping")
+
+
+def _second_difference(position: FloatArray, tick_s: float) -> FloatArray:
+    acceleration = np.zeros_like(position)
+    acceleration[1:-1] = np.diff(position, 2) / tick_s**2
+    if position.size > 2:
+        acceleration[0], acceleration[-1] = acceleration[1], acceleration[-2]
+    return acceleration
+
+
+def _object(value: object) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _read_json(path: Path | str) -> object:
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read ({error.strerror}); give the path of a network file") from error
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path}: is not text; give the path of a network file (JSON)") from error
+    except json.JSONDecodeError as error:
+        raise UsageError(
+            f"{path}: line {error.lineno}: not valid JSON ({error.msg}); was the file cut short?"
+        ) from error
+
+
+def _read_parameters(path: Path | str, parameters: dict[str, Any]) -> dict[str, float]:
+    values = {}
+    for attribute, name in PARAMETER_OF_FIELD.items():
+        value = _object(parameters.get(name)).get("value")
+        if value is None and attribute not in REQUIRED:
+            continue
+        if not isinstance(value, (int, float)) or isinstance(value, bool) or not isfinite(value):
+            raise UsageError(f'{path}: parameters.{name} needs a finite number under "value", not {value!r}')
+        if impossible(name, value):
+            raise UsageError(f"{path}: parameters.{name} = {value} is not possible; it must be positive")
+        values[attribute] = float(value)
+    return values
+
+
+def _read_prediction(path: Path | str, content: object) -> PredictionError | None:
+    if content is None:
+        return None
+    try:
+        return PredictionError.from_json(_object(content))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise UsageError(f'{path}: "prediction" is not as docs/identification.md has it; leave it out') from error
+
+
+def _read_matrix(path: Path | str, covariance: dict[str, Any]) -> tuple[tuple[float, ...], ...]:
+    size = len(covariance.get("names", []))
+    try:
+        matrix = np.asarray(covariance.get("matrix", []), dtype=float).reshape(size, size)
+    except (TypeError, ValueError) as error:
+        raise UsageError(
+            f"{path}: covariance.matrix must be {size} rows of {size} numbers, one for each name"
+        ) from error
+    return tuple(tuple(float(value) for value in row) for row in matrix)

@@ -1,0 +1,228 @@
+"""Stretches of command and imposed motion to choose from, each as large as the rig, its load and the network allow.
+
+Every one begins and ends at rest where it began, with no command: they can follow each other in any order.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.identification.information import Excitation
+from norton_bench.models.network import NortonNetwork
+from norton_bench.procedures.waves import (
+    Motion,
+    highest_hz,
+    hold,
+    multisine,
+    multisine_motion,
+    sine_motion,
+    velocity_steps,
+)
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import FloatArray
+
+DURATION_S = 2.0
+# What is planned may reach this share of any limit: the shaft overshoots a little, and the network is an estimate.
+SHARE = 0.8
+# The motion alone may spend this share, so that there is room for a command.
+MOTION_SHARE = 0.5
+CLIPPINGS = 50
+HIGHEST_MOTION_HZ = 60.0
+CHANGE_S = 0.15
+DWELL_S = 0.35
+# The load holds against a command up to about this frequency; above, both inertias swing, and the spring of the torque
+# sensor between them lets the actuator's swing by so much more.
+HELD_TO_HZ = 10.0
+SPRING = 1.5
+# Each try is so much smaller than the last; one that never fits is left out.
+SMALLER = 0.8
+MOST_TRIES = 40
+# A command that changes in less than this share of its ticks is a staircase.
+STEPS_SHARE = 0.5
+
+CRUISE_SHARES = (0.05, 0.3, 1.0)
+COMMAND_BANDS_HZ = ((0.5, 30.0), (5.0, 100.0), (20.0, 200.0))
+# Loops' amplitudes in presliding lengths τc/σ0, and their frequencies.
+LOOP_LENGTHS = (1.0, 3.0, 10.0)
+LOOP_HZ = (2.0, 8.0, 25.0)
+LOOP_LEAST_S = 1.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A stretch that could be run; the command has shape (ticks,), and so has the motion."""
+
+    name: str
+    command: FloatArray
+    motion: Motion
+
+    @property
+    def ticks(self) -> int:
+        return len(self.command)
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a plan must keep to: the rig's limits, judged by what network and load are known to be.
+
+    ``travel_rad`` is how far the shaft may go from where it stands.
+    """
+
+    rig: Rig
+    network: NortonNetwork
+    load: LoadCalibration
+    travel_rad: float
+
+    def swing_rad_s(self, command: FloatArray) -> FloatArray:
+        """The velocity by which the command moves the shaft although it is held, shape (ticks,)."""
+        hold_rad_s, tick_s = 2 * np.pi * HELD_TO_HZ, self.rig.tick_s
+        motor_nm = self.network.torque_gain * _lagged(command, self.network.amplifier_bandwidth_rad_s, tick_s)
+        inertia_kgm2 = self.network.inertia_kgm2 + self.load.inertia_kgm2
+        return _lagged(motor_nm, hold_rad_s, tick_s) / (inertia_kgm2 * hold_rad_s)
+
+    def excitation(self, candidate: Candidate) -> Excitation:
+        """What the candidate will be on this bench: its motion, and what the command adds to it."""
+        tick_s = self.rig.tick_s
+        swing_rad = np.cumsum(self.swing_rad_s(candidate.command)) * tick_s
+        return Excitation(tick_s, candidate.command, candidate.motion.position_rad + swing_rad)
+
+    def allow(self, command: FloatArray, motion: Motion, share: float) -> bool:
+        """Whether command, its rate, motion, port torque and power and load torque stay within ``share`` of each."""
+        rig, limits, load, tick_s = self.rig, self.rig.limits, self.load, self.rig.tick_s
+        port_nm = self.network.torque(command, motion.position_rad, tick_s)
+        friction_nm = load.viscous_damping_nms_rad * np.abs(motion.velocity_rad_s) + load.coulomb_torque_nm
+        load_nm = (np.abs(load.inertia_kgm2 * motion.acceleration_rad_s2 - port_nm) + friction_nm) / load.torque_gain
+        velocity_rad_s = np.abs(motion.velocity_rad_s) + SPRING * np.abs(self.swing_rad_s(command))
+        rate_per_s = np.diff(command, prepend=0.0, append=0.0) / tick_s
+        pairs = (
+            (command, rig.command.limit),
+            (rate_per_s, limits.command_rate_per_s),
+            (velocity_rad_s, limits.velocity_rad_s),
+            (motion.position_rad, self.travel_rad),
+            (port_nm, limits.torque_nm),
+            (port_nm * velocity_rad_s, limits.power_w),
+            (load_nm, limits.load_torque_nm),
+        )
+        return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
+
+    def allow_free(self, command: FloatArray, share: float) -> bool:
+        """Whether command, its rate, the free motion under it and what takes the load along stay within ``share``.
+
+        Where a staircase steps, the load's torque and the command's rate are not looked at: a load that reaches its
+        limit for some milliseconds is behind by as much, long before the dwell is read.
+        """
+        rig, limits, load, tick_s = self.rig, self.rig.limits, self.load, self.rig.tick_s
+        position_rad, velocity_rad_s, acceleration_rad_s2 = self.network.free_motion(command, tick_s)
+        friction_nm = load.viscous_damping_nms_rad * np.abs(velocity_rad_s) + load.coulomb_torque_nm
+        load_nm = (np.abs(load.inertia_kgm2 * acceleration_rad_s2) + friction_nm) / load.torque_gain
+        rate_per_s = np.diff(command, prepend=command[0]) / tick_s
+        steps = bool(np.count_nonzero(rate_per_s) < STEPS_SHARE * command.size)
+        pairs = (
+            (command, rig.command.limit),
+            (velocity_rad_s, limits.velocity_rad_s),
+            (position_rad, self.travel_rad),
+            *(() if steps else ((rate_per_s, limits.command_rate_per_s), (load_nm, limits.load_torque_nm))),
+        )
+        return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
+
+
+def candidates(bounds: Bounds, seed: int) -> tuple[Candidate, ...]:
+    """All that fit within ``bounds``; another ``seed`` gives other multisines."""
+    ideas = (*_still(bounds, seed), *_cruises(bounds, seed), *_loops(bounds), *_shaken(bounds, seed))
+    fitted = (_fitted(idea, bounds) for idea in ideas)
+    return tuple(candidate for candidate in fitted if candidate is not None)
+
+
+def _still(bounds: Bounds, seed: int) -> Iterator[Candidate]:
+    """The shaft held while the command does what it can: gain, amplifier's bandwidth, delay of the command."""
+    ticks = len(hold(0.0, DURATION_S, bounds.rig.tick_s))
+    for band_hz in _bands(bounds):
+        command = _command(bounds, band_hz, DURATION_S, seed)
+        yield Candidate(f"command to {band_hz[1]:.0f} Hz, held", command, _rest(ticks))
+
+
+def _cruises(bounds: Bounds, seed: int) -> Iterator[Candidate]:
+    """Steady turning both ways, without command and with one: viscous damping and Coulomb torque; and gain and
+    bandwidth free of what a friction contact does at rest."""
+    tick_s = bounds.rig.tick_s
+    for share in CRUISE_SHARES:
+        velocity_rad_s = share * bounds.rig.limits.velocity_rad_s
+        motion = velocity_steps(np.array([velocity_rad_s, -velocity_rad_s]), CHANGE_S, DWELL_S, tick_s)
+        # The pause at the end of the steps is as long as a dwell; there and back is what is left.
+        ticks = len(motion.position_rad)
+        yield Candidate(f"cruise at {share:.0%}", np.zeros(ticks), motion)
+        for band_hz in _bands(bounds):
+            command = _command(bounds, band_hz, ticks * tick_s, seed)
+            yield Candidate(f"cruise at {share:.0%}, command to {band_hz[1]:.0f} Hz", command, motion)
+
+
+def _loops(bounds: Bounds) -> Iterator[Candidate]:
+    """Turning back and forth within a few presliding lengths: stiffness and damping of the friction contact."""
+    length_rad = bounds.network.coulomb_torque_nm / bounds.network.presliding_stiffness_nm_rad
+    for frequency_hz in LOOP_HZ:
+        cycles = max(3, round(LOOP_LEAST_S * frequency_hz))
+        for lengths in LOOP_LENGTHS:
+            motion = sine_motion(lengths * length_rad, frequency_hz, cycles, bounds.rig.tick_s)
+            name = f"loops of {lengths:g} presliding lengths at {frequency_hz:g} Hz"
+            yield Candidate(name, np.zeros(len(motion.position_rad)), motion)
+
+
+def _shaken(bounds: Bounds, seed: int) -> Iterator[Candidate]:
+    """A multisine motion, wide and fast, alone and under a command: inertia, and everything at once."""
+    tick_s, greatest_rad_s = bounds.rig.tick_s, bounds.rig.limits.velocity_rad_s
+    for low_hz, slope in ((0.5, -0.6), (3.0, 0.0), (15.0, 0.0)):
+        motion = multisine_motion(
+            DURATION_S, tick_s, low_hz=low_hz, high_hz=HIGHEST_MOTION_HZ, seed=seed, slope=slope
+        ).scaled(greatest_rad_s)
+        yield Candidate(f"shaken from {low_hz:g} Hz", np.zeros(len(motion.position_rad)), motion)
+        command = _command(bounds, COMMAND_BANDS_HZ[0], DURATION_S, seed + 1)
+        yield Candidate(f"shaken from {low_hz:g} Hz, command to {COMMAND_BANDS_HZ[0][1]:.0f} Hz", command, motion)
+
+
+def _bands(bounds: Bounds) -> list[tuple[float, float]]:
+    """Those bands that the loop's rate can carry."""
+    most_hz = highest_hz(bounds.rig.tick_s)
+    return [(low, min(high, most_hz)) for low, high in COMMAND_BANDS_HZ if 2 * low < most_hz]
+
+
+def _command(bounds: Bounds, band_hz: tuple[float, float], duration_s: float, seed: int) -> FloatArray:
+    low_hz, high_hz = band_hz
+    wave = multisine(
+        duration_s, bounds.rig.tick_s, low_hz=low_hz, high_hz=high_hz, seed=seed, lines=30, clippings=CLIPPINGS
+    )
+    return bounds.rig.command.limit * wave
+
+
+def _rest(ticks: int) -> Motion:
+    return Motion(np.zeros(ticks), np.zeros(ticks), np.zeros(ticks))
+
+
+def _lagged(values: FloatArray, bandwidth_rad_s: float, tick_s: float) -> FloatArray:
+    from norton_bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
+
+    decay = float(np.exp(-bandwidth_rad_s * tick_s))
+    return np.asarray(network_steps.lagged(np.ascontiguousarray(values), decay, 0.0))
+
+
+def _fitted(idea: Candidate, bounds: Bounds) -> Candidate | None:
+    """``idea`` made smaller until it keeps to ``bounds``: first its motion alone, then the command with it."""
+    nothing = np.zeros(idea.ticks)
+    moves, commands = bool(np.any(idea.motion.position_rad)), bool(np.any(idea.command))
+    share = MOTION_SHARE if commands else SHARE
+    motion = idea.motion
+    for _ in range(MOST_TRIES):
+        if not moves or bounds.allow(nothing, motion, share):
+            break
+        motion = motion.scaled(SMALLER)
+    else:
+        return None
+    if not commands:
+        return Candidate(idea.name, nothing, motion)
+    command = idea.command
+    for _ in range(MOST_TRIES):
+        if bounds.allow(command, motion, SHARE):
+            return Candidate(idea.name, command, motion)
+        command = command * SMALLER
+    return None

@@ -1,0 +1,121 @@
+"""Zero torque: the free motion is the motion source itself (paper, section IV.B.1)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from norton_bench.errors import ExperimentError, RigError
+from norton_bench.procedures.knowledge import Knowledge, Plan
+from norton_bench.procedures.makers import zero_torque
+from norton_bench.procedures.options import FreeOptions
+from norton_bench.procedures.waves import growth, highest_hz, hold, multisine, ramp, staircase
+from norton_bench.procedures.within import bounds_of, free_within
+from norton_bench.records import Measured
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import FloatArray, Use
+
+SEARCH_S = 6.0
+REST_S = 0.4
+MOVE_S = 0.4
+# A multisine's command may peak here, as a share of the span found: the source is monotonic, so velocity stays inside.
+MULTISINE_SHARE = 0.95
+
+
+@dataclass(frozen=True)
+class FreeProcedure:
+    """Finds the span of commands, then a slow staircase from both sides, then a multisine.
+
+    With a load drive the admittance law imposes zero torque; without one the shaft must be free, and is.
+    """
+
+    options: FreeOptions = field(default_factory=FreeOptions)
+    name: ClassVar[str] = "free"
+
+    def require(self, rig: Rig) -> None:
+        if rig.wiring.load is None and rig.wiring.shaft != "free":
+            raise RigError(
+                f"{rig.place}: step 'free' needs a shaft that can turn; [rig] shaft is \"{rig.wiring.shaft}\""
+            )
+        if rig.wiring.load is not None and rig.wiring.torque_sensor is None:
+            raise RigError(
+                f"{rig.place}: step 'free' needs a torque sensor to hold at zero; add a [torque_sensor] section"
+            )
+
+    def duration_s(self, rig: Rig) -> float:
+        stairs = 2 * self.options.levels * self.options.dwell_s
+        return 2 * (SEARCH_S + REST_S) + stairs + 2 * MOVE_S + self.options.duration_s + REST_S
+
+    def plan(self, known: Knowledge) -> Plan:
+        rig, tick_s = known.rig, known.tick_s
+        wanted_rad_s = self.options.amplitude * rig.limits.velocity_rad_s
+        found = []
+        for side in (-1.0, 1.0):
+            search = growth(side * rig.command.limit, SEARCH_S, tick_s)
+            measured = yield zero_torque(
+                self.name, "search", Use.IDENTIFY, search, rig, stop_at_velocity_rad_s=wanted_rad_s
+            )
+            found.append(float(measured.ticks["command"][-1]))
+            yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
+        low, high = self._span_within(known, found)
+        for name, levels in self._stairs(low, high):
+            yield zero_torque(self.name, f"approach {name}", Use.PREPARE, ramp(0.0, levels[0], MOVE_S, tick_s), rig)
+            yield zero_torque(
+                self.name, f"staircase {name}", Use.IDENTIFY, staircase(levels, self.options.dwell_s, tick_s), rig
+            )
+            yield zero_torque(self.name, f"leave {name}", Use.PREPARE, ramp(levels[-1], 0.0, MOVE_S, tick_s), rig)
+        command = command_multisine(known, (low, high), self.options.duration_s, 1)
+        command = free_within(bounds_of(known), command) * command
+        yield zero_torque(self.name, "multisine", Use.IDENTIFY, command, rig)
+        yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        searches = [segment for segment in measured.segments if segment.name == "search"]
+        ends = [measured.between(s.start_ns, s.end_ns).ticks["command"][-1] for s in searches]
+        span = self._span_within(known, ends)
+        if turned(measured) < 0.05 * self.options.amplitude * known.rig.limits.velocity_rad_s:
+            raise ExperimentError(
+                f"free: the actuator hardly moved up to its greatest command {known.rig.command.limit:g} "
+                f"{known.rig.command.unit}; raise [actuator] command limit, or free the shaft"
+            )
+        return replace(known, command_span=span)
+
+    def _span_within(self, known: Knowledge, ends: Sequence[float]) -> tuple[float, float]:
+        """The commands found, less where the shaft, given time, would go on to gain more speed than it should.
+
+        A search ends at once where the speed is reached. A shaft that is heavy for its damping has a long way to go
+        then; where the calibration tells it, the stairs are foreseen.
+        """
+        low, high, tick_s = float(min(ends)), float(max(ends)), known.tick_s
+        # One after the other: a shaft that is slow to gain speed is slow to lose it, too.
+        stairs = [
+            part
+            for _, levels in self._stairs(low, high)
+            for part in (
+                ramp(0.0, levels[0], MOVE_S, tick_s),
+                staircase(levels, self.options.dwell_s, tick_s),
+                ramp(levels[-1], 0.0, MOVE_S, tick_s),
+            )
+        ]
+        share = free_within(bounds_of(known), np.concatenate(stairs))
+        return share * low, share * high
+
+    def _stairs(self, low: float, high: float) -> list[tuple[str, FloatArray]]:
+        levels = np.linspace(low, high, self.options.levels)
+        return [("rising", levels), ("falling", levels[::-1])]
+
+
+def command_multisine(
+    known: Knowledge, span: tuple[float, float], duration_s: float, seed: int, high_hz: float | None = None
+) -> FloatArray:
+    """A multisine that fills ``span`` from a fifth of a hertz to ``high_hz``, or as far as any goes."""
+    low, high = span
+    high_hz = highest_hz(known.tick_s) if high_hz is None else high_hz
+    wave = multisine(duration_s, known.tick_s, low_hz=0.2, high_hz=high_hz, seed=seed, slope=-0.25)
+    return 0.5 * (high + low) * np.abs(wave) + MULTISINE_SHARE * 0.5 * (high - low) * wave
+
+
+def turned(measured: Measured) -> float:
+    """The greatest speed of the actuator's shaft."""
+    return float(np.max(np.abs(measured.ticks["velocity_rad_s"])))

@@ -1,0 +1,122 @@
+"""Prescribed motion: the impedance is what answers when the port is moved off the source's motion (section IV.B.1)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from norton_bench.control.design import design_tracking
+from norton_bench.errors import RigError
+from norton_bench.procedures.free import command_multisine
+from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
+from norton_bench.procedures.makers import imposed
+from norton_bench.procedures.options import ImposedOptions
+from norton_bench.procedures.waves import Motion, hold, multisine_motion, ramp, sine_motion, velocity_steps
+from norton_bench.procedures.within import Sized, bounds_of, imposed_within, words_for
+from norton_bench.records import Measured
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Use
+
+CHANGE_S = 0.15
+DWELL_S = 0.35
+REST_S = 0.3
+LOOP_HZ = 4.0
+LOOP_CYCLES = 4
+LOOP_AMPLITUDES_RAD = (0.5e-3, 1.5e-3, 5e-3, 15e-3, 50e-3)
+# Above this the velocity's spectrum falls with frequency, so that acceleration, and with it torque, stays bounded.
+HIGHEST_HZ = 60.0
+# The grid may reach this share of the velocity limit: the shaft overshoots a little.
+VELOCITY_SHARE = 0.9
+# The load drive may spend this share of its torque on accelerating the two inertias.
+TORQUE_SHARE = 0.4
+
+
+@dataclass(frozen=True)
+class ImposedProcedure:
+    """A grid of velocities and commands, presliding loops, and a multisine motion under a multisine command."""
+
+    options: ImposedOptions = field(default_factory=ImposedOptions)
+    name: ClassVar[str] = "imposed"
+
+    def require(self, rig: Rig) -> None:
+        require_load(rig, self.name, "to impose motion")
+        asked_rad_s = max((abs(each) for each in self.options.velocities_rad_s), default=0.0)
+        if asked_rad_s > VELOCITY_SHARE * rig.limits.velocity_rad_s:
+            raise RigError(
+                f"{rig.place}: step 'imposed' asks for {asked_rad_s:g} rad/s, but [limits] velocity = "
+                f"{rig.limits.velocity_rad_s:g} rad/s leaves room for {VELOCITY_SHARE:.0%} of itself; "
+                "lower `velocities` in the session or raise the limit"
+            )
+
+    def duration_s(self, rig: Rig) -> float:
+        grid = self.options.commands * (len(self.velocities_rad_s(rig)) + 1) * (CHANGE_S + DWELL_S)
+        loops = len(LOOP_AMPLITUDES_RAD) * LOOP_CYCLES / LOOP_HZ
+        return grid + loops + self.options.duration_s + REST_S
+
+    def velocities_rad_s(self, rig: Rig) -> np.ndarray:
+        """The grid's velocities, in an order that takes the shaft back and forth."""
+        if self.options.velocities_rad_s:
+            return np.array(self.options.velocities_rad_s)
+        greatest = self.options.amplitude * rig.limits.velocity_rad_s
+        return greatest * np.array([0.1, -0.1, 0.4, -0.4, 1.0, -1.0])
+
+    def plan(self, known: Knowledge) -> Plan:
+        for name, sized in self._stretches(known):
+            yield imposed(self.name, name, Use.IDENTIFY, sized.command, sized.motion)
+        yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
+
+    def spared(self, known: Knowledge) -> tuple[str, ...]:
+        smaller = tuple(
+            sentence
+            for name, sized in self._stretches(known)
+            for sentence in words_for(f"{self.name}, {name}:", sized.share)
+        )
+        return (*_gentler(known), *smaller)
+
+    def _stretches(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
+        """What is imposed, one after the other, with its name."""
+        tick_s, bounds = known.tick_s, bounds_of(known)
+        low, high = known.span()
+        steps = velocity_steps(self.velocities_rad_s(known.rig), CHANGE_S, DWELL_S, tick_s)
+        ticks = len(steps.velocity_rad_s)
+        for level in np.linspace(low, high, self.options.commands):
+            command = np.full(ticks, level)
+            rise = ramp(0.0, level, CHANGE_S, tick_s)
+            command[: len(rise)], command[-len(rise) :] = rise, rise[::-1]
+            yield f"grid {level:+.3g}", imposed_within(bounds, command, steps)
+        for amplitude_rad in LOOP_AMPLITUDES_RAD:
+            loop = sine_motion(amplitude_rad, LOOP_HZ, LOOP_CYCLES, tick_s)
+            still = np.zeros(len(loop.position_rad))
+            yield f"loop {amplitude_rad * 1e3:g} mrad", imposed_within(bounds, still, loop)
+        motion = imposed_multisine(known, self.options.amplitude, self.options.duration_s, seed=3)
+        command = command_multisine(known, (low, high), self.options.duration_s, seed=4)
+        yield "multisine", imposed_within(bounds, command, motion)
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        return known
+
+
+def _gentler(known: Knowledge) -> tuple[str, ...]:
+    """What it costs that the load follows more gently than usual; nothing where it does not."""
+    gentler = 1.0 if known.calibration is None else design_tracking(known.calibration, known.tick_s).gentler
+    if gentler == 1.0:
+        return ()
+    return (
+        f"imposed: the load follows with gains {gentler:.0f} times gentler than usual, the boldest that are stable on "
+        "this bench: the actuator's command moves the shaft off its motion by so much more, and it moves less as "
+        "planned; finer counts, or less delay from command to torque, would mend that",
+    )
+
+
+def imposed_multisine(known: Knowledge, amplitude: float, duration_s: float, seed: int) -> Motion:
+    """A multisine motion as large as the velocity limit's share ``amplitude`` and the load's torque allow."""
+    motion = multisine_motion(duration_s, known.tick_s, low_hz=0.3, high_hz=HIGHEST_HZ, seed=seed, slope=-0.6)
+    factor = amplitude * known.rig.limits.velocity_rad_s
+    if known.calibration is not None:
+        # The actuator's inertia is not known yet: allow for as much again as the load's.
+        inertia_kgm2 = 2 * known.calibration.inertia_kgm2
+        torque_nm = inertia_kgm2 * float(np.max(np.abs(motion.acceleration_rad_s2)))
+        available_nm = TORQUE_SHARE * min(known.rig.limits.load_torque_nm, known.rig.limits.torque_nm)
+        factor = min(factor, available_nm / torque_nm)
+    return motion.scaled(factor)

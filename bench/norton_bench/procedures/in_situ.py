@@ -1,0 +1,264 @@
+"""In situ (paper, sections V and VI.E): the motion source of an actuator that stays assembled to its load.
+
+The assembly is shaken first, which tells load and actuator apart. Then one movement is repeated: in most trials the
+load drive gives the load what it needs to go along, so that the actuator has nothing to exert, and its motion is its
+source; in some, picked at random, the load is left alone, which tells how much movements differ by themselves. What the
+actuator exerts follows from the motion and the load; no torque sensor is looked at. Between trials the drives are idle.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from norton_bench.errors import ExperimentError, RigError
+from norton_bench.identification.assembly import actuator_behind, load_by_twist
+from norton_bench.identification.in_situ import IN_SITU, Exerted, Trial, figures, why_not_settled
+from norton_bench.identification.machine import Machine
+from norton_bench.identification.trials import TRIAL, diverge, settled
+from norton_bench.models.network import NortonNetwork
+from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.in_situ_state import Assembly, InSitu
+from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, why_no_basis
+from norton_bench.procedures.learning import Models, lesson, next_load_torque
+from norton_bench.procedures.makers import coasting, pushed
+from norton_bench.procedures.options import CalibrateOptions, InSituOptions
+from norton_bench.procedures.waves import hold, multisine, ramp
+from norton_bench.records import LOAD_TAKEN, Measured
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import FloatArray, Use
+
+REST_S = 0.3
+# Before each trial the load is pushed so much harder than friction holds, up and down in so long each.
+PUSH, PUSH_S = 2.0, 0.1
+# In the order of trials: alone first, to compare with, and the first two that are driven show whether it converges.
+FIRST = (False, True, True)
+SCALINGS = 20
+# A belief about the load's inertia that differs by more than so many deviations, and this share, is overruled.
+DEVIATIONS, SHARE = 3.0, 0.01
+
+
+class _Shaking(CalibrateProcedure):
+    """As in a calibration; a session that goes on from this one must find it under this step's own name."""
+
+    name: ClassVar[str] = IN_SITU
+
+
+def _shaking(options: InSituOptions) -> _Shaking:
+    return _Shaking(CalibrateOptions(duration_s=options.shake_s))
+
+
+@dataclass(frozen=True)
+class Shake:
+    """Load and actuator shaken, each in its own way, and told apart."""
+
+    options: InSituOptions
+    name: ClassVar[str] = IN_SITU
+
+    def require(self, rig: Rig) -> None:
+        """Checked before."""
+
+    def duration_s(self, rig: Rig) -> float:
+        return _shaking(self.options).duration_s(rig)
+
+    def plan(self, known: Knowledge) -> Plan:
+        yield from _shaking(self.options).plan(known)
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        load, said = _load(known, measured, self.options)
+        actuator = actuator_behind(measured, load, known.tick_s, known.rig.command.unit)
+        fault = why_no_basis(actuator, "the actuator behind its load")
+        if fault is not None:
+            raise ExperimentError(f"in_situ: {fault}; shake it more, or see that the load drive's torque moves it")
+        models = Models(Machine.of_fit(actuator), load)
+        return replace(known, in_situ=_planned(self.options, Assembly(models, said), known))
+
+    def told(self, known: Knowledge) -> tuple[str, str]:
+        """The load's values."""
+        assert known.in_situ is not None
+        return LOAD_TAKEN, known.in_situ.load.as_text()
+
+
+@dataclass(frozen=True, eq=False)
+class Movement:
+    """One trial; ``load_torque_nm`` (ticks,) is zero where the load is left alone."""
+
+    number: int
+    driven: bool
+    load_torque_nm: FloatArray
+    state: InSitu
+    name: ClassVar[str] = Shake.name
+
+    def require(self, rig: Rig) -> None:
+        """Checked before the first."""
+
+    def duration_s(self, rig: Rig) -> float:
+        return len(self.load_torque_nm) * rig.tick_s + REST_S + 2 * PUSH_S
+
+    def plan(self, known: Knowledge) -> Plan:
+        yield pushed(self.name, "same past", Use.PREPARE, self._push_nm(known.tick_s))
+        yield coasting(self.name, "settle", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
+        yield pushed(self.name, f"{TRIAL}{self.number}", Use.PREPARE, self.load_torque_nm, self.state.command)
+
+    def _push_nm(self, tick_s: float) -> FloatArray:
+        """Through both friction contacts, always to the same side: then they remember the same in every trial."""
+        assert self.state.assembly is not None
+        models = self.state.assembly.models
+        coulomb_nm = sum(each.network.coulomb_torque_nm for each in (models.actuator, models.load))
+        top_nm = PUSH * coulomb_nm / models.load.network.torque_gain
+        return np.concatenate([ramp(0.0, top_nm, PUSH_S, tick_s), ramp(top_nm, 0.0, PUSH_S, tick_s)])
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        before, tick_s = self.state, known.tick_s
+        assert before.assembly is not None
+        trial = Trial.of(measured, measured.segments[-1], before.load, tick_s)
+        taught = lesson(
+            before.assembly.models, before.command, trial.load_torque_nm, trial.seen, trial.torque_nm, tick_s
+        )
+        exerted = Exerted.of(self.number, self.driven, trial, tick_s)
+        after = replace(before, trials=(*before.trials, exerted), lessons=(*before.lessons, taught))
+        return replace(known, in_situ=after)
+
+
+@dataclass(frozen=True)
+class InSituProcedure:
+    """Shaken once, then trials until what is left is what movements differ by anyway, or until there is no point."""
+
+    options: InSituOptions = field(default_factory=InSituOptions)
+    name: ClassVar[str] = Shake.name
+
+    def require(self, rig: Rig) -> None:
+        if rig.wiring.load is None:
+            raise RigError(
+                f"{rig.place}: step 'in_situ' needs a load drive to give the load what it needs; "
+                "add a [load] section or leave the step out"
+            )
+
+    def duration_s(self, rig: Rig) -> float:
+        trial_s = self.options.duration_s + 3 * REST_S
+        return _shaking(self.options).duration_s(rig) + self.options.trials * trial_s
+
+    def following(self, known: Knowledge) -> Decision:
+        state = known.in_situ
+        if state is None or state.finished:
+            said = "the assembly is shaken, to tell load and actuator apart"
+            return Decision(replace(known, in_situ=None), Shake(self.options), said)
+        found = figures(state.trials)
+        if settled(found) or diverge(found) or len(found) >= self.options.trials:
+            return _done(known, state)
+        return _next(known, state)
+
+
+def _next(known: Knowledge, state: InSitu) -> Decision:
+    assert state.assembly is not None
+    number = len(state.trials) + 1
+    driven = state.order[number - 1]
+    load_torque_nm = np.zeros(len(state.command))
+    if driven:
+        models = state.assembly.models
+        load_torque_nm = next_load_torque(models, state.command, state.lessons, 0.0, known.tick_s)
+    how = "with the load given what it needs" if driven else "with the load left alone"
+    before = in_words(state) if state.trials else "; ".join(state.assembly.said)
+    return Decision(known, Movement(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")
+
+
+def _done(known: Knowledge, state: InSitu) -> Decision:
+    end = "; ".join(why_not_settled(figures(state.trials))) or "converged: that is what movements differ by anyway"
+    return Decision(replace(known, in_situ=replace(state, finished=True)), None, f"{in_words(state)}; {end}")
+
+
+def in_words(state: InSitu) -> str:
+    """How the last trial came out."""
+    found = figures(state.trials)
+    first, last = found[0], found[-1]
+    below = f", {last.below_db(first):.0f} dB below the first" if last.driven else ""
+    return f"trial {last.number}: the actuator exerted {1e3 * last.with_noise_nm:.2f} mN*m{below}"
+
+
+def _planned(options: InSituOptions, assembly: Assembly, known: Knowledge) -> InSitu:
+    """There and back again, so that movements begin where the first did, or nearly."""
+    half_s = options.duration_s / 2
+    wave = multisine(half_s, known.tick_s, low_hz=0.2, high_hz=options.highest_hz, seed=options.seed, slope=-0.25)
+    rest = hold(0.0, REST_S, known.tick_s)
+    command = np.concatenate([rest, wave, -wave, rest])
+    fastest_rad_s = options.amplitude * known.rig.limits.velocity_rad_s
+    scale = _scale(assembly.models.actuator.network, command, fastest_rad_s, known)
+    return InSitu(assembly, scale * command, _order(options))
+
+
+def _order(options: InSituOptions) -> tuple[bool, ...]:
+    """Which trials are driven: at random, but for the first."""
+    left = options.trials - len(FIRST)
+    alone = max(1, round(options.left_alone * left))
+    shuffled = np.random.default_rng(options.seed).permutation(left) >= alone
+    return (*FIRST, *shuffled.tolist())
+
+
+def _scale(network: NortonNetwork, command: FloatArray, fastest_rad_s: float, known: Knowledge) -> float:
+    """The greatest command, up to the rig's limit, under which the source is foreseen to stay within a velocity."""
+    low, high = 0.0, known.rig.command.limit
+    for _ in range(SCALINGS):
+        middle = 0.5 * (low + high)
+        _, velocity, _ = network.free_motion(middle * command, known.tick_s, longest_step_s=known.tick_s)
+        low, high = (middle, high) if np.max(np.abs(velocity)) <= fastest_rad_s else (low, middle)
+    return low
+
+
+def _load(known: Knowledge, measured: Measured, options: InSituOptions) -> tuple[Machine, tuple[str, ...]]:
+    """The load, by the twist between the encoders as far as that tells, else by its calibration and what is believed.
+
+    Raises ExperimentError where nothing tells it from the actuator.
+    """
+    # The torque sensor's newton metres, in which it was calibrated, are not those of the load's drive.
+    calibrated = None if known.calibration is None else Machine.of_load(known.calibration).in_drive_units()
+    try:
+        found = load_by_twist(measured, known.tick_s)
+    except ExperimentError as error:
+        if calibrated is None:
+            raise ExperimentError(
+                "in_situ: the load cannot be told from the actuator: what joins them twists too little for their "
+                "encoders; run the step 'calibrate' with a torque sensor before it, or join them less stiffly"
+            ) from error
+        believed = _with(calibrated, options)
+        said = f"the load's inertia is taken to be {_kgm2(believed)} and cannot be checked: what joins the two twists"
+        return believed, (f"{said} too little; by as much as that is off, the source is that of another actuator",)
+    if found.weight_nm > 0.0:
+        raise ExperimentError(
+            f"in_situ: an arm hangs on the load, of which up to {found.weight_nm:.3g} N*m go with its position; the "
+            "step supplies inertia and friction alone: take the arm off, balance it, or stand its axis upright"
+        )
+    calibrated_nms_rad = None if calibrated is None else calibrated.network.viscous_damping_nms_rad
+    return _by_twist(found.machine, found.inertia_deviation, calibrated_nms_rad, options)
+
+
+def _by_twist(
+    machine: Machine, deviation: float, calibrated_nms_rad: float | None, options: InSituOptions
+) -> tuple[Machine, tuple[str, ...]]:
+    said = [f"the load's inertia is {_kgm2(machine)} ±{200 * deviation:.1f} %, by the twist between the encoders"]
+    believed_kgm2 = options.inertia_kgm2
+    if believed_kgm2 is not None:
+        off = believed_kgm2 / machine.network.inertia_kgm2 - 1.0
+        if abs(off) > max(DEVIATIONS * deviation, SHARE):
+            said.append(f"it was believed to be {believed_kgm2:.3g} kg*m^2, which is {100 * off:+.0f} % off: overruled")
+    viscous_nms_rad = options.viscous_damping_nms_rad
+    if viscous_nms_rad is None:
+        viscous_nms_rad = calibrated_nms_rad
+    if viscous_nms_rad is None:
+        said.append("its viscous damping is taken as the encoders show it, as if they were read at the same instant")
+        return machine, tuple(said)
+    network = replace(machine.network, viscous_damping_nms_rad=viscous_nms_rad)
+    return replace(machine, network=network), tuple(said)
+
+
+def _with(machine: Machine, options: InSituOptions) -> Machine:
+    """The machine with what is believed of it."""
+    network = machine.network
+    if options.inertia_kgm2 is not None:
+        network = replace(network, inertia_kgm2=options.inertia_kgm2)
+    if options.viscous_damping_nms_rad is not None:
+        network = replace(network, viscous_damping_nms_rad=options.viscous_damping_nms_rad)
+    return replace(machine, network=network)
+
+
+def _kgm2(machine: Machine) -> str:
+    return f"{machine.network.inertia_kgm2:.4g} kg*m^2"

@@ -1,0 +1,165 @@
+"""What the experiment has learned so far, handed from procedure to procedure."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.errors import RigError
+from norton_bench.identification.results import FitResult
+from norton_bench.procedures.in_situ_state import InSitu
+from norton_bench.procedures.iteration import Iteration
+from norton_bench.procedures.refinement import Refinement
+from norton_bench.records import Measured
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Segment
+
+
+@dataclass(frozen=True)
+class Tare:
+    """The bench at rest. Ages are of the newest reading when a tick sees it, medians.
+
+    ``moving_command`` and ``moving_load_nm`` are what set the shaft in motion, each by itself, if anything did.
+    """
+
+    torque_bias_nm: float
+    torque_noise_nm: float
+    torque_age_s: float
+    motion_age_s: float
+    load_motion_age_s: float
+    moving_command: float | None = None
+    moving_load_nm: float | None = None
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """All that procedures may build on; None where nothing has been learned yet.
+
+    ``actuator`` is its first fit, from being shaken in the calibration: good enough to tune by, not a result.
+    ``command_span`` holds the commands, negative and positive, at which the free actuator reached the velocity asked.
+    ``records`` holds what every procedure so far has measured. ``refinement``, ``iteration`` and ``in_situ`` tell how
+    far the last one came.
+    """
+
+    rig: Rig
+    tare: Tare | None = None
+    calibration: LoadCalibration | None = None
+    actuator: FitResult | None = None
+    command_span: tuple[float, float] | None = None
+    records: tuple[Measured, ...] = ()
+    refinement: Refinement | None = None
+    iteration: Iteration | None = None
+    in_situ: InSitu | None = None
+
+    @property
+    def tick_s(self) -> float:
+        return self.rig.tick_s
+
+    def span(self) -> tuple[float, float]:
+        """The commands to work between: what was found free, else what the rig allows at most."""
+        return self.command_span if self.command_span is not None else self.rig.command.span
+
+
+Plan = Generator[Segment, Measured, None]
+
+
+class Procedure(Protocol):
+    """One step of an experiment: refuses what the rig cannot do, asks for segments, and concludes from what came."""
+
+    @property
+    def name(self) -> str: ...
+
+    def require(self, rig: Rig) -> None:
+        """Raises RigError, with the reason, before anything moves."""
+        ...
+
+    def duration_s(self, rig: Rig) -> float:
+        """About how long it takes [s of bench time]."""
+        ...
+
+    def plan(self, known: Knowledge) -> Plan:
+        """Yields segments; each is answered with what was measured in it. Must not dawdle between them."""
+        ...
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        """What is known afterwards. Called with the drives idle, so it may take its time."""
+        ...
+
+
+@runtime_checkable
+class Telling(Protocol):
+    """A procedure that finds something which its recording must tell, for the same to be concluded from that alone."""
+
+    def told(self, known: Knowledge) -> tuple[str, str]:
+        """Kind and text of an event, once it has concluded."""
+        ...
+
+
+@runtime_checkable
+class Sparing(Protocol):
+    """A procedure that asks for less than usual where the rig's limits demand it."""
+
+    def spared(self, known: Knowledge) -> tuple[str, ...]:
+        """What it makes smaller, in sentences with what that costs; before it is carried out."""
+        ...
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What an adaptive step does next: None when it is done. ``said`` is worth a line to whoever watches."""
+
+    known: Knowledge
+    procedure: Procedure | None
+    said: str
+
+
+@runtime_checkable
+class Adaptive(Protocol):
+    """A step that is decided as it goes: procedure after procedure, each chosen from what is known by then."""
+
+    @property
+    def name(self) -> str: ...
+
+    def require(self, rig: Rig) -> None:
+        """Raises RigError, with the reason, before anything moves."""
+        ...
+
+    def duration_s(self, rig: Rig) -> float:
+        """How long it takes at most [s of bench time]."""
+        ...
+
+    def following(self, known: Knowledge) -> Decision:
+        """Called with the drives idle, so it may take its time; again after each procedure, until there is none."""
+        ...
+
+
+def require_model(rig: Rig, name: str) -> None:
+    """Raises RigError where the actuator is identified by tables alone."""
+    if not rig.modelled:
+        raise RigError(
+            f"{rig.place}: step '{name}' builds on a fitted model, but [actuator] model = \"none\" stands for tables "
+            "alone; leave the step out, or name the model"
+        )
+
+
+def require_load(rig: Rig, name: str, why: str) -> None:
+    """Raises RigError where the rig has no load drive, or no torque sensor for it to act upon."""
+    if rig.wiring.load is None:
+        raise RigError(
+            f"{rig.place}: step '{name}' needs a load drive {why}; add a [load] section or leave the step out"
+        )
+    if rig.wiring.torque_sensor is None:
+        raise RigError(
+            f"{rig.place}: step '{name}' needs a torque sensor at the port; "
+            "add a [torque_sensor] section or leave the step out"
+        )
+
+
+def why_no_basis(result: FitResult, what: str) -> str | None:
+    """Why nothing can be planned from this fit of ``what``, if nothing can."""
+    if not result.converged:
+        return f"the fit of {what} did not converge"
+    network = result.network
+    if min(network.inertia_kgm2, network.coulomb_torque_nm, network.presliding_stiffness_nm_rad) <= 0.0:
+        return f"the fit of {what} has an inertia or a friction below zero"
+    return None

@@ -1,0 +1,120 @@
+"""How far an experiment that chooses for itself has come: its intervals, and which of them no longer narrow."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from math import inf, isfinite, log
+
+from norton_bench.identification.information import KNOWN
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.segments import FloatArray
+
+# Half of a 95 % interval, in standard deviations.
+HALF_INTERVAL = 1.96
+# Estimates that more excitation can better. The others are no numbers at all, and the fit says why.
+IMPROVABLE = (Status.VALID, Status.UNEXCITED)
+# Which of the information's parameters an estimate rests on, where it is none of them itself.
+RESTS_ON = {"torque_constant": "torque_gain", "amplifier_gain": "torque_gain"}
+# Judged where at least this much narrowing was foreseen (as a logarithm); less of it than this share is a failure.
+LEAST_FORESEEN = 0.05
+LEAST_SHARE = 0.3
+# So many failures one after the other, and the parameter is set aside: its interval is not made of noise.
+MOST_FAILURES = 2
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Half of a parameter's 95 % interval, relative to its value: as the fit reports it, and as noise alone leaves it.
+
+    ``row`` is the parameter's place in the information matrix.
+    """
+
+    name: str
+    half_width: float
+    of_noise: float
+    row: int
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """The state of one refinement; ``target`` is the half-width asked for, relative.
+
+    ``foreseen`` holds, by parameter, the half-width before the last round and the one foreseen after it; ``delivered``,
+    by excitation, the information that it really gave. ``reasons`` says, once ``finished``, what was not ``reached``.
+    """
+
+    target: float
+    rounds: int = 0
+    bench_time_s: float = 0.0
+    foreseen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    failures: Mapping[str, int] = field(default_factory=dict)
+    delivered: Mapping[str, FloatArray] = field(default_factory=dict)
+    finished: bool = False
+    reached: bool = False
+    reasons: tuple[str, ...] = ()
+
+    def judged(self, intervals: Iterable[Interval]) -> "Refinement":
+        """With the last round's failures counted: intervals that did not narrow although noise said they would."""
+        failures = dict(self.failures)
+        for interval in intervals:
+            before, after = self.foreseen.get(interval.name, (interval.half_width, interval.half_width))
+            hoped = log(before / after)
+            if hoped >= LEAST_FORESEEN:
+                failed = log(before / interval.half_width) < LEAST_SHARE * hoped
+                failures[interval.name] = failures.get(interval.name, 0) + 1 if failed else 0
+        return replace(self, failures=failures, foreseen={})
+
+    def set_aside(self, interval: Interval) -> bool:
+        """Whether more excitation has been tried in vain."""
+        return self.failures.get(interval.name, 0) >= MOST_FAILURES
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The reasons, each as a sentence."""
+        return tuple(f"{reason[0].upper()}{reason[1:]}." for reason in self.reasons)
+
+    def ended(self, *, reached: bool, reasons: Iterable[str] = ()) -> "Refinement":
+        return replace(self, finished=True, reached=reached, reasons=tuple(reasons))
+
+
+def half_width(estimate: Estimate) -> float:
+    """Half of the 95 % interval over the value; infinite where there is none."""
+    if estimate.status not in IMPROVABLE or not isfinite(estimate.std) or estimate.value == 0.0:
+        return inf
+    return HALF_INTERVAL * estimate.std / abs(estimate.value)
+
+
+def intervals_of(estimates: Iterable[Estimate], of_noise: Iterable[float]) -> tuple[Interval, ...]:
+    """Those that can be bettered. ``of_noise`` are relative deviations in the order of KNOWN."""
+    bound = dict(zip(KNOWN, of_noise, strict=True))
+    found = []
+    for estimate in estimates:
+        name = RESTS_ON.get(estimate.name, estimate.name)
+        width = half_width(estimate)
+        if 0.0 < width < inf and name in bound:
+            found.append(Interval(estimate.name, width, HALF_INTERVAL * bound[name], KNOWN.index(name)))
+    return tuple(found)
+
+
+def widest_of(estimates: Iterable[Estimate]) -> tuple[str, float] | None:
+    """The parameter with the widest interval, and its half-width; None where no parameter has one."""
+    widths = {estimate.name: half_width(estimate) for estimate in estimates}
+    finite = {name: width for name, width in widths.items() if isfinite(width)}
+    return max(finite.items(), key=lambda item: item[1]) if finite else None
+
+
+def why_wide(interval: Interval) -> str:
+    """Why an interval that was set aside stays as wide as it is."""
+    about = f"the interval of {words(interval.name)}, {in_percent(interval.half_width)},"
+    if interval.of_noise < 0.7 * interval.half_width:
+        return (
+            f"{about} is held up by model error, not by noise, which alone would leave {in_percent(interval.of_noise)}"
+        )
+    return f"{about} does not narrow as it should with more data"
+
+
+def words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def in_percent(half: float) -> str:
+    return f"±{100 * half:.2g} %"

@@ -1,0 +1,73 @@
+"""Raw frames to message records and back, in bulk: frames of one channel and one length share a layout."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.recording.layout import Layout, Rows
+from norton_bench.recording.streams import raw_fields
+from norton_bench.recording.wire import Frames
+from norton_drivers.readings import RawFrame
+
+
+@cache
+def raw_layout(length: int) -> Layout:
+    """The layout of frames that carry ``length`` bytes."""
+    return Layout(raw_fields(length))
+
+
+def length_of(record_bytes: int) -> int:
+    """How many bytes of data a raw record of this size carries. Raises ValueError for an impossible size."""
+    for tag_bytes in range(1, 5):  # the length's own length depends on it
+        length = record_bytes - raw_layout(0).record.itemsize + 1 - tag_bytes
+        if length >= 0 and raw_layout(length).record.itemsize == record_bytes:
+            return length
+    raise ValueError("message of another length")
+
+
+def encode(frames: Frames, channel_id: Callable[[str], int], first_sequence: int) -> Iterator[Rows]:
+    """Records in groups of one channel and one length. Their sequence numbers keep the order of arrival."""
+    if not frames.stamp_ns:
+        return
+    ids = {name: channel_id(name) for name in dict.fromkeys(frames.channel)}
+    channels = np.array([ids[name] for name in frames.channel])
+    lengths = np.array([len(data) for data in frames.data])
+    columns: dict[str, npt.NDArray[Any]] = {
+        "stamp_ns": np.array(frames.stamp_ns, np.int64),
+        "arbitration_id": np.array(frames.arbitration_id, np.int32),
+        "sent": np.array(frames.sent),
+        "extended": np.array(frames.extended),
+        "remote": np.array(frames.remote),
+    }
+    for channel, length in sorted(set(zip(channels.tolist(), lengths.tolist(), strict=True))):
+        places = np.flatnonzero((channels == channel) & (lengths == length))
+        rows = raw_layout(length).blank(len(places), channel)
+        rows["seq"] = (first_sequence + places).astype(np.uint32)
+        rows["log"] = rows["pub"] = columns["stamp_ns"][places].astype(np.uint64)
+        for name, values in columns.items():
+            rows[name] = values[places]
+        data = b"".join(frames.data[place] for place in places.tolist())
+        rows["data"] = np.frombuffer(data, np.uint8).reshape(-1, length) if length else 0
+        yield rows
+
+
+def decode(groups: Sequence[tuple[str, Rows]]) -> tuple[RawFrame, ...]:
+    """The frames of all (channel, records) groups, in their order of arrival."""
+    sequences: list[int] = []
+    frames: list[RawFrame] = []
+    for channel, rows in groups:
+        sequences += rows["seq"].tolist()
+        frames += _frames(channel, rows)
+    return tuple(frames[place] for place in np.argsort(np.array(sequences), kind="stable").tolist())
+
+
+def _frames(channel: str, rows: Rows) -> Iterator[RawFrame]:
+    data = np.ascontiguousarray(rows["data"])
+    length, joined = data.shape[1], data.tobytes()
+    columns = [rows[name].tolist() for name in ("stamp_ns", "sent", "arbitration_id", "extended", "remote")]
+    for place, (stamp_ns, sent, arbitration_id, extended, remote) in enumerate(zip(*columns, strict=True)):
+        content = joined[place * length : (place + 1) * length]
+        yield RawFrame(stamp_ns, channel, sent, content, arbitration_id, extended, remote)

@@ -1,0 +1,161 @@
+"""What was tabulated as small tables and sentences: the report shows them, and so do screen and command line."""
+
+from math import isfinite
+
+from norton_bench.identification.tables.exertion_table import ExertionTable, Line
+from norton_bench.identification.tables.means import UNKNOWN, Setting
+from norton_bench.identification.tables.modulation import Modulated
+from norton_bench.identification.tables.modulator import ModulatorPlaces
+from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.tables.two_ports import PortsRow
+from norton_bench.report.section import Facts
+from norton_bench.report.words import Units, number, pretty_unit, within
+
+
+def setting_head(units: Units) -> tuple[str, ...]:
+    """Over the columns that :func:`setting_cells` fills."""
+    head = (f"command [{pretty_unit(units.command)}]",)
+    return (*head, f"modulation [{pretty_unit(units.modulation)}]") if units.modulation else head
+
+
+def setting_cells(setting: Setting, units: Units) -> tuple[str, ...]:
+    """The command, and on a bench with a modulator the modulation."""
+    cells = (number(setting.command, 4),)
+    if not units.modulation:
+        return cells
+    return (*cells, "–" if setting.modulation is None else number(setting.modulation, 4))
+
+
+def source_facts(table: SourceTable, units: Units) -> Facts:
+    """A row for each setting at each port."""
+    head = ("port", *setting_head(units), "rests at [rad]", "gap [rad]", "torque [mN·m]")
+    rows = tuple(
+        (
+            port,
+            *setting_cells(row.setting, units),
+            within(row.position.value, row.position.half_width),
+            number(row.gap_rad, 2) if isfinite(row.gap_rad) else "one side",
+            within(1e3 * row.torque.value, 1e3 * row.torque.half_width),
+        )
+        for port in table.ports
+        for row in table.rows(port)
+    )
+    return Facts(head, rows)
+
+
+def line_facts(table: ExertionTable, units: Units) -> Facts:
+    """A row for each setting."""
+    head = (
+        *setting_head(units),
+        "source [rad]",
+        "stiffness [N·m/rad]",
+        "hysteresis [mN·m]",
+        "friction [mN·m]",
+        "no torque [mrad]",
+    )
+    return Facts(head, tuple(_line(line, units) for line in table.lines()))
+
+
+def _line(line: Line, units: Units) -> tuple[str, ...]:
+    width = UNKNOWN if line.zeros is None else line.zeros.width
+    friction = UNKNOWN if line.sweep is None else line.sweep.friction
+    return (
+        *setting_cells(line.setting, units),
+        within(line.source.value, line.source.half_width),
+        within(line.stiffness.value, line.stiffness.half_width),
+        number(1e3 * line.hysteresis_nm, 2),
+        within(1e3 * friction.value, 1e3 * friction.half_width),
+        within(1e3 * width.value, 1e3 * width.half_width),
+    )
+
+
+def ports_facts(rows: tuple[PortsRow, ...], units: Units) -> Facts:
+    """A row for each setting."""
+    head = (
+        *setting_head(units),
+        "external [rad]",
+        "actuator [rad]",
+        "asked [mN·m]",
+        "exerted [mN·m]",
+    )
+    facts = tuple(
+        (
+            *setting_cells(row.setting, units),
+            within(row.external.value, row.external.half_width),
+            within(row.actuator.value, row.actuator.half_width),
+            within(1e3 * row.load.value, 1e3 * row.load.half_width),
+            within(1e3 * row.exertion.value, 1e3 * row.exertion.half_width),
+        )
+        for row in rows
+    )
+    return Facts(head, facts)
+
+
+def modulation_sentences(found: Modulated, units: Units) -> tuple[str, ...]:
+    """What it changes, and what it leaves alone."""
+    return tuple(filter(None, (_stiffens(found, pretty_unit(units.modulation)), _shifts(found, units))))
+
+
+def _stiffens(found: Modulated, unit: str) -> str:
+    if len(found.stiffness) < 2:
+        return ""
+    first, last = found.stiffness[0], found.stiffness[-1]
+    ends = [within(row.stiffness.value, row.stiffness.half_width) for row in (first, last)]
+    span = f"from {number(first.modulation, 3)} to {number(last.modulation, 3)} {unit}"
+    if found.stiffens:
+        goes = f"goes from {ends[0]} to {ends[1]} N·m/rad"
+        return f"The modulation changes the impedance: {span} the stiffness at the source {goes}."
+    return f"The modulation does not show in the impedance: {span} the stiffness at the source stays {ends[0]} N·m/rad."
+
+
+def _shifts(found: Modulated, units: Units) -> str:
+    shift = found.shift
+    if shift is None:
+        return ""
+    span = f"from {number(shift.low, 3)} to {number(shift.high, 3)} {pretty_unit(units.modulation)}"
+    moved = within(1e3 * shift.shift.value, 1e3 * shift.shift.half_width)
+    where = f"at a command of {number(shift.command, 3)} {pretty_unit(units.command)} by {moved} mrad, {span}"
+    if shift.shows:
+        return f"The modulation does not leave the source alone, which moves the most {where}: the two are coupled."
+    return (
+        f"The modulation leaves the source alone, which moves the most {where}: no more than the intervals leave open."
+    )
+
+
+def stiffness_facts(found: Modulated, units: Units) -> Facts:
+    """A row for each modulation."""
+    head = (f"modulation [{pretty_unit(units.modulation)}]", "stiffness at the source [N·m/rad]")
+    rows = tuple(
+        (number(row.modulation, 4), within(row.stiffness.value, row.stiffness.half_width)) for row in found.stiffness
+    )
+    return Facts(head, rows)
+
+
+def modulator_sentence(found: ModulatorPlaces, units: Units) -> str:
+    """Whether the drive went where it was sent, as far as its own encoder tells."""
+    unit, stray = pretty_unit(units.modulation), found.stray
+    if stray is not None:
+        ends = f"{number(min(stray.places_rad), 3)} and {number(max(stray.places_rad), 3)} rad"
+        return (
+            f"The modulator did not go where it was sent: under {number(stray.modulation, 3)} {unit} it was at {ends}: "
+            "it slips or loses count, and what was tabulated there is of several impedances; mend it and repeat that."
+        )
+    if not found.followed:
+        return "The modulator stood at the same place under different modulations: it is at a stop, or stuck."
+    same = f"{number(1e3 * found.same_rad, 2)} mrad"
+    return f"By its encoder the modulator went where it was sent: under each modulation to one place, ± {same}."
+
+
+def modulator_facts(found: ModulatorPlaces, units: Units) -> Facts:
+    """A row for each modulation."""
+    head = (f"modulation [{pretty_unit(units.modulation)}]", "stood at [rad]", "times", "apart [mrad]")
+    rows = tuple(
+        (
+            number(each.modulation, 4),
+            number(sum(each.places_rad) / len(each.places_rad), 4),
+            str(len(each.places_rad)),
+            number(1e3 * each.apart_rad, 2),
+        )
+        for each in found.stood
+    )
+    return Facts(head, rows)

@@ -1,0 +1,145 @@
+"""How well the network tells what was measured: the fit's residuals, predictions of unseen motion, live history."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from norton_bench.identification.results import FitResult, LiveEstimate, Trace
+from norton_bench.models.parameters import BY_NAME, PARAMETERS, Estimate, Status
+from norton_bench.recording.contents import RecordedEstimates
+from norton_bench.report.decimate import envelope
+from norton_bench.report.svg import ACCENT, INK, MEASURED, PREDICTED, figure
+from norton_bench.report.words import in_prefixed_unit, power, pretty_unit, scale_of
+
+FloatArray = npt.NDArray[np.float64]
+
+ZOOM_SAMPLES = 600
+_COLUMNS = 4
+
+
+def residual_figure(trace: Trace) -> Figure:
+    """The residual over time, and how it is distributed."""
+    picture = figure(2.3)
+    over_time, spread = picture.subplots(1, 2, width_ratios=(2.4, 1))
+    factor, unit = in_prefixed_unit(greatest(trace.measured - trace.predicted), trace.unit)
+    residual = factor * (trace.measured - trace.predicted)
+    over_time.plot(*envelope(trace.time_s, residual), color=MEASURED, linewidth=0.7)
+    over_time.set_xlabel("bench time [s]")
+    over_time.set_ylabel(f"residual [{unit}]")
+    over_time.set_title("Over time")
+    _histogram(spread, residual[np.isfinite(residual)], unit)
+    return picture
+
+
+def greatest(values: FloatArray) -> float:
+    """The greatest magnitude, 0 where none is known."""
+    finite = values[np.isfinite(values)]
+    return float(np.max(np.abs(finite))) if finite.size else 0.0
+
+
+def _histogram(axes: Axes, residual: FloatArray, unit: str) -> None:
+    """Beside the normal distribution of the same deviation."""
+    std = float(np.std(residual)) if residual.size else 0.0
+    if std > 0.0:
+        edges = np.linspace(-5 * std, 5 * std, 81)
+        density, _ = np.histogram(residual, edges, density=True)
+        axes.stairs(density, edges, color=MEASURED, fill=True, alpha=0.35)
+        axes.plot(
+            edges,
+            np.exp(-0.5 * (edges / std) ** 2) / (std * np.sqrt(2 * np.pi)),
+            color=PREDICTED,
+            label="normal, same deviation",
+        )
+        axes.legend(labelcolor=INK, loc="upper right")
+    axes.set_title("How it is spread")
+    axes.set_xlabel(f"residual [{unit}]")
+    axes.set_yticks([])
+    axes.tick_params(labelleft=False)
+    axes.margins(y=0.25)
+
+
+def validation_figure(trace: Trace, what: str) -> Figure:
+    """Measured beside predicted: the whole, what is left, and a stretch close up."""
+    picture = figure(5.6)
+    whole, left, close = picture.subplots(3, 1, height_ratios=(1.25, 1, 1.25))
+    unit = pretty_unit(trace.unit)
+    _pair(whole, trace, np.arange(len(trace.time_s)))
+    whole.legend(labelcolor=INK, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+    residual = trace.measured - trace.predicted
+    factor, small_unit = in_prefixed_unit(greatest(residual), trace.unit)
+    left.plot(*envelope(trace.time_s, factor * residual), color=ACCENT, linewidth=0.7)
+    left.sharex(whole)
+    near = close_up(trace)
+    _pair(close, trace, near)
+    whole.set_ylabel(f"{what} [{unit}]")
+    left.set_ylabel(f"residual [{small_unit}]")
+    left.set_xlabel("bench time [s]")
+    close.set_title(f"Close up: {len(near)} samples of it")
+    close.set_ylabel(f"{what} [{unit}]")
+    close.set_xlabel("bench time [s]")
+    return picture
+
+
+def close_up(trace: Trace) -> npt.NDArray[np.intp]:
+    """Indices of the stretch where most happens."""
+    size = min(ZOOM_SAMPLES, len(trace.time_s))
+    if not size:
+        return np.empty(0, np.intp)
+    power = np.concatenate([[0.0], np.cumsum(np.nan_to_num(trace.measured) ** 2)])
+    start = int(np.argmax(power[size:] - power[:-size]))
+    return np.arange(start, start + size)
+
+
+def _pair(axes: Axes, trace: Trace, chosen: npt.NDArray[np.intp]) -> None:
+    time_s = trace.time_s[chosen]
+    axes.plot(*envelope(time_s, trace.measured[chosen]), color=MEASURED, linewidth=1.0, label="measured")
+    axes.plot(*envelope(time_s, trace.predicted[chosen]), color=PREDICTED, linewidth=0.9, label="predicted")
+
+
+def live_figure(live: Sequence[LiveEstimate | RecordedEstimates], time_s: FloatArray, fit: FitResult | None) -> Figure:
+    """How each estimate settled while the bench was running, with its 95 % band and where the final fit put it."""
+    names = [parameter.name for parameter in PARAMETERS if _history(live, parameter.name)]
+    rows = max(1, -(-len(names) // _COLUMNS))
+    picture = figure(1.7 * rows)
+    panels = picture.subplots(rows, _COLUMNS, squeeze=False, sharex=True).ravel()
+    final = {estimate.name: estimate for estimate in fit.estimates} if fit is not None else {}
+    for axes, name in zip(panels, names, strict=False):
+        _settling(axes, _history(live, name), time_s, final.get(name))
+    for axes in panels[len(names) :]:
+        axes.set_visible(False)
+    for axes in panels[max(0, len(names) - _COLUMNS) : len(names)]:
+        axes.set_xlabel("bench time [s]")
+        axes.tick_params(labelbottom=True)
+    return picture
+
+
+def _history(live: Sequence[LiveEstimate | RecordedEstimates], name: str) -> list[tuple[int, Estimate]]:
+    """Where in the history an estimate was worth drawing."""
+    return [
+        (place, estimate)
+        for place, state in enumerate(live)
+        for estimate in state.estimates
+        if estimate.name == name and estimate.status is not Status.UNEXCITED and np.isfinite(estimate.value)
+    ]
+
+
+def _settling(axes: Axes, history: list[tuple[int, Estimate]], time_s: FloatArray, final: Estimate | None) -> None:
+    known = final is not None and np.isfinite(final.value)
+    last = final if final is not None and known else history[-1][1]
+    exponent = scale_of(last.value)
+    times = time_s[[place for place, _ in history]]
+    values = np.array([estimate.value for _, estimate in history]) / 10.0**exponent
+    half = 1.96 * np.nan_to_num([estimate.std for _, estimate in history]) / 10.0**exponent
+    axes.fill_between(times, values - half, values + half, color=MEASURED, alpha=0.2, linewidth=0)
+    axes.plot(times, values, color=MEASURED)
+    end = last.value / 10.0**exponent
+    if known:
+        axes.axhline(end, color=PREDICTED, linewidth=0.9)
+    late = slice(len(values) // 3, None)
+    reach = 1.3 * max(float(np.max(np.abs(values[late] - end))), float(np.max(half[late])), 0.02 * abs(end))
+    axes.set_ylim(end - reach, end + reach)
+    unit = f"{power(exponent)[1:]} {pretty_unit(last.unit)}".strip()
+    axes.set_title(f"{BY_NAME[last.name].symbol}  [{unit or '1'}]")

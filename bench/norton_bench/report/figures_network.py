@@ -1,0 +1,204 @@
+"""The network in pictures: its motion source, its impedance, and the Thévenin experiment beside it."""
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from norton_bench.identification.model_free.branches import TAILS
+from norton_bench.identification.results import BlockedMap, SourceMap
+from norton_bench.models.network import NortonNetwork
+from norton_bench.report.decimate import thinned
+from norton_bench.report.loops import Loop
+from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
+from norton_bench.report.words import pretty_unit
+
+FloatArray = npt.NDArray[np.float64]
+
+_SIDES = (("▲ rising", "^", True), ("▼ falling", "v", False))
+
+
+def source_map_figure(measured: SourceMap | None, network: NortonNetwork | None, command_unit: str) -> Figure:
+    """Steady free velocity against command: measured from both sides, and the identified three branches.
+
+    Below, what is left between the two, where both are known: there the bands are wide enough to be seen.
+    """
+    compared = measured is not None and network is not None and bool(np.isfinite(measured.velocity_rad_s).any())
+    picture = figure(5.0 if compared else 3.6)
+    panels = picture.subplots(1 + compared, 1, squeeze=False, sharex=True, height_ratios=(1.7, 1)[: 1 + compared])[:, 0]
+    _source(panels[0], measured, network)
+    if measured is not None and network is not None and compared:
+        _source_difference(panels[1], measured, network)
+    panels[-1].set_xlabel(f"command [{pretty_unit(command_unit) or 'N·m'}]")
+    return picture
+
+
+def _source(axes: Axes, measured: SourceMap | None, network: NortonNetwork | None) -> None:
+    if network is not None:
+        span = _span(measured, network)
+        command = np.unique(np.concatenate([np.linspace(-span, span, 201), network.thresholds]))
+        axes.plot(command, network.source_velocity(command), color=PREDICTED, label="identified source", zorder=2)
+        for place, threshold in enumerate(network.thresholds):
+            label = "breaks away" if place == 0 else None
+            axes.axvline(threshold, color=ACCENT, linestyle=(0, (4, 3)), linewidth=0.9, label=label)
+    if measured is not None:
+        for label, marker, rising in _SIDES:
+            chosen = measured.rising == rising
+            _points(
+                axes,
+                measured.command[chosen],
+                measured.velocity_rad_s[chosen],
+                measured.velocity_std_rad_s[chosen],
+                marker,
+                f"measured, {label[2:]}",
+            )
+    axes.set_ylabel("steady free velocity [rad/s]")
+    legend(axes)
+
+
+def _source_difference(axes: Axes, measured: SourceMap, network: NortonNetwork) -> None:
+    """Measured less identified, with the 95 % band of each branch."""
+    axes.axhline(0.0, color=PREDICTED, linewidth=0.9)
+    for _, marker, rising in _SIDES:
+        levels, velocity, draws = measured.branch(rising)
+        order = np.argsort(levels)
+        left = (velocity - network.source_velocity(levels))[order]
+        colour = MEASURED if rising else MUTED
+        if len(draws):
+            low, high = np.quantile(draws - network.source_velocity(levels), TAILS, axis=0)[:, order]
+            axes.fill_between(levels[order], low, high, color=colour, alpha=0.18, linewidth=0)
+        axes.plot(
+            levels[order],
+            left,
+            color=colour,
+            linewidth=0.8,
+            marker=marker,
+            markersize=4,
+            markerfacecolor=MEASURED if rising else "none",
+        )
+    axes.set_ylabel("less identified [rad/s]")
+
+
+def blocked_figure(blocked: BlockedMap, network: NortonNetwork | None, command_unit: str) -> Figure:
+    """Torque at standstill against command, by how standstill was reached; the band is what friction leaves open."""
+    picture = figure(3.2)
+    axes = picture.subplots()
+    if network is not None:
+        command = np.linspace(np.nanmin(blocked.command), np.nanmax(blocked.command), 51)
+        drive = network.torque_gain * command
+        half = network.coulomb_torque_nm
+        axes.fill_between(command, drive - half, drive + half, color=PREDICTED, alpha=0.15, linewidth=0)
+        axes.plot(command, drive, color=PREDICTED, linewidth=0.9, label="Km·Ka·c, and ± τc about it")
+    for label, marker, chosen in _histories(blocked):
+        _points(
+            axes,
+            blocked.command[chosen],
+            blocked.torque_nm[chosen],
+            blocked.torque_std_nm[chosen],
+            marker,
+            f"measured, {label}",
+        )
+    axes.set_xlabel(f"command [{pretty_unit(command_unit) or 'N·m'}]")
+    axes.set_ylabel("blocked torque [N·m]")
+    legend(axes)
+    return picture
+
+
+def _histories(blocked: BlockedMap) -> list[tuple[str, str, npt.NDArray[np.bool_]]]:
+    """What each was like, a marker, and which levels have it."""
+    above, below = blocked.from_above, ~blocked.from_above
+    every = [
+        ("came to rest from above", "v", blocked.chosen("slow") & above),
+        ("came to rest from below", "^", blocked.chosen("slow") & below),
+        ("from above, fast", "1", blocked.chosen("fast") & above),
+        ("from below, fast", "2", blocked.chosen("fast") & below),
+        ("never moved", "o", blocked.chosen("rest")),
+    ]
+    return [each for each in every if each[2].any()]
+
+
+def impedance_figure(presliding: list[Loop], sliding: Loop | None) -> Figure:
+    """Torque against position where friction has not broken loose, and against velocity where it has."""
+    picture = figure(3.5)
+    columns = int(bool(presliding)) + int(sliding is not None)
+    panels = list(picture.subplots(1, columns, squeeze=False)[0])
+    if presliding:
+        _presliding(panels.pop(0), presliding)
+    if sliding is not None:
+        _sliding(panels.pop(0), sliding)
+    return picture
+
+
+def _presliding(axes: Axes, loops: list[Loop]) -> None:
+    for place, loop in enumerate(loops):
+        chosen = thinned(len(loop.position_rad), 400)
+        position_mrad = 1e3 * loop.position_rad[chosen]
+        first = place == 0
+        axes.plot(
+            position_mrad,
+            loop.measured_nm[chosen],
+            color=MEASURED,
+            linewidth=0.8,
+            alpha=0.8,
+            label="measured" if first else None,
+        )
+        predicted_nm = loop.predicted_nm[chosen]
+        axes.plot(position_mrad, predicted_nm, color=PREDICTED, label="predicted" if first else None)
+    axes.set_title("Small loops")
+    axes.set_xlabel("position [mrad]")
+    axes.set_ylabel("port torque [N·m]")
+    legend(axes)
+
+
+def _sliding(axes: Axes, loop: Loop) -> None:
+    chosen = thinned(len(loop.velocity_rad_s), 500)
+    for torque_nm, colour, label, marker, size in (
+        (loop.measured_nm, MEASURED, "measured", "o", 3.0),
+        (loop.predicted_nm, PREDICTED, "predicted", "_", 9.0),
+    ):
+        axes.plot(
+            loop.velocity_rad_s[chosen],
+            torque_nm[chosen],
+            linestyle="none",
+            marker=marker,
+            markersize=size,
+            markeredgewidth=0.0 if marker == "o" else 1.2,
+            color=colour,
+            alpha=0.7,
+            label=label,
+        )
+    axes.set_title("Steady velocities")
+    axes.set_xlabel("velocity [rad/s]")
+    axes.set_ylabel("port torque [N·m]")
+    legend(axes)
+
+
+def _points(axes: Axes, x: FloatArray, y: FloatArray, std: FloatArray, marker: str, label: str) -> None:
+    axes.errorbar(
+        x,
+        y,
+        yerr=1.96 * np.nan_to_num(std),
+        fmt=marker,
+        markersize=4.5,
+        markerfacecolor="none" if marker == "v" else MEASURED,
+        markeredgecolor=MEASURED,
+        ecolor=MUTED,
+        elinewidth=0.9,
+        capsize=2,
+        linestyle="none",
+        label=label,
+        zorder=3,
+    )
+
+
+def _span(measured: SourceMap | None, network: NortonNetwork) -> float:
+    """The greatest command to draw."""
+    if measured is not None and np.isfinite(measured.command).any():
+        return float(np.nanmax(np.abs(measured.command)))
+    return 4 * network.thresholds[1]
+
+
+def legend(axes: Axes) -> None:
+    """Above the panel, on its right, where there is anything to explain."""
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(labelcolor=INK, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)

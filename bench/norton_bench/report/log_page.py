@@ -1,0 +1,73 @@
+"""The report of a log from elsewhere: one HTML file in the style of a session's report."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from norton_bench.logs.results import Errors, LogFit
+from norton_bench.models.parameters import Status
+from norton_bench.report.data import ReportData
+from norton_bench.report.figures_fit import residual_figure, validation_figure
+from norton_bench.report.render import Figure, fill, row, write_page
+from norton_bench.report.section import Facts, Section
+from norton_bench.report.svg import style, svg
+from norton_bench.report.words import number, percent, pretty_unit
+
+
+def write_log_report(path: Path, title: str, fit: LogFit, metadata: Mapping[str, str], command: str) -> Path:
+    """Write the report to ``path``, which it returns; ``command`` makes it again.
+
+    Raises ExperimentError where it cannot be written.
+    """
+    with style():
+        parts = [_exertion(fit), _errors(fit), _ladder(fit)]
+    valid = sum(estimate.status is Status.VALID for estimate in fit.estimates)
+    text = fill(
+        data=ReportData(title, metadata=metadata),
+        headline=[Figure(f"{valid} of {len(fit.estimates)}", "parameters valid")],
+        rows=[row(estimate) for estimate in fit.estimates],
+        verdict=fit.verdict,
+        sections=parts,
+        commands=[(command, "fits this log again")],
+    )
+    return write_page(path, text)
+
+
+def _exertion(fit: LogFit) -> Section:
+    beside = "Exertion as known from the log, and as the equation of motion has it."
+    left = "What the equation leaves."
+    pictures = (
+        (svg(validation_figure(fit.exertion, "exertion"), "exertion", beside), beside),
+        (svg(residual_figure(fit.exertion), "residual", left), left),
+    )
+    return Section("exertion", f"Exertion, friction {fit.model}", figures=pictures)
+
+
+def _errors(fit: LogFit) -> Section:
+    rows = [line for side, errors in (("train", fit.train), ("test", fit.test)) for line in _lines(side, errors)]
+    head = ("part", "quantity", "rms", "of it", "mean, absolute", "unit")
+    return Section("errors", "Errors", tables=(Facts(head, tuple(rows)),))
+
+
+def _lines(side: str, errors: Errors) -> list[tuple[str, ...]]:
+    return [
+        (
+            side,
+            what,
+            number(found.rms, 3),
+            percent(found.relative),
+            number(found.mean_absolute, 3),
+            pretty_unit(found.unit),
+        )
+        for what, found in (("exertion", errors.exertion), ("motion", errors.motion))
+        if found is not None
+    ]
+
+
+def _ladder(fit: LogFit) -> Section:
+    rows = [
+        (step.model, percent(step.train_relative), percent(step.held_out_relative), percent(step.held_out_std))
+        for step in fit.ladder
+    ]
+    sentence = "Held-out parts take turns at being predicted by a fit that has not seen them."
+    facts = Facts(("model", "train", "held out", "± std"), tuple(rows))
+    return Section("ladder", "Models of friction", (sentence,), tables=(facts,))

@@ -1,0 +1,97 @@
+"""Numbers as people read them."""
+
+from math import floor, isfinite, log10
+from typing import NamedTuple
+
+from norton_bench.models.parameters import BY_NAME, Estimate
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_NO_NUMBER = "–"
+_UNIT_WORDS = (("N*m*s/rad", "N·m·s/rad"), ("kg*m^2", "kg·m²"), ("N*m", "N·m"), ("**", "^"), ("*", "·"), ("^2", "²"))
+
+
+class Units(NamedTuple):
+    """Of the actuator's command, and of its modulator's, as the rig file writes them; "" where there is none."""
+
+    command: str
+    modulation: str = ""
+
+
+NO_UNITS = Units("")
+
+
+def pretty_unit(unit: str) -> str:
+    """A unit with its proper signs: "kg*m^2" is written kg·m²."""
+    for plain, proper in _UNIT_WORDS:
+        unit = unit.replace(plain, proper)
+    return "" if unit == "N·m/(N·m)" else unit
+
+
+def number(value: float, digits: int = 4) -> str:
+    """``digits`` significant digits, with a power of ten where that is shorter to read."""
+    if not isfinite(value):
+        return _NO_NUMBER
+    if value == 0.0:
+        return "0"
+    exponent = floor(log10(abs(value)))
+    if -4 < exponent < 6:
+        return f"{value:.{max(0, digits - 1 - exponent)}f}".replace("-", "−")
+    return f"{value / 10.0**exponent:.{digits - 1}f}".replace("-", "−") + power(exponent)
+
+
+def power(exponent: int) -> str:
+    """ "·10⁻⁵", or nothing for 10⁰."""
+    return f"·10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else ""
+
+
+def with_deviation(value: float, std: float) -> str:
+    """Value ± standard deviation, to two digits of the deviation: "(5.002 ± 0.013)·10⁻⁵"."""
+    if not isfinite(value):
+        return _NO_NUMBER
+    if not isfinite(std) or std <= 0.0:
+        return number(value)
+    scale = scale_of(value)
+    decimals = max(0, 1 - floor(log10(std / 10.0**scale)))
+    mean, deviation = (f"{x / 10.0**scale:.{decimals}f}".replace("-", "−") for x in (value, std))
+    return f"({mean} ± {deviation}){power(scale)}" if scale else f"{mean} ± {deviation}"
+
+
+def within(value: float, half_width: float) -> str:
+    """Value ± half of its interval, to one digit of the latter and never with a power of ten: "0.16 ± 0.03"."""
+    if not isfinite(value):
+        return _NO_NUMBER
+    if not isfinite(half_width) or half_width <= 0.0:
+        return number(value)
+    decimals = max(0, -floor(log10(half_width)))
+    return " ± ".join(f"{x:.{decimals}f}".replace("-", "−") for x in (value, half_width))
+
+
+def interval(value: float, std: float) -> str:
+    """The 95 % interval of a normal distribution, to the same digits as :func:`with_deviation`."""
+    if not (isfinite(value) and isfinite(std)) or std <= 0.0:
+        return _NO_NUMBER
+    scale = scale_of(value)
+    decimals = max(0, 1 - floor(log10(std / 10.0**scale)))
+    low, high = (f"{(value + side * 1.96 * std) / 10.0**scale:.{decimals}f}".replace("-", "−") for side in (-1, 1))
+    return f"({low} … {high}){power(scale)}" if scale else f"{low} … {high}"
+
+
+def percent(ratio: float) -> str:
+    return f"{number(100 * ratio, 2)} %" if isfinite(ratio) else _NO_NUMBER
+
+
+def symbol(estimate: Estimate) -> str:
+    """The paper's symbol for a parameter, or its name where the paper has none."""
+    return BY_NAME[estimate.name].symbol if estimate.name in BY_NAME else estimate.name
+
+
+def in_prefixed_unit(greatest: float, unit: str) -> tuple[float, str]:
+    """Factor and unit in which values up to ``greatest`` are easy to read: 0.003 N·m as 3 mN·m."""
+    small = 0.0 < abs(greatest) < 0.1
+    return (1e3, f"m{pretty_unit(unit)}") if small and unit[:1] in ("N", "r") else (1.0, pretty_unit(unit))
+
+
+def scale_of(value: float) -> int:
+    """The power of ten to write in front: none for numbers of everyday size."""
+    exponent = floor(log10(abs(value))) if value else 0
+    return exponent if not -2 <= exponent < 5 else 0

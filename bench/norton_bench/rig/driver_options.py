@@ -1,0 +1,96 @@
+"""The options of a device as its driver declares them, so that a wrong one is told before anything is opened.
+
+The module that a driver's entry point names may declare ``OPTION_UNITS`` (options that are quantities, and the unit in
+which the driver wants them), ``OPTION_FILES`` (options that may name a file beside the rig file), ``CONNECTION``
+("can" or "serial") and one subclass of ``norton_drivers.options.DeviceOptions``. A driver that declares nothing checks
+its options itself.
+"""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from pydantic import ValidationError
+
+from norton_bench.rig.mistakes import Mistakes, keys_of, sentence
+from norton_bench.rig.schema import DeviceSection
+from norton_bench.units import parse_quantity
+from norton_drivers import registry
+from norton_drivers.options import DeviceOptions, written_as
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What one driver says of its options."""
+
+    units: Mapping[str, str]
+    files: tuple[str, ...]
+    model: type[DeviceOptions] | None
+    connection: str | None = None  # "can" or "serial", where it says so
+
+
+def declared_by(group: str, driver: str) -> Declared:
+    """Raises norton_drivers.errors.WiringError for a driver that is not installed."""
+    factory = registry.load(group, driver, asked_by="driver")
+    module = sys.modules[factory.__module__]
+    units, files = getattr(module, "OPTION_UNITS", {}), getattr(module, "OPTION_FILES", ())
+    return Declared(units, files, _model_in(module), getattr(module, "CONNECTION", None))
+
+
+def read_options(
+    device: DeviceSection, declared: Declared, role: str, folder: Path, mistakes: Mistakes
+) -> dict[str, Any]:
+    """The options with quantities as numbers and files as paths; mistakes are noted."""
+    written = device.driver_options
+    options: dict[str, Any] = {}
+    for key, value in written.items():
+        try:
+            options[key] = _converted(key, value, declared, folder)
+        except ValueError as error:
+            mistakes.add(f"[{role}] {key}", str(error))
+    if declared.model is not None:
+        _check(declared.model, options, written, role, mistakes)
+    return options
+
+
+def _converted(key: str, value: object, declared: Declared, folder: Path) -> object:
+    if key in declared.units:
+        return parse_quantity(value, declared.units[key])
+    if key in declared.files and isinstance(value, str) and (folder / value).is_file():
+        return str(folder / value)
+    return value
+
+
+def _check(
+    model: type[DeviceOptions], options: dict[str, Any], written: dict[str, Any], role: str, mistakes: Mistakes
+) -> None:
+    told = set(written) - set(options)  # those that are no quantity: said already
+    try:
+        model.model_validate(options)
+    except ValidationError as error:
+        for details in error.errors():
+            key = written_as(model, str(details["loc"][0])) if details["loc"] else ""
+            if key not in told:
+                mistakes.add(
+                    f"[{role}] {key}".strip(), _explained(sentence(details, model, key, written.get(key)), model, key)
+                )
+
+
+def _explained(text: str, model: type[DeviceOptions], key: str) -> str:
+    """The sentence with what the option is, where it does not say so yet."""
+    info = keys_of(model).get(key)
+    if info is None or not info.description or info.description in text:
+        return text
+    return f"{text} ({info.description})"
+
+
+def _model_in(module: ModuleType) -> type[DeviceOptions] | None:
+    own = (
+        value
+        for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, DeviceOptions) and value.__module__ == module.__name__
+    )
+    return next(own, None)

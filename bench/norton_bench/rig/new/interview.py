@@ -1,0 +1,292 @@
+"""The questions in their order, each following from the answers before it."""
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
+
+from can.interfaces import VALID_INTERFACES
+
+from norton_bench.rig.driver_options import declared_by
+from norton_bench.rig.new.options import ask_options
+from norton_bench.rig.new.questions import Asker, Question
+from norton_bench.rig.new.text import Section, quoted, rig_text
+from norton_bench.rig.rig import NO_MODEL
+from norton_bench.units import QUANTITY, check_unit, parse_quantity
+from norton_drivers import registry
+from norton_drivers.adapters.table import ADAPTERS, UNKNOWN, mistakes
+from norton_drivers.discovery import FoundPort
+from norton_drivers.wiring import CanBusSettings
+
+NONE = "none"
+IN_SITU = ": the actuator is then identified in situ alone"
+MOTOR = "dahl_motor"
+NO_LEAST = "unlimited"
+SECTIONS = {
+    "actuator": "the device under test",
+    "load": "the machine that imposes torque or motion",
+    "torque_sensor": "between actuator and load",
+    "modulator": "the actuator's second drive, which sets its impedance",
+}
+
+
+@dataclass
+class Interview:
+    """``name`` is proposed for the bench, ``ports`` are what is plugged in."""
+
+    ask: Asker
+    name: str
+    ports: Sequence[FoundPort] = ()
+    _buses: dict[str, Section] = field(default_factory=dict, init=False)
+
+    def rig(self) -> str:
+        """The text of a rig file. Raises UsageError where a question has no answer."""
+        bench = self._bench()
+        actuator = self._device("actuator", optional=False)
+        assert actuator is not None
+        load = self._device("load", default=NONE)
+        # With a load and none, the actuator can be identified in situ alone: that is not taken for granted.
+        sensor = self._device(
+            "torque_sensor", default=NONE if load is None else None, without=IN_SITU if load is not None else ""
+        )
+        if load is None:
+            shaft = Question("rig.shaft", "the shaft: free, or clamped so that it cannot turn", "free")
+            bench.add("shaft", quoted(self._choice(shaft, ("free", "clamped"))), "nothing is coupled to the shaft")
+        devices = [device for device in (actuator, self._modulator(actuator), load, sensor) if device is not None]
+        limits = self._limits(with_sensor=sensor is not None)
+        return rig_text([bench, *self._buses.values(), *devices, limits])
+
+    def _bench(self) -> Section:
+        section = Section("rig")
+        name = Question("rig.name", "a name for the bench: letters, digits, . _ -", self.name)
+        section.add("name", quoted(self.ask.ask(name)), "files are named after it")
+        section.add("rate", self._quantity("rig.rate", "how often the loop runs", "Hz", "1 kHz"), "of the loop")
+        section.add("backend", quoted("hardware"), 'or "simulated", with a section [simulated]')
+        return section
+
+    # ---- Devices -------------------------------------------------------------------------------------------------
+
+    def _modulator(self, actuator: Section) -> Section | None:
+        """A motor has none, unless somebody says so."""
+        motor = any((line.key, line.value) == ("model", quoted(MOTOR)) for line in actuator.lines)
+        return None if motor and not self.ask.offers("modulator.driver") else self._device("modulator", default=NONE)
+
+    def _device(
+        self, role: str, *, optional: bool = True, default: str | None = None, without: str = ""
+    ) -> Section | None:
+        """``without`` is what comes of there being none."""
+        group = registry.TORQUE_SENSORS if role == "torque_sensor" else registry.AMPLIFIERS
+        drivers = tuple(registry.installed(group))
+        known = (NONE, *drivers) if optional else drivers
+        text = f"{SECTIONS[role]}: its driver" + (f' ("{NONE}" where there is none{without})' if optional else "")
+        driver = self._choice(Question(f"{role}.driver", text, default, drivers[0]), known)
+        if driver == NONE:
+            return None
+        section = Section(role, SECTIONS[role])
+        section.add("driver", quoted(driver))
+        declared = declared_by(group, driver)
+        self._connect(section, declared.connection)
+        ask_options(section, declared, self.ask)
+        self._sign(section)
+        if role == "actuator":
+            self._identified(section)
+        if role == "modulator":
+            section.add("command", self._command(role, stands_for_something=True), "what it adds at most")
+        if role == "load":
+            section.add("torque_limit", self._load_limit(), "of what it is told to give")
+        return section
+
+    def _connect(self, section: Section, connection: str | None) -> None:
+        kinds = ("can", "serial")
+        kind = connection or self._choice(
+            Question(f"{section.name}.connection", "how it is connected: can or serial", "can"), kinds
+        )
+        if kind == "serial":
+            section.add("port", quoted(self._serial_port(section.name)))
+        else:
+            section.add("bus", quoted(self._bus(section.name)))
+
+    def _sign(self, section: Section) -> None:
+        text, default = "-1 where its positive sense is not the bench's", "1"
+        if section.name == "load":
+            text = "-1 where it is mounted face to face with the actuator, 1 where its shaft turns the same way"
+            default = "-1"
+        question = Question(f"{section.name}.direction", text, default)
+        if section.name == "load" or self.ask.offers(question.key):
+            default = self._choice(question, ("1", "-1"))
+        elif section.name == "actuator":
+            return
+        section.add("direction", default, "`rig check --move` tells whether it is right")
+
+    def _identified(self, section: Section) -> None:
+        """What the actuator is identified as, and what it is told."""
+        text = 'a motor with friction, or "none": source and exertion as tables, whatever it is'
+        model = self._choice(Question("actuator.model", text, MOTOR), (MOTOR, NO_MODEL))
+        section.add("model", quoted(model), "what it is identified as")
+        comment = "the greatest one; its unit is what the drive takes, unless sent_as says another"
+        section.add("command", self._command("actuator", stands_for_something=model == NO_MODEL), comment)
+
+    def _command(self, role: str, *, stands_for_something: bool) -> str:
+        """``{ unit, limit }``; where the drive's input may stand for a position or a pressure, what else it needs."""
+        text = "the greatest command, with its unit (none for a share of the supply)"
+        table = self.ask.ask(Question(f"{role}.command", text, example="0.5 N*m", check=_command_table))
+        for key, question in _more_of_command(role, tomllib.loads(f"x = {table}")["x"]["unit"]).items():
+            if stands_for_something or self.ask.offers(question.key):
+                given = self.ask.ask(question)
+                if given != quoted(question.default or ""):
+                    table = f"{table.removesuffix(' }')}, {key} = {given} }}"
+        return table
+
+    def _load_limit(self) -> str:
+        return self._quantity(
+            "load.torque_limit", "the greatest torque that the load may be told", "N*m", None, "1 N*m"
+        )
+
+    # ---- Where they are connected --------------------------------------------------------------------------------
+
+    def _serial_port(self, role: str) -> str:
+        found = [port for port in self.ports if port.kind == "serial" and not port.interface]
+        self._tell_ports("serial ports plugged in", found)
+        default = found[0].channel if found else None
+        return self.ask.ask(Question(f"{role}.port", "its serial port", default, "/dev/ttyUSB0"))
+
+    def _bus(self, role: str) -> str:
+        default = next(iter(self._buses), "can0")
+        name = self.ask.ask(Question(f"{role}.bus", "the name of its CAN bus, a new one or one named before", default))
+        if name not in self._buses:
+            self._buses[name] = self._new_bus(name)
+        return name
+
+    def _new_bus(self, name: str) -> Section:
+        found = [(port.interface or port.kind, port) for port in self.ports if port.interface or port.kind != "serial"]
+        self._tell_ports("CAN adapters plugged in", [port for _, port in found])
+        likely = found[0][0] if found else "socketcan"
+        text = f"its interface in python-can: {', '.join(ADAPTERS)}, ..."
+        interface = self._choice(Question(f"bus.{name}.interface", text, likely), sorted(VALID_INTERFACES))
+        adapter = ADAPTERS.get(interface, UNKNOWN)
+        channel = next((port.channel for kind, port in found if kind == interface), None)
+        section = Section(f"bus.{name}")
+        section.add("interface", quoted(interface), adapter.install and f"needs {adapter.install}")
+        section.add("channel", quoted(self._channel(name, interface, adapter.channel, channel)))
+        section.add("bitrate", self._quantity(f"bus.{name}.bitrate", "its bitrate", "bit/s", "1 Mbit/s"))
+        self._more_options(section, name, interface)
+        return section
+
+    def _channel(self, name: str, interface: str, text: str, default: str | None) -> str:
+        def check(channel: str) -> str:
+            for key, fault in mistakes(CanBusSettings(name, interface, channel, 500_000)):
+                if key == "channel":
+                    raise ValueError(fault)
+            return channel
+
+        return self.ask.ask(Question(f"bus.{name}.channel", text, default, "can0", check=check))
+
+    def _more_options(self, section: Section, name: str, interface: str) -> None:
+        """What else the interface cannot do without."""
+        channel = section.lines[1].value.strip('"')
+        for key, fault in mistakes(CanBusSettings(name, interface, channel, 500_000)):
+            if key == "options":
+                example = '{ host = "192.168.1.5", port = 29536 }'
+                question = Question(
+                    f"bus.{name}.options", fault, example=example, check=_options_table(name, interface)
+                )
+                section.add("options", self.ask.ask(question))
+                return
+
+    def _tell_ports(self, heading: str, found: Sequence[FoundPort]) -> None:
+        if found:
+            self.ask.tell(heading + ":")
+        for port in found:
+            kind = port.interface or port.kind
+            self.ask.tell(f"  {kind} {port.channel}  {port.description}" + (f" ({port.mend})" if port.mend else ""))
+
+    # ---- Limits --------------------------------------------------------------------------------------------------
+
+    def _limits(self, *, with_sensor: bool) -> Section:
+        section = Section("limits", "the guard stops everything beyond these")
+        if with_sensor:
+            torque = self._quantity("limits.torque", "the greatest torque at the port", "N*m", None, "1 N*m")
+            section.add("torque", torque, "at the port")
+        velocity = self._quantity("limits.velocity", "the greatest velocity of the shaft", "rad/s", None, "60 rad/s")
+        section.add("velocity", velocity, "the procedures take their amplitudes from it")
+        position = self._limit("limits.position", "how far the shaft may turn from where it stands", "rad", "unlimited")
+        section.add("position", position, "half-width of a window about where the shaft stood")
+        temperature = self._limit("limits.temperature", "the greatest temperature of the drives", "degC", "80 degC")
+        section.add("temperature", temperature, "of the drives' transistors and motors")
+        if with_sensor:
+            self._shown(section, "power", "W", "20 W", "mechanical, at the port")
+        self._shown(section, "stale_after", "s", "5 ms", "a reading older than this stops the experiment")
+        self._shown(section, "stall_after", "s", "50 ms", "the loop itself standing still; below the watchdogs")
+        return section
+
+    def _shown(self, section: Section, key: str, unit: str, default: str, comment: str) -> None:
+        """A limit that few need to set: in the file as a comment, unless somebody did."""
+        question = Question(f"{section.name}.{key}", comment, default, check=_quantity(unit, unlimited=unit == "W"))
+        offered = self.ask.offers(question.key)
+        section.add(key, self.ask.ask(question) if offered else quoted(default), comment, active=offered)
+
+    # ---- Kinds of answer -----------------------------------------------------------------------------------------
+
+    def _choice(self, question: Question, choices: Sequence[str]) -> str:
+        return self.ask.ask(replace(question, choices=tuple(choices)))
+
+    def _quantity(self, key: str, text: str, unit: str, default: str | None, example: str = "") -> str:
+        return self.ask.ask(Question(key, text, default, example or default or "", check=_quantity(unit)))
+
+    def _limit(self, key: str, text: str, unit: str, default: str) -> str:
+        return self.ask.ask(Question(key, text, default, check=_quantity(unit, unlimited=True)))
+
+
+def _quantity(unit: str, *, unlimited: bool = False) -> Callable[[str], str]:
+    def check(text: str) -> str:
+        if not (unlimited and text == "unlimited") and not 0 < parse_quantity(text, unit) < inf:
+            raise ValueError(f'"{text}" must be greater than 0')
+        return quoted(text)
+
+    return check
+
+
+def _command_table(text: str) -> str:
+    """``{ unit, limit }`` of a quantity in any unit."""
+    match = QUANTITY.fullmatch(text)
+    if match is None or not float(match[1]) > 0:
+        raise ValueError(f'"{text}" is not a quantity greater than 0; write it like 0.5 N*m')
+    unit = match[2] or "1"
+    if unit == "1":
+        return f'{{ unit = "1", limit = {quoted(match[1])} }}'
+    return f"{{ unit = {quoted(check_unit(unit))}, limit = {quoted(text)} }}"
+
+
+def _more_of_command(role: str, unit: str) -> dict[str, Question]:
+    lowest, sent_as = (f"{role}.command.{key}" for key in ("lowest", "sent_as"))
+    return {
+        "lowest": Question(lowest, "the least that it makes sense to tell", NO_LEAST, "0 N*m", check=_lowest(unit)),
+        "sent_as": Question(sent_as, "the unit in which the drive takes the same number", unit, check=_unit),
+    }
+
+
+def _lowest(unit: str) -> Callable[[str], str]:
+    def check(text: str) -> str:
+        if text != NO_LEAST:
+            parse_quantity(text, unit)
+        return quoted(text)
+
+    return check
+
+
+def _unit(text: str) -> str:
+    return quoted(check_unit(text))
+
+
+def _options_table(name: str, interface: str) -> Callable[[str], str]:
+    def check(text: str) -> str:
+        try:
+            options: Mapping[str, object] = tomllib.loads(f"x = {text}")["x"]
+        except tomllib.TOMLDecodeError:
+            raise ValueError("write a table { key = value, ... }") from None
+        for key, fault in mistakes(CanBusSettings(name, interface, "can0", 500_000, options)):
+            if key == "options":
+                raise ValueError(fault)
+        return text
+
+    return check

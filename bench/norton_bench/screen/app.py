@@ -1,0 +1,188 @@
+"""The terminal UI: which screen follows which, and the stop that works on all of them."""
+
+import asyncio
+from collections.abc import Iterable, Mapping, Sequence
+from multiprocessing import resource_tracker
+
+from textual.app import App, SystemCommand
+from textual.binding import Binding
+from textual.driver import Driver
+from textual.events import Event, Key
+from textual.screen import Screen
+
+from norton_bench.errors import BenchError
+from norton_bench.screen.experiment import Experiment
+from norton_bench.screen.found import find_rigs, find_sessions, standard_choice
+from norton_bench.screen.heeding import heeding
+from norton_bench.screen.opening import Opening
+from norton_bench.screen.screens import keys
+from norton_bench.screen.screens.choices import ChoiceScreen
+from norton_bench.screen.screens.experiment import ExperimentScreen
+from norton_bench.screen.screens.key_list import KeyList
+from norton_bench.screen.screens.questions import Confirm
+from norton_bench.screen.screens.results import ResultsScreen
+from norton_bench.screen.settings import STOP_KEY, Settings
+from norton_bench.screen.themes import BENCH, OWN, user_themes
+
+NO_RIGS = "There is no rig file in ./rigs or here.\n\nnorton-bench rig new my-rig.toml writes one from your answers."
+SECTIONS: Mapping[str, Sequence[keys.AnyBinding]] = {
+    "Everywhere": keys.APP,
+    "At the experiment": keys.EXPERIMENT[1:],
+    "At the results": keys.RESULTS,
+}
+
+
+class BenchApp(App[None]):
+    """``opening`` makes experiments of rigs and sessions; ``first`` is the one to begin with, None to choose one."""
+
+    TITLE = "norton-bench"
+    CSS_PATH = "screen.tcss"
+    BINDINGS = keys.APP
+    ENABLE_COMMAND_PALETTE = True
+
+    def __init__(self, opening: Opening, first: Experiment | None = None, settings: Settings | None = None) -> None:
+        settings = settings or Settings()
+        self._stop_keys = frozenset([STOP_KEY, *settings.keys.get(keys.STOP_ID, "").split(",")]) - {""}
+        self.experiment: Experiment | None = None
+        super().__init__()
+        # Sessions are spawned, and the tracker of what they share wants a real stderr, which the screen takes away.
+        resource_tracker.ensure_running()
+        self._opening, self._settings, self._first = opening, settings, first
+        for theme in (*OWN, *user_themes(settings.themes)):
+            self.register_theme(theme)
+        self.theme = settings.theme or BENCH
+        self.set_keymap(dict(settings.keys))
+
+    def get_driver_class(self) -> type[Driver]:
+        return heeding(super().get_driver_class(), self._heed)
+
+    def on_mount(self) -> None:
+        self.run_worker(self._open(), exclusive=True, group="opening")
+
+    async def _open(self) -> None:
+        """Choose what has not been chosen yet, then show the experiment; again and again until somebody leaves."""
+        experiment = self._first
+        while True:
+            if experiment is None:
+                experiment = await self._choose()
+            if experiment is None:
+                self.exit()
+                return
+            self.experiment, left = experiment, asyncio.Event()
+            await self.push_screen(ExperimentScreen(experiment, fps=self._settings.fps, abort=left.set))
+            await left.wait()
+            await asyncio.to_thread(experiment.close)
+            self.experiment = experiment = None
+            while len(self.screen_stack) > 1:
+                await self.pop_screen()
+
+    async def _choose(self) -> Experiment | None:
+        """A rig, then a session on it; None where neither is wanted."""
+        while True:
+            rig_path = self._opening.rig_path
+            if rig_path is None:
+                rigs = find_rigs(self._opening.folder)
+                number = await self.push_screen_wait(ChoiceScreen("Which rig?", rigs.choices, NO_RIGS))
+                if number is None:
+                    return None
+                rig_path = rigs.paths[number]
+            rig = self._opening.load_rig(rig_path)
+            sessions = find_sessions(self._opening.folder)
+            choices = [standard_choice(rig), *sessions.choices]
+            number = await self.push_screen_wait(ChoiceScreen(f"Which session on {rig.name}?", choices, ""))
+            if number is not None:
+                try:
+                    path = sessions.paths[number - 1] if number else None
+                    return await asyncio.to_thread(self._opening.experiment, rig, path)
+                except BenchError as error:
+                    self.notify(str(error), title="Not on this rig", severity="error", timeout=15, markup=False)
+            elif self._opening.rig_path is not None:
+                return None
+
+    def _heed(self, key: str) -> None:
+        """Called in the driver's thread, before anything is done about the key."""
+        if key in self._stop_keys and self.experiment is not None:
+            self.experiment.stop()
+
+    async def on_event(self, event: Event) -> None:
+        """The stop comes before every binding: one would leave a printable key to the field that has the focus."""
+        if isinstance(event, Key) and event.key in self._stop_keys and not event.is_forwarded and self._may_stop:
+            self.action_stop()
+            return
+        await super().on_event(event)
+
+    @property
+    def _may_stop(self) -> bool:
+        return self.experiment is not None and (self.experiment.stoppable or self.experiment.live)
+
+    def action_stop(self) -> None:
+        """What the key does, and the word in the palette."""
+        if self.experiment is not None:
+            was_live = self.experiment.live
+            self.experiment.stop()
+            if was_live:
+                self.notify("Stopping: the drives go idle at once, the recording is finished.", severity="warning")
+            self.screen.refresh_bindings()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Where there is nothing to stop, the space bar is a space bar."""
+        if action == "stop":
+            return self._may_stop
+        return True
+
+    def action_keys(self) -> None:
+        sections = [
+            (
+                title,
+                [
+                    (self._shown(binding), binding.tooltip)
+                    for binding in bindings
+                    if isinstance(binding, Binding) and not binding.system
+                ],
+            )
+            for title, bindings in SECTIONS.items()
+        ]
+        self.push_screen(KeyList(sections))
+
+    def _shown(self, binding: Binding) -> str:
+        keyed = self._settings.keys.get(binding.id or "", binding.key)
+        return " ".join(self.get_key_display(Binding(key.strip(), "")) for key in keyed.split(","))
+
+    def action_leave(self) -> None:
+        if self.experiment is not None and self.experiment.live:
+            question = Confirm("Leave the experiment?", "The drives go idle at once.", "Stop and leave")
+            self.push_screen(question, self._leave_if)
+        else:
+            self._leave_if(True)
+
+    def _leave_if(self, sure: bool | None) -> None:
+        if sure:
+            if self.experiment is not None:
+                self.experiment.stop("the operator left")
+            self.run_worker(self._leave(), group="leaving")
+
+    async def _leave(self) -> None:
+        if self.experiment is not None:
+            await asyncio.to_thread(self.experiment.close)
+        self.exit()
+
+    def show_results(self) -> None:
+        """Of the experiment; a replay's recording is fitted for it."""
+        if self.experiment is None:
+            return
+        if self.experiment.replay is not None:
+            self.experiment.replay.fit()
+        self.push_screen(ResultsScreen(self.experiment))
+
+    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        """Every key's action by name, then textual's own commands."""
+        for active in screen.active_bindings.values():
+            binding = active.binding
+            if binding.tooltip and active.enabled and not binding.system:
+                node = active.node
+
+                async def run(action: str = binding.action, target: object = node) -> None:
+                    await self.run_action(action, target)  # type: ignore[arg-type]
+
+                yield SystemCommand(binding.description, binding.tooltip, run)
+        yield from super().get_system_commands(screen)

@@ -1,0 +1,102 @@
+"""One experiment as the screens see it: what is known of it, and whom to ask for what."""
+
+from collections.abc import Callable, Sequence
+
+from norton_bench.rig.rig import Rig
+from norton_bench.screen.panels.bar import BADGES, HALTED, REPLAYING, Badge
+from norton_bench.screen.picture.picture import OVER, Picture
+from norton_bench.screen.sources import Replayed, Source
+from norton_bench.session.operator import Kind, Order
+from norton_bench.session.progress import PlannedStep, Prompt, SessionState, Summary
+
+# A session does not tell that it obeys; the recording that is replayed does at once.
+BY_KEY = "the operator, by key"
+
+
+class Experiment:
+    """Ready until :meth:`start`; over once its session has told how it ended.
+
+    ``begin`` makes the source of its news, each time it is started; ``plan`` is shown until then.
+    """
+
+    def __init__(self, rig: Rig, what: str, begin: Callable[[], Source], *, plan: Sequence[PlannedStep] = ()) -> None:
+        self.rig, self.what = rig, what
+        self.picture = Picture(rig)
+        self.picture.plan(plan)
+        self.stopped = False
+        self._begin = begin
+        self.source: Source | None = None
+
+    @property
+    def replay(self) -> Replayed | None:
+        """The recording, where this is one."""
+        return self.source if isinstance(self.source, Replayed) else None
+
+    @property
+    def over(self) -> bool:
+        return self.picture.state_now in OVER
+
+    @property
+    def live(self) -> bool:
+        """Whether a session is under way, in which drives may move now or later."""
+        return self.source is not None and self.replay is None and not self.over
+
+    @property
+    def stoppable(self) -> bool:
+        """Whether there is anything that a stop would stop."""
+        return self.live or (self.replay is not None and not self.replay.replay.paused and not self.over)
+
+    @property
+    def paused(self) -> bool:
+        if self.replay is not None:
+            return self.replay.replay.paused
+        return self.picture.state_now in (SessionState.PAUSED, SessionState.PAUSING)
+
+    @property
+    def prompt(self) -> Prompt | None:
+        return self.picture.prompt if self.live else None
+
+    @property
+    def summary(self) -> Summary | None:
+        """How it ended; of a replay what the recording was found to tell."""
+        return self.picture.summary if self.replay is None else self.replay.summary
+
+    def start(self) -> None:
+        """Begin, or begin again after the end."""
+        self.picture, self.stopped = Picture(self.rig), False
+        self.source = self._begin()
+
+    def tell(self) -> None:
+        """Take in what is new."""
+        if self.source is not None:
+            self.source.tell(self.picture)
+            self.picture.look_at_clock()
+
+    def order(self, kind: Kind, text: str = "") -> None:
+        if self.source is not None:
+            self.source.order(Order(kind, text))
+
+    def stop(self, reason: str = BY_KEY) -> None:
+        """At once, from whatever thread. The first reason counts."""
+        if self.source is not None and self.stoppable:
+            self.stopped = True
+            self.source.stop(reason)
+
+    def seek(self, to_s: float) -> None:
+        """Replay from ``to_s`` on; what was known of later moments is forgotten."""
+        if self.replay is not None:
+            self.picture = Picture(self.rig)
+            self.replay.replay.seek(to_s)
+
+    def close(self) -> None:
+        """End the session, however long that takes."""
+        if self.source is not None:
+            self.source.close()
+
+
+def badge_of(experiment: Experiment) -> Badge:
+    """Where it is, in a sign and a word."""
+    if experiment.replay is None:
+        return BADGES[experiment.picture.state_now]
+    replay = experiment.replay.replay
+    return HALTED if replay.paused or replay.ended else REPLAYING

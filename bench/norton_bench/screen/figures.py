@@ -1,0 +1,168 @@
+"""What the plots of an experiment show, from what is known of it."""
+
+from dataclasses import replace
+from math import isfinite
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.records import Table
+from norton_bench.report.words import number, pretty_unit
+from norton_bench.screen.picture.picture import Picture
+from norton_bench.screen.picture.tabulated import EXTERNAL
+from norton_bench.screen.plots.axes import prefixed
+from norton_bench.screen.plots.figure import NOTHING_YET, Axis, Figure, Markers, Trace
+
+FloatArray = npt.NDArray[np.float64]
+
+TIME = "time"
+PHASE_S, FRESH_S = 20.0, 0.5
+PHASE_POINTS = 4000
+SOURCE_POINTS = 200
+# Ranges below these show nothing but noise and the steps of encoders.
+LEAST = {"N*m": 2e-3, "rad/s": 0.2, "rad": 2e-4}
+RISING, FALLING = "▴", "▾"
+NEEDED_FOR_SOURCE = ("torque_gain", "viscous_damping", "coulomb_torque")
+
+
+def torque(picture: Picture, window_s: float) -> Figure:
+    """The torque at the port."""
+    figure = _over_time(picture, window_s, "Torque", "N*m", ("torque_nm",), feet=False)
+    return replace(figure, empty=_why_no_torque(picture))
+
+
+def velocity(picture: Picture, window_s: float) -> Figure:
+    """The actuator's velocity, and beside it, dashed, the one that the load was told to follow."""
+    return _over_time(
+        picture, window_s, "Velocity", "rad/s", ("velocity_rad_s", "reference_velocity_rad_s"), feet=False
+    )
+
+
+def command(picture: Picture, window_s: float) -> Figure:
+    """The actuator's command as it was sent."""
+    return _over_time(picture, window_s, "Command", picture.rig.command.unit, ("command",))
+
+
+def torque_velocity(picture: Picture) -> Figure:
+    """Torque against velocity, since the segment began."""
+    rows, fresh = _of_segment(picture)
+    x = Axis("velocity", "rad/s", LEAST["rad/s"])
+    figure = _phase("Torque – velocity", x, rows["velocity_rad_s"], rows["torque_nm"], fresh)
+    return replace(figure, empty=_why_no_torque(picture))
+
+
+def torque_position(picture: Picture) -> Figure:
+    """Torque against position about its middle, since the segment began: hysteresis draws itself."""
+    rows, fresh = _of_segment(picture)
+    position = rows["position_rad"]
+    middle = (position.max() + position.min()) / 2 if len(position) else 0.0
+    x = Axis("position", "rad", LEAST["rad"])
+    figure = _phase("Torque – position", x, position - middle, rows["torque_nm"], fresh)
+    return replace(figure, empty=_why_no_torque(picture))
+
+
+def source(picture: Picture) -> Figure:
+    """The motion source: a velocity, where it is a motor's, else a place."""
+    return _velocities(picture) if picture.rig.modelled and not picture.tabulated.sources else _places(picture)
+
+
+def _places(picture: Picture) -> Figure:
+    """Where the port rests under each command, by the side from which the command came."""
+    unit, readings = picture.rig.command.unit, picture.tabulated.sources
+    markers = []
+    for tone, sign in enumerate((RISING, FALLING)):
+        chosen = [each for each in readings if each.rising is (sign == RISING)]
+        command, position_rad = (
+            np.array([getattr(each, column) for each in chosen]) for column in ("command", "position_rad")
+        )
+        markers.append(Markers(command, position_rad, sign, tone))
+    return Figure(
+        "Motion source" + (f", {readings[-1].what} port" if readings and readings[-1].what == EXTERNAL else ""),
+        Axis("command", unit, LEAST.get(unit, 1e-3)),
+        Axis("position", "rad", LEAST["rad"]),
+        markers=tuple(each for each in markers if len(each.x)),
+        latest=f"{RISING}{FALLING} {len(readings)} levels" if readings else "",
+        empty="fills in while 'tabulate_source' runs",
+    )
+
+
+def _velocities(picture: Picture) -> Figure:
+    """Sweeps, settled levels by the side they were approached from, and the identified curve."""
+    seen, unit = picture.source, picture.rig.command.unit
+    rising, falling = seen.branch(rising=True), seen.branch(rising=False)
+    traces = (Trace(seen.cloud[:, 0], seen.cloud[:, 1], tone=2, cloud=True), *_identified(picture))
+    markers = (
+        Markers(rising[:, 0], rising[:, 1], RISING, 0),
+        Markers(falling[:, 0], falling[:, 1], FALLING, 1),
+    )
+    levels = len(rising) + len(falling)
+    return Figure(
+        "Motion source",
+        Axis("command", unit, LEAST.get(unit, 1e-3)),
+        Axis("velocity", "rad/s", LEAST["rad/s"]),
+        tuple(trace for trace in traces if len(trace.x)),
+        tuple(each for each in markers if len(each.x)),
+        f"{RISING}{FALLING} {levels} levels" if levels else "",
+        empty="found in situ, at the end" if picture.in_situ else "fills in while the step 'free' runs",
+    )
+
+
+def _identified(picture: Picture) -> tuple[Trace, ...]:
+    """The static source of the estimates, ω = (Km·Ka·c ∓ τc)/B outside the dead zone (paper, section IV.D)."""
+    values, seen = picture.known.network(), picture.source
+    known = np.concatenate([seen.cloud, *seen.levels.values()]) if len(seen.cloud) else seen.cloud
+    if values is None or not len(known) or any(name not in values for name in NEEDED_FOR_SOURCE):
+        return ()
+    gain, damping, friction = (values[name] for name in NEEDED_FOR_SOURCE)
+    commands = np.linspace(known[:, 0].min(), known[:, 0].max(), SOURCE_POINTS)
+    driven = gain * commands
+    return (Trace(commands, np.sign(driven) * np.maximum(np.abs(driven) - friction, 0) / damping, tone=1),)
+
+
+def _over_time(
+    picture: Picture, window_s: float, title: str, unit: str, names: tuple[str, ...], *, feet: bool = True
+) -> Figure:
+    end_s = max(picture.now_s, window_s)
+    rows = picture.tape.since(picture.first_ns + round((end_s - window_s) * 1e9))
+    time_s = (rows["tick_ns"] - picture.first_ns) * 1e-9
+    traces = [Trace(time_s, rows[name], tone, dashed=tone > 0) for tone, name in enumerate(names)]
+    seen = [trace for trace in traces if len(rows) and np.isfinite(trace.y).any()]
+    return Figure(
+        title,
+        Axis(TIME, "s", 1.0, (end_s - window_s, end_s)),
+        Axis(title, unit, LEAST.get(unit, 1e-3)),
+        tuple(seen),
+        latest=_said(float(rows[names[0]][-1]), unit) if len(rows) else "",
+        growing=True,
+        feet=feet,
+        legend="╌ asked for" if len(seen) > 1 else "",
+    )
+
+
+def _said(value: float, unit: str) -> str:
+    """Always as wide, so that nothing dances beside it."""
+    if not isfinite(value):
+        return "–"
+    factor, shown = prefixed(abs(value), unit) if abs(value) >= 1e-3 else (1e3, f"m{pretty_unit(unit)}")
+    return f"{number(value * factor, 3):>6} {shown}"
+
+
+def _of_segment(picture: Picture) -> tuple[Table, int]:
+    """The ticks of the segment that runs, not too many, and how many of them are fresh."""
+    rows = picture.tape.since(picture.first_ns + round((picture.now_s - PHASE_S) * 1e9))
+    if not len(rows):
+        return rows, 0
+    rows = rows[int(np.argmax(rows["segment"] == rows["segment"][-1])) :]
+    fresh = int(np.count_nonzero(rows["tick_ns"] > rows["tick_ns"][-1] - round(FRESH_S * 1e9)))
+    every = max(1, len(rows) // PHASE_POINTS)
+    return rows[::-every][::-1], fresh // every
+
+
+def _phase(title: str, x: Axis, x_values: FloatArray, y_values: FloatArray, fresh: int) -> Figure:
+    cut = max(len(x_values) - fresh - 1, 0)
+    traces = (Trace(x_values[cut:], y_values[cut:], 0), Trace(x_values[: cut + 1], y_values[: cut + 1], 2))
+    return Figure(title, x, Axis("torque", "N*m", LEAST["N*m"]), tuple(t for t in traces if np.isfinite(t.y).any()))
+
+
+def _why_no_torque(picture: Picture) -> str:
+    return NOTHING_YET if picture.rig.wiring.torque_sensor is not None else "no torque sensor on this bench"

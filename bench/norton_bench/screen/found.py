@@ -1,0 +1,90 @@
+"""The rigs and sessions that lie about: in ./rigs and ./sessions, or in the working folder."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from norton_bench.errors import BenchError
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session.schema import Session, load_session, standard_session
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One thing to choose: its name, what to say of it, and why it cannot be chosen, if so."""
+
+    name: str
+    said: str
+    mistake: str = ""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Files of one kind, as choices, in order."""
+
+    paths: Sequence[Path]
+    choices: Sequence[Choice]
+
+
+def find_rigs(folder: Path) -> Found:
+    """Every TOML file in folder/rigs, or else in the folder, that has a section [rig]."""
+    paths = [path for path in _files(folder, "rigs") if "[rig]" in _text(path)]
+    return _found(folder, paths, lambda path: _rig(load_rig(path)))
+
+
+def find_sessions(folder: Path) -> Found:
+    """Every TOML file in folder/sessions, or else in the folder, that has a section [[step]]."""
+    paths = [path for path in _files(folder, "sessions") if "[[step]]" in _text(path)]
+    return _found(folder, paths, lambda path: _session(load_session(path)))
+
+
+def standard_choice(rig: Rig) -> Choice:
+    """The built-in session."""
+    steps = ", ".join(step.do for step in standard_session(rig).every_step())
+    return Choice("standard session", f"Everything that {rig.name} can perform:\n{steps}.")
+
+
+def _files(folder: Path, name: str) -> list[Path]:
+    own = folder / name
+    return sorted((own if own.is_dir() else folder).glob("*.toml"))
+
+
+def _found(folder: Path, paths: Sequence[Path], say: Callable[[Path], str]) -> Found:
+    return Found(paths, [_choice(folder, path, say) for path in paths])
+
+
+def _choice(folder: Path, path: Path, say: Callable[[Path], str]) -> Choice:
+    try:
+        return Choice(path.stem, "\n\n".join(filter(None, (_comment(path), say(path), str(path.relative_to(folder))))))
+    except BenchError as error:
+        return Choice(path.stem, "", str(error))
+
+
+def _comment(path: Path) -> str:
+    """What the file says of itself at its top."""
+    lines = []
+    for line in _text(path).splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# "))
+    return "\n".join(lines)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def _rig(rig: Rig) -> str:
+    devices = [
+        f"{device.role.replace('_', ' '):<14}{device.driver:<10}{device.bus or device.port}"
+        for device in rig.wiring.devices()
+    ]
+    return "\n".join([f"{rig.backend}, {1 / rig.tick_s:.0f} Hz", *devices])
+
+
+def _session(session: Session) -> str:
+    return "\n".join(f"{number}  {step.do}" for number, step in enumerate(session.every_step(), 1))

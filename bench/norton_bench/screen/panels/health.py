@@ -1,0 +1,72 @@
+"""How devices, buses and the loop are, a row each."""
+
+from math import isfinite
+
+from norton_bench.loop.timing import Spread, loop_timing
+from norton_bench.screen.picture.health import Health, Pulse
+from norton_bench.screen.picture.picture import Picture
+from norton_bench.screen.tones import BAD, GOOD, LABEL, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+
+SIGNS = {"ok": ("●", GOOD), "silent": ("✗", BAD), "trouble": ("▲", WARNING), "unheard": ("○", LABEL)}
+LOOKED_BACK_S = 5.0
+WITH_PLACE, WITH_LOST = 56, 74
+STAGE = 22  # columns before the numbers of the loop
+NAME, KIND, RATE, AGE, TEMPERATURE, LOST = 14, 14, 9, 9, 7, 10
+
+
+def health_rows(picture: Picture, width: int, height: int) -> list[Row]:
+    """Devices, buses, the loop; the last trouble of each where there is room for it."""
+    health = picture.health
+    rows = [heading("Bench", "", in_short(health), width)]
+    pulses = [*health.devices(), *health.buses()]
+    rows += [_pulse(pulse, width) for pulse in pulses] + _loop(picture, width)
+    troubles: list[Row] = [[("▲ ", WARNING), (f"{each.name}: {each.said}", LABEL)] for each in pulses if each.said]
+    return [fitted(row, width) for row in (*rows, *troubles)][:height]
+
+
+def in_short(health: Health) -> str:
+    """What is not well, by name; empty where all is."""
+    bad = [pulse.name for pulse in (*health.devices(), *health.buses()) if pulse.state in ("silent", "trouble")]
+    return f"look at {', '.join(bad)}" if bad else ""
+
+
+def _pulse(pulse: Pulse, width: int) -> Row:
+    sign, tone = SIGNS[pulse.state]
+    left: Row = [(f"{sign} ", tone), (pulse.name.ljust(NAME), TEXT)]
+    if width >= WITH_PLACE:
+        left.append((pulse.kind.ljust(KIND)[:KIND], LABEL))
+    numbers = _known(pulse.rate_hz, "{:.0f} Hz").rjust(RATE) + _known(pulse.age_ms, "{:.1f} ms").rjust(AGE)
+    if width >= WITH_LOST:
+        numbers += (f"{pulse.lost} lost" if pulse.lost else "").rjust(LOST)
+    numbers += _known(pulse.temperature_c, "{:.0f} °C").rjust(TEMPERATURE)
+    if not numbers.strip():
+        return [*left, (pulse.place, UNIT)]
+    return apart(left, [(numbers if pulse.state != "unheard" else "not heard yet", LABEL)], width)
+
+
+def _known(value: float, form: str) -> str:
+    return form.format(value) if isfinite(value) else ""
+
+
+def _loop(picture: Picture, width: int) -> list[Row]:
+    """Lateness, work and stages of the last seconds; in lock step time waits for the loop, and nothing can be late."""
+    tick_ns = picture.rig.tick_ns
+    found = loop_timing(picture.tape.rows()[-round(LOOKED_BACK_S * 1e9 / tick_ns) :])
+    rate = f"{1e9 / tick_ns:.0f} Hz"
+    if found is None:
+        return [[("○ ", LABEL), ("loop".ljust(NAME), TEXT), (rate, LABEL)]]
+    sign, tone = SIGNS["trouble" if found.skipped else "ok"]
+    left: Row = [(f"{sign} ", tone), ("loop".ljust(NAME), TEXT), (rate, LABEL)]
+    if found.in_lock_step:
+        return [apart(left, [("lock step, never late", LABEL)], width)]
+    skipped = f"{found.skipped} of {found.ticks + found.skipped} skipped" if found.skipped else "no tick skipped"
+    return [
+        apart(left, [(skipped, WARNING if found.skipped else LABEL)], width),
+        [("".ljust(STAGE), LABEL), ("   p50     p99    most  µs", UNIT)],
+        *(_spread(name, spread) for name, spread in (("late", found.lateness), ("work", found.work), *found.stages)),
+    ]
+
+
+def _spread(name: str, spread: Spread) -> Row:
+    levels = (spread.median_ns, spread.p99_ns, spread.most_ns)
+    return [(f"    {name:<{STAGE - 4}}", LABEL), (" ".join(f"{level * 1e-3:>7.0f}" for level in levels)[1:], TEXT)]

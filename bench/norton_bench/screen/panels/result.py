@@ -1,0 +1,132 @@
+"""The result of an experiment on one page: parameters, figures of merit, verdict, files."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from textwrap import wrap
+
+from norton_bench.errors import ExitCode
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.report.section import Facts
+from norton_bench.report.words import interval, number, percent, pretty_unit, symbol
+from norton_bench.screen.panels.parameters import SIGNS
+from norton_bench.screen.tones import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
+from norton_bench.session.progress import Summary
+
+WITH_NAME = 96
+SYMBOL, NAME, VALUE, UNIT_WIDTH, INTERVAL = 6, 22, 11, 10, 26
+FACT = 12
+GAP = 3  # between the columns of a table
+NAMING = ("port", "command", "modulation")  # columns that name a row
+
+
+def result_rows(summary: Summary, width: int) -> list[Row]:
+    """As many rows as it takes."""
+    sections = [_end(summary, width), _parameters(summary.estimates, width)]
+    sections += [_trials(summary, width), *_tables(summary.tables, width), _merit(summary, width)]
+    sections += [_listed("Conditions", "of telling it from the port", summary.conditions, width)]
+    sections += [_listed("Verdict", "", summary.verdict, width), _files(summary, width)]
+    return [row for section in sections if section for row in (*section, [("", TEXT)])]
+
+
+def _end(summary: Summary, width: int) -> list[Row]:
+    """In a line how it went; where it failed, why."""
+    if summary.failure:
+        return [
+            [(line, BAD if not number_ else TEXT)] for number_, line in enumerate(wrap(f"■ {summary.failure}", width))
+        ]
+    known = sum(estimate.status is Status.VALID for estimate in summary.estimates)
+    if summary.exit_code is not ExitCode.OK:
+        return [[("▲ No result: the verdict says why.", WARNING)]]
+    if not summary.estimates and (summary.tables or summary.trials):
+        return [[("✓ ", GOOD), ("Done; what was found stands below.", STRONG)]]
+    if not summary.estimates:
+        return [[("✓ ", GOOD), ("Done; nothing of it was meant for a fit.", STRONG)]]
+    return [[("✓ ", GOOD), (f"{known} of {len(summary.estimates)} parameters are known.", STRONG)]]
+
+
+def _parameters(estimates: tuple[Estimate, ...], width: int) -> list[Row]:
+    if not estimates:
+        return []
+    return [heading("Parameters", "with 95 % intervals", "", width), *(_parameter(each, width) for each in estimates)]
+
+
+def _parameter(estimate: Estimate, width: int) -> Row:
+    sign, tone = SIGNS[estimate.status]
+    row: Row = [(symbol(estimate).ljust(SYMBOL), STRONG)]
+    if width >= WITH_NAME:
+        row.append((estimate.name.replace("_", " ").ljust(NAME), LABEL))
+    row.append((f"{number(estimate.value, 5):>{VALUE}}", TEXT))
+    row.append((f" {pretty_unit(estimate.unit):<{UNIT_WIDTH}}", UNIT))
+    row.append((f"{interval(estimate.value, estimate.std):>{INTERVAL}}", LABEL))
+    return fitted([*row, (f"  {sign} {estimate.status.value}", tone)], width)
+
+
+def _trials(summary: Summary, width: int) -> list[Row]:
+    lines = [line for said in summary.trials for line in wrap(said, width)]
+    return [heading("Trials", "", "", width), *([(line, TEXT)] for line in lines)] if lines else []
+
+
+def _tables(tables: tuple[Facts, ...], width: int) -> Iterator[list[Row]]:
+    """Each as a section; the first says what they are."""
+    parts = (part for facts in tables for part in _folded(facts, width))
+    for number_, facts in enumerate(parts):
+        columns = _widths(facts)
+        head = "".join(text.rjust(column) for text, column in zip(facts.head, columns, strict=True))
+        rows = ["".join(text.rjust(column) for text, column in zip(row, columns, strict=True)) for row in facts.rows]
+        above = [heading("Tables", "with 95 % intervals", "", width)] if not number_ else []
+        yield [*above, fitted([(head, LABEL)], width), *(fitted([(row, TEXT)], width) for row in rows)]
+
+
+def _folded(facts: Facts, width: int) -> Iterator[Facts]:
+    """The same table in parts that are no wider, each with the columns that name its rows."""
+    columns = _widths(facts)
+    naming = [place for place, text in enumerate(facts.head) if text.split(" ")[0] in NAMING]
+    chosen = list(naming)
+    for place in range(len(columns)):
+        if place in naming:
+            continue
+        if len(chosen) > len(naming) and sum(columns[each] for each in (*chosen, place)) > width:
+            yield _columns_of(facts, chosen)
+            chosen = list(naming)
+        chosen.append(place)
+    yield _columns_of(facts, chosen)
+
+
+def _columns_of(facts: Facts, places: list[int]) -> Facts:
+    return Facts(
+        tuple(facts.head[place] for place in places),
+        tuple(tuple(row[place] for place in places) for row in facts.rows),
+    )
+
+
+def _widths(facts: Facts) -> list[int]:
+    return [max(map(len, column)) + GAP for column in zip(facts.head, *facts.rows, strict=True)]
+
+
+def _listed(title: str, beside: str, sentences: tuple[str, ...], width: int) -> list[Row]:
+    """Under a heading, each with a dot before it; nothing where there are none."""
+    lines = [line for said in sentences for line in wrap(said, width - 2, initial_indent="· ", subsequent_indent="  ")]
+    return [heading(title, beside, "", width), *([(line, TEXT)] for line in lines)] if lines else []
+
+
+def _merit(summary: Summary, width: int) -> list[Row]:
+    """How well what no fit has seen was predicted, and whether what was expected came true."""
+    rows: list[Row] = []
+    for what, share in (("torque", summary.torque_relative), ("velocity", summary.velocity_relative)):
+        if share is not None:
+            said = ("  rms off, where no fit has looked", LABEL)
+            rows.append([(what.ljust(FACT), LABEL), (f"{percent(share)} of it", STRONG), said])
+    for judged in summary.expectations:
+        sign = ("✓ ", GOOD) if judged.met else ("✗ ", BAD)
+        rows.append(fitted([sign, (judged.said, TEXT)], width))
+    return [heading("Figures of merit", "", "", width), *(fitted(row, width) for row in rows)] if rows else []
+
+
+def _files(summary: Summary, width: int) -> list[Row]:
+    files: list[tuple[str, Path | None]] = [
+        ("recording", summary.recording),
+        ("network", summary.network),
+        ("report", summary.report),
+    ]
+    rows: list[Row] = [[(name.ljust(FACT), LABEL), (str(path), TEXT)] for name, path in files if path is not None]
+    return [heading("Files", "", "", width), *(fitted(row, width) for row in rows)] if rows else []

@@ -1,0 +1,58 @@
+"""Rows of characters with tones as a widget: drawn when the terminal is next written to, and at no other time."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+from rich.segment import Segment
+from rich.style import Style
+from textual.strip import Strip
+from textual.widget import Widget
+
+from norton_bench.screen.tones import TONES, Row, fitted
+
+
+class Rows(Widget):
+    """What :meth:`draw` gives, line by line. Takes no focus and no keys."""
+
+    can_focus = False
+    COMPONENT_CLASSES: ClassVar[set[str]] = {f"tone--{tone}" for tone in TONES}
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002  (textual's own name)
+        super().__init__(id=id)
+        self._drawn: list[Strip] | None = None
+        self._styles: dict[str, Style] = {}
+
+    @abstractmethod
+    def draw(self, width: int, height: int) -> list[Row]:
+        """At most ``height`` rows of at most ``width`` characters."""
+
+    def changed(self) -> None:
+        """Draw anew with the next frame. What is hidden costs nothing."""
+        self._drawn = None
+        if self.is_on_screen:
+            self.refresh()
+
+    def notify_style_update(self) -> None:
+        self._drawn = None
+        self._styles.clear()
+        super().notify_style_update()
+
+    def on_resize(self) -> None:
+        self._drawn = None
+
+    def render_line(self, y: int) -> Strip:
+        width = self.size.width
+        if self._drawn is None:
+            self._drawn = [self._strip(row, width) for row in self.draw(width, self.size.height)]
+        return self._drawn[y] if y < len(self._drawn) else self._strip([], width)
+
+    def _strip(self, row: Row, width: int) -> Strip:
+        """Every character of ours is one column wide, so nothing needs measuring."""
+        segments = [Segment(text, self._style(tone)) for text, tone in fitted(row, width)]
+        return Strip(segments, width)
+
+    def _style(self, tone: str) -> Style:
+        """Looked up once: textual works each of them out anew from all ancestors."""
+        if tone not in self._styles:
+            self._styles[tone] = self.get_component_rich_style(f"tone--{tone}")
+        return self._styles[tone]

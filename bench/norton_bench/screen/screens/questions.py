@@ -1,0 +1,91 @@
+"""Small windows that ask something. Space stops in them too, so words are joined by dashes."""
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.screen import ModalScreen
+from textual.widgets import Button, Input, Label
+
+from norton_bench.screen.screens.keys import key
+from norton_bench.session.progress import Prompt
+
+SPACE_STOPS = "space stops: join words with -"
+
+
+class Mark(ModalScreen[str]):
+    """A remark for the recording; empty where none is wanted after all."""
+
+    BINDINGS: ClassVar = [key("escape", "cancel", "Cancel", "Put no mark", name="cancel_mark")]
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="question"):
+            yield Label("Mark this moment", classes="asked")
+            yield Input(placeholder=SPACE_STOPS, id="answer")
+            yield Label("enter puts it into the recording · escape leaves it", classes="hint")
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        self.dismiss(event.value or "mark")
+
+    def action_cancel(self) -> None:
+        self.dismiss("")
+
+
+class Ask(ModalScreen[str | None]):
+    """What a session asks: one of its choices, or any text. None where it is left for later."""
+
+    BINDINGS: ClassVar = [key("escape", "later", "Later", "Answer later; the session waits", name="answer_later")]
+
+    def __init__(self, prompt: Prompt) -> None:
+        super().__init__()
+        self.prompt = prompt
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="question"):
+            yield Label(self.prompt.text, classes="asked", markup=False)
+            if self.prompt.choices:
+                with Horizontal(classes="choices"):
+                    for number, choice in enumerate(self.prompt.choices):
+                        yield Button(choice, id=f"choice-{number}")
+            else:
+                yield Input(placeholder=SPACE_STOPS, id="answer")
+            yield Label("enter answers · escape leaves it for later · space stops", classes="hint")
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        self.dismiss(self.prompt.choices[int((event.button.id or "choice-0").removeprefix("choice-"))])
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        self.dismiss(event.value)
+
+    def action_later(self) -> None:
+        self.dismiss(None)
+
+
+class Confirm(ModalScreen[bool]):
+    """Whether to do something that cannot be taken back."""
+
+    BINDINGS: ClassVar = [
+        key("y", "yes", "Yes", "Do it", name="confirm_yes"),
+        key("n,escape", "no", "No", "Leave it", name="confirm_no"),
+    ]
+
+    def __init__(self, question: str, consequence: str, do: str) -> None:
+        super().__init__()
+        self._question, self._consequence, self._do = question, consequence, do
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="question"):
+            yield Label(self._question, classes="asked")
+            yield Label(self._consequence, classes="consequence")
+            with Horizontal(classes="choices"):
+                yield Button(f"{self._do} (y)", id="yes", variant="error")
+                yield Button("No (n)", id="no")
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        self.dismiss(event.button.id == "yes")
+
+    def action_yes(self) -> None:
+        self.dismiss(True)
+
+    def action_no(self) -> None:
+        self.dismiss(False)

@@ -1,0 +1,96 @@
+"""The user's settings of the screen: theme, frames a second, keys. One TOML file, which need not be there."""
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from platformdirs import user_config_path
+from pydantic import BaseModel, ConfigDict, Field
+
+from norton_bench.errors import UsageError
+from norton_bench.rig.files import parse_toml, read_text
+from norton_bench.rig.mistakes import Mistakes, nearest, toml
+
+PLACE = "NORTON_BENCH_CONFIG"
+STOP_KEY, STOP = "space", "stop"
+FPS = 25.0
+COLOURS = (
+    *("primary", "secondary", "accent", "warning", "error", "success"),
+    *("foreground", "background", "surface", "panel"),
+)
+COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+DARK = "dark"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """``keys`` by the id of what they do; ``themes`` by name: colours, and "dark"."""
+
+    theme: str = ""
+    fps: float = FPS
+    keys: Mapping[str, str] = field(default_factory=dict)
+    themes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
+
+    theme: str = Field("", examples=["nord"])
+    fps: float = Field(FPS, ge=1, le=60, examples=[10])
+    keys: dict[str, str] = Field(default_factory=dict, examples=[{"pause": "f5"}])
+    themes: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+
+def settings_path() -> Path:
+    """Where they are: ``$NORTON_BENCH_CONFIG``, or config.toml in the user's folder for norton-bench."""
+    said = os.environ.get(PLACE)
+    return Path(said) if said else user_config_path("norton-bench") / "config.toml"
+
+
+def load_settings(path: Path, known_keys: frozenset[str], known_themes: frozenset[str]) -> Settings:
+    """The settings in the file, or the usual ones where there is no such file and none was named.
+
+    Raises UsageError: a line a mistake, each with its place and the mend.
+    """
+    if not path.exists() and PLACE not in os.environ:
+        return Settings()
+    mistakes = Mistakes(str(path))
+    read = mistakes.read(_File, parse_toml(read_text(path, "settings file"), str(path)), "")
+    if read is not None:
+        _check_keys(read.keys, known_keys, mistakes)
+        _check_themes(read, known_themes, mistakes)
+    mistakes.raise_as(UsageError)
+    assert read is not None
+    keys = {name: f"{STOP_KEY},{keys}" if name == STOP else keys for name, keys in read.keys.items()}
+    return Settings(read.theme, read.fps, keys, read.themes)
+
+
+def _check_keys(keys: Mapping[str, str], known: frozenset[str], mistakes: Mistakes) -> None:
+    for name, written in keys.items():
+        if name not in known:
+            mistakes.add(f"[keys] {name}", f"is nothing that a key can do; {nearest(name, known)}")
+        elif not written.strip():
+            mistakes.add(f"[keys] {name}", 'names no key; write it like "f5" or "f5,ctrl+r"')
+        elif name != STOP and STOP_KEY in [key.strip() for key in written.split(",")]:
+            mistakes.add(f"[keys] {name}", "space always stops and can do nothing else; choose another key")
+
+
+def _check_themes(read: _File, known: frozenset[str], mistakes: Mistakes) -> None:
+    for name, colours in read.themes.items():
+        where = f"[themes.{name}]"
+        if "primary" not in colours:
+            mistakes.add(f"{where} primary", 'is missing; add primary = "#4f9dde"')
+        for key, value in colours.items():
+            if key == DARK:
+                if not isinstance(value, bool):
+                    mistakes.add(f"{where} {key}", f"expected true or false, not {toml(value)}")
+            elif key not in COLOURS:
+                mistakes.add(f"{where} {key}", f"is no colour of a theme; {nearest(key, (*COLOURS, DARK))}")
+            elif not (isinstance(value, str) and COLOUR.fullmatch(value)):
+                mistakes.add(f"{where} {key}", f'expected a colour like "#4f9dde", not {toml(value)}')
+    themes = known | read.themes.keys()
+    if read.theme and read.theme not in themes:
+        mistakes.add("theme", f"there is no theme {toml(read.theme)}; {nearest(read.theme, themes)}")

@@ -1,0 +1,85 @@
+"""Where a session's news come from: one that runs in a process of its own, or the recording of one."""
+
+from pathlib import Path
+from typing import Protocol
+
+from norton_bench.rig.rig import Rig
+from norton_bench.session.hosted import HostedSession
+from norton_bench.session.operator import Order
+from norton_bench.session.progress import Progress, Summary
+from norton_bench.session.refit import Refit
+from norton_bench.session.replay import Replay
+from norton_bench.session.schema import Session
+
+
+class Source(Protocol):
+    """None of this waits, but for :meth:`close`."""
+
+    def tell(self, watcher: Progress) -> None:
+        """All that is new."""
+        ...
+
+    def order(self, order: Order) -> None: ...
+
+    def stop(self, reason: str) -> None:
+        """At once. May be called from any thread."""
+        ...
+
+    def close(self) -> None:
+        """End it; may take seconds."""
+        ...
+
+
+class Running:
+    """A session under way."""
+
+    def __init__(self, rig: Rig, session: Session, out: Path, seed: int | None) -> None:
+        self._hosted = HostedSession(rig, session, out=out, seed=seed)
+
+    def tell(self, watcher: Progress) -> None:
+        for news in self._hosted.news():
+            news.tell(watcher)
+
+    def order(self, order: Order) -> None:
+        self._hosted.order(order)
+
+    def stop(self, reason: str) -> None:
+        self._hosted.stop(reason)
+
+    def close(self) -> None:
+        self._hosted.close()
+
+
+class Replayed:
+    """A recording, which obeys as a session would as far as it can: it stands still, or goes on."""
+
+    def __init__(self, replay: Replay, recording: Path) -> None:
+        self.replay = replay
+        self._recording = recording
+        self._refit: Refit | None = None
+
+    @property
+    def summary(self) -> Summary | None:
+        """What follows from the recording, once :meth:`fit` has found it."""
+        return None if self._refit is None else self._refit.summary()
+
+    def fit(self) -> None:
+        """Begin to fit the recording, unless that has begun."""
+        self._refit = self._refit or Refit(self._recording)
+
+    def tell(self, watcher: Progress) -> None:
+        self.replay.tell(watcher)
+
+    def order(self, order: Order) -> None:
+        if order.kind == "pause":
+            self.replay.pause()
+        elif order.kind == "resume":
+            self.replay.resume()
+
+    def stop(self, reason: str) -> None:
+        self.replay.pause()
+
+    def close(self) -> None:
+        if self._refit is not None:
+            self._refit.close()
+            self._refit = None

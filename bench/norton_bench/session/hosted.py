@@ -1,0 +1,184 @@
+"""A session in a process of its own, watched from here: news come over a pipe, orders go back over another.
+
+The session owes nothing to its watcher. One that is slow loses parts (they are in the recording); one that is gone
+ends the session as an operator's stop does, with the drives idle and the recording whole.
+"""
+
+import atexit
+import multiprocessing
+import os
+import signal
+from collections.abc import Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from threading import Thread
+from types import FrameType, TracebackType
+from typing import Self
+
+from norton_bench.errors import ExitCode
+from norton_bench.loop.stop_word import StopWord
+from norton_bench.rig.rig import Rig
+from norton_bench.session.failure import exit_code_of, sentence_of
+from norton_bench.session.mailbox import Mailbox
+from norton_bench.session.news import News, ResultNews, StateNews, Teller
+from norton_bench.session.operator import Order
+from norton_bench.session.progress import SessionState, Summary
+from norton_bench.session.schema import Session
+
+# A stop idles the drives within a tick and finishes the recording; only a fit takes longer, and may be cut off.
+CLOSE_WITHIN_S = 20.0
+END_WITHIN_S = 5.0
+
+
+class HostedSession:
+    """``session`` on ``rig``, under way in a spawned child as soon as this is made; results go to the folder ``out``.
+
+    Neither :meth:`news` nor :meth:`order` nor :meth:`stop` ever waits.
+    """
+
+    def __init__(self, rig: Rig, session: Session, *, out: Path, seed: int | None = None) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.stop_word = StopWord()
+        self._out = out
+        self._mailbox = Mailbox()
+        news, news_end = context.Pipe(duplex=False)
+        orders_end, self._orders = context.Pipe(duplex=False)
+        arguments = (rig, session, out, seed, self.stop_word, orders_end, news_end)
+        self._process = context.Process(target=_host, args=arguments, name="session")
+        self._process.start()
+        # Held by the child alone from now on: so either side's end shows on the other.
+        news_end.close()
+        orders_end.close()
+        self._reader = Thread(target=self._read, args=(news,), name="session news", daemon=True)
+        self._reader.start()
+        # Before multiprocessing's own, which would wait for the session to come to its natural end.
+        atexit.register(self.close)
+
+    @property
+    def pid(self) -> int | None:
+        return self._process.pid
+
+    @property
+    def running(self) -> bool:
+        return self._process.is_alive()
+
+    def news(self) -> Sequence[News]:
+        """What has come since this was last asked, in order; the last one ever is a ResultNews."""
+        return self._mailbox.take()
+
+    def order(self, order: Order) -> None:
+        """Hand it on; one for a session that is over goes nowhere."""
+        with suppress(OSError):
+            self._orders.send(order)
+
+    def stop(self, reason: str) -> None:
+        """At once: the loop hears it in its next tick."""
+        self.stop_word.say(reason)
+
+    def close(self) -> None:
+        """Stop what still runs, and wait until it has; may be called twice."""
+        atexit.unregister(self.close)
+        self.stop_word.say("whoever watched has left")
+        self._orders.close()
+        self._process.join(CLOSE_WITHIN_S)
+        for end in (self._process.terminate, self._process.kill):
+            if self._process.is_alive():
+                end()
+                self._process.join(END_WITHIN_S)
+        self._reader.join(END_WITHIN_S)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _read(self, pipe: Connection) -> None:
+        ended = False
+        with pipe, suppress(EOFError, OSError):
+            while True:
+                news = pipe.recv()
+                ended = ended or isinstance(news, ResultNews)
+                self._mailbox.put(news)
+        if not ended:
+            self._tell_of_its_death()
+
+    def _tell_of_its_death(self) -> None:
+        self._process.join(END_WITHIN_S)
+        said = (
+            f"the session's process ended without a word (exit code {self._process.exitcode}); what was measured is in "
+            f"{self._out}: norton-bench recover repairs a recording that was cut off"
+        )
+        self._mailbox.put(StateNews(SessionState.FAILED))
+        self._mailbox.put(ResultNews(Summary(ExitCode.EXPERIMENT_FAILED, said)))
+
+
+class _Remote:
+    """The operator at the far end of a pipe."""
+
+    answers = True
+
+    def __init__(self, stop: StopWord, orders: Connection) -> None:
+        self.stop = stop
+        self._orders = orders
+
+    def orders(self) -> Sequence[Order]:
+        came = []
+        try:
+            while self._orders.poll():
+                came.append(self._orders.recv())
+        except (EOFError, OSError):
+            self.stop.say("whoever watched is gone")
+        return came
+
+
+def _host(
+    rig: Rig, session: Session, out: Path, seed: int | None, stop: StopWord, orders: Connection, news: Connection
+) -> None:
+    """The child: runs the session and tells of it; its exit code is that of the command line."""
+    _be_nobodys_terminal(stop)
+    mailbox = Mailbox()
+    sender = Thread(target=_send, args=(mailbox, news, stop), name="session news", daemon=True)
+    sender.start()
+    teller, told = Teller(mailbox.put), False
+    try:
+        from norton_bench.session.engine import run_session  # noqa: PLC0415  (its imports take seconds, and are told of)
+
+        teller.state(SessionState.PREPARING)
+        told = True
+        run_session(rig, session, out=out, seed=seed, progress=teller, operator=_Remote(stop, orders))
+        code = ExitCode.OK
+    except BaseException as error:  # the watcher has been told by run_session, or is told here
+        code = exit_code_of(error)
+        if not told:
+            teller.result(Summary(code, sentence_of(error)))
+    finally:
+        mailbox.close()
+        sender.join(END_WITHIN_S)
+    raise SystemExit(int(code))
+
+
+def _send(mailbox: Mailbox, pipe: Connection, stop: StopWord) -> None:
+    try:
+        while (news := mailbox.wait()) is not None:
+            pipe.send(news)
+    except OSError:
+        stop.say("whoever watched is gone")
+
+
+def _be_nobodys_terminal(stop: StopWord) -> None:
+    """Ctrl-C is the watcher's to interpret, and the screen is the watcher's to draw on."""
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        if stop.heard() is not None:
+            raise KeyboardInterrupt
+        stop.say("asked to end")
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, end)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)

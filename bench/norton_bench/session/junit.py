@@ -1,0 +1,169 @@
+"""A session as a JUnit report: what a continuous integration server shows of it.
+
+There is no standard; what most tools write and read is told in https://github.com/testmoapp/junitxml: ``testsuites``,
+``testsuite``, ``testcase`` with ``failure`` or ``skipped``, ``properties``. Steps are cases, and so are the final fit
+and every expectation; parameters are properties.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from math import isfinite
+from pathlib import Path
+from time import perf_counter
+from xml.etree import ElementTree as ET
+
+from norton_bench.errors import ExitCode, UsageError
+from norton_bench.session.found import HALF_INTERVAL
+from norton_bench.session.progress import PlannedStep, SessionState, Silent, Summary
+
+# XML 1.0 knows no other characters, however they are written.
+NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+@dataclass
+class JUnitReport(Silent):
+    """Watches a session that is called ``name``, and writes ``path`` when it is over."""
+
+    path: Path
+    name: str
+    properties: Mapping[str, str] = field(default_factory=dict)
+    _plan: Sequence[PlannedStep] = ()
+    _begun: dict[int, float] = field(default_factory=dict)
+    _ended: dict[int, float] = field(default_factory=dict)
+    _current: int | None = None
+    _concluding_s: float | None = None
+    _notes: list[str] = field(default_factory=list)
+    _started: datetime = field(default_factory=lambda: datetime.now(UTC))
+    _started_s: float = field(default_factory=perf_counter)
+
+    def plan(self, steps: Sequence[PlannedStep]) -> None:
+        self._plan = tuple(steps)
+
+    def step(self, index: int, name: str) -> None:
+        self._end_step()
+        self._current = index
+        self._begun[index] = perf_counter()
+
+    def note(self, text: str) -> None:
+        self._notes.append(text)
+
+    def state(self, state: SessionState) -> None:
+        if state is SessionState.CONCLUDING:
+            self._end_step()
+            self._current = None
+            self._concluding_s = perf_counter()
+
+    def prepare(self) -> None:
+        """Make its folder and see that it can be written. Raises UsageError where it cannot."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.write_text("", encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"--junit {self.path}: cannot be written ({error.strerror}); name another file") from error
+
+    def result(self, summary: Summary) -> None:
+        """Write it. Raises OSError where the disk has become full meanwhile."""
+        if not summary.failure:
+            self._end_step()
+        tree = ET.ElementTree(self._suites(summary))
+        ET.indent(tree)
+        tree.write(self.path, encoding="utf-8", xml_declaration=True)
+
+    def _end_step(self) -> None:
+        if self._current is not None:
+            self._ended.setdefault(self._current, perf_counter())
+
+    def _suites(self, summary: Summary) -> ET.Element:
+        cases = [*self._steps(summary), *self._conclusion(summary), *self._expectations(summary)]
+        counts = {
+            "tests": str(len(cases)),
+            "failures": str(sum(case.find("failure") is not None for case in cases)),
+            "skipped": str(sum(case.find("skipped") is not None for case in cases)),
+            "errors": "0",
+            "time": f"{perf_counter() - self._started_s:.3f}",
+        }
+        suites = ET.Element("testsuites", {"name": _clean(self.name), **counts})
+        started = self._started.strftime("%Y-%m-%dT%H:%M:%S")  # Jenkins knows no offset
+        suite = ET.SubElement(suites, "testsuite", {"name": _clean(self.name), "timestamp": started, **counts})
+        properties = ET.SubElement(suite, "properties")
+        for name, value in {**self.properties, **_figures(summary)}.items():
+            ET.SubElement(properties, "property", {"name": name, "value": _clean(value)})
+        suite.extend(cases)
+        ET.SubElement(suite, "system-out").text = _clean("\n".join(self._notes))
+        return suites
+
+    def _steps(self, summary: Summary) -> list[ET.Element]:
+        cases = []
+        for index, step in enumerate(self._plan):
+            case = self._case(f"{index + 1} {step.name}" + (f" ({step.label})" if step.label else ""), "steps")
+            if index in self._ended:
+                case.set("time", f"{self._ended[index] - self._begun[index]:.3f}")
+            elif index in self._begun:
+                case.set("time", f"{perf_counter() - self._begun[index]:.3f}")
+                _fail(case, summary.failure, summary.exit_code.name)
+            else:
+                said = "left out by its condition, or by the operator" if not summary.failure else "not reached"
+                ET.SubElement(case, "skipped", {"message": said})
+            cases.append(case)
+        return cases
+
+    def _conclusion(self, summary: Summary) -> list[ET.Element]:
+        """The final fit; what ended the session before its first step is told here too."""
+        stepped = self._current is not None and self._current not in self._ended
+        case = self._case("final fit" if not summary.failure or stepped else "session", "session")
+        if self._concluding_s is not None:
+            case.set("time", f"{perf_counter() - self._concluding_s:.3f}")
+        if summary.failure and stepped:
+            ET.SubElement(case, "skipped", {"message": "not reached"})
+        elif summary.failure:
+            _fail(case, summary.failure, summary.exit_code.name)
+        elif summary.exit_code is not ExitCode.OK and all(judged.met for judged in summary.expectations):
+            _fail(case, "; ".join(summary.verdict) or "the fit is no result", summary.exit_code.name)
+        return [case]
+
+    def _expectations(self, summary: Summary) -> list[ET.Element]:
+        cases = []
+        for number, judged in enumerate(summary.expectations, 1):
+            case = self._case(f"{number} {judged.name}", "expectations")
+            if not judged.met:
+                _fail(case, judged.said, "NOT_AS_EXPECTED")
+            else:
+                ET.SubElement(case, "system-out").text = _clean(judged.said)
+            cases.append(case)
+        return cases
+
+    def _case(self, name: str, kind: str) -> ET.Element:
+        return ET.Element(
+            "testcase", {"name": _clean(name), "classname": _clean(f"{self.name}.{kind}"), "time": "0.000"}
+        )
+
+
+def _figures(summary: Summary) -> dict[str, str]:
+    """Every parameter's value, half of its 95 % interval, unit and status; what was predicted; where the files lie."""
+    found = {}
+    for estimate in summary.estimates:
+        found[estimate.name] = f"{estimate.value:.9g}" if isfinite(estimate.value) else ""
+        found[f"{estimate.name}.plus_minus"] = _number(HALF_INTERVAL * estimate.std)
+        found[f"{estimate.name}.unit"] = estimate.unit
+        found[f"{estimate.name}.status"] = estimate.status.value
+    for name in ("torque_relative", "velocity_relative"):
+        if getattr(summary, name) is not None:
+            found[f"validation.{name}"] = _number(getattr(summary, name))
+    for name in ("recording", "network", "report"):
+        if getattr(summary, name) is not None:
+            found[name] = str(getattr(summary, name))
+    return found
+
+
+def _number(number: float) -> str:
+    return f"{number:.3g}" if isfinite(number) else ""
+
+
+def _fail(case: ET.Element, said: str, kind: str) -> None:
+    ET.SubElement(case, "failure", {"message": _clean(said), "type": kind}).text = _clean(said)
+
+
+def _clean(text: str) -> str:
+    return NOT_XML.sub("�", text)

@@ -1,0 +1,122 @@
+"""The live identifier as a consumer of the loop's parts: in line where time waits for it, else in its own process."""
+
+import multiprocessing
+import queue
+import signal
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from multiprocessing.queues import Queue
+from typing import Protocol
+
+from norton_bench.identification.live.identifier import LiveIdentifier
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.recording.contents import Recording
+from norton_bench.recording.parts import parts_of
+from norton_bench.records import Measured
+from norton_bench.rig.rig import Rig
+
+# A minute of parts, for a fit of all that was recorded takes seconds: a worker that is further behind loses parts, and
+# says so, rather than holding up the loop.
+GREATEST_BACKLOG = 600
+READY_WITHIN_S = 60.0
+
+
+class LiveFeed(Protocol):
+    """Takes parts, offers the newest estimate."""
+
+    latest: LiveEstimate
+    dropped: int
+
+    def __call__(self, part: Measured) -> None: ...
+    def close(self) -> None: ...
+
+
+def feed_for(rig: Rig, *, lock_step: bool) -> LiveFeed:
+    """The one for this rig and its kind of time."""
+    if not rig.modelled:
+        return NoFeed()
+    return (InlineFeed if lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
+
+
+class NoFeed:
+    """Where no model is to be fitted."""
+
+    def __init__(self) -> None:
+        self.latest = LiveEstimate(0)
+        self.dropped = 0
+
+    def __call__(self, part: Measured) -> None:
+        """Nothing to learn from it."""
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class InlineFeed:
+    """For lock-step runs: the same parts give the same estimates at the same ticks, every time."""
+
+    def __init__(self, command_unit: str, tick_s: float) -> None:
+        self.latest = LiveEstimate(0)
+        self.dropped = 0
+        self._identifier = LiveIdentifier(command_unit, tick_s)
+
+    def __call__(self, part: Measured) -> None:
+        self.latest = self._identifier.update(part)
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class ProcessFeed:
+    """For wall time: the identifier runs on another core and can never delay a tick."""
+
+    def __init__(self, command_unit: str, tick_s: float) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.latest = LiveEstimate(0)
+        self.dropped = 0
+        self._parts: Queue[Measured | None] = context.Queue(GREATEST_BACKLOG)
+        self._estimates: Queue[LiveEstimate] = context.Queue()
+        self._worker = context.Process(
+            target=_identify, args=(command_unit, tick_s, self._parts, self._estimates), daemon=True
+        )
+        self._worker.start()
+        # Its imports would take the loop's core from it.
+        with suppress(queue.Empty):
+            self.latest = self._estimates.get(timeout=READY_WITHIN_S)
+
+    def __call__(self, part: Measured) -> None:
+        try:
+            self._parts.put_nowait(replace(part, frames=(), events=()))
+        except queue.Full:
+            self.dropped += 1
+        with suppress(queue.Empty):
+            while True:
+                self.latest = self._estimates.get_nowait()
+
+    def close(self) -> None:
+        """End the worker; whatever it has not digested is left."""
+        self._parts.cancel_join_thread()
+        self._worker.terminate()
+        self._worker.join()
+        for channel in (self._parts, self._estimates):
+            channel.close()
+
+
+def replayed(recording: Recording) -> Iterator[LiveEstimate]:
+    """What the live identifier says of a recording, part by part: as it did in the session, of the same parts."""
+    metadata = recording.metadata
+    identifier = LiveIdentifier(metadata["command_unit"], float(metadata["tick_s"]))
+    return map(identifier.update, parts_of(recording))
+
+
+def _identify(
+    command_unit: str, tick_s: float, parts: "Queue[Measured | None]", estimates: "Queue[LiveEstimate]"
+) -> None:
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C on a terminal reaches every process; the session ends this one
+    identifier = LiveIdentifier(command_unit, tick_s)
+    estimates.put(LiveEstimate(0))
+    while (part := parts.get()) is not None:
+        estimates.put(identifier.update(part))

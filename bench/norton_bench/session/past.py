@@ -1,0 +1,247 @@
+"""What a session that was interrupted has finished: read from its recording, and put before what goes on from there."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from norton_bench.errors import UsageError
+from norton_bench.recording.contents import Recording
+from norton_bench.recording.reader import read_recording
+from norton_bench.records import NO_DEVICE_TIME, READINGS, Event, Measured, Table, join
+from norton_bench.rig.rig import Rig
+
+# Kinds of events that a session leaves for the one that resumes it.
+FINISHED, ANSWERED = "step", "answer"
+# The recording that a recording goes on from.
+RESUMES = "resumes"
+# Between two recordings: long enough for nobody to take it for a missing reading.
+PAUSE_NS = 2_000_000_000
+# So many readings on either side tell how two clocks differ.
+ABOUT_THE_PAUSE = 500
+
+
+@dataclass
+class Past:
+    """Finished procedures and given answers, which are taken from here in order instead of being done again.
+
+    ``records`` are those of the procedures, one each, on the clock on which they were measured.
+    """
+
+    place: str = ""
+    records: tuple[Measured, ...] = ()
+    _finished: deque[tuple[str, Measured]] = field(default_factory=deque)
+    _answers: deque[tuple[str, str]] = field(default_factory=deque)
+
+    @property
+    def left(self) -> bool:
+        """Whether some procedure is still to be taken from it."""
+        return bool(self._finished)
+
+    def finished(self, name: str) -> Measured | None:
+        """What the next procedure has measured; None where nothing is left.
+
+        Raises UsageError where the next one was another.
+        """
+        if not self._finished:
+            return None
+        recorded, record = self._finished.popleft()
+        if recorded != name:
+            raise UsageError(
+                f"{self.place}: there '{recorded}' came next, where this session has '{name}'; "
+                "resume with the session that was recorded"
+            )
+        return record
+
+    def answer(self, name: str) -> str | None:
+        """What was answered; None where it was not asked. Raises UsageError where something else was asked."""
+        if not self._answers:
+            return None
+        asked, answer = self._answers.popleft()
+        if asked != name:
+            raise UsageError(
+                f'{self.place}: there "{asked}" was asked, where this session asks "{name}"; '
+                "resume with the session that was recorded"
+            )
+        return answer
+
+
+def read_past(path: Path, rig: Rig) -> Past:
+    """What the recording at ``path``, or the newest one in that folder, has finished; with those it resumed itself.
+
+    Raises UsageError where it cannot be read, is of another rig, or has finished nothing.
+    """
+    path = _newest(path) if path.is_dir() else path
+    recording = read_recording(path, raw_frames=False)
+    _check_rig(path, recording, rig)
+    records = past_of(path, recording)
+    if not records:
+        raise UsageError(f"{path}: no step was finished in it; run the session from its beginning")
+    finished = [(name, record) for name, record in records]
+    answers = [_answer(event) for event in recording.measured.events if event.kind == ANSWERED]
+    return Past(str(path), tuple(record for _, record in finished), deque(finished), deque(answers))
+
+
+def past_of(path: Path, recording: Recording) -> list[tuple[str, Measured]]:
+    """Name and record of every finished procedure, those of the recordings that it resumed first, on its own clock."""
+    own = _finished_in(recording.measured)
+    resumed = resumed_path(path, recording)
+    if resumed is None:
+        return own
+    earlier = past_of(resumed, read_recording(resumed, raw_frames=False))
+    names, records = [name for name, _ in earlier], [record for _, record in earlier]
+    return [*zip(names, before(records, recording.measured), strict=True), *own]
+
+
+def with_past(path: Path, recording: Recording) -> Measured:
+    """All that was measured in a recording, behind what those it resumes have finished."""
+    resumed = resumed_path(path, recording)
+    if resumed is None:
+        return recording.measured
+    earlier = [record for _, record in past_of(resumed, read_recording(resumed, raw_frames=False))]
+    return behind(earlier, recording.measured)
+
+
+def resumed_path(path: Path, recording: Recording) -> Path | None:
+    """The recording that it resumes, if it does. Raises UsageError where that is gone."""
+    written = recording.metadata.get(RESUMES)
+    if not written:
+        return None
+    for place in (Path(written), path.parent / written, path.parent / Path(written).name):
+        if place.is_file() and place.resolve() != path.resolve():
+            return place
+    raise UsageError(f"{path}: resumes {written}, which is not there; put it beside this recording")
+
+
+def behind(records: Sequence[Measured], later: Measured) -> Measured:
+    """``later``, behind ``records`` that were moved to before it."""
+    return join([*before(records, later), later]) if records else later
+
+
+def before(records: Sequence[Measured], later: Measured) -> list[Measured]:
+    """``records``, one after the other as they are, moved to end before ``later`` begins.
+
+    Stamps and numbers of readings and segments go on from one to the other. Positions stay as they were read, for most
+    encoders know them still. A sensor's own clock, which may have been restarted, is moved so that it goes on too.
+    """
+    if not records or not len(later.ticks):
+        return list(records)
+    end_ns = max(int(record.ticks["tick_ns"][-1]) for record in records)
+    segments = 1 + max(segment.index for record in records for segment in record.segments)
+    time_ns = int(later.ticks["tick_ns"][0]) - PAUSE_NS - end_ns
+    shift = _Shift(
+        time_ns=time_ns,
+        device_ns=_on_device(later, records, time_ns),
+        # One further: -1 stands for no segment at all.
+        segments=min((segment.index for segment in later.segments), default=0) - segments - 1,
+        counted={name: _count(later, records, name) for name in READINGS},
+    )
+    return [shift.applied(record) for record in records]
+
+
+@dataclass(frozen=True)
+class _Shift:
+    """What is added to stamps, segments, and the numbers of readings; ``device_ns`` is None where no device stamps."""
+
+    time_ns: int
+    device_ns: int | None
+    segments: int
+    counted: dict[str, int]
+
+    def applied(self, record: Measured) -> Measured:
+        return replace(
+            record,
+            ticks=self._ticks(record.ticks),
+            **cast(dict[str, Any], {name: self._readings(getattr(record, name), name) for name in READINGS}),
+            segments=tuple(
+                replace(
+                    each,
+                    index=each.index + self.segments,
+                    start_ns=each.start_ns + self.time_ns,
+                    end_ns=each.end_ns + self.time_ns,
+                )
+                for each in record.segments
+            ),
+            events=tuple(replace(event, stamp_ns=event.stamp_ns + self.time_ns) for event in record.events),
+            frames=(),
+        )
+
+    def _ticks(self, table: Table) -> Table:
+        table = table.copy()
+        table["tick_ns"] += self.time_ns
+        table["segment"] += self.segments
+        return table
+
+    def _readings(self, table: Table, stream: str) -> Table:
+        table = table.copy()
+        table["arrival_ns"] += self.time_ns
+        table["sequence"] += self.counted[stream]
+        if "device_ns" in (table.dtype.names or ()):
+            table["device_ns"] = NO_DEVICE_TIME if self.device_ns is None else table["device_ns"] + self.device_ns
+        return table
+
+
+def _on_device(later: Measured, records: Sequence[Measured], time_ns: int) -> int | None:
+    """Between the sensor's clock then and now, once the host's is moved by ``time_ns``: as the readings about the pause
+    tell it, whose delay on the way is the same on average."""
+    older = next((record.torque for record in reversed(records) if len(record.torque)), None)
+    if older is None or not len(later.torque):
+        return None
+    older, newer = older[-ABOUT_THE_PAUSE:], later.torque[:ABOUT_THE_PAUSE]
+    if np.any(older["device_ns"] == NO_DEVICE_TIME) or np.any(newer["device_ns"] == NO_DEVICE_TIME):
+        return None
+    then = np.median(older["device_ns"] - (older["arrival_ns"] + time_ns))
+    return round(float(np.median(newer["device_ns"] - newer["arrival_ns"]) - then))
+
+
+def _count(later: Measured, records: Sequence[Measured], stream: str) -> int:
+    """So that the first reading of the later one comes next but one: their numbers tell that some are missing."""
+    after, earlier = getattr(later, stream), [getattr(record, stream) for record in records]
+    last = max((int(table["sequence"][-1]) for table in earlier if len(table)), default=0)
+    return (int(after["sequence"][0]) if len(after) else 0) - last - 2
+
+
+def _finished_in(measured: Measured) -> list[tuple[str, Measured]]:
+    found, since_ns = [], -(2**62)
+    for event in measured.events:
+        if event.kind == FINISHED:
+            record = _record(measured, event, since_ns)
+            if record is not None:
+                found.append((event.text, record))
+            since_ns = event.stamp_ns
+    return found
+
+
+def _record(measured: Measured, finished: Event, since_ns: int) -> Measured | None:
+    """What the procedure has measured that finished then, and began after ``since_ns``."""
+    begun = [
+        segment.start_ns
+        for segment in measured.segments
+        if segment.procedure == finished.text and since_ns <= segment.start_ns < finished.stamp_ns
+    ]
+    return replace(measured.between(min(begun), finished.stamp_ns), events=()) if begun else None
+
+
+def _answer(event: Event) -> tuple[str, str]:
+    name, _, answer = event.text.partition(": ")
+    return name, answer
+
+
+def _newest(folder: Path) -> Path:
+    found = sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)
+    if not found:
+        raise UsageError(f"{folder}: holds no recording (.mcap); name the one to resume")
+    return found[-1]
+
+
+def _check_rig(path: Path, recording: Recording, rig: Rig) -> None:
+    own = {"rig": rig.name, "command_unit": rig.command.unit, "tick_s": repr(rig.tick_s)}
+    for key, value in own.items():
+        recorded = recording.metadata.get(key, "?")
+        if recorded != value:
+            raise UsageError(
+                f"{path}: was recorded with {key} = {recorded}, this rig has {value}; resume on the same rig"
+            )

@@ -1,0 +1,228 @@
+"""A session file's steps as an experiment: checked against the rig, planned, and written as a script."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from norton_bench.errors import UsageError
+from norton_bench.procedures.catalogue import make_procedure
+from norton_bench.procedures.knowledge import Adaptive, Procedure
+from norton_bench.procedures.modulated import modulated
+from norton_bench.rig.rig import Rig
+from norton_bench.session.conditions import Condition
+from norton_bench.session.expectations import check_expectation
+from norton_bench.session.items import AskOptions, Block, Item, Session, Step, flat
+from norton_bench.session.progress import PlannedStep
+from norton_bench.session.script import Action, Ask, Experiment, Remark, Script, SoFar, Turn
+from norton_bench.units import parse_quantity
+
+# What measures the bench alone: an end that must be possible however far the session came.
+ALWAYS_POSSIBLE = ("tare", "rest", "ask")
+
+
+@dataclass(frozen=True)
+class Made:
+    """A step made ready: its action, and which step of the plan it is."""
+
+    step: Step
+    action: Action
+    index: int
+
+    def script(self, so_far: SoFar) -> Script:
+        if self.step.when is None or self.step.when.holds(so_far):
+            yield Turn(self.index, self.action)
+        else:
+            yield Remark(f"left out '{self.step.do}': not ({self.step.when})")
+
+
+@dataclass(frozen=True)
+class MadeBlock:
+    """A block made ready; its steps are planned anew for every repetition, ``stride`` steps apart."""
+
+    block: Block
+    items: tuple["Made | MadeBlock", ...]
+    stride: int
+
+    def script(self, so_far: SoFar) -> Script:
+        block = self.block
+        if block.when is not None and not block.when.holds(so_far):
+            yield Remark(f"left out [{block.where}]: not ({block.when})")
+            return
+        for turn in range(block.at_most):
+            for item in self.items:
+                yield from moved(item, turn * self.stride).script(so_far)
+            if block.until is None or block.until.holds(so_far):
+                return
+        yield Remark(f"[{block.where}] was repeated {block.at_most} times, and still not: {block.until}")
+
+
+def moved(item: Made | MadeBlock, steps: int) -> Made | MadeBlock:
+    """The same, so many steps further down the plan."""
+    if isinstance(item, Made):
+        return replace(item, index=item.index + steps)
+    return replace(item, items=tuple(moved(inner, steps) for inner in item.items))
+
+
+@dataclass
+class _Maker:
+    """Makes the items of one session ready, and plans them."""
+
+    session: Session
+    rig: Rig
+    plan: list[PlannedStep] = field(default_factory=list)
+    asked: set[str] = field(default_factory=set)
+
+    def items(self, items: Sequence[Item], before: set[str], *, certain: bool = True) -> tuple[Made | MadeBlock, ...]:
+        """``before`` are the procedures that will certainly have run; those of ``items`` are added."""
+        return tuple(self._item(item, before, certain) for item in items)
+
+    def _item(self, item: Item, before: set[str], certain: bool) -> Made | MadeBlock:
+        self._check(item.when, item.where)
+        if isinstance(item, Step):
+            return self._step(item, before, certain)
+        return self._block(item, before, certain)
+
+    def _step(self, step: Step, before: set[str], certain: bool) -> Made:
+        index, action = len(self.plan), self._action(step, before)
+        certain = certain and step.when is None
+        duration_s = 0.0 if isinstance(action, Ask) else action.duration_s(self.rig)
+        self.plan.append(PlannedStep(step.do, duration_s, _label(step), certain))
+        if certain:
+            before.add(step.do)
+        return Made(step, action, index)
+
+    def _block(self, block: Block, before: set[str], certain: bool) -> MadeBlock:
+        begin, certain = len(self.plan), certain and block.when is None
+        inside = before if certain else set(before)
+        items = self.items(block.steps, inside, certain=certain)
+        once = self.plan[begin:]
+        for turn in range(1, block.at_most):
+            self.plan += [_again(step, turn + 1) for step in once]
+        if block.at_most > 1:
+            self.plan[begin : begin + len(once)] = [replace(step, label=_joined(step.label, "1")) for step in once]
+        self._check(block.until, block.where)
+        return MadeBlock(block, items, len(once))
+
+    def _action(self, step: Step, before: set[str]) -> Action:
+        if isinstance(step.options, AskOptions):
+            self.asked.add(step.options.name)
+            return Ask(step.options.name, step.options.text, step.options.choices)
+        place = f"{self.session.place}: [{step.where}]" if step.where else f"{self.session.place}: step"
+        action = make_procedure(step.do, step.options, self.rig, before, place=place)
+        if not step.modulations:
+            return action
+        held = modulated(action, _in_units(step.modulations, self.rig, place))
+        held.require(self.rig)
+        return held
+
+    def _check(self, condition: Condition | None, where: str) -> None:
+        if condition is None:
+            return
+        if condition.answer and condition.answer not in self.asked:
+            raise UsageError(
+                f'{self.session.place}: [{where}]: nobody is asked "{condition.answer}" before it; '
+                'put a step do = "ask" with that name there'
+            )
+        check_unit(condition, self.rig, f"{self.session.place}: [{where}]")
+
+
+def _label(step: Step) -> str:
+    """With the modulations that it runs under."""
+    under = f"modulation {', '.join(step.modulations)}" if step.modulations else ""
+    return ", ".join(filter(None, (step.label, under)))
+
+
+def _in_units(modulations: Sequence[str], rig: Rig, place: str) -> tuple[float, ...]:
+    """In the unit of the rig's modulator. Raises UsageError; one without a modulator is refused by the step itself."""
+    if rig.modulation is None:
+        return ()
+    try:
+        return tuple(parse_quantity(each, rig.modulation.unit) for each in modulations)
+    except ValueError as error:
+        raise UsageError(f"{place}: modulation: {error}") from None
+
+
+def _again(step: PlannedStep, turn: int) -> PlannedStep:
+    return replace(step, label=_joined(step.label, str(turn)), certain=False)
+
+
+def _joined(label: str, turn: str) -> str:
+    return f"{label}, turn {turn}" if label else f"turn {turn}"
+
+
+@dataclass(frozen=True)
+class Program:
+    """A session's items made ready, and the plan of all of them."""
+
+    steps: tuple[Made | MadeBlock, ...]
+    always: tuple[Made | MadeBlock, ...]
+    plan: tuple[PlannedStep, ...]
+
+    def every_turn(self) -> Iterator[Made]:
+        """Every step of the plan, in order: one in a repetition as often as it may come."""
+        return turns((*self.steps, *self.always))
+
+    def script(self, so_far: SoFar) -> Script:
+        """One item after the other; at the end, however it comes, those that always run."""
+        try:
+            for item in self.steps:
+                yield from item.script(so_far)
+        finally:
+            for item in self.always:
+                yield from item.script(so_far)
+
+
+def make_program(session: Session, rig: Rig) -> Program:
+    """The session's steps, ready to run on ``rig``.
+
+    Raises RigError for what the rig cannot do, UsageError for steps out of order and conditions that cannot be judged.
+    """
+    maker = _Maker(session, rig)
+    steps = maker.items(session.steps, set())
+    _check_always(session)
+    always = maker.items(session.always, set())
+    for expectation in session.expectations:
+        check_expectation(expectation, rig, session.place)
+    return Program(steps, always, tuple(maker.plan))
+
+
+def make_experiment(session: Session, rig: Rig) -> Experiment:
+    """The same as an experiment. Raises as :func:`make_program` does."""
+    program = make_program(session, rig)
+    asks = [made.action for made in program.every_turn() if isinstance(made.action, Ask)]
+    return Experiment(program.script, program.plan, tuple(dict.fromkeys(ask.prompt for ask in asks)))
+
+
+def of_procedures(procedures: Sequence[Procedure | Adaptive], rig: Rig) -> Experiment:
+    """One after the other."""
+
+    def script(_so_far: SoFar) -> Script:
+        yield from procedures
+
+    return Experiment(script, tuple(PlannedStep(each.name, each.duration_s(rig)) for each in procedures), ())
+
+
+def turns(items: Sequence[Made | MadeBlock]) -> Iterator[Made]:
+    """Every step, as often as it may come."""
+    for item in items:
+        if isinstance(item, Made):
+            yield item
+            continue
+        for turn in range(item.block.at_most):
+            yield from turns([moved(inner, turn * item.stride) for inner in item.items])
+
+
+def check_unit(condition: Condition, rig: Rig, place: str) -> None:
+    """Raises UsageError where the condition's value is no quantity in the parameter's unit."""
+    try:
+        condition.check(rig.command.unit)
+    except ValueError as error:
+        raise UsageError(f"{place}: {error}") from None
+
+
+def _check_always(session: Session) -> None:
+    for step in flat(session.always):
+        if step.do not in ALWAYS_POSSIBLE:
+            raise UsageError(
+                f"{session.place}: [{step.where}]: builds on other steps, which may have failed by then; "
+                f"always = true is for {', '.join(ALWAYS_POSSIBLE)}"
+            )

@@ -1,0 +1,40 @@
+"""Where numbers come from: everything needed to make them again, as text."""
+
+import platform
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+from norton_bench.rig.mistakes import toml
+from norton_bench.rig.rig import Rig
+from norton_bench.session.schema import Session
+from norton_drivers.readings import DeviceIdentity
+
+PACKAGES = ("norton-bench", "numpy", "scipy", "numba", "filterpy", "python-can", "pyserial")
+
+
+def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[DeviceIdentity]) -> Mapping[str, str]:
+    """What goes into the recording, the network file and the report."""
+    return {
+        "rig": rig.name,
+        "rig_file": rig.place,
+        "backend": rig.backend,
+        "session": session.place,
+        "arguments": session.arguments,
+        "parameters": ", ".join(f"{name} = {toml(value)}" for name, value in session.parameters.items()),
+        "seed": "" if seed is None else str(seed),
+        "command_unit": rig.command.unit,
+        "modulation_unit": "" if rig.modulation is None else rig.modulation.unit,
+        "model": rig.model,
+        "tick_s": repr(rig.tick_s),
+        "torque_averaging_s": repr(rig.chain.torque_averaging_s),
+        "released_at_zero": " ".join(sorted(rig.chain.released_at_zero)),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "devices": "; ".join(
+            " ".join(filter(None, (device.driver, device.address, device.hardware, device.firmware)))
+            for device in devices
+        ),
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        **{name: version(name) for name in PACKAGES},
+    }

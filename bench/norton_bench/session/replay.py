@@ -1,0 +1,145 @@
+"""A recording told once more: the same news that a running session gives, in bench time times a speed."""
+
+from bisect import bisect_right
+from collections.abc import Callable
+from itertools import groupby
+from pathlib import Path
+from time import perf_counter
+
+from norton_bench.errors import UsageError
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.recording.contents import Recording
+from norton_bench.recording.reader import read_recording
+from norton_bench.records import Measured
+from norton_bench.session.progress import PlannedStep, Progress, SessionState
+
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+# The recorded event that ended a session before its time.
+STOP = "stop"
+# Told in pieces no longer than this, and wherever the estimates changed.
+PIECE_NS = 500_000_000
+
+
+class Replay:
+    """Stands at a moment of the recording, and moves on as time does. ``clock`` gives seconds, of any origin."""
+
+    def __init__(self, recording: Recording, *, clock: Callable[[], float] = perf_counter) -> None:
+        """Raises UsageError for a recording without a single tick."""
+        self.measured, self._clock = recording.measured, clock
+        if not len(self.measured.ticks):
+            raise UsageError("the recording holds no tick: nothing was measured, and there is nothing to replay")
+        ticks = self.measured.ticks["tick_ns"]
+        self._first_ns, self._last_ns = int(ticks[0]), int(ticks[-1])
+        self._live = _changes(recording)
+        self._stamps = [live.stamp_ns for live in self._live]
+        self._cuts = sorted({*self._stamps, *range(self._first_ns + PIECE_NS, self._last_ns, PIECE_NS)})
+        self._steps = _steps(self.measured, self._last_ns)
+        self.speed, self.paused = 1.0, False
+        self._from_s, self._since = 0.0, clock()
+        self._told_ns, self._told_steps, self._told_end = 0, 0, False
+
+    @property
+    def duration_s(self) -> float:
+        return (self._last_ns - self._first_ns) * 1e-9
+
+    @property
+    def now_s(self) -> float:
+        """Where it stands, in bench time since the first tick."""
+        moved_s = 0.0 if self.paused else (self._clock() - self._since) * self.speed
+        return min(max(self._from_s + moved_s, 0.0), self.duration_s)
+
+    @property
+    def ended(self) -> bool:
+        return self.now_s >= self.duration_s
+
+    def pause(self) -> None:
+        self._stand_at(self.now_s)
+        self.paused = True
+
+    def resume(self) -> None:
+        """Go on from where it stands."""
+        self._stand_at(self.now_s)
+        self.paused = False
+
+    def set_speed(self, speed: float) -> None:
+        """Times bench time; greater than 0."""
+        self._stand_at(self.now_s)
+        self.speed = speed
+
+    def faster(self, steps: int) -> None:
+        """So many of ``SPEEDS`` up, or down where negative."""
+        place = min(range(len(SPEEDS)), key=lambda index: abs(SPEEDS[index] - self.speed))
+        self.set_speed(SPEEDS[min(max(place + steps, 0), len(SPEEDS) - 1)])
+
+    def seek(self, to_s: float) -> None:
+        """Stand at ``to_s``. Everything up to there is told anew: to a watcher who has forgotten what was told."""
+        self._stand_at(min(max(to_s, 0.0), self.duration_s))
+        self._told_ns, self._told_steps, self._told_end = 0, 0, False
+
+    def tell(self, watcher: Progress) -> None:
+        """All that is new since this was last asked. Returns at once."""
+        until_ns = self._first_ns + round(self.now_s * 1e9) + 1
+        if not self._told_ns:
+            self._told_ns = self._first_ns
+            watcher.plan([PlannedStep(name, (end_ns - start_ns) * 1e-9) for name, start_ns, end_ns in self._steps])
+            watcher.state(SessionState.RUNNING)
+        for index, (name, start_ns, _) in enumerate(self._steps):
+            if self._told_ns <= start_ns < until_ns and index >= self._told_steps:
+                self._tell_part(watcher, start_ns)
+                watcher.step(index, name)
+                self._told_steps = index + 1
+        self._tell_part(watcher, until_ns)
+        if self.ended and not self._told_end:
+            self._told_end = True
+            watcher.state(SessionState.FAILED if self._stopped else SessionState.DONE)
+
+    @property
+    def _stopped(self) -> bool:
+        return any(event.kind == STOP for event in self.measured.events)
+
+    def _tell_part(self, watcher: Progress, until_ns: int) -> None:
+        """The measurements up to there, in pieces, and each time what was known by then."""
+        for cut_ns in self._cuts[bisect_right(self._cuts, self._told_ns) : bisect_right(self._cuts, until_ns - 1)]:
+            watcher.part(self._piece(cut_ns + 1), self._known(cut_ns))
+        if until_ns > self._told_ns:
+            watcher.part(self._piece(until_ns), self._known(until_ns - 1))
+
+    def _known(self, at_ns: int) -> LiveEstimate:
+        known = bisect_right(self._stamps, at_ns)
+        return self._live[known - 1] if known else LiveEstimate(0)
+
+    def _piece(self, until_ns: int) -> Measured:
+        # What was said before the first tick is told with it.
+        since_ns = 0 if self._told_ns == self._first_ns else self._told_ns
+        piece = self.measured.between(since_ns, until_ns)
+        self._told_ns = until_ns
+        return piece
+
+    def _stand_at(self, now_s: float) -> None:
+        self._from_s, self._since = now_s, self._clock()
+
+
+def load_replay(path: Path) -> tuple[Replay, Recording]:
+    """Raises UsageError for a file that cannot be read, or that holds nothing to replay."""
+    recording = read_recording(path, raw_frames=False)
+    try:
+        return Replay(recording), recording
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from None
+
+
+def _steps(measured: Measured, last_ns: int) -> list[tuple[str, int, int]]:
+    """Name, begin and end of every procedure that was recorded; each ends where the next begins."""
+    segments = sorted(measured.segments, key=lambda segment: segment.start_ns)
+    begun = [(name, next(iter(group)).start_ns) for name, group in groupby(segments, lambda one: one.procedure)]
+    ends = [start_ns for _, start_ns in begun[1:]] + [last_ns]
+    return [(name, start_ns, end_ns) for (name, start_ns), end_ns in zip(begun, ends, strict=True)]
+
+
+def _changes(recording: Recording) -> list[LiveEstimate]:
+    """The live estimates wherever they say something new."""
+    found: list[LiveEstimate] = []
+    for state in recording.live:
+        if state.estimates and (not found or found[-1].estimates != state.estimates):
+            found.append(LiveEstimate(state.stamp_ns, state.estimates, None, state.samples))
+    return found

@@ -1,0 +1,227 @@
+"""One session under way: what its script yields is carried out, measured, recorded and told."""
+
+from dataclasses import dataclass, field, replace
+
+from norton_bench.control.preview import foreseeing, with_preview
+from norton_bench.errors import OperatorStopError
+from norton_bench.loop.bench_loop import BenchLoop
+from norton_bench.procedures.carry_out import carry_out
+from norton_bench.procedures.catalogue import CATALOGUE, needed_by
+from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Sparing, Telling
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.recording.recorder import Recorder
+from norton_bench.records import Measured
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Segment
+from norton_bench.session.answers import Answers, unanswered
+from norton_bench.session.desk import Desk
+from norton_bench.session.kept import with_last_on_disk
+from norton_bench.session.live_feed import LiveFeed
+from norton_bench.session.past import ANSWERED, FINISHED, Past, before
+from norton_bench.session.progress import PlannedStep, Progress
+from norton_bench.session.rehearsal import Rehearsed
+from norton_bench.session.script import Action, Ask, Remark, SoFar, Turn
+from norton_bench.session.step_models import ASK
+from norton_bench.session.supervision import learned
+
+# Kinds of events that whoever watches should see at once; an experiment goes on all the same.
+TROUBLES = ("bus", "device")
+# The kind of what is recorded of a plan that had to be made smaller.
+PLAN = "plan"
+
+
+@dataclass
+class Run:
+    """Performs a script (:class:`norton_bench.session.perform.Performer`). ``past``: what another session did of it."""
+
+    rig: Rig
+    loop: BenchLoop
+    feed: LiveFeed
+    so_far: SoFar
+    progress: Progress
+    recorder: Recorder
+    desk: Desk
+    rehearsal: Rehearsed
+    answers: Answers
+    plan: list[PlannedStep]
+    past: Past
+    _done: set[str] = field(default_factory=set)
+    _next: int = 0
+    _live_ns: int = 0  # of the last live estimate that was recorded
+
+    def take(self, part: Measured) -> None:
+        """One part from the loop: recorder first, then the live identifier, then whoever watches."""
+        self.recorder.put(part)
+        self.feed(part)
+        if self.feed.latest.stamp_ns > self._live_ns:
+            self._live_ns = self.feed.latest.stamp_ns
+            self.recorder.put_estimate(self.feed.latest)
+        self.progress.part(part, self.feed.latest)
+        for event in part.events:
+            if event.kind in TROUBLES:
+                self.progress.note(event.text)
+        self.desk.listen()
+
+    def learn(self, known: Knowledge) -> None:
+        """Let the loop know it too."""
+        self.so_far.known = known
+        self.loop.learn(learned(known))
+
+    def turn(self, yielded: Action | Turn | Remark) -> None:
+        """Raises as the procedure does, and OperatorStopError."""
+        if isinstance(yielded, Remark):
+            self.progress.note(yielded.text)
+            return
+        index, action = (yielded.index, yielded.action) if isinstance(yielded, Turn) else (self._next, yielded)
+        self._announce(index, action)
+        if not self.past.left:
+            self._checkpoint()
+            if self._skipped(index, action):
+                return
+            self.rehearsal.begin(name_of(action))
+        self._do(action)
+        self._done.add(name_of(action))
+
+    def last_turn(self, yielded: Action | Turn | Remark, error: Exception) -> None:
+        """After ``error``, which was final: prompts are asked, or told where the operator has left; nothing moves."""
+        action = yielded.action if isinstance(yielded, Turn) else yielded
+        if isinstance(action, Remark):
+            self.progress.note(action.text)
+        elif not isinstance(action, Ask):
+            self.progress.note(f"left out '{action.name}': nothing moves any more")
+        elif isinstance(error, OperatorStopError):
+            self.progress.note(action.text)
+        else:
+            self._ask(action)
+
+    def _announce(self, index: int, action: Action) -> None:
+        if index >= len(self.plan):
+            duration_s = 0.0 if isinstance(action, Ask) else action.duration_s(self.rig)
+            self.plan.append(PlannedStep(name_of(action), duration_s))
+            self.progress.plan(tuple(self.plan))
+        self.progress.step(index, name_of(action))
+        self._next = index + 1
+
+    def _do(self, action: Action) -> None:
+        if isinstance(action, Ask):
+            self._ask(action)
+        elif isinstance(action, Adaptive):
+            self._adapt(action)
+        else:
+            self._carry_out(action)
+
+    def _ask(self, action: Ask) -> None:
+        answer = self.past.answer(action.name)
+        if answer is None:
+            ready = self.answers.to(action.prompt)
+            if ready is None and not self.desk.operator.answers:
+                raise unanswered(action.prompt, "the script")
+            answer = self.desk.ask(action.prompt) if ready is None else ready
+            self.progress.note(f"{action.text} {answer}")
+        self.loop.tell(ANSWERED, f"{action.name}: {answer}")
+        self.so_far.answers[action.name] = answer
+
+    def _adapt(self, step: Adaptive) -> None:
+        """All procedures that it decides on, one after the other."""
+        while (decision := step.following(self.so_far.known)).procedure is not None:
+            self.progress.note(decision.said)
+            self.so_far.known = decision.known
+            self._carry_out(decision.procedure)
+            self._checkpoint()
+            if self.desk.wants_skip:
+                self._tell_skipped(step.name)
+                return
+        self.progress.note(decision.said)
+        self.so_far.known = decision.known
+
+    def _carry_out(self, procedure: Procedure) -> None:
+        known, record = self.so_far.known, self.past.finished(procedure.name)
+        if record is not None:
+            self.learn(replace(procedure.conclude(known, record), records=(*known.records, record)))
+        else:
+            self._carry_out_now(procedure)
+        if isinstance(procedure, Telling):
+            self.loop.tell(*procedure.told(self.so_far.known))
+        if record is None:
+            self.loop.tell(FINISHED, procedure.name)
+
+    def _carry_out_now(self, procedure: Procedure) -> None:
+        self.recorder.check()
+        if isinstance(procedure, Sparing):
+            for sentence in procedure.spared(self.so_far.known):
+                self.progress.note(sentence)
+                self.loop.tell(PLAN, sentence)
+        known = carry_out(procedure, self.so_far.known, self.loop, self._foresee)
+        self.learn(with_last_on_disk(self._on_one_clock(known), self.recorder.path.parent))
+
+    def _on_one_clock(self, known: Knowledge) -> Knowledge:
+        """With the past session's records moved to before this one's, once there is one of this one's."""
+        old = len(self.past.records)
+        if not old or len(known.records) != old + 1:
+            return known
+        return replace(known, records=(*before(self.past.records, known.records[-1]), known.records[-1]))
+
+    def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
+        """The free motion to expect under zero torque, where a network is there that foresees it well enough."""
+        known = self.so_far.known
+        if known.calibration is None or known.actuator is None:
+            return segment
+        knows_friction = known.calibration.actuator_friction is not None
+        network = foreseeing(known.actuator.network, self.feed.latest.network, knows_friction=knows_friction)
+        if network is None:
+            return segment
+        delay_s, tick_s = known.actuator.command_delay_s, known.tick_s
+        return with_preview(
+            segment, network, known.calibration, delay_s, tick_s, velocity_rad_s=velocity_rad_s, command=command
+        )
+
+    def _checkpoint(self) -> None:
+        """Between procedures: what was ordered meanwhile. Raises OperatorStopError, and as a tare does."""
+        desk = self.desk
+        desk.listen()
+        desk.obey_stop()
+        while desk.paused or desk.wants_tare:
+            if desk.wants_tare:
+                desk.wants_tare = False
+                self._tare()
+            desk.wait()
+
+    def _tare(self) -> None:
+        """As ordered: no step of the session, which a session that resumes this one would look for."""
+        self._carry_out_now(TareProcedure())
+        tare, calibration = self.so_far.known.tare, self.so_far.known.calibration
+        assert tare is not None
+        self.progress.note(f"tare: {tare.torque_bias_nm:+.3g} N*m at rest, noise {tare.torque_noise_nm:.2g} N*m")
+        if calibration is not None:  # measured with the shaft moving: friction has no share in it
+            self.progress.note(f"the bias found by 'calibrate', {calibration.torque_bias_nm:+.3g} N*m, stays in use")
+
+    def _skipped(self, index: int, action: Action) -> bool:
+        """Whether the operator wants the step left out, and nothing needs it."""
+        if not self.desk.wants_skip:
+            return False
+        why = self._why_needed(index, action)
+        if why is None:
+            self._tell_skipped(name_of(action))
+            return True
+        self.desk.wants_skip = False
+        self.progress.note(f"'{name_of(action)}' cannot be left out: {why}")
+        return False
+
+    def _why_needed(self, index: int, action: Action) -> str | None:
+        if isinstance(action, Ask):
+            return "it asks for an answer"
+        if action.name in self._done:
+            return None
+        names = [step.name for step in self.plan[index + 1 :] if step.name in CATALOGUE]
+        later = next((name for name in names if action.name in needed_by(name, self.rig)), None)
+        return None if later is None else f"'{later}' builds on it"
+
+    def _tell_skipped(self, name: str) -> None:
+        self.desk.wants_skip = False
+        self.loop.tell("operator", f"left out: {name}")
+        self.progress.note(f"'{name}' is left out, as ordered")
+
+
+def name_of(action: Action) -> str:
+    """What the plan calls it."""
+    return ASK if isinstance(action, Ask) else action.name

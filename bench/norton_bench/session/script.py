@@ -1,0 +1,108 @@
+"""Experiments as generators: a script yields what is to be done next, and sees what is known by then.
+
+A session file becomes such a script (:mod:`norton_bench.session.program`), and a Python program may write its own:
+
+    def script(so_far: SoFar) -> Script:
+        yield TareProcedure()
+        yield CalibrateProcedure()
+        try:
+            while so_far.parameter("coulomb_torque").interval > 0.01:
+                yield ImposedProcedure(ImposedOptions(duration_s=10.0))
+        finally:
+            yield Ask("unclamped", "Take the clamp off.")
+
+What stands behind ``finally`` is done however the experiment ends. After a safety stop, a failed device or the
+operator's stop nothing moves any more: then only prompts are left of it.
+"""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.fit import fit
+from norton_bench.identification.load import coupling_of
+from norton_bench.identification.results import FitResult
+from norton_bench.models.parameters import Estimate
+from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure
+from norton_bench.records import join
+from norton_bench.session.found import Found, found_in
+from norton_bench.session.progress import PlannedStep, Prompt
+
+
+@dataclass(frozen=True)
+class Ask:
+    """A prompt to the operator, with the drives idle; the answer is then in ``so_far.answers[name]``."""
+
+    name: str
+    text: str
+    choices: tuple[str, ...] = ()
+
+    @property
+    def prompt(self) -> Prompt:
+        return Prompt(self.name, self.text, self.choices)
+
+
+Action = Procedure | Adaptive | Ask
+
+
+@dataclass(frozen=True)
+class Turn:
+    """An action that is step ``index`` of what was planned."""
+
+    index: int
+    action: Action
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Something worth a line to whoever watches."""
+
+    text: str
+
+
+Script = Generator[Action | Turn | Remark, None, None]
+
+
+@dataclass
+class SoFar:
+    """What a script may decide by: ``known``, the operator's ``answers``, and the fit of all that was recorded.
+
+    It changes while the script waits at a ``yield``.
+    """
+
+    known: Knowledge
+    answers: dict[str, str] = field(default_factory=dict)
+    _fitted: FitResult | None = field(default=None, init=False)
+    _fitted_records: int = field(default=0, init=False)
+
+    def fit(self) -> FitResult:
+        """Of all that was recorded by now; takes seconds. Raises ExperimentError where that tells nothing yet."""
+        records = self.known.records
+        if self._fitted is None or self._fitted_records != len(records):
+            if not records:
+                raise ExperimentError("nothing has been measured yet: run a step before you ask for its results")
+            unit, tick_s = self.known.rig.command.unit, self.known.tick_s
+            measured = join(records)
+            coupling = coupling_of(measured, tick_s)
+            self._fitted = fit(measured, command_unit=unit, tick_s=tick_s, coupling=coupling)
+            self._fitted_records = len(records)
+        return self._fitted
+
+    def parameter(self, name: str) -> Found:
+        """What is known of a parameter by now, also where that is nothing. Raises UsageError for an unknown name."""
+        return found_in(self._estimates(), name, self.known.rig.command.unit)
+
+    def _estimates(self) -> tuple[Estimate, ...]:
+        try:
+            return self.fit().estimates
+        except ExperimentError:
+            return ()
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A script with what is known of it beforehand: its ``plan``, and its ``prompts``, None where nobody knows them."""
+
+    script: Callable[[SoFar], Script]
+    plan: tuple[PlannedStep, ...] = ()
+    prompts: tuple[Prompt, ...] | None = None

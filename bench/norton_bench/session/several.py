@@ -1,0 +1,101 @@
+"""What follows from several recordings of one actuator: each one's own conclusion, and that of all together."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.sessions import Fitted, Together, together
+from norton_bench.recording.reader import read_metadata
+from norton_bench.report.sessions import SessionRow, SessionsData, write_sessions_report
+from norton_bench.session.conclusion import NEEDED, Conclusion, check_metadata, conclude_recording
+
+IN_WORDS = {"rig": "rig", "command_unit": "command unit", "tick_s": "tick [s]"}
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """One of the recordings, and what follows from it alone."""
+
+    recording: Path
+    metadata: Mapping[str, str]
+    conclusion: Conclusion
+    fit: FitResult
+
+
+@dataclass(frozen=True)
+class Several:
+    """``network`` is None where one of its parameters is valid in no session."""
+
+    sessions: tuple[OneOf, ...]
+    together: Together
+    network: Path | None
+    report: Path
+
+
+def conclude_several(paths: Sequence[Path], out: Path | None, say: Callable[[str], None]) -> Several:
+    """Fit every recording on its own, then combine them; ``say`` hears which one is being fitted.
+
+    Each one's network and report go beside it, or into a folder of its own in ``out``; those of all together beside
+    the first, or into ``out``. Raises UsageError for recordings that cannot be read or do not belong together.
+    """
+    metadata = _belonging_together(paths)
+    sessions: list[OneOf] = []
+    for number, (path, own) in enumerate(zip(paths, metadata, strict=True), 1):
+        say(f"fitting {path}")
+        sessions.append(_one(path, own, None if out is None else out / f"{number}-{path.stem}"))
+        _check_new(sessions[-1], sessions[:-1])
+    common = {key: metadata[0][key] for key in NEEDED}
+    found = together([Fitted(str(one.recording), one.fit) for one in sessions], common["command_unit"])
+    place = (out if out is not None else paths[0].parent) / f"{common['rig']}-{len(paths)}-sessions"
+    network = None
+    if found.network is not None:
+        network = place.with_name(f"{place.name}.network.json")
+        provenance = {**common, "recordings": "; ".join(map(str, paths))}
+        found.network.with_provenance(provenance).save(network)
+    rows = tuple(SessionRow(str(one.recording), one.metadata.get("started", ""), one.fit) for one in sessions)
+    data = SessionsData(common["rig"], rows, found)
+    report = write_sessions_report(place.with_name(f"{place.name}.report.html"), data)
+    return Several(tuple(sessions), found, network, report)
+
+
+def _belonging_together(paths: Sequence[Path]) -> list[Mapping[str, str]]:
+    """The metadata of each. Raises UsageError where one is from another rig, or is named twice."""
+    metadata: list[Mapping[str, str]] = []
+    for number, path in enumerate(paths):
+        if path.resolve() in {before.resolve() for before in paths[:number]}:
+            raise UsageError(f"{path}: is named twice; name every session once")
+        metadata.append(read_metadata(path))
+        check_metadata(path, metadata[-1])
+        for key in NEEDED:
+            if metadata[-1][key] != metadata[0][key]:
+                raise UsageError(
+                    f"{path}: its {IN_WORDS[key]} is {metadata[-1][key]}, that of {paths[0]} is {metadata[0][key]}; "
+                    "only sessions of one rig can be combined, so fit it apart"
+                )
+    return metadata
+
+
+def _one(path: Path, metadata: Mapping[str, str], out: Path | None) -> OneOf:
+    try:
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+        conclusion = conclude_recording(path, out)[1]
+    except OSError as error:
+        raise UsageError(f"{out}: the folder cannot be made ({error.strerror}); choose another") from error
+    except ExperimentError as error:
+        raise ExperimentError(f"{path}: {error}; leave it out") from error
+    if conclusion.fit is None:
+        raise UsageError(f"{path}: holds tables without a model, which cannot be combined; fit it alone")
+    return OneOf(path, metadata, conclusion, conclusion.fit)
+
+
+def _check_new(one: OneOf, before: Sequence[OneOf]) -> None:
+    """Raises UsageError for a copy: equal to the last digit means the same measurements, and no second session."""
+    values = [repr(estimate.value) for estimate in one.fit.estimates]
+    for other in before:
+        if values == [repr(estimate.value) for estimate in other.fit.estimates]:
+            raise UsageError(
+                f"{one.recording}: holds the same measurements as {other.recording}; name every session once"
+            )

@@ -1,0 +1,181 @@
+"""The tables of a session file to its steps: parameters put in, sweeps and repetitions written out, groups nested."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from norton_bench.rig.mistakes import Mistakes, nearest, toml
+from norton_bench.session.conditions import Condition
+from norton_bench.session.items import Block, Item, Step
+from norton_bench.session.step_models import ASK, CONTROL, GROUP, MODELS, STEPS, ControlModel
+from norton_bench.session.values import Values, sweeps
+
+MOST_STEPS = 10_000
+KNOWN = (*MODELS, GROUP)
+# What any step but a prompt may have: under which modulations of the actuator's impedance it runs.
+MODULATION = "modulation"
+MODULATION_MEND = 'write it like "2 N*m/rad", or a list of such'
+
+
+@dataclass
+class Unrolled:
+    """What was read: ``steps`` in order, and those that run at the end however it comes."""
+
+    steps: list[Item] = field(default_factory=list)
+    always: list[Item] = field(default_factory=list)
+
+
+@dataclass
+class Unroller:
+    """Reads the tables of one file, and notes its mistakes."""
+
+    mistakes: Mistakes
+    _count: int = field(default=0, init=False)
+
+    def read(self, tables: Sequence[object], values: Values) -> Unrolled:
+        """All steps of the file."""
+        read = Unrolled()
+        for number, table in enumerate(tables, 1):
+            items, always = self._read(table, str(number), values)
+            if always:
+                read.always += items
+            elif read.always and items:
+                self.mistakes.add(f"[step {number}]", "comes after a step with always = true; those must be the last")
+            else:
+                read.steps += items
+        return read
+
+    def _read(self, table: object, number: str, values: Values) -> tuple[list[Item], bool]:
+        where = f"step {number}"
+        if not isinstance(table, dict):
+            self.mistakes.add(f"[{where}]", f"is a section, not {toml(table)}; write [[step]] on a line of its own")
+            return [], False
+        do = table.get("do")
+        if do is None:
+            self.mistakes.add(f"[{where}] do", f"is missing; add do = ... (one of {', '.join(KNOWN)})")
+            return [], False
+        if not isinstance(do, str) or do not in KNOWN:
+            self.mistakes.add(f"[{where}] do", f"{toml(do)} is not a procedure; {nearest(str(do), KNOWN)}")
+            return [], False
+        where = f"{where}, {do}"
+        control = self._control(table, where, values)
+        if control is None:
+            return [], False
+        return self._written_out(table, do, where, number, control, values), control.always
+
+    def _control(self, table: Mapping[str, Any], where: str, values: Values) -> ControlModel | None:
+        written = self._put_in({key: value for key, value in table.items() if key in CONTROL}, where, values)
+        return None if written is None else self.mistakes.read(ControlModel, written, where)
+
+    def _written_out(
+        self, table: Mapping[str, Any], do: str, where: str, number: str, control: ControlModel, values: Values
+    ) -> list[Item]:
+        try:
+            swept = sweeps(control.sweep)
+        except ValueError as error:
+            self.mistakes.add(f"[{where}] for", str(error))
+            return []
+        items: list[Item] = []
+        for combination in swept:
+            for turn in range(1, control.repeat + 1):
+                label = _label(combination, turn, control.repeat)
+                before = len(self.mistakes.sentences)
+                body = self._body(table, do, where, number, values.with_(combination), label)
+                items += _controlled(body, control, do, where)
+                self._count += len(body)
+                # The same mistake in every repetition is one mistake.
+                if len(self.mistakes.sentences) > before or self._too_many(where):
+                    return items
+        return items
+
+    def _too_many(self, where: str) -> bool:
+        if self._count > MOST_STEPS:
+            self.mistakes.add(f"[{where}]", f"makes more than {MOST_STEPS} steps of the session; repeat less")
+        return self._count > MOST_STEPS
+
+    def _body(
+        self, table: Mapping[str, Any], do: str, where: str, number: str, values: Values, label: str
+    ) -> list[Item]:
+        rest = {key: value for key, value in table.items() if key != "do" and key not in CONTROL}
+        if do == GROUP:
+            return self._group(rest, where, number, values, label)
+        written = self._put_in(rest, where, values)
+        if written is None:
+            return []
+        modulations = self._modulations(written.pop(MODULATION, []), where) if do in STEPS else ()
+        model, options = MODELS[do]
+        section = self.mistakes.read(model, written, where)
+        if section is None:
+            return []
+        made = options(**section.model_dump(exclude_unset=True))
+        return [Step(do, made, label=label, where=where, modulations=modulations)]
+
+    def _modulations(self, written: object, where: str) -> tuple[str, ...]:
+        """Quantities whose unit only the rig knows."""
+        quantities = written if isinstance(written, list) else [written]
+        if not all(isinstance(each, str) for each in quantities):
+            self.mistakes.add(f"[{where}] {MODULATION}", f"{toml(written)} is no quantity; {MODULATION_MEND}")
+            return ()
+        return tuple(quantities)
+
+    def _group(self, rest: Mapping[str, Any], where: str, number: str, values: Values, label: str) -> list[Item]:
+        tables = rest.get("step")
+        for key in rest:
+            if key != "step":
+                self.mistakes.add(f"[{where}] {key}", f"unknown key; {nearest(key, ('step', *CONTROL))}")
+        if not isinstance(tables, list) or not tables:
+            self.mistakes.add(f"[{where}]", 'holds no step; add [[step.step]] with do = "imposed" below it')
+            return []
+        items: list[Item] = []
+        for inner, table in enumerate(tables, 1):
+            found, always = self._read(table, f"{number}.{inner}", values)
+            if always:
+                self.mistakes.add(f"[step {number}.{inner}] always", "is for steps of the file itself, not of a group")
+            items += found
+        return [_labelled(item, label) for item in items]
+
+    def _put_in(self, written: Mapping[str, Any], where: str, values: Values) -> dict[str, Any] | None:
+        filled = {}
+        for key, value in written.items():
+            try:
+                filled[key] = values.put_in(value)
+            except ValueError as error:
+                self.mistakes.add(f"[{where}] {key}", str(error))
+                return None
+        return filled
+
+
+def _controlled(body: list[Item], control: ControlModel, do: str, where: str) -> list[Item]:
+    when = None if control.when is None else control.when.condition()
+    until = control.repeat_until
+    if until is not None:
+        return [Block(tuple(body), when, until.condition(), until.at_most, where)] if body else []
+    if when is None:
+        return body
+    if do == GROUP:
+        return [Block(tuple(body), when, where=where)]
+    return [_when(item, when) for item in body]
+
+
+def _when(item: Item, when: Condition) -> Item:
+    return replace(item, when=when)
+
+
+def _label(combination: Mapping[str, Any], turn: int, turns: int) -> str:
+    parts = [f"{name} = {value}" for name, value in combination.items()]
+    if turns > 1:
+        parts.append(f"{turn} of {turns}")
+    return ", ".join(parts)
+
+
+def _labelled(item: Item, label: str) -> Item:
+    if not label:
+        return item
+    if isinstance(item, Block):
+        return replace(item, steps=tuple(_labelled(inner, label) for inner in item.steps))
+    return replace(item, label=", ".join(filter(None, (label, item.label))))
+
+
+def asks(step: Step) -> bool:
+    """Whether the step is a prompt."""
+    return step.do == ASK

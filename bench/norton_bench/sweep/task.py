@@ -1,0 +1,145 @@
+"""One fit of a sweep, wherever it runs: what it is given, and the little that it sends back."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from hashlib import sha256
+from math import isfinite, nan
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any, Protocol
+
+from norton_bench.errors import BenchError
+from norton_bench.identification.judged_fit import fit_judged
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.soundness.recording import sound
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.recording.reader import read_recording
+from norton_bench.rig.rig import Rig
+from norton_bench.rig.simulators import true_parameters
+from norton_bench.session.conclusion import check_metadata, conclude_recording
+from norton_bench.session.engine import record_session, run_session
+from norton_bench.session.failure import sentence_of
+from norton_bench.session.items import Session
+from norton_bench.session.past import with_past
+from norton_drivers.errors import DeviceError
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a task: its estimates, what is true where that is known, or the sentence with which it failed.
+
+    ``true`` holds values by the estimates' names, in their units.
+    """
+
+    name: str
+    estimates: tuple[Estimate, ...] = ()
+    converged: bool = False
+    true: Mapping[str, float] = field(default_factory=dict)
+    failure: str = ""
+    took_s: float = 0.0
+
+    def as_json(self) -> dict[str, Any]:
+        return {**asdict(self), "estimates": [_estimate_json(each) for each in self.estimates]}
+
+    @classmethod
+    def of_json(cls, written: Mapping[str, Any]) -> "Outcome":
+        """Raises KeyError, TypeError or ValueError for what is none."""
+        return cls(**{**written, "estimates": tuple(_estimate_of_json(each) for each in written["estimates"])})
+
+
+def _estimate_json(estimate: Estimate) -> dict[str, Any]:
+    """JSON knows no number that is not finite."""
+    numbers = {name: value if isfinite(value) else None for name, value in _numbers(estimate).items()}
+    return {**asdict(estimate), **numbers, "status": estimate.status.value}
+
+
+def _estimate_of_json(written: Mapping[str, Any]) -> Estimate:
+    numbers = {name: nan if written[name] is None else float(written[name]) for name in ("value", "std")}
+    return Estimate(**{**written, **numbers, "status": Status(written["status"])})
+
+
+def _numbers(estimate: Estimate) -> dict[str, float]:
+    return {"value": float(estimate.value), "std": float(estimate.std)}
+
+
+class Task(Protocol):
+    """Anything that pickles, has a name of its own in its sweep, and can be carried out anywhere."""
+
+    @property
+    def name(self) -> str: ...
+
+    def fitted(self) -> Outcome:
+        """Raises BenchError or DeviceError, in a sentence, where there is nothing to fit."""
+        ...
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """One session on a simulated rig. Files are kept in ``keep``/<name>, or not at all."""
+
+    rig: Rig
+    session: Session
+    seed: int
+    keep: Path | None = None
+
+    @property
+    def name(self) -> str:
+        return f"seed {self.seed}"
+
+    def fitted(self) -> Outcome:
+        true = {name: value for name, (value, _) in true_parameters(self.rig, self.seed).items()}
+        return _outcome(self.name, self._fit(), true)
+
+    def _fit(self) -> FitResult | None:
+        if self.keep is not None:
+            folder = self.keep / self.name.replace(" ", "-")
+            folder.mkdir(parents=True, exist_ok=True)
+            return run_session(self.rig, self.session, out=folder, seed=self.seed).conclusion.fit
+        rig = replace(self.rig, candump=False)
+        with TemporaryDirectory(prefix="norton-bench-") as folder_name:
+            measured = record_session(rig, self.session, out=Path(folder_name), seed=self.seed).measured
+        return fit_judged(sound(measured), command_unit=rig.command.unit, tick_s=rig.tick_s).result
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One recording, fitted again. Network and report are kept in ``keep``/<name>, or not at all."""
+
+    path: Path
+    keep: Path | None = None
+
+    @property
+    def name(self) -> str:
+        return str(self.path)
+
+    def fitted(self) -> Outcome:
+        return _outcome(self.name, self._fit(), {})
+
+    def _fit(self) -> FitResult | None:
+        if self.keep is not None:
+            # Recordings of a fleet have one name in many folders.
+            folder = self.keep / f"{self.path.stem}-{sha256(self.name.encode()).hexdigest()[:8]}"
+            folder.mkdir(parents=True, exist_ok=True)
+            return conclude_recording(self.path, folder)[1].fit
+        recording = read_recording(self.path, raw_frames=False)
+        check_metadata(self.path, recording.metadata)
+        unit, tick_s = recording.metadata["command_unit"], float(recording.metadata["tick_s"])
+        measured = with_past(self.path, recording)
+        return fit_judged(sound(measured), command_unit=unit, tick_s=tick_s).result
+
+
+def carry_out(task: Task) -> Outcome:
+    """The task's outcome; one that fails says so, and does not end the sweep."""
+    begun_s = perf_counter()
+    try:
+        outcome = task.fitted()
+    except (BenchError, DeviceError, OSError) as error:
+        outcome = Outcome(task.name, failure=sentence_of(error))
+    return replace(outcome, took_s=perf_counter() - begun_s)
+
+
+def _outcome(name: str, found: FitResult | None, true: Mapping[str, float]) -> Outcome:
+    if found is None:
+        return Outcome(name, failure="nothing was measured to fit; the session needs a step 'free' or 'imposed'")
+    return Outcome(name, found.estimates, not found.shortcoming, true)

@@ -1,0 +1,29 @@
+"""What authors of drivers test theirs with: a contract to subclass, and a world to script a device in.
+
+Import it in tests only: it needs pytest (``pip install norton-bench[testing]``). docs/drivers.md shows how.
+"""
+
+import pytest
+
+# So that a broken contract shows the values that broke it.
+pytest.register_assert_rewrite(
+    "norton_bench.testing.contract", "norton_bench.testing.amplifier", "norton_bench.testing.torque_sensor"
+)
+
+from norton_bench.testing.amplifier import AmplifierContract
+from norton_bench.testing.far_end import AmplifierFarEnd, FarEnd, SetUp, TorqueSensorFarEnd
+from norton_bench.testing.torque_sensor import TorqueSensorContract
+from norton_bench.testing.world import ScriptedBus, ScriptedClock, ScriptedLine, ScriptedWorld
+
+__all__ = [
+    "AmplifierContract",
+    "AmplifierFarEnd",
+    "FarEnd",
+    "ScriptedBus",
+    "ScriptedClock",
+    "ScriptedLine",
+    "ScriptedWorld",
+    "SetUp",
+    "TorqueSensorContract",
+    "TorqueSensorFarEnd",
+]

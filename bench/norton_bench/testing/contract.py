@@ -1,0 +1,170 @@
+"""What holds for every driver: it is found by its name, declares its options, and says who is there, or who is not."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from random import Random
+from typing import Any, ClassVar, Protocol
+
+import pytest
+
+from norton_bench.rig.driver_options import declared_by
+from norton_bench.testing.far_end import SetUp
+from norton_bench.testing.meddling import Meddler
+from norton_drivers import registry
+from norton_drivers.errors import DeviceError, WiringError
+from norton_drivers.link import Link
+
+SHORT_S = 0.3
+# What a driver may take beyond the time it was given: a frame on its way, a poll.
+GRACE_S = 0.5
+ROUNDS_OF_JUNK = 200
+
+_LOADED_QUIETLY = """
+import os, sys, threading
+from norton_drivers import registry
+def opened():
+    return len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
+before = opened(), threading.active_count()
+factory = registry.load(sys.argv[1], sys.argv[2], asked_by="driver")
+assert callable(factory), f"the entry point names {factory!r}, which cannot be called"
+after = opened(), threading.active_count()
+assert after == before, f"importing it opened files or started threads: {before} before, {after} after"
+"""
+
+
+@dataclass
+class Plugged:
+    """An open driver, the device at its far end, and what lies between."""
+
+    set_up: SetUp
+    device: Any
+    link: Link
+    meddler: Meddler
+
+    @property
+    def far_end(self) -> Any:
+        return self.set_up.far_end
+
+    @property
+    def now_ns(self) -> int:
+        return self.link.clock.now_ns()
+
+    def wait(self, duration_s: float) -> None:
+        """Let time pass, polling every millisecond."""
+        end_ns = self.now_ns + round(duration_s * 1e9)
+        while self.now_ns < end_ns:
+            self.link.wait()
+
+    def endure_junk(self) -> None:
+        """Let junk arrive for a while, then none."""
+        random = Random(1)
+        for _ in range(ROUNDS_OF_JUNK):
+            self.wait(0.002)
+            self.meddler.babble(random)
+        self.wait(0.1)
+
+    def assert_told(self, sentence: object) -> None:
+        """An error's text is one line, and says which device it is of and where that is connected."""
+        text = str(sentence)
+        assert "\n" not in text, f"more than one line: {text}"
+        assert self.set_up.settings.role in text, f"does not say which device: {text}"
+        assert self.set_up.address in text, f"does not say where it is connected: {text}"
+
+
+class Plug(Protocol):
+    def __call__(self, direction: int = 1) -> Plugged: ...
+
+
+class DriverContract:
+    """Base of both contracts. Subclasses say in :meth:`set_up` what is tested."""
+
+    group: ClassVar[str]
+
+    def set_up(self, direction: int) -> SetUp:
+        """A fresh backend with the device at its far end, mounted with ``direction`` (1 or -1)."""
+        raise NotImplementedError("say in set_up(self, direction) which driver, and what is at its far end")
+
+    @staticmethod
+    def open_driver(set_up: SetUp, link: Link) -> Any:
+        raise NotImplementedError
+
+    @contextmanager
+    def plugging(self) -> Iterator[Plug]:
+        """What opens the driver, with the device plugged in; everything is closed again at the end."""
+        with ExitStack() as stack:
+
+            def plug(direction: int = 1) -> Plugged:
+                set_up = self.set_up(direction)
+                meddler = Meddler(set_up.backend)
+                stack.callback(meddler.close)
+                link = Link(meddler, set_up.buses)
+                stack.callback(link.close)
+                return Plugged(set_up, self.open_driver(set_up, link), link, meddler)
+
+            yield plug
+
+    @pytest.fixture
+    def plug(self) -> Iterator[Plug]:
+        with self.plugging() as plug:
+            yield plug
+
+    @pytest.fixture
+    def plugged(self, plug: Plug) -> Plugged:
+        return plug()
+
+    # ---- How it is found -----------------------------------------------------------------------------------------
+
+    def test_its_entry_point_is_listed(self) -> None:
+        assert self.set_up(1).settings.driver in registry.names(self.group)
+
+    def test_importing_it_opens_and_starts_nothing(self) -> None:
+        arguments = [sys.executable, "-c", _LOADED_QUIETLY, self.group, self.set_up(1).settings.driver]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        done = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+    def test_its_options_are_declared(self) -> None:
+        declared = declared_by(self.group, self.set_up(1).settings.driver)
+        assert declared.model is not None, "its module has no subclass of norton_drivers.options.DeviceOptions"
+        known = {field.alias or name for name, field in declared.model.model_fields.items()}
+        assert set(declared.units) <= known, "OPTION_UNITS names options that are none"
+        assert set(declared.files) <= known, "OPTION_FILES names options that are none"
+
+    def test_an_option_that_is_none_is_refused_in_a_sentence(self) -> None:
+        set_up = self.set_up(1)
+        options = {**set_up.settings.options, "no_such_option": 1}
+        wrong = replace(set_up, settings=replace(set_up.settings, options=options))
+        link = Link(set_up.backend, set_up.buses)
+        with pytest.raises(WiringError) as caught:
+            self.open_driver(wrong, link)
+        link.close()
+        set_up.backend.close()
+        assert "no_such_option" in str(caught.value)
+        assert set_up.settings.role in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+    # ---- Who is there --------------------------------------------------------------------------------------------
+
+    def test_it_says_who_is_there(self, plugged: Plugged) -> None:
+        identity = plugged.device.identify()
+        assert identity.driver == plugged.set_up.settings.driver
+        assert plugged.set_up.address in identity.address
+        assert plugged.device.role == plugged.set_up.settings.role
+
+    def test_that_nobody_is_there_is_told_in_time(self, plugged: Plugged) -> None:
+        plugged.far_end.vanish()
+        plugged.wait(0.05)  # what was on its way
+        begun_ns = plugged.now_ns
+        with pytest.raises(DeviceError) as caught:
+            plugged.device.identify(SHORT_S)
+        plugged.assert_told(caught.value)
+        assert (plugged.now_ns - begun_ns) * 1e-9 < SHORT_S + GRACE_S
+
+    def test_no_junk_makes_it_raise(self, plugged: Plugged) -> None:
+        """Frames and bytes of all kinds, true ones between them; afterwards it still knows its device."""
+        plugged.endure_junk()
+        plugged.device.identify()

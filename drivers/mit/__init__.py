@@ -1,5 +1,0 @@
-"""Actuators in MIT mode: mini-cheetah, CubeMars AK and their like."""
-
-from drivers.mit.drive import MitActuator, MitOptions, open_amplifier
-
-__all__ = ["MitActuator", "MitOptions", "open_amplifier"]

@@ -1,0 +1,113 @@
+"""What is known of one of python-can's interfaces: its mistakes, its obstacles, how it is opened and how it fares."""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import can
+
+from norton_drivers.wiring import CanBusSettings
+
+
+class Health(Protocol):
+    """How an open bus fares, by its own account."""
+
+    def ask(self) -> None:
+        """Ask the adapter, where it can be asked; called about once a second. Raises can.CanError, OSError."""
+        ...
+
+    def troubles(self) -> Mapping[str, int]:
+        """What went wrong since the bus was opened, in words, and how often."""
+        ...
+
+    @property
+    def off_bus(self) -> str | None:
+        """How it is known that the controller takes no part any more; None while it does."""
+        ...
+
+
+# A key of the rig file's section, and what is wrong with it, with the mend.
+Mistake = tuple[str, str]
+
+
+def no_mistakes(_settings: CanBusSettings) -> Iterator[Mistake]:
+    """Nothing that the rig file could say is known to be wrong."""
+    return iter(())
+
+
+def no_obstacle(_settings: CanBusSettings) -> str | None:
+    """Nothing can be seen before it is tried."""
+    return None
+
+
+def own_health(bus: can.BusABC) -> Health:
+    """Of a bus that tells itself."""
+    return bus  # type: ignore[return-value]
+
+
+@dataclass
+class StateOnly:
+    """Of a bus that at most knows its state, as python-can names it."""
+
+    bus: can.BusABC
+
+    def ask(self) -> None:
+        """The state needs no question."""
+
+    def troubles(self) -> Mapping[str, int]:
+        return {}
+
+    @property
+    def off_bus(self) -> str | None:
+        return "its state is ERROR" if self.bus.state is can.BusState.ERROR else None
+
+
+def as_python_can_does(settings: CanBusSettings, **changed: Any) -> can.BusABC:
+    """Open with ``settings``; ``changed`` goes before the options. Raises whatever the interface does.
+
+    Without python-can's own configuration files: the rig file alone says what is opened.
+    """
+    arguments: dict[str, Any] = {"channel": settings.channel, "bitrate": settings.bitrate_bit_s}
+    arguments |= {**settings.options, **changed}
+    return can.Bus(interface=settings.interface, ignore_config=True, **arguments)
+
+
+def generic_mend(_settings: CanBusSettings, error: Exception) -> str:
+    """For an interface of which nothing special is known."""
+    if isinstance(error, (ImportError, can.CanInterfaceNotImplementedError, NameError)):
+        return "install the library of the adapter's maker, see python-can's page on this interface"
+    return "is the adapter plugged in, and its driver installed?"
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """One interface.
+
+    ``mistakes`` are told from the rig file alone, an ``obstacle`` from the machine; ``mend`` is the half sentence after
+    a failure to open. ``options`` are python-can's names, against which a misspelling is noticed.
+    """
+
+    channel: str = "the adapter's channel"
+    install: str = ""  # what must be there
+    options: tuple[str, ...] = ()
+    mistakes: Callable[[CanBusSettings], Iterator[Mistake]] = no_mistakes
+    obstacle: Callable[[CanBusSettings], str | None] = no_obstacle
+    open: Callable[[CanBusSettings], can.BusABC] = as_python_can_does
+    mend: Callable[[CanBusSettings, Exception], str] = generic_mend
+    health: Callable[[can.BusABC], Health] = StateOnly
+    marks_own_frames: bool = True  # a frame that is not marked as received is one that was sent from here
+    linux_error_frames: bool = False  # error frames are laid out as Linux has them
+
+
+@contextmanager
+def quiet_python_can() -> Iterator[None]:
+    """Inside, python-can says nothing of its own on standard error: every failure is told in our sentence."""
+    logger = logging.getLogger("can")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)

@@ -1,0 +1,98 @@
+"""socketcan: any adapter with a driver in the Linux kernel (gs_usb, PEAK, Kvaser, SPI and on-board controllers).
+
+The kernel sets the bitrate, not the program that opens the bus, so that the two are compared here.
+"""
+
+import json
+import socket
+import subprocess
+from pathlib import Path
+
+from norton_drivers.adapters.adapter import Adapter
+from norton_drivers.wiring import CanBusSettings
+
+NETWORK = Path("/sys/class/net")
+_CAN_LINK = "280"  # ARPHRD_CAN, Linux' <linux/if_arp.h>
+_UP = 0x1  # IFF_UP, <linux/if.h>
+_PATIENCE_S = 2.0
+
+
+def can_links(network: Path = NETWORK) -> dict[str, bool]:
+    """The machine's CAN network interfaces, and whether each is up."""
+    found = {link.name: link for link in network.iterdir()} if network.is_dir() else {}
+    return {name: _is_up(link) for name, link in sorted(found.items()) if _read(link / "type") == _CAN_LINK}
+
+
+def real_bitrate(channel: str) -> int | None:
+    """What the kernel has set on a link [bit/s]; None where nobody can say (virtual links have none)."""
+    try:
+        done = subprocess.run(
+            ["ip", "-details", "-json", "link", "show", channel],
+            capture_output=True,
+            timeout=_PATIENCE_S,
+            check=True,
+        )
+        return int(json.loads(done.stdout)[0]["linkinfo"]["info_data"]["bittiming"]["bitrate"])
+    except (OSError, subprocess.SubprocessError, ValueError, LookupError, TypeError):
+        return None
+
+
+def _obstacle(settings: CanBusSettings) -> str | None:
+    return obstacle_of(settings)
+
+
+def obstacle_of(settings: CanBusSettings, network: Path = NETWORK, has_sockets: bool | None = None) -> str | None:
+    """Why the link cannot be used, with the mend."""
+    if not (_kernel_has_can() if has_sockets is None else has_sockets):
+        return "this kernel has no CAN sockets; `sudo modprobe can_raw`, or use another interface"
+    links = can_links(network)
+    if settings.channel not in links:
+        known = ", ".join(links) or "none"
+        return f"there is no CAN link {settings.channel} (there is: {known}); is the adapter plugged in? see `ip link`"
+    if not links[settings.channel]:
+        return f"the link is down; {_bring_up(settings)}"
+    real = real_bitrate(settings.channel)
+    if real is not None and real != settings.bitrate_bit_s:
+        return (
+            f"the link runs at {real} bit/s, but the rig file says {settings.bitrate_bit_s}; correct the file, or "
+            f"`sudo ip link set {settings.channel} down` and {_bring_up(settings)}"
+        )
+    return None
+
+
+def _bring_up(settings: CanBusSettings) -> str:
+    return f"`sudo ip link set {settings.channel} up type can bitrate {settings.bitrate_bit_s}`"
+
+
+def _mend(settings: CanBusSettings, _error: Exception) -> str:
+    return f"is it up? {_bring_up(settings)}"
+
+
+def _kernel_has_can() -> bool:
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except (OSError, AttributeError):
+        return False
+    return True
+
+
+def _is_up(link: Path) -> bool:
+    flags = _read(link / "flags")
+    return bool(int(flags, 16) & _UP) if flags else False
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text().strip()
+    except OSError:
+        return ""
+
+
+SOCKETCAN = Adapter(
+    channel='the network interface, e.g. "can0"',
+    options=("local_loopback", "fd", "can_filters", "ignore_rx_error_frames"),
+    obstacle=_obstacle,
+    mend=_mend,
+    marks_own_frames=False,  # the mark means any program of this computer; the kernel keeps our own frames from us
+    linux_error_frames=True,
+)

@@ -1,0 +1,460 @@
+"""ODrive CANSimple, firmware 0.6, and what 0.5 has in common with it: messages to bytes and back, for either end.
+
+Standard identifiers are ``node << 5 | command``; payloads are little-endian. Sources: ODrive manual, "CAN Protocol"
+and "ODrive.Error", "ODrive.Axis.AxisState", "ODrive.ProcedureResult" of the API reference (firmware 0.6), and the
+DBC file 0.6.10 that ODrive publishes.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from math import isfinite
+from struct import Struct
+from typing import ClassVar, Self
+
+from norton_drivers.codecs.errors import CodecError
+
+NODE_MAX = 0x3F
+_COMMAND_MASK = 0x1F
+
+_TWO_U32 = Struct("<II")
+_TWO_F32 = Struct("<ff")
+_ONE_U32 = Struct("<I")
+_ONE_F32 = Struct("<f")
+# The published DBC file gives these eight bytes; the drive itself looks at four.
+_PADDED_U32 = Struct("<I4x")
+_PADDED_F32 = Struct("<f4x")
+_HEARTBEAT = Struct("<IBBBx")
+_VERSION = Struct("<8B")
+_SDO = Struct("<BHx4s")
+
+
+class Command(IntEnum):
+    """The low five bits of an identifier."""
+
+    VERSION = 0x00
+    HEARTBEAT = 0x01
+    ESTOP = 0x02
+    ERROR = 0x03
+    RX_SDO = 0x04
+    TX_SDO = 0x05
+    SET_AXIS_STATE = 0x07
+    ENCODER_ESTIMATES = 0x09
+    SET_CONTROLLER_MODE = 0x0B
+    SET_INPUT_TORQUE = 0x0E
+    SET_LIMITS = 0x0F
+    IQ = 0x14
+    TEMPERATURE = 0x15
+    BUS_VOLTAGE_CURRENT = 0x17
+    CLEAR_ERRORS = 0x18
+    TORQUES = 0x1C
+
+
+class AxisState(IntEnum):
+    """The states that a heartbeat reports."""
+
+    UNDEFINED = 0
+    IDLE = 1
+    STARTUP_SEQUENCE = 2
+    FULL_CALIBRATION_SEQUENCE = 3
+    MOTOR_CALIBRATION = 4
+    ENCODER_INDEX_SEARCH = 6
+    ENCODER_OFFSET_CALIBRATION = 7
+    CLOSED_LOOP_CONTROL = 8
+    LOCKIN_SPIN = 9
+    ENCODER_DIR_FIND = 10
+    HOMING = 11
+    ENCODER_HALL_POLARITY_CALIBRATION = 12
+    ENCODER_HALL_PHASE_CALIBRATION = 13
+    ANTICOGGING_CALIBRATION = 14
+
+
+class ControlMode(IntEnum):
+    VOLTAGE = 0
+    TORQUE = 1
+    VELOCITY = 2
+    POSITION = 3
+
+
+class InputMode(IntEnum):
+    INACTIVE = 0
+    PASSTHROUGH = 1
+    VELOCITY_RAMP = 2
+    POSITION_FILTER = 3
+    TRAPEZOIDAL_TRAJECTORY = 5
+    TORQUE_RAMP = 6
+
+
+class SdoOpcode(IntEnum):
+    READ = 0
+    WRITE = 1
+
+
+# Endpoint numbers differ between boards and firmware revisions: these are those of one published list of firmware
+# 0.6. A board's own stand in the flat_endpoints.json that ODrive publishes for it.
+ENDPOINT_WATCHDOG_TIMEOUT = 200  # axis0.config.watchdog_timeout, f32 [s]
+ENDPOINT_ENABLE_WATCHDOG = 201  # axis0.config.enable_watchdog, bool
+
+ERROR_WATCHDOG = 1 << 24
+ERROR_ESTOP = 1 << 25
+
+RESULT_SUCCESS = 0
+RESULT_BUSY = 1
+
+
+def arbitration_id(node: int, command: int) -> int:
+    """The 11-bit identifier. Raises CodecError for a node outside 0..63."""
+    if not 0 <= node <= NODE_MAX:
+        raise CodecError(f"ODrive node ids go from 0 to {NODE_MAX}, not {node}")
+    return node << 5 | command & _COMMAND_MASK
+
+
+def split_id(identifier: int) -> tuple[int, int]:
+    """``(node, command)`` of an 11-bit identifier; the command need not be one that is known here."""
+    return identifier >> 5, identifier & _COMMAND_MASK
+
+
+def _check_length(data: bytes | bytearray, length: int, message: str) -> None:
+    # Not `!=`: CAN FD and some adapters pad to 8 bytes, and later firmware may append fields.
+    if len(data) < length:
+        raise CodecError(f"{message}: {len(data)} bytes where {length} are needed")
+
+
+def _two_finite(data: bytes | bytearray, message: str) -> tuple[float, float]:
+    _check_length(data, 8, message)
+    first, second = _TWO_F32.unpack_from(data)
+    if not (isfinite(first) and isfinite(second)):
+        raise CodecError(f"{message}: not a finite number")
+    return first, second
+
+
+def _pack_one(layout: Struct, message: str, value: float) -> bytes:
+    if not isfinite(value):
+        raise CodecError(f"{message}: not a finite number")
+    try:
+        return layout.pack(value)
+    except OverflowError as error:
+        raise CodecError(f"{message}: beyond the range of a 32-bit float") from error
+
+
+def _pack_two(message: str, first: float, second: float) -> bytes:
+    if not (isfinite(first) and isfinite(second)):
+        raise CodecError(f"{message}: not a finite number")
+    try:
+        return _TWO_F32.pack(first, second)
+    except OverflowError as error:
+        raise CodecError(f"{message}: beyond the range of a 32-bit float") from error
+
+
+# What crosses the wire every millisecond can be had without an object made of it: two numbers, or one.
+
+
+def estimates_value(position_rev: float, velocity_rev_s: float) -> bytes:
+    """The payload of :class:`EncoderEstimates`."""
+    return _pack_two("encoder estimates", position_rev, velocity_rev_s)
+
+
+def estimates_of(data: bytes | bytearray) -> tuple[float, float]:
+    """Position [turns] and velocity [turns/s] in the payload of :class:`EncoderEstimates`."""
+    return _two_finite(data, "encoder estimates")
+
+
+def torque_value(torque_nm: float) -> bytes:
+    """The payload of :class:`SetInputTorque`."""
+    return _pack_one(_PADDED_F32, "torque", torque_nm)
+
+
+def torque_of(data: bytes | bytearray) -> float:
+    """The torque [N m] in the payload of :class:`SetInputTorque`."""
+    _check_length(data, 4, "torque")
+    torque_nm: float = _ONE_F32.unpack_from(data)[0]
+    if not isfinite(torque_nm):
+        raise CodecError("torque: not a finite number")
+    return torque_nm
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """Answer to a remote frame: who the drive is (command 00)."""
+
+    COMMAND: ClassVar[Command] = Command.VERSION
+    protocol: int
+    hardware: tuple[int, int, int]  # major, minor, variant
+    firmware: tuple[int, int, int]  # major, minor, revision
+    unreleased: int = 0
+
+    def encode(self) -> bytes:
+        return _VERSION.pack(self.protocol, *self.hardware, *self.firmware, self.unreleased)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        _check_length(data, 8, "version")
+        protocol, hw0, hw1, hw2, fw0, fw1, fw2, unreleased = _VERSION.unpack_from(data)
+        return cls(protocol, (hw0, hw1, hw2), (fw0, fw1, fw2), unreleased)
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """Sent by itself, every 100 ms by default (command 01)."""
+
+    COMMAND: ClassVar[Command] = Command.HEARTBEAT
+    error_bits: int
+    axis_state: int
+    procedure_result: int = 0
+    trajectory_done: bool = False
+
+    def encode(self) -> bytes:
+        return _HEARTBEAT.pack(self.error_bits, self.axis_state, self.procedure_result, self.trajectory_done)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        _check_length(data, 8, "heartbeat")
+        error_bits, axis_state, procedure_result, flags = _HEARTBEAT.unpack_from(data)
+        return cls(error_bits, axis_state, procedure_result, bool(flags & 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Estop:
+    """Disarm at once, with an error (command 02)."""
+
+    COMMAND: ClassVar[Command] = Command.ESTOP
+
+    def encode(self) -> bytes:
+        return b""
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:  # noqa: ARG003  (carries nothing)
+        return cls()
+
+
+@dataclass(frozen=True, slots=True)
+class GetError:
+    """Active errors, and why the drive was disarmed last (command 03)."""
+
+    COMMAND: ClassVar[Command] = Command.ERROR
+    active_bits: int
+    disarm_bits: int
+
+    def encode(self) -> bytes:
+        return _TWO_U32.pack(self.active_bits, self.disarm_bits)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        _check_length(data, 8, "error")
+        return cls(*_TWO_U32.unpack_from(data))
+
+
+def f32_value(number: float) -> bytes:
+    """The four value bytes of a float parameter."""
+    return _pack_one(_ONE_F32, "parameter", number)
+
+
+def f32_of(value: bytes) -> float:
+    """The float in four value bytes."""
+    return float(_ONE_F32.unpack(value)[0])
+
+
+def u32_value(number: int) -> bytes:
+    """The four value bytes of an unsigned (or boolean) parameter."""
+    return _ONE_U32.pack(number)
+
+
+def u32_of(value: bytes) -> int:
+    """The unsigned number in four value bytes."""
+    return int(_ONE_U32.unpack(value)[0])
+
+
+@dataclass(frozen=True, slots=True)
+class RxSdo:
+    """Read or write any parameter, host to drive (command 04). Endpoint numbers belong to one firmware version."""
+
+    COMMAND: ClassVar[Command] = Command.RX_SDO
+    opcode: int
+    endpoint: int
+    value: bytes = bytes(4)
+
+    def encode(self) -> bytes:
+        return _SDO.pack(self.opcode, self.endpoint, self.value)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        # A read, and the write of a small type, may come without the last value bytes.
+        _check_length(data, 4, "parameter request")
+        return cls(*_SDO.unpack(bytes(data[:8]).ljust(8, b"\0")))
+
+
+@dataclass(frozen=True, slots=True)
+class TxSdo:
+    """A parameter's value, drive to host (command 05)."""
+
+    COMMAND: ClassVar[Command] = Command.TX_SDO
+    endpoint: int
+    value: bytes
+
+    def encode(self) -> bytes:
+        return _SDO.pack(0, self.endpoint, self.value)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        _check_length(data, 5, "parameter answer")
+        _, endpoint, value = _SDO.unpack(bytes(data[:8]).ljust(8, b"\0"))
+        return cls(endpoint, value)
+
+
+@dataclass(frozen=True, slots=True)
+class SetAxisState:
+    """Ask for a state (command 07)."""
+
+    COMMAND: ClassVar[Command] = Command.SET_AXIS_STATE
+    axis_state: int
+
+    def encode(self) -> bytes:
+        return _PADDED_U32.pack(self.axis_state)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        _check_length(data, 4, "axis state")
+        return cls(*_ONE_U32.unpack_from(data))
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderEstimates:
+    """Shaft position and velocity (command 09)."""
+
+    COMMAND: ClassVar[Command] = Command.ENCODER_ESTIMATES
+    position_rev: float
+    velocity_rev_s: float
+
+    def encode(self) -> bytes:
+        return estimates_value(self.position_rev, self.velocity_rev_s)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        return cls(*estimates_of(data))
+
+
+@dataclass(frozen=True, slots=True)
+class SetControllerMode:
+    """What the drive controls, and how its input is shaped (command 0B)."""
+
+    COMMAND: ClassVar[Command] = Command.SET_CONTROLLER_MODE
+    control_mode: int
+    input_mode: int
+
+    def encode(self) -> bytes:
+        return _TWO_U32.pack(self.control_mode, self.input_mode)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        _check_length(data, 8, "controller mode")
+        return cls(*_TWO_U32.unpack_from(data))
+
+
+@dataclass(frozen=True, slots=True)
+class SetInputTorque:
+    """The torque wanted (command 0E)."""
+
+    COMMAND: ClassVar[Command] = Command.SET_INPUT_TORQUE
+    torque_nm: float
+
+    def encode(self) -> bytes:
+        return torque_value(self.torque_nm)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        return cls(torque_of(data))
+
+
+@dataclass(frozen=True, slots=True)
+class SetLimits:
+    """The drive's own velocity and current limits (command 0F)."""
+
+    COMMAND: ClassVar[Command] = Command.SET_LIMITS
+    velocity_rev_s: float
+    current_a: float
+
+    def encode(self) -> bytes:
+        return _pack_two("limits", self.velocity_rev_s, self.current_a)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        return cls(*_two_finite(data, "limits"))
+
+
+@dataclass(frozen=True, slots=True)
+class Iq:
+    """Torque-producing current: wanted and measured (command 14)."""
+
+    COMMAND: ClassVar[Command] = Command.IQ
+    setpoint_a: float
+    measured_a: float
+
+    def encode(self) -> bytes:
+        return _pack_two("current", self.setpoint_a, self.measured_a)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        return cls(*_two_finite(data, "current"))
+
+
+@dataclass(frozen=True, slots=True)
+class Temperature:
+    """Temperatures; NaN where there is no sensor (command 15)."""
+
+    COMMAND: ClassVar[Command] = Command.TEMPERATURE
+    transistor_c: float
+    motor_c: float
+
+    def encode(self) -> bytes:
+        return _TWO_F32.pack(self.transistor_c, self.motor_c)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        _check_length(data, 8, "temperature")
+        return cls(*_TWO_F32.unpack_from(data))
+
+
+@dataclass(frozen=True, slots=True)
+class BusVoltageCurrent:
+    """The supply (command 17)."""
+
+    COMMAND: ClassVar[Command] = Command.BUS_VOLTAGE_CURRENT
+    voltage_v: float
+    current_a: float
+
+    def encode(self) -> bytes:
+        return _pack_two("bus voltage", self.voltage_v, self.current_a)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        return cls(*_two_finite(data, "bus voltage"))
+
+
+@dataclass(frozen=True, slots=True)
+class ClearErrors:
+    """Forget past errors (command 18); ``identify`` makes the drive blink."""
+
+    COMMAND: ClassVar[Command] = Command.CLEAR_ERRORS
+    identify: bool = False
+
+    def encode(self) -> bytes:
+        return b"\x01" if self.identify else b"\x00"
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        return cls(bool(data) and data[0] != 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Torques:
+    """The torque wanted and the drive's estimate of the torque made (command 1C)."""
+
+    COMMAND: ClassVar[Command] = Command.TORQUES
+    target_nm: float
+    estimate_nm: float
+
+    def encode(self) -> bytes:
+        return _pack_two("torques", self.target_nm, self.estimate_nm)
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray) -> Self:
+        return cls(*_two_finite(data, "torques"))

@@ -1,0 +1,207 @@
+"""One CAN bus or one serial line, shared by the drivers on it: sends, drains what arrived, hands it on, keeps a tap.
+
+Nothing here blocks: :meth:`poll` takes what the transport already holds.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import can
+
+from norton_drivers.adapters.adapter import Health, StateOnly
+from norton_drivers.clock import Clock
+from norton_drivers.codecs.can_errors import CanErrorFrame
+from norton_drivers.errors import ConnectionFailedError
+from norton_drivers.readings import ERROR_FRAME, RawFrame
+
+Tap = Callable[[RawFrame], None]
+FrameHandler = Callable[[can.Message, int], None]
+BytesHandler = Callable[[bytes, int], None]
+
+
+class SerialLine(Protocol):
+    """The part of pyserial's ``Serial`` that is used."""
+
+    @property
+    def in_waiting(self) -> int: ...
+    def read(self, size: int = 1) -> bytes: ...
+    def write(self, data: bytes, /) -> int | None: ...
+    def close(self) -> None: ...
+
+
+class CanPort:
+    """A CAN bus with its listeners.
+
+    Parameters: the open bus; ``arrival_ns(message)``, which puts a received message's time stamp on ``clock``; how the
+    bus fares by its own account; whether a frame that is not marked as received is one of our own, sent back;
+    whether error frames say what they mean as Linux' do.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        bus: can.BusABC,
+        clock: Clock,
+        arrival_ns: Callable[[can.Message], int],
+        *,
+        health: Health | None = None,
+        marks_own_frames: bool = True,
+        linux_error_frames: bool = True,
+    ) -> None:
+        self.name = name
+        self.bus = bus
+        self.tap: Tap | None = None
+        self.error_frames = 0
+        self.own_frames = 0  # those that came back, and were left out
+        self._clock = clock
+        self._arrival_ns = arrival_ns
+        self._health = StateOnly(bus) if health is None else health
+        self._marks_own_frames = marks_own_frames
+        self._linux_error_frames = linux_error_frames
+        self._errors: dict[str, int] = {}
+        self._off_bus = False
+        self._handlers: list[FrameHandler] = []
+
+    def subscribe(self, handler: FrameHandler) -> None:
+        """Call ``handler(message, arrival_ns)`` for every data or remote frame received."""
+        self._handlers.append(handler)
+
+    def send(self, arbitration_id: int, data: bytes, *, extended: bool = False, remote: bool = False) -> None:
+        """Put one frame on the bus. Raises ConnectionFailedError where the transport refuses it."""
+        # Positions: stamp, identifier, extended, remote, error frame, channel, length.
+        message = can.Message(0.0, arbitration_id, extended, remote, False, None, 8 if remote else len(data), data)
+        try:
+            self.bus.send(message)
+        except (can.CanError, OSError) as error:
+            raise ConnectionFailedError(
+                f"bus {self.name}: cannot send ({error}); is the adapter plugged in?"
+            ) from error
+        if self.tap is not None:
+            self.tap(RawFrame(self._clock.now_ns(), self.name, True, data, arbitration_id, extended, remote))
+
+    def poll(self) -> int:
+        """Hand on every frame that has arrived; returns how many.
+
+        Raises ConnectionFailedError for a lost bus, and for one that the controller has left (bus-off).
+        """
+        count, receive = 0, self.bus.recv
+        while True:
+            try:
+                message = receive(0)
+            except (can.CanError, OSError, ValueError) as error:
+                raise ConnectionFailedError(f"bus {self.name}: lost ({error}); check adapter and cable") from error
+            if message is None:
+                break
+            count += 1
+            self._hand_on(message)
+        if self._off_bus:
+            raise self._bus_off("an error frame says so")
+        return count
+
+    def ask(self) -> None:
+        """Ask the adapter how it is; about once a second, not every tick. Raises ConnectionFailedError."""
+        try:
+            self._health.ask()
+        except (can.CanError, OSError) as error:
+            raise ConnectionFailedError(f"bus {self.name}: lost ({error}); check adapter and cable") from error
+        if (known := self._health.off_bus) is not None:
+            raise self._bus_off(known)
+
+    def troubles(self) -> Mapping[str, int]:
+        """What has gone wrong on the bus since it was opened, in words, and how often."""
+        return {**self._errors, **{words: count for words, count in self._health.troubles().items() if count}}
+
+    def _bus_off(self, known: str) -> ConnectionFailedError:
+        return ConnectionFailedError(
+            f"bus {self.name}: the controller has left the bus after too many errors (bus-off: {known}); "
+            "check bitrate, wiring and termination, then set the bus up again"
+        )
+
+    def _note_error(self, message: can.Message) -> None:
+        self.error_frames += 1
+        if self.tap is not None:
+            marked = message.arbitration_id | ERROR_FRAME
+            self.tap(RawFrame(self._arrival_ns(message), self.name, False, bytes(message.data), marked))
+        words: tuple[str, ...] = ("error frame",)
+        if self._linux_error_frames:
+            frame = CanErrorFrame.decode(message.arbitration_id, message.data)
+            words = frame.words()
+            self._off_bus = frame.bus_off or (self._off_bus and not frame.restarted)
+        for each in words:
+            self._errors[each] = self._errors.get(each, 0) + 1
+
+    def _hand_on(self, message: can.Message) -> None:
+        if message.is_error_frame:
+            self._note_error(message)
+            return
+        if self._marks_own_frames and not message.is_rx:
+            self.own_frames += 1
+            return
+        arrival_ns = self._arrival_ns(message)
+        if self.tap is not None:
+            self.tap(
+                RawFrame(
+                    arrival_ns,
+                    self.name,
+                    False,
+                    bytes(message.data),
+                    message.arbitration_id,
+                    message.is_extended_id,
+                    message.is_remote_frame,
+                )
+            )
+        for handler in self._handlers:
+            handler(message, arrival_ns)
+
+    def close(self) -> None:
+        """Release the bus."""
+        self.bus.shutdown()
+
+
+class SerialPort:
+    """A serial line with its one listener."""
+
+    def __init__(self, name: str, line: SerialLine, clock: Clock, arrival_ns: Callable[[], int] | None = None) -> None:
+        self.name = name
+        self.line = line
+        self.tap: Tap | None = None
+        self._clock = clock
+        self._arrival_ns = arrival_ns or clock.now_ns
+        self._handler: BytesHandler | None = None
+
+    def subscribe(self, handler: BytesHandler) -> None:
+        """Call ``handler(data, arrival_ns)`` for what was received; arrival is that of the last byte."""
+        self._handler = handler
+
+    def send(self, data: bytes) -> None:
+        """Write bytes. Raises ConnectionFailedError where the port refuses them."""
+        try:
+            self.line.write(data)
+        except OSError as error:
+            raise ConnectionFailedError(f"port {self.name}: cannot write ({error}); is it plugged in?") from error
+        if self.tap is not None:
+            self.tap(RawFrame(self._clock.now_ns(), self.name, True, data))
+
+    def poll(self) -> int:
+        """Hand on the bytes that have arrived; returns how many. Raises ConnectionFailedError for a lost port."""
+        total = 0
+        # A line that knows when its bytes came hands them out burst by burst, each with its own arrival.
+        while data := self._read():
+            total += len(data)
+            arrival_ns = self._arrival_ns()
+            if self.tap is not None:
+                self.tap(RawFrame(arrival_ns, self.name, False, data))
+            if self._handler is not None:
+                self._handler(data, arrival_ns)
+        return total
+
+    def _read(self) -> bytes:
+        try:
+            waiting = self.line.in_waiting
+            return self.line.read(waiting) if waiting else b""
+        except OSError as error:
+            raise ConnectionFailedError(f"port {self.name}: lost ({error}); check the cable") from error
+
+    def close(self) -> None:
+        """Release the line."""
+        self.line.close()

@@ -1,0 +1,384 @@
+"""VESC motor controllers on CAN: current, torque or duty cycle out, motion, current and faults in.
+
+The drive sends its STATUS messages by itself, at the rates set with VESC Tool. It has no state "enabled": it obeys
+every command, and lets go of the motor where none comes for its timeout, which cannot be set over CAN. STATUS tells of
+no fault, and a fault clears itself after half a second: so the fault code is asked for all the while, and one that was
+seen stays until the next :meth:`Vesc.enable`. Sources: vedderb/bldc, comm/comm_can.c, timeout.c (released after the
+timeout, with the default brake current of zero), motor/mcpwm_foc.c (released below the minimum current; signs),
+applications/appconf_default.h (timeout of 1000 ms, all status messages off).
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from math import isfinite, nan
+from typing import Literal
+
+import can
+from pydantic import Field, ValidationInfo, field_validator
+
+from norton_drivers.codecs import vesc as protocol
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.vesc import Packet
+from norton_drivers.codecs.vesc_words import describe_fault
+from norton_drivers.errors import DeviceError, DeviceTimeoutError
+from norton_drivers.inbox import Inbox
+from norton_drivers.link import Link
+from norton_drivers.options import DeviceOptions, parse_options
+from norton_drivers.ports import CanPort
+from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
+from norton_drivers.vesc.queries import VescQueries
+from norton_drivers.vesc.recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from norton_drivers.vesc.shaft import VescShaft
+from norton_drivers.waiting import wait_until
+from norton_drivers.wiring import DeviceSettings
+
+SILENT_NS = 250_000_000  # longer than a busy host may forget to ask
+UNITS = {"current": "A", "torque": "N*m", "duty": "1"}
+_MOTOR_CONTROLLER = 0
+TIMEOUT_LOOK_S = 0.010  # bldc: timeout.c
+
+CONNECTION = "can"
+OPTION_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s", "watchdog_probe": "A"}
+
+
+class VescOptions(DeviceOptions):
+    """What a rig file may say of a VESC."""
+
+    node: int = Field(ge=0, le=protocol.NODE_MAX, description="the VESC ID, 0 to 254", examples=[1])
+    pole_pairs: int = Field(
+        ge=1, description="pairs of magnet poles of the motor: the drive counts electrical turns", examples=[7]
+    )
+    mode: Literal["current", "torque", "duty"] = Field(
+        "current", description='what is commanded: "current" [A], "torque" [N*m] or "duty" (share of the supply)'
+    )
+    torque_constant_nm_a: float | None = Field(
+        None,
+        alias="torque_constant",
+        gt=0,
+        validate_default=True,
+        description='the motor\'s, with mode = "torque": the current for a torque is worked out with it',
+        examples=["0.05 N*m/A"],
+    )
+    position: Literal["encoder", "tachometer"] = Field(
+        "encoder", description="the shaft's position comes from STATUS_4 (encoder) or STATUS_5 (tachometer, coarse)"
+    )
+    minimum_current_a: float = Field(
+        0.05,
+        alias="minimum_current",
+        ge=0,
+        description="the drive's own Minimum Current: below it the motor is let go of",
+        examples=["0.05 A"],
+    )
+    watchdog_s: float = Field(
+        1.0,
+        alias="watchdog",
+        ge=0,
+        description="the timeout set in the drive (App Settings, General)",
+        examples=["1 s"],
+    )
+    watchdog_probe_a: float = Field(
+        0.0,
+        alias="watchdog_probe",
+        ge=0,
+        description="current whose end shows the timeout at work; too small to turn the shaft, 0 for none",
+        examples=["0.3 A"],
+    )
+    host_node: int = Field(254, ge=0, le=protocol.NODE_MAX, description="the VESC ID that this computer answers to")
+
+    @property
+    def per_ampere(self) -> float:
+        """The command that one ampere is."""
+        return self.torque_constant_nm_a if self.mode == "torque" and self.torque_constant_nm_a else 1.0
+
+    @property
+    def released_at_zero(self) -> bool:
+        return self.mode != "duty" and self.minimum_current_a > 0.0
+
+    @field_validator("torque_constant_nm_a")
+    @classmethod
+    def _is_there_for_torque(cls, constant: float | None, info: ValidationInfo) -> float | None:
+        if constant is None and info.data.get("mode") == "torque":
+            raise ValueError('mode = "torque" needs it')
+        return constant
+
+    @field_validator("watchdog_probe_a")
+    @classmethod
+    def _can_be_seen(cls, probe_a: float) -> float:
+        if 0 < probe_a < 0.3:
+            raise ValueError("cannot be told from nothing in steps of 0.1 A; at least 0.3 A")
+        return probe_a
+
+    @field_validator("host_node")
+    @classmethod
+    def _is_another(cls, host_node: int, info: ValidationInfo) -> int:
+        if host_node == info.data.get("node"):
+            raise ValueError("is the drive's own; choose one that no device on the bus has")
+        return host_node
+
+
+def open_amplifier(settings: DeviceSettings, link: Link) -> "Vesc":
+    """Raises WiringError for a wrong option, ConnectionFailedError for the bus."""
+    return Vesc(settings, parse_options(VescOptions, settings), link.can_port(settings), link)
+
+
+class Vesc:
+    """One motor of a VESC."""
+
+    heartbeat_timeout_ns = SILENT_NS
+
+    def __init__(self, settings: DeviceSettings, options: VescOptions, port: CanPort, link: Link) -> None:
+        self.role = settings.role
+        self.options = options
+        self.command_unit = UNITS[options.mode]
+        self._direction = settings.direction
+        self._port = port
+        self._link = link
+        self._queries = VescQueries(options.node, options.host_node, port, link.clock)
+        self._shaft = VescShaft(options.pole_pairs, encoder=options.position == "encoder")
+        self._motion: Inbox[MotionReading] = Inbox()
+        self._current: Inbox[CurrentReading] = Inbox()
+        self._undecoded = 0
+        self._frame = protocol.Status(0.0, 0.0, 0.0)
+        self._frames = 0  # of STATUS
+        self._frame_ns = 0
+        self._temperatures = protocol.Status4(nan, nan, nan, nan)
+        self._supply_v = nan
+        self._enabled = False
+        self._faults: tuple[str, ...] = ()  # since it was enabled
+        self._released_from = 0  # the count of STATUS that first tells what became of the last stop
+        self._probe_flowed = False
+        self._status: DriveStatus | None = None  # as last told; None where it has changed since
+        packet = Packet.SET_DUTY if options.mode == "duty" else Packet.SET_CURRENT
+        self._command_id = protocol.arbitration_id(packet, options.node)
+        self._current_id = protocol.arbitration_id(Packet.SET_CURRENT, options.node)
+        self._handlers = self._handlers_by_id()
+        port.subscribe(self._on_frame)
+        link.questions.append(self._queries.ask_fault_now_and_then)
+
+    # ---- What the bench asks -------------------------------------------------------------------------------------
+
+    def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
+        """Ping, ask for the version and the fault code, and see that the status messages arrive."""
+        self._ping(timeout_s)
+        major, minor, hardware = self._ask_version(timeout_s)
+        queries, told, frames, moved = self._queries, self._queries.faults_told, self._frames, self._motion.count
+        self._wait_for(
+            lambda: queries.faults_told > told, timeout_s, "does not tell its fault code; update its firmware"
+        )
+        setting = "in VESC Tool, App Settings, General, switch CAN Status Message"
+        self._wait_for(lambda: self._frames > frames, timeout_s, f"sends no STATUS; {setting} 1 on, at the loop's rate")
+        number = 4 if self.options.position == "encoder" else 5
+        self._wait_for(
+            lambda: self._motion.count > moved, timeout_s, f"sends no STATUS_{number}; {setting} {number} on too"
+        )
+        return DeviceIdentity(
+            driver="vesc",
+            address=f"{self._port.name} VESC ID {self.options.node}",
+            hardware=hardware,
+            firmware=f"{major}.{minor:02d}",
+        )
+
+    def enable(self, timeout_s: float = 2.0) -> None:
+        """See that there is no fault, and command zero; there is no state to enter."""
+        queries, told = self._queries, self._queries.faults_told
+        self._enabled, self._faults, self._status = False, (), None
+        faultless = wait_until(lambda: queries.faults_told > told and not queries.fault, self._link, timeout_s)
+        if queries.faults_told == told:
+            raise DeviceTimeoutError(f"{self._place}: does not tell its fault code ({timeout_s:g} s waited)")
+        if not faultless:
+            raise DeviceError(f"{self._place}: refuses to drive its motor: {describe_fault(queries.fault)}")
+        self.command(0.0)
+        frames = self._frames
+        self._wait_for(lambda: self._frames > frames, timeout_s, "sends no STATUS")
+        self._enabled, self._status = True, None
+
+    def command(self, value: float) -> float:
+        """Command a current, a torque or a duty cycle, which also feeds the timeout; returns what is sent of it.
+
+        Raises ConnectionFailedError, DeviceError.
+        """
+        try:
+            payload, sent = self._encoded(self._direction * value)
+        except CodecError as error:
+            raise DeviceError(f"{self._place}: cannot command {value} {self.command_unit}") from error
+        self._port.send(self._command_id, payload, extended=True)
+        return self._direction * sent
+
+    def take_motion(self) -> list[MotionReading]:
+        return self._motion.take()
+
+    def take_current(self) -> list[CurrentReading]:
+        """Without those whose sign cannot be told, since the motor has hardly any voltage."""
+        return self._current.take()
+
+    def status(self) -> DriveStatus:
+        # Asked every tick, as often as STATUS comes.
+        if self._status is None:
+            self._status = DriveStatus(
+                state=self._state(),
+                heartbeat_ns=min(self._frame_ns, self._queries.fault_ns) if self._heard else None,
+                errors=self._errors(),
+                transistor_temperature_c=self._temperatures.transistor_c,
+                motor_temperature_c=self._temperatures.motor_c,
+                bus_voltage_v=self._supply_v,
+            )
+        return self._status
+
+    @property
+    def malformed(self) -> int:
+        """Frames that could not be decoded, and packets that could not be put together."""
+        return self._undecoded + self._queries.malformed
+
+    @property
+    def position_resolution_rad(self) -> float:
+        """The step of STATUS_4's angle, or a sixth of an electrical turn."""
+        return self._shaft.step_rad
+
+    @property
+    def watchdog_s(self) -> float:
+        """The timeout as set, and the interval at which the firmware looks whether it is over."""
+        return self.options.watchdog_s + TIMEOUT_LOOK_S if self.options.watchdog_s else 0.0
+
+    def provoke_watchdog(self) -> None:
+        """The probe's current, where the rig gives one: STATUS shows how it ends."""
+        self._probe_flowed = False
+        self._send_current(self._direction * self.options.watchdog_probe_a)
+
+    def made_itself_safe(self) -> bool | None:
+        return not self._probe_flows if self._probe_flowed else None
+
+    def stop(self) -> None:
+        """A command of zero, then a current of zero, which lets go of the motor in every mode."""
+        self._enabled, self._status = False, None
+        self._released_from = self._frames + 2  # one may have been on its way
+        with suppress(Exception):
+            self.command(0.0)
+        with suppress(Exception):
+            self._send_current(0.0)
+
+    # ---- What is sent --------------------------------------------------------------------------------------------
+
+    def _encoded(self, value: float) -> tuple[bytes, float]:
+        """The payload, and what it stands for in the command's unit; both in the drive's own sense."""
+        if self.options.mode == "duty":
+            payload = protocol.duty_value(min(max(value, -1.0), 1.0) if isfinite(value) else value)
+            return payload, protocol.duty_of(payload)
+        per_ampere = self.options.per_ampere
+        current_a = value / per_ampere
+        if abs(current_a) < self.options.minimum_current_a:
+            current_a = 0.0  # the drive lets go of the motor
+        payload = protocol.current_value(current_a)
+        return payload, protocol.current_of(payload) * per_ampere
+
+    def _send_current(self, current_a: float) -> None:
+        self._port.send(self._current_id, protocol.current_value(current_a), extended=True)
+
+    def _ping(self, timeout_s: float) -> None:
+        pongs, asked = self._queries.pongs, self._queries.pongs.count
+        self._queries.ping()
+        self._wait_for(
+            lambda: pongs.count > asked,
+            timeout_s,
+            "does not answer a ping; is it powered, and are CAN Mode (VESC), VESC ID and baud rate set in it as here?",
+        )
+        if (kind := pongs.take()[-1]) != _MOTOR_CONTROLLER:
+            raise DeviceError(
+                f"{self._place}: is no motor controller (hardware type {kind}); give one's VESC ID as node"
+            )
+
+    def _ask_version(self, timeout_s: float) -> tuple[int, int, str]:
+        versions, asked = self._queries.versions, self._queries.versions.count
+        self._queries.ask_version()
+        self._wait_for(lambda: versions.count > asked, timeout_s, "does not tell its firmware's version")
+        return versions.take()[-1]
+
+    def _wait_for(self, arrived: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
+        if not wait_until(arrived, self._link, timeout_s):
+            raise DeviceTimeoutError(f"{self._place}: {otherwise} ({timeout_s:g} s waited)")
+
+    # ---- State ---------------------------------------------------------------------------------------------------
+
+    @property
+    def _place(self) -> str:
+        return f"[{self.role}] VESC {self.options.node} on {self._port.name}"
+
+    @property
+    def _heard(self) -> bool:
+        return self._frames > 0 and self._queries.faults_told > 0
+
+    def _state(self) -> DriveState:
+        if not self._heard:
+            return DriveState.UNKNOWN
+        if self._faults or self._queries.fault:
+            return DriveState.FAULT
+        driving = self._frames < self._released_from or self._frame.drawn_a != 0.0
+        return DriveState.ENABLED if self._enabled or driving else DriveState.IDLE
+
+    def _errors(self) -> tuple[str, ...]:
+        if self._faults or not self._queries.fault:
+            return self._faults
+        return (describe_fault(self._queries.fault),)
+
+    @property
+    def _probe_flows(self) -> bool:
+        return abs(self._frame.drawn_a) >= 0.5 * self.options.watchdog_probe_a > 0.0
+
+    # ---- What arrives --------------------------------------------------------------------------------------------
+
+    def _handlers_by_id(self) -> dict[int, Callable[[bytearray, int], None]]:
+        handlers: dict[Packet, Callable[[bytearray, int], None]] = {
+            Packet.STATUS: self._on_status,
+            Packet.STATUS_4: self._on_status_4,
+            Packet.STATUS_5: self._on_status_5,
+        }
+        return {protocol.arbitration_id(packet, self.options.node): call for packet, call in handlers.items()}
+
+    def _on_frame(self, message: can.Message, arrival_ns: int) -> None:
+        if not message.is_extended_id or message.is_remote_frame:
+            return
+        handler = self._handlers.get(message.arbitration_id)
+        try:
+            if handler is not None:
+                handler(message.data, arrival_ns)
+            elif self._queries.on_frame(message.arbitration_id, message.data, arrival_ns):
+                self._on_fault_told()
+        except CodecError:
+            self._undecoded += 1
+
+    def _on_status(self, data: bytearray, arrival_ns: int) -> None:
+        frame = self._frame = protocol.Status.decode(data)
+        self._frames += 1
+        self._frame_ns = arrival_ns
+        self._status = None
+        self._shaft.on_erpm(frame.erpm)
+        self._probe_flowed |= self._probe_flows
+        if frame.current_a is not None:
+            current_a = self._direction * protocol.middle(frame.current_a, protocol.CURRENT_STEP_A)
+            self._current.put(CurrentReading(self._current.count, arrival_ns, current_a))
+
+    def _on_status_4(self, data: bytearray, arrival_ns: int) -> None:
+        self._temperatures = protocol.Status4.decode(data)
+        self._status = None
+        if self.options.position == "encoder":
+            self._on_position(round(self._temperatures.position_deg / protocol.POSITION_STEP_DEG), arrival_ns)
+
+    def _on_status_5(self, data: bytearray, arrival_ns: int) -> None:
+        frame = protocol.Status5.decode(data)
+        self._supply_v = frame.supply_v
+        self._status = None
+        if self.options.position == "tachometer":
+            self._on_position(frame.tachometer, arrival_ns)
+
+    def _on_position(self, code: int, arrival_ns: int) -> None:
+        velocity_rad_s = self._shaft.velocity_rad_s
+        if velocity_rad_s is None:
+            return
+        position_rad = self._shaft.position_rad(code, arrival_ns)
+        sign, motion = self._direction, self._motion
+        motion.put(MotionReading(motion.count, arrival_ns, sign * position_rad, sign * velocity_rad_s))
+
+    def _on_fault_told(self) -> None:
+        self._status = None
+        words = describe_fault(self._queries.fault)
+        if self._queries.fault and self._enabled and words not in self._faults:
+            self._faults = (*self._faults, words)

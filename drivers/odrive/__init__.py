@@ -1,5 +1,0 @@
-"""ODrive drives, CANSimple protocol, firmware 0.5 and 0.6."""
-
-from drivers.odrive.drive import ODrive, ODriveOptions, open_amplifier
-
-__all__ = ["ODrive", "ODriveOptions", "open_amplifier"]

@@ -1,5 +1,0 @@
-"""VESC motor controllers on CAN."""
-
-from drivers.vesc.drive import Vesc, VescOptions, open_amplifier
-
-__all__ = ["Vesc", "VescOptions", "open_amplifier"]

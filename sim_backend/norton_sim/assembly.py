@@ -1,0 +1,82 @@
+"""Mounts the devices of a rig's wiring on the simulated plant."""
+
+from collections.abc import Mapping
+from random import Random
+from typing import Any
+
+from norton_drivers.errors import WiringError
+from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_sim.firmware import FIRMWARE
+from norton_sim.firmware.site import CRYSTAL_PPM, Site, Wires
+from norton_sim.hookup import Hookup, really
+from norton_sim.plant import Plant
+from norton_sim.plants.assembled import Assembled
+from norton_sim.truth import Truth
+from norton_sim.world import World
+
+
+def build_world(wiring: Wiring, truth: Truth, place: str) -> World:
+    """The plant that ``wiring`` has devices for: a load that is described but not wired is not coupled.
+
+    Raises WiringError for a wired load or modulator whose true values are missing, or which has nothing to modulate.
+    """
+    if wiring.load is not None and truth.load is None:
+        raise WiringError(f"{place}: [load] is wired but [simulated.load] is missing; describe the load machine there")
+    if wiring.load is None:
+        truth = truth.model_copy(update={"load": None})
+    _check_modulator(wiring, truth, place)
+    if wiring.modulator is None:
+        truth = truth.model_copy(update={"modulator": None})
+    return World(Plant(truth, truth.seed, wiring.shaft))
+
+
+def _check_modulator(wiring: Wiring, truth: Truth, place: str) -> None:
+    if wiring.modulator is None:
+        return
+    if truth.modulator is None:
+        raise WiringError(
+            f"{place}: [modulator] is wired but [simulated.modulator] is missing; describe the second drive there"
+        )
+    if not (isinstance(truth.actuator, Assembled) and truth.actuator.modulated):
+        raise WiringError(
+            f"{place}: [modulator] is wired but [simulated.actuator] has nothing that it could set; write "
+            'model = "variable_stiffness" there'
+        )
+
+
+def mount(world: World, wiring: Wiring, truth: Truth, wires: Wires, place: str) -> None:
+    """Start each device's firmware, as it is really set up, plugged in with ``wires``.
+
+    Raises WiringError for a driver nobody emulates, and for a device that cannot be set up as its true values say.
+    """
+    for rig_settings in wiring.devices():
+        settings, hookup = really(rig_settings, _device_truth(truth, rig_settings.role), place)
+        firmware = FIRMWARE.get(settings.driver)
+        if firmware is None:
+            known = ", ".join(sorted(FIRMWARE))
+            raise WiringError(
+                f"[{settings.role}] driver = {settings.driver!r} has no emulated device; the simulator knows {known}"
+            )
+        try:
+            world.devices[settings.role] = firmware(_site(world, settings, wiring, truth, wires, hookup))
+        except WiringError as error:
+            if settings == rig_settings:
+                raise
+            raise WiringError(f"{place}: [simulated.{settings.role}] device: {error}") from error
+
+
+def _device_truth(truth: Truth, role: str) -> Mapping[str, Any]:
+    described = {
+        "actuator": truth.actuator,
+        "load": truth.load,
+        "torque_sensor": truth.torque_sensor,
+        "modulator": truth.modulator,
+    }[role]
+    return {} if described is None else described.device
+
+
+def _site(world: World, settings: DeviceSettings, wiring: Wiring, truth: Truth, wires: Wires, hookup: Hookup) -> Site:
+    # Seeded by role: adding a device leaves the others as they were.
+    random = Random(f"{truth.seed} {settings.role}")
+    clock_ppm = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM)
+    return Site(settings, wiring, world, wires, truth, random, clock_ppm, hookup)

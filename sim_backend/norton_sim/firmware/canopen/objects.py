@@ -1,0 +1,98 @@
+"""A device's object dictionary: typed values, with the checks and consequences that its firmware gives them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from struct import Struct
+from typing import Final
+
+from norton_drivers.codecs import canopen as protocol
+
+U8: Final = Struct("<B")
+U16: Final = Struct("<H")
+U32: Final = Struct("<I")
+I8: Final = Struct("<b")
+I16: Final = Struct("<h")
+I32: Final = Struct("<i")
+
+
+class AbortError(Exception):
+    """An access that the device refuses, with CiA 301's code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"SDO abort 0x{code:08X}")
+        self.code = code
+
+
+@dataclass
+class Entry:
+    """One value. ``read`` gives it where it is not stored; ``written`` is told of a new one, and may refuse it."""
+
+    layout: Struct
+    value: int = 0
+    writable: bool = False
+    mappable: bool = False
+    read: Callable[[], int] | None = None
+    written: Callable[[int], None] | None = None
+
+    def __post_init__(self) -> None:
+        self.default = self.value
+
+    @property
+    def bits(self) -> int:
+        return 8 * self.layout.size
+
+    def get(self) -> int:
+        return self.value if self.read is None else self.read()
+
+    def set(self, value: int) -> None:
+        """Raises AbortError where the firmware refuses."""
+        if self.written is not None:
+            self.written(value)
+        self.value = value
+
+
+class Objects:
+    """Entries by index and subindex, and texts by index."""
+
+    def __init__(self) -> None:
+        self._entries: dict[tuple[int, int], Entry] = {}
+        self._texts: dict[int, bytes] = {}
+
+    def add(self, index: int, subindex: int, entry: Entry) -> Entry:
+        self._entries[index, subindex] = entry
+        return entry
+
+    def add_text(self, index: int, text: str) -> None:
+        self._texts[index] = text.encode("ascii")
+
+    def entry(self, index: int, subindex: int) -> Entry:
+        """Raises AbortError."""
+        found = self._entries.get((index, subindex))
+        if found is None:
+            raise AbortError(protocol.ABORT_NO_SUBINDEX if self._has(index) else protocol.ABORT_NO_OBJECT)
+        return found
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """The value's bytes. Raises AbortError."""
+        if subindex == 0 and index in self._texts:
+            return self._texts[index]
+        entry = self.entry(index, subindex)
+        return entry.layout.pack(entry.get())
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Raises AbortError."""
+        entry = self.entry(index, subindex)
+        if not entry.writable:
+            raise AbortError(protocol.ABORT_NOT_WRITABLE)
+        if len(data) != entry.layout.size:
+            raise AbortError(protocol.ABORT_WRONG_LENGTH)
+        entry.set(entry.layout.unpack(data)[0])
+
+    def reset_communication(self) -> None:
+        """Every communication parameter (1000h to 1FFFh) as at power-on."""
+        for (index, _), entry in self._entries.items():
+            if index < 0x2000:
+                entry.value = entry.default
+
+    def _has(self, index: int) -> bool:
+        return index in self._texts or any(known == index for known, _ in self._entries)

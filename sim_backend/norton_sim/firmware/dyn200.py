@@ -1,0 +1,90 @@
+"""A DYN-200 torque sensor: pushing its frames at 1 kHz, or answering Modbus RTU questions to its own address.
+
+It measures 1000 times a second and says whole digits; it answers ``PROCESSING_NS`` after a question's last byte, with
+the sample that it then has. Sources: as for :mod:`norton_drivers.codecs.dyn200`.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+from math import isfinite, log10, tau
+
+from norton_drivers.codecs import dyn200
+from norton_drivers.dyn200 import Dyn200Options
+from norton_drivers.options import parse_options
+from norton_sim.firmware.modbus_server import ModbusServer
+from norton_sim.firmware.site import Site
+from norton_sim.firmware.torque_signal import TorqueSignal
+
+SAMPLE_PERIOD_NS = 1_000_000
+PROCESSING_NS = 500_000
+PUSHED_MOST = 0xFFFF
+NUMBER_MOST = 0x7FFF_FFFF
+SPEED_MOST = 0x7FFF
+# Bytes that the line has been silent after for longer than this belong to no question any more.
+GAP_NS = 1_750_000
+
+
+class Dyn200Sensor:
+    """Its station, scale and mode are those that the rig names."""
+
+    def __init__(self, site: Site) -> None:
+        options = parse_options(Dyn200Options, site.settings)
+        self.signal = TorqueSignal(site.world.plant)
+        self._world = site.world
+        self._options = options
+        self._digits = 0
+        self._plug = site.serial_plug()
+        if options.mode == "push":
+            site.cyclic(SAMPLE_PERIOD_NS, self._push)
+        else:
+            self._server = ModbusServer(options.station, self._numbers)
+            self._heard_ns = 0
+            self._plug.on_bytes(self._receive)
+            site.cyclic(SAMPLE_PERIOD_NS, self._measure)
+
+    def freeze(self) -> None:
+        """From now on report the torque of this instant."""
+        self.signal.freeze()
+
+    def _measure(self, _stamp_ns: int) -> None:
+        self._digits = self._digits_now(NUMBER_MOST)
+
+    def _digits_now(self, most: int) -> int:
+        digits = self.signal.measure_nm() / self._options.torque_per_digit_nm
+        # What cannot be measured is what the converter gives when it is driven beyond its end.
+        return min(max(round(digits), -most), most) if isfinite(digits) else most
+
+    def _speed_rpm(self) -> int:
+        return min(round(abs(self._world.plant.true_velocity_rad_s("actuator")) * 60 / tau), SPEED_MOST)
+
+    # ---- active upload ----
+
+    def _push(self, _stamp_ns: int) -> None:
+        self._plug.send(dyn200.PushFrame(self._digits_now(PUSHED_MOST), self._speed_rpm()).encode())
+
+    # ---- Modbus ----
+
+    def _receive(self, data: bytes) -> None:
+        now_ns = self._world.now_ns
+        if now_ns - self._heard_ns > GAP_NS:
+            self._server.begin()
+        self._heard_ns = now_ns
+        for question in self._server.questions_in(data):
+            self._world.at(now_ns + PROCESSING_NS, partial(self._answer, question))
+
+    def _answer(self, question: bytes, _stamp_ns: int) -> None:
+        self._plug.send(self._server.answer_to(question))
+
+    def _numbers(self) -> Mapping[int, int]:
+        """The numbers that can be read, by their first register."""
+        return {
+            dyn200.TORQUE_REGISTER: self._digits,
+            dyn200.SPEED_REGISTER: self._speed_rpm(),
+            dyn200.DECIMALS_REGISTER: self._decimals(),
+            dyn200.ZERO_AT_START_REGISTER: 0,
+        }
+
+    def _decimals(self) -> int:
+        if self._options.expected_decimals is not None:
+            return self._options.expected_decimals
+        return max(0, round(-log10(self._options.torque_per_digit_nm)))

@@ -1,0 +1,70 @@
+"""A Mantracourt DSC strain gauge converter: measures on its own, and tells its last value when it is asked.
+
+It answers to its own station number alone, with five digits before and three after the point, ``?`` to what it does not
+understand, and nothing to station 000, which is all stations. It is set to measure 500 times a second (parameter RATE).
+Source: Mantracourt, "DSC User Manual", appendix B.
+"""
+
+from functools import partial
+from math import isfinite
+
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.lines import LineStream, signed_text
+from norton_drivers.codecs.mantracourt import NOT_UNDERSTOOD, question_in
+from norton_drivers.mantracourt import MantracourtOptions
+from norton_drivers.options import parse_options
+from norton_sim.firmware.site import Site
+from norton_sim.firmware.torque_signal import TorqueSignal
+
+SAMPLE_PERIOD_NS = 2_000_000
+PROCESSING_NS = 300_000
+DIGITS_BEFORE, DIGITS_AFTER = 5, 3
+MOST = 10.0**DIGITS_BEFORE - 10.0**-DIGITS_AFTER
+VERSION = 3 * 256 + 6  # 3.06, as the parameter VER has it
+SERIAL_HIGH, SERIAL_LOW = 12.0, 3456.0
+
+
+class MantracourtSensor:
+    """Its station, and what it is asked for, are those that the rig names."""
+
+    def __init__(self, site: Site) -> None:
+        options = parse_options(MantracourtOptions, site.settings)
+        self.signal = TorqueSignal(site.world.plant)
+        self._world = site.world
+        self._scale = options.scale
+        self._station = options.station
+        self._values = {options.command: 0.0, "VER": VERSION, "SERH": SERIAL_HIGH, "SERL": SERIAL_LOW}
+        self._output = options.command
+        self._stream = LineStream(mid_line=False)
+        self._plug = site.serial_plug()
+        self._plug.on_bytes(self._receive)
+        site.cyclic(SAMPLE_PERIOD_NS, self._measure)
+
+    def freeze(self) -> None:
+        """From now on tell the torque of this instant."""
+        self.signal.freeze()
+
+    def _measure(self, _stamp_ns: int) -> None:
+        # It clamps, and has no way to say that there is no number (its status word is not read here).
+        value = self.signal.measure_nm() / self._scale
+        self._values[self._output] = min(max(value, -MOST), MOST) if isfinite(value) else MOST
+
+    def _receive(self, data: bytes) -> None:
+        for line in self._stream.feed(data):
+            answer = self._answer_to(line.text)
+            if answer is not None:
+                self._world.at(self._world.now_ns + PROCESSING_NS, partial(self._say, answer))
+
+    def _answer_to(self, text: bytes) -> str | None:
+        """The name of the value asked for, "" where the question is not understood, None where nothing is said."""
+        if not text.startswith(f"!{self._station:03d}:".encode()):
+            return None
+        try:
+            _, command = question_in(text)
+        except CodecError:
+            return ""
+        return command if command in self._values else ""
+
+    def _say(self, name: str, _stamp_ns: int) -> None:
+        text = signed_text(self._values[name], DIGITS_BEFORE, DIGITS_AFTER) if name else NOT_UNDERSTOOD
+        self._plug.send(text + b"\r")

@@ -1,0 +1,127 @@
+"""An actuator in MIT mode, as it behaves on CAN.
+
+Source: bgkatz/motorcontrol: stm32f4xx_it.c (every frame is answered before it is obeyed; special frames do not feed the
+timeout), fsm.c (a timeout zeroes the command and leaves the motor enabled; the motor is enabled with the command that
+was stored last, and zeroed only while it is not), can.c (codes that wrap); CubeMars, AK Series Actuator Driver Manual
+V1.0.8 (temperature and error at the end of a reply). What its position does beyond its range is the rig's to say. The
+gains of a command are not emulated: this bench sends none.
+"""
+
+from typing import cast
+
+import can
+
+from norton_drivers.codecs import mit as protocol
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.mit import Reply, Special
+from norton_drivers.mit import MitOptions
+from norton_drivers.options import parse_options
+from norton_sim.firmware.heating import Heating
+from norton_sim.firmware.site import DriveFault, Site
+from norton_sim.plant import Machine
+
+LOOK_PERIOD_NS = 1_000_000
+TOO_HOT = 1
+ERRORS = {DriveFault.FAULT: 2, DriveFault.UNDERVOLTAGE: 4, DriveFault.OVER_TEMPERATURE: TOO_HOT}
+
+
+class MitMotor:
+    """One motor: the rig's actuator or its load. ``error`` is the error byte of its replies."""
+
+    def __init__(self, site: Site) -> None:
+        self.error = protocol.NO_ERROR
+        self.heating = Heating()
+        self._options = options = parse_options(MitOptions, site.settings)
+        self._ranges = options.ranges
+        self._world = site.world
+        self._plant = site.world.plant
+        self._machine = cast(Machine, site.settings.role)
+        self._amperes_per_nm = site.truth.driven(self._machine).amplifier_gain
+        self._armed = False
+        self._zero_rad = 0.0
+        self._command_nm = 0.0
+        self._commanded_ns = site.world.now_ns
+        self._frozen: tuple[float, float] | None = None
+        self._plug = site.can_plug()
+        self._plug.on_frame(self._receive)
+        site.cyclic(LOOK_PERIOD_NS, self._look)
+
+    @property
+    def armed(self) -> bool:
+        return self._armed
+
+    def break_down(self, fault: DriveFault) -> None:
+        self._stop_with(ERRORS[fault])
+
+    def freeze(self) -> None:
+        """From now on report the position and velocity of this instant."""
+        self._frozen = self._motion()
+
+    # ---- what it says ----
+
+    def _answer(self) -> None:
+        position_rad, velocity_rad_s = self._motion()
+        if self._options.beyond_range == "saturates":
+            furthest_rad = self._ranges.position_rad
+            position_rad = min(max(position_rad, -furthest_rad), furthest_rad)
+        torque_nm = self._plant.current_a(self._machine) / self._amperes_per_nm
+        reply = Reply.of(self._options.node, position_rad, velocity_rad_s, torque_nm, self._ranges)
+        warmth = round(self.heating.temperature_c - self._options.temperature_offset_c)
+        self._plug.send(self._options.master, reply._replace(temperature=warmth, error=self.error).encode())
+
+    def _motion(self) -> tuple[float, float]:
+        """Position [rad] from where zero was set, and velocity [rad/s]."""
+        if self._frozen is not None:
+            return self._frozen
+        plant, machine = self._plant, self._machine
+        return plant.encoder_position_rad(machine) - self._zero_rad, plant.encoder_velocity_rad_s(machine)
+
+    # ---- what it does when told ----
+
+    def _receive(self, message: can.Message) -> None:
+        if message.arbitration_id != self._options.node or message.is_extended_id or message.is_remote_frame:
+            return
+        self._answer()
+        special = protocol.special_of(message.data)
+        try:
+            if special is None:
+                self._obey(self._ranges.commanded_nm(protocol.torque_code_of(message.data)))
+            else:
+                self._do(special)
+        except CodecError:
+            return  # cut short
+
+    def _obey(self, torque_nm: float) -> None:
+        self._command_nm = torque_nm
+        self._commanded_ns = self._world.now_ns
+        if self._armed:
+            self._plant.command(self._machine, torque_nm)
+
+    def _do(self, special: Special) -> None:
+        match special:
+            case Special.ENABLE if not self._armed:
+                self.error, self._armed = protocol.NO_ERROR, True
+                self._plant.command(self._machine, self._command_nm)
+            case Special.DISABLE:
+                self._disarm()
+            case Special.ZERO if not self._armed:
+                self._zero_rad = self._plant.encoder_position_rad(self._machine)
+
+    # ---- what it does by itself ----
+
+    def _look(self, stamp_ns: int) -> None:
+        self.heating.carry(self._plant.true_current_a(self._machine), LOOK_PERIOD_NS * 1e-9)
+        if self.heating.too_hot:
+            self._stop_with(TOO_HOT)
+        timeout_ns = round(self._options.watchdog_s * 1e9)
+        if self._armed and timeout_ns and stamp_ns - self._commanded_ns > timeout_ns:
+            self._command_nm = 0.0
+            self._plant.command(self._machine, 0.0)
+
+    def _stop_with(self, error: int) -> None:
+        self.error = error
+        self._disarm()
+
+    def _disarm(self) -> None:
+        self._armed, self._command_nm = False, 0.0
+        self._plant.release(self._machine)

@@ -1,0 +1,233 @@
+"""An ODrive axis, firmware 0.6, in torque control, as it behaves on CAN.
+
+Source: ODrive manual, "CAN Protocol" (messages, cyclic rates, watchdog fed by every frame to the axis), and the API
+reference, "ODrive.Axis", "ODrive.Error", ``axis.config.enable_watchdog`` and ``axis.config.watchdog_timeout``. Cyclic
+messages come at the rates a bench would configure: estimates at 1 kHz, current at 100 Hz, the rest at 10 Hz. Only
+torque control with passed-through input is emulated.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import isfinite, isnan, nan
+from typing import Protocol
+
+import can
+
+from norton_drivers.codecs import odrive
+from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.odrive import AxisState, Command
+from norton_drivers.odrive import ODriveOptions
+from norton_drivers.options import parse_options
+from norton_sim.firmware.odrive_motor import SUPPLY_V, Motor
+from norton_sim.firmware.site import DriveFault, Site
+from norton_sim.firmware.watchdog import Watchdog
+
+ENCODER_PERIOD_NS = 1_000_000
+IQ_PERIOD_NS = 10_000_000
+SLOW_PERIOD_NS = 100_000_000
+
+VERSION = odrive.Version(protocol=2, hardware=(4, 4, 58), firmware=(0, 6, 10))
+
+RESULT_SUCCESS = 0
+RESULT_DISARMED = 3
+RESULT_INVALID_STATE = 13
+
+ERROR_BAD_CONFIGURATION = 1 << 4
+ERROR_MISSING_INPUT = 1 << 6
+ERROR_INVERTER_TOO_HOT = 1 << 14
+ERROR_BITS = {
+    DriveFault.FAULT: 1 << 5,  # system level
+    DriveFault.UNDERVOLTAGE: 1 << 9,  # DC bus under voltage
+    DriveFault.OVER_TEMPERATURE: ERROR_INVERTER_TOO_HOT,
+}
+
+
+class _Answer(Protocol):
+    def encode(self) -> bytes: ...
+
+
+class ODriveAxis:
+    """One axis and the machine it drives: the rig's actuator or its load."""
+
+    def __init__(self, site: Site) -> None:
+        options = parse_options(ODriveOptions, site.settings)
+        self.active_errors = 0
+        self.disarm_reason = 0
+        self.axis_state = AxisState.IDLE
+        self.motor = Motor(site, input_nm=nan)
+        self._result = RESULT_SUCCESS
+        self._watchdog = Watchdog(site.world, self._starve)
+        self._parameters = _Parameters(options, self._watchdog)
+        self._node = options.node
+        self._ids = {command: odrive.arbitration_id(options.node, command) for command in Command}
+        self._estimates_id = self._ids[Command.ENCODER_ESTIMATES]
+        self._handlers = self._message_handlers()
+        self._getters = self._message_getters()
+        self._plug = site.can_plug()
+        self._plug.on_frame(self._receive)
+        self._start(site)
+
+    def fail(self, error_bits: int) -> None:
+        """Raise errors: an armed axis is disarmed, and stays so until the errors are cleared."""
+        self.active_errors |= error_bits
+        if self.armed:
+            self.disarm_reason = error_bits
+            self._go_idle(RESULT_DISARMED)
+
+    @property
+    def armed(self) -> bool:
+        return self.motor.armed
+
+    def break_down(self, fault: DriveFault) -> None:
+        self.fail(ERROR_BITS[fault])
+
+    def freeze(self) -> None:
+        """From now on report the position and velocity of this instant."""
+        self.motor.freeze()
+
+    def _start(self, site: Site) -> None:
+        site.cyclic(ENCODER_PERIOD_NS, self._send_estimates)
+        site.cyclic(IQ_PERIOD_NS, self._send_current)
+        for command in (Command.HEARTBEAT, Command.TEMPERATURE, Command.BUS_VOLTAGE_CURRENT):
+            site.cyclic(SLOW_PERIOD_NS, partial(self._send_cyclic, command))
+
+    # ---- what it says ----
+
+    def _message_getters(self) -> Mapping[int, Callable[[], _Answer]]:
+        motor = self.motor
+        return {
+            Command.VERSION: lambda: VERSION,
+            Command.HEARTBEAT: lambda: odrive.Heartbeat(self.active_errors, self.axis_state, self._result),
+            Command.ERROR: lambda: odrive.GetError(self.active_errors, self.disarm_reason),
+            Command.ENCODER_ESTIMATES: lambda: odrive.EncoderEstimates(*motor.estimates()),
+            Command.IQ: lambda: odrive.Iq(motor.target_a(), motor.current_a()),
+            Command.TEMPERATURE: lambda: odrive.Temperature(motor.heating.temperature_c, nan),
+            Command.BUS_VOLTAGE_CURRENT: lambda: odrive.BusVoltageCurrent(SUPPLY_V, motor.supply_current_a()),
+            Command.TORQUES: lambda: odrive.Torques(motor.target_nm(), motor.torque_nm()),
+        }
+
+    def _answer(self, command: int) -> None:
+        self._plug.send(self._ids[Command(command)], self._getters[command]().encode())
+
+    def _send_cyclic(self, command: int, _stamp_ns: int) -> None:
+        self._answer(command)
+
+    def _send_estimates(self, _stamp_ns: int) -> None:
+        self._plug.send(self._estimates_id, odrive.estimates_value(*self.motor.estimates()))
+
+    def _send_current(self, _stamp_ns: int) -> None:
+        self.motor.warm_up(IQ_PERIOD_NS * 1e-9)
+        if self.motor.heating.too_hot:
+            self.fail(ERROR_INVERTER_TOO_HOT)
+        self._answer(Command.IQ)
+
+    # ---- what it does when told ----
+
+    def _message_handlers(self) -> Mapping[int, Callable[[bytearray], None]]:
+        return {
+            Command.ESTOP: lambda _: self.fail(odrive.ERROR_ESTOP),
+            Command.RX_SDO: self._access_parameter,
+            Command.SET_AXIS_STATE: lambda data: self._request(odrive.SetAxisState.decode(data).axis_state),
+            Command.SET_CONTROLLER_MODE: self._set_controller_mode,
+            Command.SET_INPUT_TORQUE: self._set_input_torque,
+            Command.SET_LIMITS: lambda data: self.motor.limit(odrive.SetLimits.decode(data).current_a),
+            Command.CLEAR_ERRORS: self._clear_errors,
+        }
+
+    def _receive(self, message: can.Message) -> None:
+        if message.arbitration_id >> 5 != self._node or message.is_extended_id:
+            return
+        _, command = odrive.split_id(message.arbitration_id)
+        self._watchdog.feed()
+        if message.is_remote_frame:
+            if command in self._getters:
+                self._answer(command)
+            return
+        handler = self._handlers.get(command)
+        if handler is None:
+            return
+        try:
+            handler(message.data)
+        except CodecError:
+            return  # a frame too short for its command is not taken notice of
+
+    def _set_input_torque(self, data: bytearray) -> None:
+        try:
+            self.motor.input_nm = odrive.torque_of(data)
+        except CodecError:
+            self.fail(ERROR_MISSING_INPUT)  # a torque that is no number
+            return
+        self.motor.drive()
+
+    def _set_controller_mode(self, data: bytearray) -> None:
+        mode = odrive.SetControllerMode.decode(data)
+        self.motor.mode = (mode.control_mode, mode.input_mode)
+        if self.armed and not self.motor.in_torque_control:
+            self.fail(ERROR_BAD_CONFIGURATION)
+
+    def _clear_errors(self, _data: bytearray) -> None:
+        self.active_errors = self.disarm_reason = 0
+
+    def _access_parameter(self, data: bytearray) -> None:
+        request = odrive.RxSdo.decode(data)
+        if request.opcode == odrive.SdoOpcode.WRITE:
+            self._parameters.write(request.endpoint, request.value)
+            return
+        value = self._parameters.read(request.endpoint)
+        if value is not None:
+            self._plug.send(self._ids[Command.TX_SDO], odrive.TxSdo(request.endpoint, value).encode())
+
+    def _starve(self) -> None:
+        if self.armed:
+            self.fail(odrive.ERROR_WATCHDOG)
+
+    def _request(self, state: int) -> None:
+        if state == AxisState.IDLE:
+            self._go_idle(RESULT_SUCCESS)
+        elif state == AxisState.CLOSED_LOOP_CONTROL:
+            self._close_loop()
+        else:
+            self._result = RESULT_INVALID_STATE
+
+    def _close_loop(self) -> None:
+        if not self.motor.in_torque_control:
+            self.active_errors |= ERROR_BAD_CONFIGURATION
+        elif isnan(self.motor.input_nm):
+            self.active_errors |= ERROR_MISSING_INPUT
+        if self.active_errors:
+            self._result = RESULT_INVALID_STATE
+            return
+        self.axis_state = AxisState.CLOSED_LOOP_CONTROL
+        self.disarm_reason = 0
+        self._result = RESULT_SUCCESS
+        self.motor.arm()
+
+    def _go_idle(self, result: int) -> None:
+        self.axis_state = AxisState.IDLE
+        self._result = result
+        self.motor.disarm()
+
+
+class _Parameters:
+    """The watchdog's parameters, at the endpoints that the rig names; others are left alone."""
+
+    def __init__(self, options: ODriveOptions, watchdog: Watchdog) -> None:
+        self._watchdog = watchdog
+        self._enable_endpoint = options.enable_watchdog_endpoint
+        self._timeout_endpoint = options.watchdog_timeout_endpoint
+
+    def read(self, endpoint: int) -> bytes | None:
+        """The parameter's four bytes; None where there is none."""
+        if endpoint == self._enable_endpoint:
+            return odrive.u32_value(self._watchdog.enabled)
+        if endpoint == self._timeout_endpoint:
+            return odrive.f32_value(self._watchdog.timeout_ns * 1e-9)
+        return None
+
+    def write(self, endpoint: int, value: bytes) -> None:
+        enabled, timeout_ns = self._watchdog.enabled, self._watchdog.timeout_ns
+        if endpoint == self._enable_endpoint:
+            enabled = bool(odrive.u32_of(value) & 0xFF)
+        elif endpoint == self._timeout_endpoint and isfinite(timeout_s := odrive.f32_of(value)):
+            timeout_ns = max(0, round(timeout_s * 1e9))
+        self._watchdog.configure(enabled=enabled, timeout_ns=timeout_ns)

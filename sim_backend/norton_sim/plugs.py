@@ -1,0 +1,135 @@
+"""Where a device meets its wire. A plug can be pulled or tampered with; a wire carries its bytes to the host."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Protocol
+
+import can
+
+from norton_sim.tampering import Tamper, Tampers, tampered_bytes, tampered_frames, tampered_messages
+
+
+class CanWire(Protocol):
+    """A CAN bus as the devices on it see it."""
+
+    def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
+        """Put a data frame on the bus."""
+        ...
+
+    def attach(self, plug: "CanPlug") -> None:
+        """Deliver every frame from the host to ``plug``."""
+        ...
+
+    def report_error(self, error_class: int) -> None:
+        """Let the host's adapter tell of an error on the bus, where it is one that does."""
+        ...
+
+
+class SerialWire(Protocol):
+    """A serial line as the device at its far end sees it."""
+
+    def to_host(self, data: bytes) -> None:
+        """Write bytes towards the host."""
+        ...
+
+    def attach(self, plug: "SerialPlug") -> None:
+        """Deliver what the host writes to ``plug``."""
+        ...
+
+    @property
+    def host_baud(self) -> int | None:
+        """The rate at which the host has the line open; None where nobody can say."""
+        ...
+
+
+class Plug(ABC):
+    """What every plug can suffer. One that nobody tampers with calls its wire and its device directly."""
+
+    def __init__(self) -> None:
+        self.connected = True
+        self._tampers = Tampers(self._connect)
+
+    def cut(self) -> None:
+        """Pull the plug: nothing passes either way."""
+        self.connected = False
+
+    def mend(self) -> None:
+        """Put it back."""
+        self.connected = True
+
+    def tamper(self, *, to_host: Tamper | None = None, to_device: Tamper | None = None) -> Callable[[], None]:
+        """From now on let these decide what becomes of each piece that passes; returns what takes them away again."""
+        return self._tampers.add(to_host, to_device)
+
+    @abstractmethod
+    def _connect(self) -> None:
+        """Put what tampers between the wire and the device."""
+
+
+class CanPlug(Plug):
+    """Connects one device to a CAN bus."""
+
+    def __init__(self, wire: CanWire) -> None:
+        super().__init__()
+        self.wire = wire
+        self._receive: Callable[[can.Message], None] = _ignore
+        self._connect()
+        wire.attach(self)
+
+    def on_frame(self, receive: Callable[[can.Message], None]) -> None:
+        """Call ``receive`` for every frame that the host sends on this bus."""
+        self._receive = receive
+        self._connect()
+
+    def send(self, arbitration_id: int, data: bytes, *, extended: bool = False) -> None:
+        """Send a frame, where the plug is in."""
+        if self.connected:
+            self._to_host(arbitration_id, data, extended)
+
+    def deliver(self, message: can.Message) -> None:
+        """Hand a frame to the device, where the plug is in."""
+        if self.connected:
+            self._to_device(message)
+
+    def overhear(self, message: can.Message) -> None:
+        """As :meth:`deliver`, for a frame of another node's, which nobody tampers with."""
+        if self.connected:
+            self._receive(message)
+
+    def _connect(self) -> None:
+        self._to_host = tampered_frames(self.wire.to_host, self._tampers.to_host)
+        self._to_device = tampered_messages(self._receive, self._tampers.to_device)
+
+
+class SerialPlug(Plug):
+    """Connects one device to a serial line."""
+
+    def __init__(self, wire: SerialWire) -> None:
+        super().__init__()
+        self.wire = wire
+        self._receive: Callable[[bytes], None] = _ignore
+        self._connect()
+        wire.attach(self)
+
+    def on_bytes(self, receive: Callable[[bytes], None]) -> None:
+        """Call ``receive`` for what the host writes, however it is cut."""
+        self._receive = receive
+        self._connect()
+
+    def send(self, data: bytes) -> None:
+        """Send bytes, where the plug is in."""
+        if self.connected:
+            self._to_host(data)
+
+    def deliver(self, data: bytes) -> None:
+        """Hand bytes to the device, where the plug is in."""
+        if self.connected:
+            self._to_device(data)
+
+    def _connect(self) -> None:
+        self._to_host = tampered_bytes(self.wire.to_host, self._tampers.to_host)
+        self._to_device = tampered_bytes(self._receive, self._tampers.to_device)
+
+
+def _ignore(_received: object) -> None:
+    """A device that listens to nothing."""

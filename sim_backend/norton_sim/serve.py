@@ -1,0 +1,335 @@
+"""The simulated world in wall time, on real interfaces: another process meets the devices as it would meet hardware.
+
+Installed as the entry point ``serve`` of the group ``norton_bench.simulators``; ``norton-bench sim serve RIG`` finds it
+there. CAN buses are served on the rig's own python-can interface (for "slcan" on a pseudo-terminal at the rig's
+``channel``), serial devices on pseudo-terminals at the rig's ports.
+"""
+
+import select
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from random import Random
+from typing import Any, Protocol
+
+import can
+
+from norton_drivers.backend import Backend
+from norton_drivers.codecs.slcan import FLAG_BUS_ERROR as BUS_ERROR_FLAG
+from norton_drivers.codecs.slcan import FLAG_BUS_OFF as BUS_OFF_FLAG
+from norton_drivers.codecs.slcan import SlcanFrame, SlcanStream, encode_flags
+from norton_drivers.errors import WiringError
+from norton_drivers.hardware import HardwareBackend
+from norton_drivers.ports import CanPort
+from norton_drivers.punctual import SERVER_PRIORITY, punctual
+from norton_drivers.wiring import CanBusSettings, Wiring
+from norton_sim.assembly import build_world, mount
+from norton_sim.faults.injection import inject
+from norton_sim.faults.reading import read_faults
+from norton_sim.faults.stage import Stage
+from norton_sim.firmware.site import Wires
+from norton_sim.plugs import CanPlug, SerialPlug
+from norton_sim.pseudo_terminals import ServedPort
+from norton_sim.trouble import CAN_ERR_BUS_OFF, HostEnd, Trouble
+from norton_sim.truth import FAULTS, read_truth
+from norton_sim.witness import WitnessFile
+from norton_sim.world import World
+
+# The plant is never further behind the wall clock than this while nothing is planned, nor is a frame answered later:
+# like a drive's firmware, which looks for frames once in its cycle, this process is not woken by every one of them.
+CYCLE_S = 0.25e-3
+
+
+class _Served(HostEnd, Protocol):
+    """A wire that can be emptied and taken down, and that faults can reach."""
+
+    def receive(self) -> None:
+        """Deliver what the host has sent."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class _Waking(_Served, Protocol):
+    """A wire that can be waited on, since its bytes do not say when they came."""
+
+    @property
+    def lost(self) -> bool:
+        """Whether nothing can be waited for any more."""
+        ...
+
+    def fileno(self) -> int: ...
+
+
+class _WallTime:
+    """Lets the world keep up with the wall clock."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self.start_ns = time.monotonic_ns()
+
+    def catch_up(self, to_ns: int | None = None) -> None:
+        """To the monotonic clock's ``to_ns``, or to now."""
+        self._world.advance((time.monotonic_ns() if to_ns is None else to_ns) - self.start_ns)
+
+    def due_s(self) -> float:
+        """How long nothing is planned to happen."""
+        elapsed_ns = time.monotonic_ns() - self.start_ns
+        return max((self._world.next_event_ns or 0) - elapsed_ns, 0) * 1e-9
+
+
+class ServedBus:
+    """A CAN bus on one of python-can's interfaces. Frames of our own that it echoes are dropped by ``drivers``.
+
+    A command acts when it came, even where this process was not there to see it: a real drive never sleeps. The host's
+    adapter is not ours to break: one that is unplugged or off the bus is merely cut off from it.
+    """
+
+    def __init__(self, settings: CanBusSettings, backend: Backend, wall: _WallTime) -> None:
+        self._wall = wall
+        self._port: CanPort = backend.open_can(settings)
+        self._plugs: list[CanPlug] = []
+        self._cut_off = False
+        self._port.subscribe(self._deliver)
+
+    def attach(self, plug: CanPlug) -> None:
+        self._plugs.append(plug)
+
+    def suffer(self, trouble: Trouble | None) -> None:
+        self._cut_off = trouble in (Trouble.UNPLUGGED, Trouble.BUS_OFF)
+
+    def report_error(self, error_class: int) -> None:
+        self._port.bus.send(can.Message(arbitration_id=error_class, is_error_frame=True, data=bytes(8)))
+
+    def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
+        if not self._cut_off:
+            self._port.send(arbitration_id, data, extended=extended)
+
+    def receive(self) -> None:
+        self._port.poll()
+
+    def close(self) -> None:
+        self._port.close()
+
+    def _deliver(self, message: can.Message, arrival_ns: int) -> None:
+        self._wall.catch_up(arrival_ns)
+        for plug in () if self._cut_off else self._plugs:
+            plug.deliver(message)
+
+
+class ServedSlcan:
+    """A CAN bus behind an emulated slcan adapter; like many, it is always open, and answers but one command: ``F``."""
+
+    def __init__(self, settings: CanBusSettings, wall: _WallTime) -> None:
+        self._wall = wall
+        self._port = ServedPort(settings.channel.partition("@")[0])
+        self._stream = SlcanStream()
+        self._plugs: list[CanPlug] = []
+        self._off_bus = False
+        self._flags = 0
+
+    @property
+    def lost(self) -> bool:
+        return self._port.hung_up
+
+    def suffer(self, trouble: Trouble | None) -> None:
+        if trouble is Trouble.UNPLUGGED:
+            self._port.hang_up()
+        self._off_bus = trouble is Trouble.BUS_OFF
+
+    def report_error(self, error_class: int) -> None:
+        """The protocol has no error frames: the adapter says so in its status flags, when it is asked."""
+        self._flags |= BUS_OFF_FLAG if error_class & CAN_ERR_BUS_OFF else BUS_ERROR_FLAG
+
+    def attach(self, plug: CanPlug) -> None:
+        self._plugs.append(plug)
+
+    def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
+        if not self._off_bus:
+            self._port.write(SlcanFrame(arbitration_id, data, len(data), extended).encode())
+
+    def fileno(self) -> int:
+        return self._port.fileno()
+
+    def receive(self) -> None:
+        self._stream.feed(self._port.read())
+        self._wall.catch_up()  # the line says nothing of when its bytes came
+        if self._stream.flags_asked:
+            self._stream.flags_asked = 0
+            self._port.write(encode_flags(self._flags))
+            self._flags = 0
+        while self._stream.frames:
+            message = _message(self._stream.frames.popleft())
+            for plug in () if self._off_bus else self._plugs:
+                plug.deliver(message)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class ServedLine:
+    """A serial line on a pseudo-terminal, with one device."""
+
+    def __init__(self, path: str, wall: _WallTime) -> None:
+        self._wall = wall
+        self._port = ServedPort(path)
+        self._plug: SerialPlug | None = None
+
+    @property
+    def lost(self) -> bool:
+        return self._port.hung_up
+
+    @property
+    def host_baud(self) -> int | None:
+        return self._port.baud
+
+    def suffer(self, trouble: Trouble | None) -> None:
+        if trouble is Trouble.UNPLUGGED:
+            self._port.hang_up()
+
+    def report_error(self, error_class: int) -> None:
+        """Serial adapters do not tell."""
+
+    def attach(self, plug: SerialPlug) -> None:
+        self._plug = plug
+
+    def to_host(self, data: bytes) -> None:
+        self._port.write(data)
+
+    def fileno(self) -> int:
+        return self._port.fileno()
+
+    def receive(self) -> None:
+        data = self._port.read()
+        if data and self._plug is not None:
+            self._wall.catch_up()  # the line says nothing of when its bytes came
+            self._plug.deliver(data)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+def serve(
+    wiring: Wiring,
+    simulated: Mapping[str, Any],
+    *,
+    seed: int | None,
+    place: str,
+    on_ready: Callable[[], None],
+    stop: Callable[[], bool],
+    witness: Path | None = None,
+) -> None:
+    """Serve the rig's devices until ``stop()``; ``on_ready`` is called once when everything is open.
+
+    The rig's faults happen in wall time. What is true goes to the file ``witness``, a line a millisecond. An interrupt
+    takes everything down too and goes on to the caller as KeyboardInterrupt; so does SIGTERM. Raises WiringError for
+    wrong true values or faults, ConnectionFailedError where an interface or a port cannot be opened.
+    """
+    truth = read_truth(
+        simulated,
+        seed=seed,
+        place=place,
+        command_unit=wiring.command_unit,
+        modulation_unit=wiring.modulation_unit,
+    )
+    faults = read_faults(simulated.get(FAULTS, ()), wiring, place=place, section=f"simulated.{FAULTS}")
+    world = build_world(wiring, truth, place)
+    with _termination_interrupts(), ExitStack() as open_wires:
+        wall = _WallTime(world)
+        wires = _ServedWires(wiring, open_wires, wall)
+        mount(world, wiring, truth, Wires(wires.can, wires.serial), place)
+        for number, fault in enumerate(faults):
+            inject(fault, Stage(world, wiring, wires.ends, None, Random(f"{truth.seed} {number} {fault.kind}")))
+        if witness is not None:
+            open_wires.callback(_witness(witness, world, wall.start_ns).close)
+        on_ready()
+        with punctual(SERVER_PRIORITY):
+            while not stop():
+                waiting = wires.waiting(min(wall.due_s(), CYCLE_S))
+                now_ns = time.monotonic_ns()  # what comes while others are received must find the world as it was
+                for wire in waiting:
+                    wire.receive()
+                wall.catch_up(now_ns)
+
+
+def _witness(path: Path, world: World, epoch_ns: int) -> WitnessFile:
+    try:
+        return WitnessFile(path, world, epoch_ns)
+    except OSError as error:
+        raise WiringError(f"witness {path}: cannot be written ({error.strerror}); name another file") from error
+
+
+@contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    """SIGTERM unwinds as an interrupt does; only the main thread may say so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+
+
+class _ServedWires:
+    """Opens each bus and port once, and closes all of them with ``stack``."""
+
+    def __init__(self, wiring: Wiring, stack: ExitStack, wall: _WallTime) -> None:
+        self._wall = wall
+        self._settings = {bus.name: bus for bus in wiring.buses}
+        self._stack = stack
+        self._backend = HardwareBackend()
+        self._buses: dict[str, ServedBus | ServedSlcan] = {}
+        self._lines: dict[str, ServedLine] = {}
+        self._waking: list[_Waking] = []
+        self._looked_at: list[_Served] = []
+
+    def can(self, bus: str) -> CanPlug:
+        if bus not in self._buses:
+            self._buses[bus] = self._open(self._settings[bus])
+            self._stack.callback(self._buses[bus].close)
+        return CanPlug(self._buses[bus])
+
+    def _open(self, settings: CanBusSettings) -> ServedBus | ServedSlcan:
+        if settings.interface == "slcan":
+            adapter = ServedSlcan(settings, self._wall)
+            self._waking.append(adapter)
+            return adapter
+        bus = ServedBus(settings, self._backend, self._wall)
+        self._looked_at.append(bus)
+        return bus
+
+    def serial(self, port: str) -> SerialPlug:
+        wire = ServedLine(port, self._wall)
+        self._stack.callback(wire.close)
+        self._lines[port] = wire
+        self._waking.append(wire)
+        return SerialPlug(wire)
+
+    @property
+    def ends(self) -> Mapping[str, HostEnd]:
+        """By bus and by port."""
+        return {**self._buses, **self._lines}
+
+    def waiting(self, timeout_s: float) -> list[_Served]:
+        """The wires on which something may wait to be received, after at most ``timeout_s``."""
+        ready: list[_Waking] = []
+        if waking := [wire for wire in self._waking if not wire.lost]:
+            ready, _, _ = select.select(waking, [], [], timeout_s)
+        else:  # Windows selects from something, or not at all
+            time.sleep(timeout_s)
+        return [*ready, *self._looked_at]
+
+
+def _message(frame: SlcanFrame) -> can.Message:
+    return can.Message(
+        arbitration_id=frame.arbitration_id,
+        is_extended_id=frame.extended,
+        is_remote_frame=frame.remote,
+        dlc=frame.length,
+        data=None if frame.remote else frame.data,
+    )

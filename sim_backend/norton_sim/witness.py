@@ -1,0 +1,65 @@
+"""A witness of what is true on the simulated bench, for whoever judges how it came through a fault."""
+
+from pathlib import Path
+
+from norton_drivers.rehearsal import TrueState
+from norton_sim.plant import Machine
+from norton_sim.world import World
+
+PERIOD_NS = 250_000
+# In a file, which others read while it grows: a line a millisecond.
+FILE_PERIOD_NS = 1_000_000
+LINES_AT_A_TIME = 10
+
+MACHINES: tuple[Machine, ...] = ("actuator", "load", "modulator")
+
+
+def true_state(world: World) -> TrueState:
+    """The bench as it stands."""
+    plant = world.plant
+    return TrueState(
+        world.now_ns,
+        plant.true_port_torque_nm(),
+        plant.true_velocity_rad_s("actuator"),
+        plant.true_velocity_rad_s("load"),
+        tuple([machine for machine in MACHINES if plant.has(machine) and plant.drives(machine)]),
+        tuple([machine for machine in MACHINES if getattr(world.devices.get(machine), "armed", False)]),
+    )
+
+
+def watch(world: World) -> list[TrueState]:
+    """What is true from now on; the list grows as time passes."""
+    states: list[TrueState] = []
+    world.every(PERIOD_NS, lambda _stamp_ns: states.append(true_state(world)), first_ns=world.now_ns)
+    return states
+
+
+class WitnessFile:
+    """The same as lines of a CSV file: its first line names the columns.
+
+    ``epoch_ns`` is what the machine's monotonic clock showed when the world began. Raises OSError.
+    """
+
+    def __init__(self, path: Path, world: World, epoch_ns: int) -> None:
+        self._file = path.open("w", encoding="ascii")
+        self._world = world
+        self._epoch_ns = epoch_ns
+        self._lines = ["monotonic_ns,torque_nm,velocity_rad_s,load_velocity_rad_s,driving,armed\n"]
+        world.every(FILE_PERIOD_NS, self._note, first_ns=world.now_ns)
+
+    def close(self) -> None:
+        self._write()
+        self._file.close()
+
+    def _note(self, _stamp_ns: int) -> None:
+        state = true_state(self._world)
+        numbers = f"{state.torque_nm:.6g},{state.velocity_rad_s:.6g},{state.load_velocity_rad_s:.6g}"
+        roles = f"{'+'.join(state.driving)},{'+'.join(state.armed)}"
+        self._lines.append(f"{state.stamp_ns + self._epoch_ns},{numbers},{roles}\n")
+        if len(self._lines) >= LINES_AT_A_TIME:
+            self._write()
+
+    def _write(self) -> None:
+        self._file.writelines(self._lines)
+        self._file.flush()
+        self._lines.clear()
