@@ -20,6 +20,11 @@ EPILOGUE = (
 THREAD_COUNTS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 COMMANDS = {
+    "demo": ("norton_bench.cli.examples:demo", "Identify a simulated actuator, to see what this program does."),
+    "examples": (
+        "norton_bench.cli.examples:examples",
+        "List or copy the rigs, sessions and scripts shipped with it.",
+    ),
     "identify": ("norton_bench.cli.experiment:identify", "Identify the actuator of a rig with the standard session."),
     "run": ("norton_bench.cli.experiment:run", "Run a session file."),
     "ui": ("norton_bench.cli.screen:ui", "Watch and run experiments in the terminal."),

@@ -12,12 +12,13 @@ from cyclopts import Parameter
 from norton_bench.cli.arguments import Json, Quiet, RigFile, Seed
 from norton_bench.cli.output import Output
 from norton_bench.errors import ExitCode, UsageError
+from norton_bench.shipped import shipped_folder
 
 if TYPE_CHECKING:
     from norton_bench.faults.campaign import Trial
     from norton_bench.faults.case import Case, Outcome
 
-# One for each family of drives: those of them that lie in ./rigs are tried where none is named.
+# One for each family of drives: the shipped ones that are tried where none is named.
 FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit")
 
 Quick = Annotated[bool, Parameter(help="A choice of the faults, in a minute or two.")]
@@ -40,9 +41,8 @@ def faults(
     from norton_bench.faults.case import Verdict  # noqa: PLC0415
 
     output = Output(json, quiet)
-    trials = [
-        _trial(path, quick, only, losses=not (quick and number)) for number, path in enumerate(rig_files or _families())
-    ]
+    paths = rig_files or [shipped_folder() / "rigs" / f"{name}.toml" for name in FAMILIES]
+    trials = [_trial(path, quick, only, losses=not (quick and number)) for number, path in enumerate(paths)]
     count = sum(trial.count for trial in trials)
     if not count:
         raise UsageError(f'--only "{only}": no fault has that in its name, kind or place; leave it out to see them all')
@@ -52,15 +52,6 @@ def faults(
     output.result(faults_data(outcomes), faults_text(outcomes))
     tried = [outcome.verdict for outcome in outcomes if outcome.verdict is not Verdict.SKIPPED]
     return ExitCode.OK if all(verdict.safe for verdict in tried) else ExitCode.EXPERIMENT_FAILED
-
-
-def _families() -> list[Path]:
-    found = [path for path in (Path("rigs") / f"{name}.toml" for name in FAMILIES) if path.is_file()]
-    if not found:
-        raise UsageError(
-            "no rig is named, and none of the shipped ones lies in ./rigs; add one: norton-bench faults RIG"
-        )
-    return found
 
 
 def _trial(path: Path, quick: bool, only: str | None, losses: bool) -> "Trial":

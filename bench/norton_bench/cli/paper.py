@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from norton_bench.cli.arguments import Json, Quiet, numbers_in
 from norton_bench.cli.output import Output, plain_table
 from norton_bench.errors import ExitCode
+from norton_bench.shipped import shipped_folder
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from norton_bench.gallery.paper import Proof
 
 Seeds = Annotated[str, Parameter(help="Seeds of the simulation, such as 1-5 or 1,4.")]
-Rigs = Annotated[Path, Parameter(help="The folder of the shipped rigs.")]
+Rigs = Annotated[Path | None, Parameter(help="A folder of rigs, instead of the shipped ones.")]
 Jobs = Annotated[int | None, Parameter(help="How many experiments at a time; as many as this machine has cores.")]
 Pictures = Annotated[Path | None, Parameter(name="--out", help="Also draw them: a folder for pictures and a page.")]
 
@@ -26,7 +27,7 @@ def paper(
     *,
     seeds: Seeds = "1",
     out: Pictures = None,
-    rigs: Rigs = Path("rigs"),
+    rigs: Rigs = None,
     jobs: Jobs = None,
     json: Json = False,
     quiet: Quiet = False,
@@ -36,7 +37,8 @@ def paper(
     from norton_bench.gallery.page import write_gallery  # noqa: PLC0415
     from norton_bench.gallery.paper import gallery, rigs_in  # noqa: PLC0415
 
-    output, chosen, found = Output(json, quiet), numbers_in("--seeds", seeds), rigs_in(rigs)
+    output, chosen = Output(json, quiet), numbers_in("--seeds", seeds)
+    found = rigs_in(rigs or shipped_folder() / "rigs")
     count = len(found) * len(chosen)
     with counting(output, count) as done:
         proofs = gallery(found, chosen, min(count, jobs or os.cpu_count() or 1), done)

@@ -45,7 +45,7 @@ def rigs_in(folder: Path) -> dict[str, Rig]:
     for name, entry in CATALOGUE.items():
         path = folder / f"{entry.rig}.toml"
         if not path.is_file():
-            raise UsageError(f"{path}: no such rig file; give the folder of the shipped rigs with --rigs")
+            raise UsageError(f"{path}: no such rig file; leave --rigs out, or give a folder that holds it")
         found[name] = load_rig(path, backend="simulated")
     return found
 

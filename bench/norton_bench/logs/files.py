@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.errors import UsageError
+from norton_bench.extras import extra
 from norton_bench.logs.schema import LogSection
 from norton_bench.rig.mistakes import nearest
 
@@ -137,7 +138,7 @@ def _flat(found: Mapping[str, object], prefix: str) -> Iterator[tuple[str, objec
 
 
 def _read_text_table(path: Path, section: LogSection) -> dict[str, object]:
-    from pyarrow import csv  # noqa: PLC0415  (slow to import)
+    csv = extra("pyarrow.csv", "reading CSV")
 
     separator = section.separator or _separator(path, section.skip)
     table = csv.read_csv(
@@ -162,7 +163,7 @@ def _separator(path: Path, skip: int) -> str:
 
 
 def _read_parquet(path: Path, _: LogSection) -> dict[str, object]:
-    from pyarrow import parquet  # noqa: PLC0415  (slow to import)
+    parquet = extra("pyarrow.parquet", "reading Parquet")
 
     table = parquet.read_table(path).flatten()
     return _arrow_columns(path, [name.replace(".", "/") for name in table.column_names], table.columns)
@@ -202,7 +203,7 @@ def _read_mat(path: Path, section: LogSection) -> dict[str, object]:
 
 
 def _read_hdf5(path: Path, _: LogSection) -> dict[str, object]:
-    import h5py  # noqa: PLC0415  (slow to import)
+    h5py = extra("h5py", "reading HDF5, or MATLAB's files since version 7.3,")
 
     found: dict[str, object] = {}
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.extras import extra
 from norton_bench.recording.candump import log_lines, log_name
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
@@ -72,8 +73,7 @@ def _estimates(recording: Recording) -> Columns:
 
 
 def _write_parquet(recording: Recording, out_dir: Path, stem: str) -> list[Path]:
-    import pyarrow as pa  # noqa: PLC0415  (slow to import)
-    import pyarrow.parquet as pq  # noqa: PLC0415
+    pa, pq = extra("pyarrow", "Parquet"), extra("pyarrow.parquet", "Parquet")
 
     paths = []
     for name, columns in tables_of(recording).items():
@@ -83,8 +83,7 @@ def _write_parquet(recording: Recording, out_dir: Path, stem: str) -> list[Path]
 
 
 def _write_csv(recording: Recording, out_dir: Path, stem: str) -> list[Path]:
-    import pyarrow as pa  # noqa: PLC0415
-    from pyarrow import csv  # noqa: PLC0415
+    pa, csv = extra("pyarrow", "CSV"), extra("pyarrow.csv", "CSV")
 
     paths = []
     for name, columns in tables_of(recording).items():

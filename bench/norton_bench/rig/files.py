@@ -32,4 +32,6 @@ def parse_toml(text: str, place: str, error: type[UsageError] = UsageError) -> d
 def _neighbours(path: Path) -> str:
     """The mend for a file that is not there: those that lie where it was looked for."""
     found = sorted(str(near) for near in path.parent.glob("*.toml"))[:5]
-    return f"there are: {', '.join(found)}" if found else f"{path.parent} holds no .toml file; check the path"
+    if found:
+        return f"there are: {', '.join(found)}"
+    return f"there is none in {path.parent}; check the path, or copy the shipped ones: norton-bench examples ."

@@ -3,14 +3,12 @@
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager
-from importlib import import_module
 
 from norton_bench.errors import UsageError
+from norton_bench.extras import extra
 from norton_bench.session.pool import process_pool
 from norton_bench.sweep.store import Store
 from norton_bench.sweep.task import Outcome, Task, carry_out
-
-MEND = "install it: pip install 'norton-bench[cluster]'"
 
 
 def sweep(
@@ -49,10 +47,7 @@ def executor_of(jobs: int, cluster: str | None) -> Iterator[Executor]:
         with process_pool(jobs) as pool:
             yield pool
         return
-    try:
-        distributed = import_module("distributed")  # an extra, imported only when asked for
-    except ImportError as error:
-        raise UsageError(f"--cluster needs dask.distributed; {MEND}") from error
+    distributed = extra("distributed", "--cluster")
     try:
         client = distributed.Client(cluster, timeout="10s")
     except (OSError, ValueError) as error:

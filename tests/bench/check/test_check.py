@@ -15,6 +15,7 @@ from norton_bench.check.moving import check_moving
 from norton_bench.errors import OperatorStopError
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
+from norton_drivers import dbc_sensor
 from norton_drivers.codecs.can_errors import ErrorClass
 from norton_drivers.codecs.odrive import AxisState, Command, SetInputTorque, arbitration_id
 from norton_sim.backend import SimulatedBackend, open_backend
@@ -113,7 +114,7 @@ def test_a_driver_of_another_maker(opened: Open) -> None:
 
 
 def test_another_message_of_the_dbc_file(opened: Open, tmp_path: Path) -> None:
-    shipped = (Path(RIGS.parent) / "drivers" / "dbc" / "torque-sensor.dbc").read_text()
+    shipped = (Path(dbc_sensor.__file__).parent / "dbc" / "torque-sensor.dbc").read_text()
     other = tmp_path / "mine.dbc"
     other.write_text(shipped + '\nBO_ 802 Other: 8 Sensor\n SG_ Torque : 0|32@1- (0.000001,0) [0|0] "Nm" Vector__XXX\n')
     there = wired(DBC, "torque_sensor", options={"dbc": str(other)})

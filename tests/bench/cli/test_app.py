@@ -49,7 +49,7 @@ def program(*arguments: object) -> subprocess.CompletedProcess[str]:
 def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     code = (
         "import sys; from norton_bench.cli.app import main; main(sys.argv[1:]);"
-        "heavy = 'numba textual matplotlib pyarrow sim_backend scipy numpy pint can filterpy'.split();"
+        "heavy = 'numba textual matplotlib pyarrow norton_sim scipy numpy pint can filterpy'.split();"
         "print([name for name in heavy if name in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run(

@@ -1,0 +1,75 @@
+"""``demo`` and ``examples``: what comes with the program, without its repository."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from norton_bench.cli.arguments import Json, Out, Quiet, Seed
+from norton_bench.cli.experiment import identify
+from norton_bench.cli.output import Output, plain_table
+from norton_bench.errors import ExitCode, UsageError
+from norton_bench.shipped import FOLDERS, shipped_folder
+
+DEMONSTRATION = "rigs/sim-odrive.toml"
+SUFFIXES = (".toml", ".py", ".yml")
+LEFT_OUT = ("__pycache__", "*.pyc", "*.egg-info", "build", "dist")
+
+Folder = Annotated[Path | None, Parameter(name="FOLDER", help="Copy them into this folder. Files there are kept.")]
+
+
+def demo(*, seed: Seed = None, out: Out = None, json: Json = False, quiet: Quiet = False) -> int:
+    """Identify a simulated actuator: the standard session, through real CAN frames and serial bytes."""
+    return identify(shipped_folder() / DEMONSTRATION, seed=seed, out=out, json=json, quiet=quiet)
+
+
+def examples(folder: Folder = None, /, *, json: Json = False) -> int:
+    """List the rigs, sessions and scripts that come with the program, or copy them and the docs into a folder."""
+    output, shipped = Output(json), shipped_folder()
+    if folder is not None:
+        copied = list(_copied(shipped, folder))
+        start = folder / DEMONSTRATION
+        output.result({"copied": copied}, f"{len(copied)} files copied to {folder}; norton-bench identify {start}")
+        return ExitCode.OK
+    found = {str(path.relative_to(shipped)): _first_line(path) for path in _listed(shipped)}
+    table = plain_table()
+    for heading in ("file", "what it is"):
+        table.add_column(heading, overflow="fold")
+    for name, words in found.items():
+        table.add_row(name, words)
+    output.result(found, table, "Copy them, and the docs: norton-bench examples FOLDER")
+    return ExitCode.OK
+
+
+def _listed(shipped: Path) -> Iterator[Path]:
+    """Those that a user runs or begins with. Of a project in a folder of its own, the README stands for the whole."""
+    for name in FOLDERS[:-1]:
+        for path in sorted((shipped / name).rglob("*")):
+            whole = any((folder / "pyproject.toml").is_file() for folder in path.parents if shipped in folder.parents)
+            if path.name == "README.md" if whole else path.suffix in SUFFIXES:
+                yield path
+
+
+def _first_line(path: Path) -> str:
+    """The first line of its comment or docstring, which says what it is."""
+    with path.open(encoding="utf-8") as file:
+        return file.readline().strip().lstrip('#" ')
+
+
+def _copied(shipped: Path, folder: Path) -> Iterator[Path]:
+    """Copies what is not there yet. Raises UsageError where the folder cannot be written to."""
+    ignored = shutil.ignore_patterns(*LEFT_OUT)
+    for name in FOLDERS:
+        for source in sorted((shipped / name).rglob("*")):
+            parts = source.relative_to(shipped).parts
+            target = folder.joinpath(*parts)
+            if source.is_dir() or target.exists() or ignored("", list(parts)):
+                continue
+            try:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(source, target)
+            except OSError as error:
+                raise UsageError(f"{target}: cannot be written ({error.strerror}); choose another folder") from error
+            yield target
