@@ -12,7 +12,7 @@ $(READY): pyproject.toml
 	touch $@
 
 demo: $(READY)  ## identify a simulated actuator through real frames and bytes
-	$(BIN)/norton-bench identify rigs/sim-odrive.toml
+	$(BIN)/norton-bench demo
 
 test: $(READY)  ## everything CI runs
 	$(MAKE) --jobs 2 check guard compiled
