@@ -13,13 +13,15 @@ from norton_drivers.readings import RawFrame
 
 Table = npt.NDArray[np.void]
 
+NO_SEGMENT = -1  # of ticks between two segments, while the loop waits for the session
+
 # One row a tick. Values are the newest known at the tick (NaN before the first); ages are now minus arrival.
 TICK = np.dtype(
     [
         ("tick_ns", "i8"),  # the tick's deadline, at which its commands were sent
         ("lateness_ns", "i8"),  # when the tick really began, after its deadline
         ("work_ns", "i8"),  # how long the tick took
-        ("segment", "i4"),
+        ("segment", "i4"),  # its index, or NO_SEGMENT
         ("command", "f8"),  # actuator command as it was sent: after the guard and the rounding of its wire
         ("wished_load_torque_nm", "f8"),
         ("load_torque_nm", "f8"),  # load command, likewise
@@ -71,7 +73,7 @@ class SegmentInfo:
     preview: bool = False
 
 
-# What an in-situ experiment takes its load for (bench.identification.load_taken).
+# What an in-situ experiment takes its load for (norton_bench.identification.load_taken).
 LOAD_TAKEN = "load"
 # Kinds of events that are for programs: people are told the same in other places.
 FOR_PROGRAMS = ("segment", LOAD_TAKEN)

@@ -1,6 +1,6 @@
 """What a procedure asks of the loop: a stretch of time with everything known ahead, tick by tick."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -72,3 +72,23 @@ class Segment:
     @property
     def ticks(self) -> int:
         return len(self.command)
+
+    def continued(self, ticks: int, tick_s: float) -> "Segment":
+        """What follows where nobody says what comes next: the last commands, and the motion at its last velocity."""
+        moved_s = tick_s * np.arange(1, ticks + 1)
+        return replace(
+            self,
+            name=f"after {self.name}",
+            use=Use.PREPARE,
+            command=_last(self.command, ticks),
+            position_rad=_last(self.velocity_rad_s, ticks) * moved_s[: ticks if self.velocity_rad_s.size else 0],
+            velocity_rad_s=_last(self.velocity_rad_s, ticks),
+            acceleration_rad_s2=0.0 * _last(self.acceleration_rad_s2, ticks),
+            load_torque_nm=_last(self.load_torque_nm, ticks),
+            modulation=_last(self.modulation, ticks),
+            stop_at_velocity_rad_s=float("inf"),
+        )
+
+
+def _last(values: FloatArray, ticks: int) -> FloatArray:
+    return np.repeat(values[-1:], ticks)

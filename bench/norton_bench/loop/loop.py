@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from math import nan
 from typing import NamedTuple
 
+import numpy as np
+
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.errors import BenchError, OperatorStopError
 from norton_bench.guard.commands import Commands, DriveHealth
@@ -18,11 +20,15 @@ from norton_bench.loop.outbox import Outlet
 from norton_bench.loop.segment_info import segment_info
 from norton_bench.loop.troubles import TroubleLog
 from norton_bench.loop.watchdogs import WatchdogFinding
-from norton_bench.records import Measured, SegmentInfo, join
+from norton_bench.records import NO_SEGMENT, Measured, SegmentInfo, join
 from norton_bench.sample import Sample, Target
-from norton_bench.segments import LoadMode, Segment
+from norton_bench.segments import LoadMode, Segment, Use
 from norton_drivers.errors import DeviceError
 from norton_drivers.readings import DeviceIdentity
+
+# How long drives stay enabled, the bench guarded, for a session that is late; it counts as gone after a second.
+HELD_S = 0.8
+AT_REST = Segment("wait", "rest", Use.PREPARE, np.zeros(1))
 
 
 def never_stop() -> str | None:
@@ -60,6 +66,8 @@ class Loop:
     skipped_ticks: int = field(default=0, init=False)
     _next_ns: int = field(default=0, init=False)
     _segments: int = field(default=0, init=False)
+    _label: int = field(default=NO_SEGMENT, init=False)  # which of them the ticks belong to
+    _held: Segment = field(default=AT_REST, init=False)  # the last one
     _reference_rad: float | None = field(default=None, init=False)  # where the last imposed motion ended
     _begun: bool = field(default=False, init=False)  # whether the segment has had a tick
     _position_rad: float = field(default=nan, init=False)
@@ -143,32 +151,66 @@ class Loop:
 
         Raises SafetyStopError, OperatorStopError, ConnectionFailedError; :meth:`running` then idles the drives.
         """
+        strategy = self._strategy(segment)
+        start_ns, self._label, self._held = self._next_ns, self._segments, segment
+        parts: list[Measured] = []
+
+        def hand_on() -> None:
+            parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
+
+        try:
+            self._go_through(segment, strategy, hand_on)
+        finally:
+            hand_on()
+            self._segments += 1
+        return join(parts)
+
+    def hold(self, ordered: Callable[[], bool]) -> None:
+        """Go on as the last segment ended, guarded, until there is an order; these ticks belong to no segment.
+
+        Raises as :meth:`run` does, and SafetyStopError where no order comes within :data:`HELD_S`.
+        """
+        segment = self._held.continued(round(HELD_S * 1e9 / self.tick_ns), self.tick_ns * 1e-9)
+        self._label = NO_SEGMENT
+        if not self._go_through(segment, self._strategy(segment), self.outbox.hand_on, ordered):
+            raise self.guard.trip(
+                f"the session did not say within {HELD_S:g} s what comes after a segment: decide with the drives idle",
+                "stall",
+            )
+
+    def _strategy(self, segment: Segment) -> LoadStrategy:
         base_rad = self._position_rad if self._reference_rad is None else self._reference_rad
         strategy = strategy_for(segment, self.controller, base_rad)
         self._obey_time(strategy)
+        return strategy
+
+    def _go_through(
+        self,
+        segment: Segment,
+        strategy: LoadStrategy,
+        hand_on: Callable[[], object],
+        ended: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """Its ticks, one after the other; whether it ended before the last of them. Every full part is handed on."""
         commands, stop_at_rad_s = segment.command.astype(float).tolist(), segment.stop_at_velocity_rad_s
         modulations = segment.modulation.astype(float).tolist() or [0.0] * len(commands)
-        start_ns, index, done = self._next_ns, 0, False
+        index, done = 0, False
         self._begun = False
-        parts: list[Measured] = []
-        try:
-            while index < len(commands) and not done:
-                # What has come by then need not be read when time is short.
-                self._clock.wait_until_ns(self._next_ns, self._read_ahead)
-                begun_ns, arrivals = self._clock.now_ns(), self.devices.receive()
-                index = min(index + self._obey_time(strategy), len(commands) - 1)
-                sample, full = self._tick(commands[index], modulations[index], strategy, index, begun_ns, arrivals)
-                done = abs(sample.velocity_rad_s) >= stop_at_rad_s
-                index += 1
-                self._troubles.look(begun_ns)
-                if full:
-                    parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
-        finally:
-            parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
-            self._segments += 1
+        while index < len(commands) and not (done := done or ended()):
+            # What has come by then need not be read when time is short.
+            self._clock.wait_until_ns(self._next_ns, self._read_ahead)
+            begun_ns, arrivals = self._clock.now_ns(), self.devices.receive()
+            index = min(index + self._obey_time(strategy), len(commands) - 1)
+            sample, full = self._tick(commands[index], modulations[index], strategy, index, begun_ns, arrivals)
+            done = abs(sample.velocity_rad_s) >= stop_at_rad_s
+            index += 1
+            self._troubles.look(begun_ns)
+            if full:
+                hand_on()
         rigid = segment.mode is LoadMode.ADMITTANCE and segment.admittance.rigid
-        self._reference_rad = strategy.target(segment.ticks - 1).position_rad if rigid else None
-        return join(parts)
+        if index:
+            self._reference_rad = strategy.target(index - 1).position_rad if rigid else None
+        return done
 
     def _read_ahead(self) -> None:
         self.devices.link.poll()
@@ -180,6 +222,7 @@ class Loop:
         self.guard.begin(sample)
         self._troubles.begin(now_ns)
         self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
+        self._held = AT_REST
         self._next_ns = now_ns + self.tick_ns
 
     def _tick(
@@ -271,7 +314,7 @@ class Loop:
             deadline_ns,
             stages.begun_ns - deadline_ns,
             stages.sent_ns - stages.begun_ns,
-            self._segments,
+            self._label,
             commands.command,
             wish.load_torque_nm,
             commands.load_torque_nm,

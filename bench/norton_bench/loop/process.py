@@ -32,7 +32,7 @@ from norton_bench.loop.session_watch import Pulse
 from norton_bench.loop.shared_outbox import SharedInbox, SharedMemory
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.loop.watchdogs import WatchdogFinding
-from norton_bench.records import Event, Measured, SegmentInfo, Table, join
+from norton_bench.records import NO_SEGMENT, Event, Measured, SegmentInfo, Table, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
 from norton_drivers.cores import staying_off
@@ -158,7 +158,8 @@ class LoopProcess:
             self._hand_on(segment)
             raise answer.error or SafetyStopError("the loop has idled the drives by itself", "loop")
         parts.append(self._hand_on(segment, answer.value))
-        return join(parts)
+        measured = join(parts)
+        return replace(measured, ticks=measured.ticks[measured.ticks["segment"] == answer.value.index])
 
     def close(self) -> None:
         """End the loop's process; the drives are idle then. May be called twice."""
@@ -257,15 +258,17 @@ class LoopProcess:
     def _hand_on(self, segment: Segment | None = None, info: SegmentInfo | None = None) -> Measured:
         """Give the consumer what has come; ``info`` is the loop's last word of the segment."""
         measured = self._inbox.take()
-        if segment is not None and info is None and len(measured.ticks):
-            info = self._so_far(segment, measured.ticks)
+        if segment is not None and info is None:
+            info = self._so_far(segment, measured.ticks[measured.ticks["segment"] != NO_SEGMENT])
         part = replace(measured, segments=() if info is None else (info,), chain=self._rig.chain)
         if not part.empty:
             self._consumer(part)
         return part.without_frames()
 
-    def _so_far(self, segment: Segment, ticks: Table) -> SegmentInfo:
-        """What can be said of a segment before it is over."""
+    def _so_far(self, segment: Segment, ticks: Table) -> SegmentInfo | None:
+        """What can be said of a segment before it is over; None before it has begun."""
+        if not len(ticks):
+            return None
         index = int(ticks["segment"][-1])
         if index != self._begun[0]:
             self._begun = index, int(ticks["tick_ns"][0])

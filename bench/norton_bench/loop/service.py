@@ -154,9 +154,10 @@ class _Service:
 
     def _run_segments(self) -> None:
         """Until the session says that the drives shall be idle; its reason is raised, and so put away as the loop's."""
-        while isinstance(order := self._next_segment(), Run):
+        while isinstance(order := self._next_order_held(), Run):
             try:
-                measured = self.loop.run(order.segment)
+                with self._watch.segment():
+                    measured = self.loop.run(order.segment)
             except LeaveError as left:
                 order = left.idle
                 break
@@ -164,17 +165,10 @@ class _Service:
         if isinstance(order, Idle) and order.error is not None:
             raise order.error
 
-    def _next_segment(self) -> Order:
-        """Until it comes the last command acts, unguarded: for no longer than the loop itself may stand still."""
-        guard = self.loop.guard
-        order = self._watch.next_order(guard.limits.stall_after_ns)
-        if order is None:
-            raise guard.trip(
-                "the session did not say what comes after a segment within stall_after = "
-                f"{guard.limits.stall_after_ns / 1e6:g} ms: decide with the drives idle",
-                "stall",
-            )
-        return order
+    def _next_order_held(self) -> Order:
+        """The bench is held, guarded, until it comes."""
+        self.loop.hold(self._watch.ordered)
+        return self._watch.read()
 
     def _asked_to_stop(self) -> str | None:
         self._watch.look()

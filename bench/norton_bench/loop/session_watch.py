@@ -1,7 +1,8 @@
 """What a loop in a process of its own sees of its session: drives are not left enabled for a session that is gone."""
 
 import select
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.sharedctypes import RawArray
@@ -15,8 +16,6 @@ from norton_drivers.clock import Clock
 SILENT_NS = 1_000_000_000
 # How often the pipe is looked at: it tells sooner of a session that has died.
 LOOK_NS = 10_000_000
-# How long to wait for the next segment's order before the heart is listened to again.
-NEXT_ORDER_S = 0.0005
 
 
 class Pulse:
@@ -37,11 +36,21 @@ class SessionWatch:
     pulse: Pulse
     orders: "Connection[Any, Any]"
     clock: Clock
+    _within_segment: bool = field(default=False, init=False)
     _look_ns: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self._beat_ns = self.pulse.view()
         self._has_order = _waiting_in(self.orders)
+
+    @contextmanager
+    def segment(self) -> Iterator[None]:
+        """Inside, an order means that the session wants no more of the segment."""
+        self._within_segment = True
+        try:
+            yield
+        finally:
+            self._within_segment = False
 
     def look(self) -> None:
         """Asked every tick. Raises SafetyStopError where the session is gone, LeaveError where it wants them idle.
@@ -49,19 +58,24 @@ class SessionWatch:
         During a segment a session says nothing but that it wants no more of it.
         """
         now_ns = self._listen()
-        if now_ns >= self._look_ns:
+        if self._within_segment and now_ns >= self._look_ns:
             self._look_ns = now_ns + LOOK_NS
             if self._has_order():
-                order = self._read()
+                order = self.read()
                 raise LeaveError(order if isinstance(order, Idle) else Idle())
 
-    def next_order(self, within_ns: int) -> Order | None:
-        """What to do after a segment; None where that was not said in time. Raises SafetyStopError where it is gone."""
-        until_ns = self.clock.now_ns() + within_ns
-        while not self.orders.poll(NEXT_ORDER_S):
-            if self._listen() > until_ns:
-                return None
-        return self._read()
+    def ordered(self) -> bool:
+        """Asked every tick between two segments. Raises SafetyStopError where the session is gone."""
+        self._listen()
+        return self._has_order()
+
+    def read(self) -> Order:
+        """The order that is there, or comes. Raises SafetyStopError where the session's process has died."""
+        try:
+            order: Order = self.orders.recv()
+        except (EOFError, OSError):
+            raise SafetyStopError("the session's process has died", "session") from None
+        return order
 
     def _listen(self) -> int:
         """The time [ns], if the session's heart still beats."""
@@ -70,13 +84,6 @@ class SessionWatch:
         if silent_ns > SILENT_NS:
             raise SafetyStopError(f"the session has not been heard for {silent_ns / 1e6:.0f} ms: it hangs", "session")
         return now_ns
-
-    def _read(self) -> Order:
-        try:
-            order: Order = self.orders.recv()
-        except (EOFError, OSError):
-            raise SafetyStopError("the session's process has died", "session") from None
-        return order
 
 
 def _waiting_in(orders: "Connection[Any, Any]") -> Callable[[], bool]:

@@ -6,7 +6,7 @@ from math import isfinite
 import numpy as np
 import numpy.typing as npt
 
-from norton_bench.records import Table
+from norton_bench.records import NO_SEGMENT, Table
 from norton_bench.report.words import number, pretty_unit
 from norton_bench.screen.picture.picture import Picture
 from norton_bench.screen.picture.tabulated import EXTERNAL
@@ -150,6 +150,7 @@ def _said(value: float, unit: str) -> str:
 def _of_segment(picture: Picture) -> tuple[Table, int]:
     """The ticks of the segment that runs, not too many, and how many of them are fresh."""
     rows = picture.tape.since(picture.first_ns + round((picture.now_s - PHASE_S) * 1e9))
+    rows = rows[rows["segment"] != NO_SEGMENT]
     if not len(rows):
         return rows, 0
     rows = rows[int(np.argmax(rows["segment"] == rows["segment"][-1])) :]

@@ -5,11 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from norton_bench.procedures.makers import pushed
+from norton_bench.control.admittance import AdmittanceController
+from norton_bench.errors import SafetyStopError
+from norton_bench.loop.loop import HELD_S
+from norton_bench.procedures.makers import coasting, imposed, pushed
+from norton_bench.procedures.waves import Motion
+from norton_bench.records import NO_SEGMENT, join
 from norton_bench.rig.load import load_rig
-from norton_bench.segments import Use
+from norton_bench.segments import Segment, Use
 from tests.bench.bench_in_simulation import opened
+from tests.bench.control.plant import PlantSettings
 
+TICK_S = 1e-3
 RIGS = Path(__file__).parents[3] / "rigs"
 
 
@@ -32,3 +39,83 @@ def test_commands_are_recorded_as_the_wire_carries_them(
     assert ticks["command"] == pytest.approx(carried, abs=1e-12)
     assert ticks["load_torque_nm"] == pytest.approx(load_carried, abs=1e-12)
     assert set(ticks["wished_load_torque_nm"]) == {0.05}
+
+
+# ---- Between two segments, while the session is awaited -------------------------------------------------------------
+
+
+class Late:
+    """An order that is there after so many looks."""
+
+    def __init__(self, looks: int) -> None:
+        self.left = looks
+
+    def __call__(self) -> bool:
+        self.left -= 1
+        return self.left < 0
+
+
+def turning(ticks: int, speed_rad_s: float) -> Segment:
+    """Up to a speed in half the time, then on at it."""
+    velocity = speed_rad_s * np.minimum(np.arange(ticks) / (ticks // 2), 1.0)
+    motion = Motion(np.cumsum(velocity) * TICK_S, velocity, np.gradient(velocity, TICK_S))
+    return imposed("test", "turn", Use.PREPARE, np.full(ticks, 0.01), motion)
+
+
+def test_a_late_session_finds_the_last_command_and_no_tick_missing() -> None:
+    push = coasting("test", "push", Use.PREPARE, np.full(50, 0.03))
+    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
+        bench.loop.hold(Late(5))  # before the first segment: at rest
+        bench.loop.run(push)
+        bench.loop.hold(Late(300))
+        second = bench.loop.run(push)
+    ticks = join(bench.parts).ticks
+    assert list(np.unique(ticks["segment"], return_counts=True)[1]) == [305, 50, 50]
+    waited = ticks[ticks["segment"] == NO_SEGMENT]
+    assert np.all(waited["command"][:5] == 0.0)
+    assert waited["command"][5:] == pytest.approx(0.03)
+    assert set(np.diff(ticks["tick_ns"])) == {bench.rig.tick_ns}
+    assert [segment.index for segment in join(bench.parts).segments] == [0, 1]
+    assert second.segments[0].start_ns == ticks["tick_ns"][ticks["segment"] == 1][0]
+
+
+def test_a_prescribed_motion_goes_on_at_its_last_velocity() -> None:
+    rig = load_rig(RIGS / "sim-odrive.toml")
+    with opened(rig) as bench, bench.loop.running():
+        bench.loop.controller = AdmittanceController(
+            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
+        )
+        bench.loop.run(turning(400, 10.0))
+        bench.loop.hold(Late(200))
+        bench.loop.run(imposed("test", "on", Use.PREPARE, np.zeros(1)))
+    ticks = join(bench.parts).ticks
+    waited = ticks[ticks["segment"] == NO_SEGMENT]
+    assert len(waited) == 200
+    assert set(waited["reference_velocity_rad_s"]) == {10.0}
+    whole = ticks["reference_position_rad"][200:600]  # at full speed, and then waiting: one straight line
+    assert np.diff(whole) == pytest.approx(10.0 * TICK_S, abs=1e-9)
+    assert ticks["reference_position_rad"][600] == pytest.approx(whole[-1], abs=1e-9)
+    assert np.mean(waited["load_velocity_rad_s"][100:]) == pytest.approx(10.0, abs=0.5)
+
+
+def test_it_is_not_held_for_ever() -> None:
+    with (
+        opened(load_rig(RIGS / "sim-odrive.toml")) as bench,
+        pytest.raises(
+            SafetyStopError, match=r"within 0\.8 s what comes after a segment: decide with the drives"
+        ) as stop,
+        bench.loop.running(),
+    ):
+        bench.loop.hold(lambda: False)
+    assert stop.value.by == "stall"
+    assert len(join(bench.parts).ticks) == round(HELD_S / TICK_S)
+    assert bench.armed() == []
+
+
+def test_it_is_guarded_while_it_is_held() -> None:
+    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench:
+        bench.after(0.2, lambda: bench.force_torque(100.0))
+        with pytest.raises(SafetyStopError, match="torque") as stop, bench.loop.running():
+            bench.loop.hold(lambda: False)
+        assert stop.value.by != "stall"
+        assert bench.armed() == []

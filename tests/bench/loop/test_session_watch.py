@@ -1,7 +1,7 @@
 """What a loop in a process of its own sees of its session, and that no order is lost between looking and waiting."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
@@ -17,69 +17,58 @@ from norton_bench.segments import Use
 from norton_bench.testing.world import ScriptedClock
 
 
-@dataclass
-class LatePipe:
-    """What the session says arrives just after one has given up waiting for it, once."""
-
-    loop: "Connection[Any, Any]"
-    session: "Connection[Any, Any]"
-    late: list[Any] = field(default_factory=list)
-
-    def poll(self, timeout_s: float = 0.0) -> bool:
-        if not self.late:
-            return self.loop.poll(timeout_s)
-        self.session.send(self.late.pop())
-        return False
-
-    def fileno(self) -> int:
-        return self.loop.fileno()
-
-    def recv(self) -> Any:
-        return self.loop.recv()
-
-
 @dataclass(frozen=True)
 class Watched:
     watch: SessionWatch
-    pipe: LatePipe
+    session: "Connection[Any, Any]"
     clock: ScriptedClock
 
 
 @pytest.fixture
 def watched() -> Iterator[Watched]:
     loop, session = Pipe()
-    pipe, clock, pulse = LatePipe(loop, session), ScriptedClock(), Pulse()
+    clock, pulse = ScriptedClock(), Pulse()
     pulse.view()[0] = clock.ns
     with loop, session:
-        yield Watched(SessionWatch(pulse, pipe, clock), pipe, clock)  # type: ignore[arg-type]
+        yield Watched(SessionWatch(pulse, loop, clock), session, clock)
 
 
-def test_an_order_that_comes_just_after_the_wait_for_it_is_carried_out(watched: Watched) -> None:
-    watched.pipe.late.append(Run(coasting("test", "push", Use.PREPARE, np.zeros(10))))
-    order = watched.watch.next_order(LOOK_NS)
+def test_between_two_segments_the_next_order_is_seen_and_read(watched: Watched) -> None:
+    assert not watched.watch.ordered()
+    watched.session.send(Run(coasting("test", "push", Use.PREPARE, np.zeros(10))))
+    watched.clock.ns += LOOK_NS
+    watched.watch.look()  # no segment runs, of which it could want no more
+    assert watched.watch.ordered()
+    order = watched.watch.read()
     assert isinstance(order, Run)
     assert order.segment.name == "push"
 
 
 def test_during_a_segment_what_the_session_says_ends_it(watched: Watched) -> None:
-    watched.watch.look()
-    why = ExperimentError("not enough")
-    watched.pipe.session.send(Idle(why))
-    watched.watch.look()  # the pipe was looked at just now
-    watched.clock.ns += LOOK_NS
-    with pytest.raises(LeaveError) as left:
+    with watched.watch.segment():
         watched.watch.look()
+        why = ExperimentError("not enough")
+        watched.session.send(Idle(why))
+        watched.watch.look()  # the pipe was looked at just now
+        watched.clock.ns += LOOK_NS
+        with pytest.raises(LeaveError) as left:
+            watched.watch.look()
     assert str(left.value.idle.error) == "not enough"
 
 
-def test_a_session_that_does_not_say_how_to_go_on_is_not_waited_for(watched: Watched) -> None:
-    watched.clock.ns += LOOK_NS
-    assert watched.watch.next_order(-1) is None
+def look_within_a_segment(watch: SessionWatch) -> None:
+    with watch.segment():
+        watch.look()
+
+
+def look_between_two(watch: SessionWatch) -> None:
+    if watch.ordered():
+        watch.read()
 
 
 LOOKS: dict[str, Callable[[SessionWatch], object]] = {
-    "during a segment": lambda watch: watch.look(),
-    "between two": lambda watch: watch.next_order(LOOK_NS),
+    "during a segment": look_within_a_segment,
+    "between two": look_between_two,
 }
 
 
@@ -93,6 +82,6 @@ def test_a_session_without_a_heartbeat_is_gone(watched: Watched, look: Callable[
 
 @pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
 def test_a_session_that_has_hung_up_is_gone(watched: Watched, look: Callable[[SessionWatch], object]) -> None:
-    watched.pipe.session.close()
+    watched.session.close()
     with pytest.raises(SafetyStopError, match="process has died"):
         look(watched.watch)

@@ -186,5 +186,8 @@ def test_what_cannot_be_swept_is_refused_in_a_sentence(arguments, sentence, caps
 
 def test_without_dask_the_mend_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UsageError, match=r"--cluster needs distributed.*norton-bench\[cluster\]"), executor_of(1, "tcp://nowhere:1"):
+    with (
+        pytest.raises(UsageError, match=r"--cluster needs distributed.*norton-bench\[cluster\]"),
+        executor_of(1, "tcp://nowhere:1"),
+    ):
         pass
