@@ -182,6 +182,7 @@ class Cia402Drive:
         self._enabled_wanted = False
         self._fell_to: State | None = None  # where it went by itself from "Operation enabled"
         self._heard = False  # whether there has been a statusword
+        self._set_up = False  # whether it is to exchange process data
         self._watching = False  # whether the drive watches our heartbeat
         self._watch_ends = False  # whether it shall stop to do so once it is idle
         self._counts = 0  # position, not wrapped to 32 bits
@@ -293,9 +294,8 @@ class Cia402Drive:
             self.command(0.0)
         with suppress(Exception):
             self.node.put(Object.CONTROLWORD, 0, bytes(2))
-        if not (self.node.operational or self.node.restarted):
-            with suppress(Exception):
-                self.node.order(NmtCommand.START)
+        with suppress(Exception):
+            self._start_again()
 
     # ---- What the ascent needs too -------------------------------------------------------------------------------
 
@@ -323,7 +323,7 @@ class Cia402Drive:
 
     def set_up(self) -> None:
         """See that it is a drive, set up what it exchanges, and start that. Raises DeviceError."""
-        self._enabled_wanted = False
+        self._enabled_wanted = self._set_up = False
         self._controlword = Controlword.DISABLE_VOLTAGE
         self._check_profile()
         error = self._error_code()
@@ -340,6 +340,7 @@ class Cia402Drive:
         self._set_up_mode()
         self._last_position = None
         self.node.start()
+        self._set_up = True
         self._take_statusword(self.node.parameters.number(Object.STATUSWORD))
 
     def _check_profile(self) -> None:
@@ -470,6 +471,14 @@ class Cia402Drive:
         if not self.node.operational and self._heard and self._where in _DRIVING:
             with suppress(DeviceError):
                 self._ask_statusword()
+        if not self._enabled_wanted:  # it may say only now, with a heartbeat, that it left operation before the stop
+            with suppress(DeviceError):
+                self._start_again()
+
+    def _start_again(self) -> None:
+        """Hear a drive again that was set up and has left operation. Raises ConnectionFailedError."""
+        if self._set_up and not (self.node.operational or self.node.restarted):
+            self.node.order(NmtCommand.START)
 
     def _ask_statusword(self) -> None:
         self.node.ask(Object.STATUSWORD, 0, lambda value: self._take_statusword(int.from_bytes(value[:2], "little")))

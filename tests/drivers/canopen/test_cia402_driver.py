@@ -810,6 +810,28 @@ def test_a_stopped_drive_is_heard_again(drive, link, open_drive):
     assert amplifier.take_motion()
 
 
+def test_a_drive_that_says_only_after_the_stop_that_it_has_left_operation_is_heard_again(drive, link, open_drive):
+    """Its fault comes with the statusword at once, its state of network management with the next heartbeat."""
+    amplifier = open_drive()
+    amplifier.enable()
+    drive.where = State.FAULT
+    drive.report()
+    drive.emergency(0x8130)
+    drive.state = NmtState.PRE_OPERATIONAL
+    link.poll()
+    assert amplifier.made_itself_safe() is True
+    assert amplifier.node.operational  # as far as is known
+    drive.orders.clear()
+    amplifier.stop()
+    assert drive.orders == []
+    for _ in range(120):
+        link.wait()
+    assert drive.orders == [NmtCommand.START]
+    amplifier.take_motion()
+    link.wait()
+    assert amplifier.take_motion()
+
+
 def test_stop_never_raises(world, drive, open_drive):
     amplifier = open_drive()
     amplifier.enable()
