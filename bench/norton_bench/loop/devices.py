@@ -190,7 +190,11 @@ class Devices:
         return [drive for drive in self.drives if drive.status().state is DriveState.ENABLED]
 
     def await_streams(self) -> Arrivals:
-        """Let every stream begin; returns what arrived meanwhile. Raises ExperimentError naming those that do not."""
+        """Let every stream begin, and every drive give a sign of life; returns what arrived meanwhile.
+
+        A bench that was not listened to for a while, because a controller was designed, has lost heartbeats in full
+        buffers. Raises ExperimentError naming those that do not come.
+        """
         deadline_ns = self.clock.now_ns() + STREAMS_WITHIN_NS
         arrived = self.receive()
         while self._silent(arrived) and self.clock.now_ns() < deadline_ns:
@@ -209,7 +213,13 @@ class Devices:
             ("torque sensor", self.torque_sensor is not None, arrived.torque),
             ("modulator encoder", self.modulator is not None, arrived.modulator_motion),
         )
-        return [name for name, expected, readings in streams if expected and not readings]
+        silent = [name for name, expected, readings in streams if expected and not readings]
+        return [*silent, *(f"{drive.role} drive's heartbeat" for drive in self.drives if self._beats_late(drive))]
+
+    def _beats_late(self, drive: Amplifier) -> bool:
+        """Whether its last heartbeat is older than half of what would stop a segment."""
+        heartbeat_ns = drive.status().heartbeat_ns
+        return heartbeat_ns is None or self.clock.now_ns() - heartbeat_ns > drive.heartbeat_timeout_ns / 2
 
 
 def open_devices(rig: Rig, backend: Backend) -> Devices:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from norton_bench.errors import SafetyStopError
+from norton_bench.errors import ExperimentError, SafetyStopError
 from norton_bench.procedures.makers import coasting, pushed
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Segment, Use
@@ -58,6 +58,25 @@ def test_segments_one_after_the_other(bench: Bench) -> None:
         assert [drive.error for drive in drives(bench)] == [0, 0]
     torque = np.concatenate([part.torque["arrival_ns"] for part in bench.parts])
     assert len(torque) == pytest.approx(900, abs=100)
+
+
+def test_heartbeats_lost_in_full_buffers_are_waited_for_before_anything_is_enabled(bench: Bench) -> None:
+    """While a controller is designed nobody reads, and a system keeps the oldest frames, not the newest."""
+    run(bench, resting(0.2))
+    bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS + 10 * TICK_NS)
+    for inbox in bench.backend._can_wires["can0"]._inboxes:
+        inbox.clear()
+    bench.devices.await_streams()
+    now_ns = bench.backend.clock.now_ns()
+    for drive in bench.devices.drives:
+        heard_ns = drive.status().heartbeat_ns
+        assert heard_ns is not None
+        assert now_ns - heard_ns < drive.heartbeat_timeout_ns / 2
+    bench.cut("load")
+    bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS)
+    with pytest.raises(ExperimentError, match="no readings from: load drive's heartbeat"):
+        run(bench, resting(0.2))
+    assert armed(bench) == [False, False]
 
 
 @pytest.mark.parametrize(
