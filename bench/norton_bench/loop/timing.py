@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from norton_bench.records import Table
+from norton_bench.records import NO_SEGMENT, Table
 
 # The table's column of each stage, in the order of a tick, and what is done in it.
 STAGES = (
@@ -63,6 +63,7 @@ def loop_timing(ticks: Table) -> LoopTiming | None:
 
     Between segments nothing is due: only what was missed inside one counts as skipped.
     """
+    ticks = ticks[ticks["segment"] != NO_SEGMENT]
     deadline_ns, lateness_ns, work_ns = ticks["tick_ns"], ticks["lateness_ns"], ticks["work_ns"]
     within = np.diff(ticks["segment"]) == 0
     if not within.any():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from norton_bench.loop.timing import STAGES, loop_timing, timing_rows, timing_sentence
-from norton_bench.records import TICK, Table
+from norton_bench.records import NO_SEGMENT, TICK, Table
 
 TICK_NS = 1_000_000
 
@@ -17,7 +17,8 @@ def ticks_at(places: list[int], segment: int = 0) -> Table:
 
 
 def test_what_is_missed_inside_a_segment_was_skipped_and_between_segments_nothing_was_due() -> None:
-    ticks = np.concatenate([ticks_at([0, 1, 2, 5, 6]), ticks_at([1000, 1001, 1003], segment=1)])
+    held = [ticks_at([7, 8], NO_SEGMENT), ticks_at([990, 991], NO_SEGMENT)]  # drives were idle in between
+    ticks = np.concatenate([ticks_at([0, 1, 2, 5, 6]), *held, ticks_at([1000, 1001, 1003], segment=1)])
     ticks["work_ns"] = 1000
     timing = loop_timing(ticks)
     assert timing is not None
