@@ -74,7 +74,7 @@ def test_heartbeats_lost_in_full_buffers_are_waited_for_before_anything_is_enabl
         assert now_ns - heard_ns < drive.heartbeat_timeout_ns / 2
     bench.cut("load")
     bench.backend.world.advance(bench.backend.world.now_ns + WATCHDOG_NS)
-    with pytest.raises(ExperimentError, match="no readings from: .*load drive's heartbeat"):
+    with pytest.raises(ExperimentError, match=r"no readings from: .*load drive's heartbeat"):
         run(bench, resting(0.2))
     assert armed(bench) == [False, False]
 
