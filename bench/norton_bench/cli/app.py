@@ -39,6 +39,7 @@ COMMANDS = {
     "report": ("norton_bench.cli.recordings:report", "Write the report of a recording."),
     "info": ("norton_bench.cli.info:info", "Say what a recording holds, and how well its loop kept time."),
     "recover": ("norton_bench.cli.recordings:recover", "Rescue a recording that was cut off."),
+    "runs": ("norton_bench.cli.runs:runs", "List past runs, compare two, follow a parameter over time."),
     "export": ("norton_bench.cli.recordings:export", "Write a recording as Parquet, CSV or MATLAB tables."),
     "faults": ("norton_bench.cli.faults:faults", "Rehearse faults on simulated rigs, and say how each of them ends."),
     "paper": ("norton_bench.cli.paper:paper", "Repeat the paper's claims as experiments, each beside its closed form."),

@@ -46,6 +46,8 @@ PARAMETER_OF_FIELD = {
     "torque_constant": "torque_constant",
     "amplifier_gain": "amplifier_gain",
 }
+# In the provenance: the status of each parameter that is not valid, "name=status; name=status".
+STATUS = "status"
 SIGNED = ("torque_gain", "amplifier_gain")
 # Steps no longer than this resolve the friction contact of a small motor (hundreds of rad/s, well damped).
 LONGEST_STEP_S = 1e-4
@@ -172,6 +174,14 @@ class NortonNetwork:
             - self.presliding_damping_nms_rad * np.gradient(phi, tick_s)
         )
 
+    def parameters(self) -> dict[str, tuple[float, str]]:
+        """Value and unit of each parameter that it has, by the names of the table of parameters."""
+        return {
+            name: (value, BY_NAME[name].unit_for(self.command_unit))
+            for attribute, name in PARAMETER_OF_FIELD.items()
+            if (value := getattr(self, attribute)) is not None
+        }
+
     def with_provenance(self, provenance: Mapping[str, str]) -> "NortonNetwork":
         """The same network, with more said of where it comes from."""
         return replace(self, provenance={**self.provenance, **provenance})
@@ -186,11 +196,7 @@ class NortonNetwork:
             ) from error
 
     def _as_json(self) -> dict[str, Any]:
-        parameters = {
-            name: {"value": value, "unit": BY_NAME[name].unit_for(self.command_unit)}
-            for attribute, name in PARAMETER_OF_FIELD.items()
-            if (value := getattr(self, attribute)) is not None
-        }
+        parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in self.parameters().items()}
         return {
             "format": FORMAT,
             "version": VERSION,

@@ -45,6 +45,15 @@ def read_metadata(path: Path) -> Mapping[str, str]:
     return _metadata(_sound(path, lambda _: False), path)
 
 
+def read_happenings(path: Path) -> tuple[Mapping[str, str], tuple[Event, ...]]:
+    """What the recording says of its making, and its events; also of one that was cut off.
+
+    Raises UsageError where the file is missing or is not one of ours.
+    """
+    found = scan(path, keep=lambda channel: channel.topic == EVENTS)
+    return _metadata(found, path), tuple(_event(message) for message in _messages(found, EVENTS, "Event"))
+
+
 def _keeping(raw_frames: bool) -> KeepChannel:
     return lambda channel: raw_frames or not channel.topic.startswith(RAW_PREFIX)
 

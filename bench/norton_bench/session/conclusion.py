@@ -29,6 +29,7 @@ from norton_bench.identification.tables.modulator import ModulatorPlaces, modula
 from norton_bench.identification.tables.source_table import SourceTable, source_table
 from norton_bench.identification.trials import TrialFigures, trials
 from norton_bench.identification.validation import validate_signals
+from norton_bench.models.network import STATUS
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.iterate import IterateProcedure
 from norton_bench.recording.contents import RecordedEstimates, Recording
@@ -192,7 +193,9 @@ def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path
     without its verdict."""
     if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates) or beyond_bounds(result.network):
         return None
-    result.network.with_provenance(provenance).save(path)
+    not_valid = [each for each in result.estimates if each.status is not Status.VALID]
+    status = "; ".join(f"{each.name}={each.status.value}" for each in not_valid)
+    result.network.with_provenance({**provenance, **({STATUS: status} if status else {})}).save(path)
     return path
 
 

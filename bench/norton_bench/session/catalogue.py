@@ -1,0 +1,153 @@
+"""Past runs, from the files that they left: what each found, two of them beside each other, a parameter over time."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import norm
+
+from norton_bench.errors import UsageError
+from norton_bench.identification.random_effects import Combined, combine
+from norton_bench.models.network import STATUS, NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.recording.reader import read_happenings
+
+DAYS_A_MONTH = 30.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording. ``started`` is None where it does not say; ``ending`` says what became of it.
+
+    ``estimates`` are those of its network file, by their names; none where there is no such file.
+    """
+
+    recording: Path
+    rig: str
+    session: str
+    started: datetime | None
+    ending: str
+    estimates: dict[str, Estimate]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """``second`` less ``first``, with the deviation of independent sessions [unit of both]."""
+
+    first: Estimate
+    second: Estimate
+    value: float
+    std: float
+    shows: bool  # at 95 %, corrected for how many parameters were looked at
+
+
+@dataclass(frozen=True)
+class Trend:
+    """``slope_per_month`` ± 1.96 ``slope_std`` of a straight line through the runs' values [unit of the parameter].
+
+    Both are None where all runs were made at one time.
+    """
+
+    combined: Combined
+    slope_per_month: float | None
+    slope_std: float | None
+
+
+def runs_in(folder: Path) -> tuple[Run, ...]:
+    """Of every recording below ``folder``, the oldest first. Raises UsageError where there is no such folder."""
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: no such folder; name the one that holds your runs")
+    found = [_run(path) for path in sorted(folder.rglob("*.mcap"))]
+    return tuple(sorted(found, key=lambda run: run.started.timestamp() if run.started else 0.0))
+
+
+def run_of(place: Path) -> Run:
+    """That of a recording, or of the folder of one run. Raises UsageError where it is not one run."""
+    if not place.is_dir():
+        return _run(place)
+    found = sorted(place.glob("*.mcap"))
+    if len(found) != 1:
+        raise UsageError(f"{place}: holds {len(found) or 'no'} recordings; name the recording (.mcap)")
+    return _run(found[0])
+
+
+def compare(first: Run, second: Run) -> tuple[Difference, ...]:
+    """Parameter by parameter. Raises UsageError where they have none in common, or in other units."""
+    names = [name for name in first.estimates if name in second.estimates]
+    if not names:
+        raise UsageError(f"{first.recording} and {second.recording}: have no identified parameter in common")
+    beyond = float(norm.isf(0.025 / len(names)))
+    return tuple(_difference(first.estimates[name], second.estimates[name], beyond) for name in names)
+
+
+def trend_of(name: str, runs: Sequence[Run]) -> Trend:
+    """Of the parameter ``name`` over ``runs``, which all have it. Raises UsageError for fewer than two of them."""
+    if len(runs) < 2:
+        raise UsageError(f"{name}: a trend needs two runs that identified it, here {len(runs)}")
+    estimates = [run.estimates[name] for run in runs]
+    units = {estimate.unit for estimate in estimates}
+    if len(units) > 1:
+        raise UsageError(f"{name}: was identified in {' and in '.join(sorted(units))}; choose one rig with --rig")
+    values = np.array([estimate.value for estimate in estimates])
+    stds = np.array([estimate.std for estimate in estimates])
+    combined = combine(values, stds)
+    months = np.array([run.started.timestamp() if run.started else np.nan for run in runs]) / (86400 * DAYS_A_MONTH)
+    if not np.isfinite(months).all() or np.ptp(months) == 0.0:
+        return Trend(combined, None, None)
+    # Sessions differ by more than their own deviations say: both are in the weights.
+    weights = 1.0 / (stds**2 + combined.between_std**2)
+    centred = months - weights @ months / weights.sum()
+    information = weights @ centred**2
+    return Trend(combined, float(weights * centred @ values / information), float(information**-0.5))
+
+
+def _run(path: Path) -> Run:
+    network_file = path.with_suffix(".network.json")
+    estimates: dict[str, Estimate] = {}
+    told: Mapping[str, str] = {}
+    try:
+        if network_file.is_file():
+            network = NortonNetwork.load(network_file)
+            estimates, told = _estimates(network), network.provenance
+            ending = _in_words(estimates.values())
+        else:
+            told, events = read_happenings(path)
+            ending = next((event.text for event in reversed(events) if event.kind == "stop"), "no network identified")
+    except UsageError as unreadable:
+        ending = str(unreadable)
+    return Run(path, told.get("rig", "?"), told.get("session", "?"), _time(told), ending, estimates)
+
+
+def _in_words(estimates: Iterable[Estimate]) -> str:
+    """How many values are good for what."""
+    counts = Counter(estimate.status.value for estimate in estimates)
+    return ", ".join(f"{count} {status}" for status, count in counts.items())
+
+
+def _time(told: Mapping[str, str]) -> datetime | None:
+    try:
+        return datetime.fromisoformat(told.get("started", ""))
+    except ValueError:
+        return None
+
+
+def _estimates(network: NortonNetwork) -> dict[str, Estimate]:
+    """What the network holds, with the status that its session gave."""
+    variances = dict(zip(network.covariance_names, np.diag(np.atleast_2d(network.covariance)), strict=True))
+    status = dict(pair.split("=") for pair in network.provenance.get(STATUS, "").split("; ") if "=" in pair)
+    return {
+        name: Estimate(name, value, sqrt(variances[name]), unit, Status(status.get(name, Status.VALID.value)))
+        for name, (value, unit) in network.parameters().items()
+        if name in variances
+    }
+
+
+def _difference(first: Estimate, second: Estimate, beyond: float) -> Difference:
+    if first.unit != second.unit:
+        raise UsageError(f"{first.name}: is in {first.unit} and in {second.unit}; these rigs cannot be compared")
+    value, std = second.value - first.value, sqrt(first.std**2 + second.std**2)
+    return Difference(first, second, value, std, abs(value) > beyond * std)
