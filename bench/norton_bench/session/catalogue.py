@@ -8,10 +8,10 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import norm, t
 
 from norton_bench.errors import UsageError
-from norton_bench.identification.random_effects import Combined, combine
+from norton_bench.identification.random_effects import NORMAL_95, Combined, FloatArray, combine
 from norton_bench.models.network import STATUS, NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.recording.reader import read_happenings
@@ -98,11 +98,19 @@ def trend_of(name: str, runs: Sequence[Run]) -> Trend:
     months = np.array([run.started.timestamp() if run.started else np.nan for run in runs]) / (86400 * DAYS_A_MONTH)
     if not np.isfinite(months).all() or np.ptp(months) == 0.0:
         return Trend(combined, None, None)
-    # Sessions differ by more than their own deviations say: both are in the weights.
-    weights = 1.0 / (stds**2 + combined.between_std**2)
-    centred = months - weights @ months / weights.sum()
-    information = weights @ centred**2
-    return Trend(combined, float(weights * centred @ values / information), float(information**-0.5))
+    return Trend(combined, *_line(months, values, stds))
+
+
+def _line(times: FloatArray, values: FloatArray, stds: FloatArray) -> tuple[float, float]:
+    """Slope and deviation of a straight line; scatter about it beyond the values' own widens, as in ``combine``."""
+    weights, free = 1.0 / stds**2, len(values) - 2
+    centred = times - weights @ times / weights.sum()
+    information = float(weights @ centred**2)
+    slope = float(weights * centred @ values / information)
+    left = values - weights @ values / weights.sum() - slope * centred
+    scatter = float(weights @ left**2) / free if free else 0.0
+    half_width = max(float(t.ppf(0.975, free)) * sqrt(scatter) if free else 0.0, NORMAL_95)
+    return slope, half_width / NORMAL_95 / sqrt(information)
 
 
 def _run(path: Path) -> Run:

@@ -9,7 +9,7 @@ import pytest
 from norton_bench.errors import UsageError
 from norton_bench.models.network import STATUS, NortonNetwork
 from norton_bench.models.parameters import Status
-from norton_bench.session.catalogue import Run, compare, run_of, runs_in, trend_of
+from norton_bench.session.catalogue import Run, _line, compare, run_of, runs_in, trend_of
 
 BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
 TRUE = {
@@ -104,6 +104,16 @@ def test_a_trend_over_months(tmp_path: Path) -> None:
     assert same.slope_per_month is not None
     assert same.slope_std is not None
     assert abs(same.slope_per_month) < same.slope_std
+
+
+def test_a_slopes_interval_holds_it_as_often_as_it_says() -> None:
+    """Runs that also differ from each other by three times their own error. 1000 draws: 95 % ± 2 % at three sigma."""
+    rng = np.random.default_rng(2)
+    times, stds, held = np.arange(6.0), np.full(6, 0.1), 0
+    for _ in range(1000):
+        slope, std = _line(times, 2.0 + 0.3 * times + rng.normal(0.0, 0.1 * np.sqrt(10.0), 6), stds)
+        held += abs(slope - 0.3) < 1.96 * std
+    assert 930 <= held <= 970
 
 
 def test_what_gives_no_trend(tmp_path: Path) -> None:
