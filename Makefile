@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test check guard compiled rounding bench clean
+.PHONY: demo test check guard compiled rounding newcomer bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -21,6 +21,9 @@ test: $(READY)  ## everything CI runs
 
 rounding: $(READY)  ## what rounding might decide, once more as a processor without vector extensions rounds
 	OPENBLAS_CORETYPE=Nehalem $(BIN)/pytest -q tests/bench/procedures/test_iterate.py tests/bench/identification/test_sessions.py
+
+newcomer: $(READY)  ## installs the wheel as a new user would, in an empty folder, and times the first hour
+	$(BIN)/python benchmarks/newcomer.py
 
 check: $(READY)  ## style, types, import floors
 	$(BIN)/ruff check .
