@@ -33,10 +33,15 @@ def number(value: float, digits: int = 4) -> str:
         return _NO_NUMBER
     if value == 0.0:
         return "0"
-    exponent = floor(log10(abs(value)))
+    exponent = _exponent(value, digits)
     if -4 < exponent < 6:
         return f"{value:.{max(0, digits - 1 - exponent)}f}".replace("-", "−")
     return f"{value / 10.0**exponent:.{digits - 1}f}".replace("-", "−") + power(exponent)
+
+
+def _exponent(value: float, digits: int) -> int:
+    """The power of ten of ``value`` rounded to so many digits: 9.9999e-4 in four digits is 1.000e-3."""
+    return int(f"{value:.{max(digits, 1) - 1}e}".partition("e")[2])
 
 
 def power(exponent: int) -> str:
@@ -93,5 +98,5 @@ def in_prefixed_unit(greatest: float, unit: str) -> tuple[float, str]:
 
 def scale_of(value: float) -> int:
     """The power of ten to write in front: none for numbers of everyday size."""
-    exponent = floor(log10(abs(value))) if value else 0
+    exponent = _exponent(value, 3) if value else 0
     return exponent if not -2 <= exponent < 5 else 0

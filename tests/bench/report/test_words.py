@@ -46,6 +46,13 @@ def test_how_values_are_written(value: float, std: float, text: str) -> None:
     assert with_deviation(value, std) == text
 
 
+@pytest.mark.parametrize(
+    ("value", "digits", "text"), [(9.99996e-4, 5, "0.0010000"), (9.9994e-4, 5, "9.9994·10⁻⁴"), (99.96, 3, "100")]
+)
+def test_a_number_that_rounds_up_to_a_power_of_ten_is_written_as_one(value: float, digits: int, text: str) -> None:
+    assert number(value, digits) == text
+
+
 def test_the_interval_is_the_normal_one() -> None:
     assert interval(10.0, 1.0) == "8.0 … 12.0"
     assert interval(5e-5, 1e-6) == "(4.80 … 5.20)·10⁻⁵"
