@@ -8,7 +8,7 @@ from bench.gallery.paper import Proof
 from bench.gallery.repeated import LEVEL
 from bench.report.data import ReportData
 from bench.report.render import Figure, fill, write_page
-from bench.report.section import Facts, Section
+from bench.report.section import Facts, Picture, Section
 from bench.report.svg import standalone
 from bench.report.words import number, pretty_unit
 
@@ -50,7 +50,9 @@ def write_gallery(folder: Path, proofs: Sequence[Proof], command: str) -> tuple[
 def _section(claim: Proof, seeds: Sequence[Proof]) -> Section:
     table = Facts(HEAD, tuple(cells for proof in seeds for cells in cells_of(proof)))
     says = (f"{claim.says} (Section {claim.section}.)",)
-    return Section(claim.name.replace(" ", "-"), claim.title, says, ((claim.picture, claim.caption),), (table,))
+    return Section(
+        claim.name.replace(" ", "-"), claim.title, says, (Picture(claim.picture, "", claim.caption),), (table,)
+    )
 
 
 def cells_of(proof: Proof) -> list[tuple[str, ...]]:

@@ -49,16 +49,15 @@ def power(exponent: int) -> str:
     return f"·10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else ""
 
 
-def with_deviation(value: float, std: float) -> str:
-    """Value ± standard deviation, to two digits of the deviation: "(5.002 ± 0.013)·10⁻⁵"."""
+def to_its_digits(value: float, std: float) -> str:
+    """The value alone, to two digits of its standard deviation: "5.002·10⁻⁵"."""
     if not isfinite(value):
         return _NO_NUMBER
     if not isfinite(std) or std <= 0.0:
         return number(value)
     scale = scale_of(value)
     decimals = max(0, 1 - floor(log10(std / 10.0**scale)))
-    mean, deviation = (f"{x / 10.0**scale:.{decimals}f}".replace("-", "−") for x in (value, std))
-    return f"({mean} ± {deviation}){power(scale)}" if scale else f"{mean} ± {deviation}"
+    return f"{value / 10.0**scale:.{decimals}f}".replace("-", "−") + power(scale)
 
 
 def within(value: float, half_width: float) -> str:
@@ -72,7 +71,7 @@ def within(value: float, half_width: float) -> str:
 
 
 def interval(value: float, std: float) -> str:
-    """The 95 % interval of a normal distribution, to the same digits as :func:`with_deviation`."""
+    """The 95 % interval of a normal distribution, to the same digits as :func:`to_its_digits`."""
     if not (isfinite(value) and isfinite(std)) or std <= 0.0:
         return _NO_NUMBER
     scale = scale_of(value)
