@@ -118,7 +118,7 @@ def _impedance_form(unseen: Sequence[Trace]) -> Judgement:
         "share of the torque, kept apart from the fit, that motion and command leave unexplained",
     )
     if not unseen:
-        return Judgement(name, None, "no torque was measured under an imposed motion that the fit had not seen")
+        return Judgement(name, None, "no torque was measured under an imposed motion that was kept apart from the fit")
     share, interval = min((_left_over(trace) for trace in unseen), key=lambda found: found[0])
     holds = usable(interval)
     why = {
@@ -179,7 +179,7 @@ def _unique_zero(evidence: Evidence) -> Judgement:
     elif certain[0] > 0.0:
         holds, why = (
             True,
-            "at each command the torque falls with velocity and vanishes at one (not at one place)"
+            "at each command the torque falls with velocity and is zero at one velocity (at any position)"
             + _no_gap(evidence.gap),
         )
     else:
