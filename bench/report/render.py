@@ -109,8 +109,8 @@ def headline(data: ReportData) -> list[Figure]:
         valid = sum(estimate.status is Status.VALID for estimate in data.fit.estimates)
         numbers.append(Figure(f"{valid} of {len(data.fit.estimates)}", "parameters valid"))
     if data.validation is not None:
-        numbers.append(Figure(percent(data.validation.torque_relative), "torque prediction error (rms)"))
-        numbers.append(Figure(percent(data.validation.velocity_relative), "free velocity prediction error (rms)"))
+        numbers.append(Figure(percent(data.validation.torque_relative), "torque prediction error"))
+        numbers.append(Figure(percent(data.validation.velocity_relative), "free velocity prediction error"))
     if data.measured is not None:
         lost = sum(quality.lost for quality in stream_qualities(data.measured))
         numbers.append(Figure(str(lost), "readings lost"))
