@@ -27,7 +27,7 @@ TERMS: tuple[tuple[str, str], ...] = (
         "in 95 of 100 repeated measurements of the same actuator such an interval holds the true value, if the model "
         "is right",
     ),
-    ("±", "in a table: half of the 95 % interval to either side of the value"),
+    ("±", "in a table: the 95 % interval reaches so far to either side of the number before it"),
     ("residual", "what is left of a measured torque when the model's prediction is subtracted"),
     ("rms", "root mean square: the usual size of a signal or an error"),
     (
@@ -38,7 +38,7 @@ TERMS: tuple[tuple[str, str], ...] = (
     ("learning (status)", "known, but not yet well enough to rely on; a longer session helps"),
     ("unexcited (status)", "the motion recorded says nothing of it"),
     ("at bound (status)", "the search ended at the edge of what it was allowed, so this is no result"),
-    ("ratio only (status)", "only its ratio to the other parameters is known, for no torque was measured"),
+    ("ratio only (status)", "known only up to a factor that it shares with other parameters"),
     ("not converged (status)", "the search did not come to an end, so this is no result"),
     ("inadequate (status)", "the actuator does something that the model lacks, and this value depends on it"),
     ("doubtful (status)", "the data contradict the model or themselves, so this is no result"),
