@@ -38,7 +38,10 @@ def ui(
     from norton_bench.screen.themes import KNOWN  # noqa: PLC0415
 
     settings = load_settings(settings_path(), KNOWN_KEYS, KNOWN)
-    opening = Opening(lambda name: run_folder(None, name, out or RUNS), rig_file, session_file, replay, backend, seed)
+    runs = out or RUNS
+    opening = Opening(
+        lambda name: run_folder(None, name, runs), rig_file, session_file, replay, backend, seed, runs=runs
+    )
     if replay is not None:
         print(f"reading {replay}", file=sys.stderr)
     app = BenchApp(opening, opening.given(), settings)

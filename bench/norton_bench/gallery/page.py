@@ -8,7 +8,7 @@ from norton_bench.gallery.paper import Proof
 from norton_bench.gallery.repeated import LEVEL
 from norton_bench.report.data import ReportData
 from norton_bench.report.render import Figure, fill, write_page
-from norton_bench.report.section import Facts, Section
+from norton_bench.report.section import Facts, Picture, Section
 from norton_bench.report.svg import standalone
 from norton_bench.report.words import number, pretty_unit
 
@@ -50,7 +50,9 @@ def write_gallery(folder: Path, proofs: Sequence[Proof], command: str) -> tuple[
 def _section(claim: Proof, seeds: Sequence[Proof]) -> Section:
     table = Facts(HEAD, tuple(cells for proof in seeds for cells in cells_of(proof)))
     says = (f"{claim.says} (Section {claim.section}.)",)
-    return Section(claim.name.replace(" ", "-"), claim.title, says, ((claim.picture, claim.caption),), (table,))
+    return Section(
+        claim.name.replace(" ", "-"), claim.title, says, (Picture(claim.picture, "", claim.caption),), (table,)
+    )
 
 
 def cells_of(proof: Proof) -> list[tuple[str, ...]]:

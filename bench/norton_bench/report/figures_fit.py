@@ -54,7 +54,7 @@ def _histogram(axes: Axes, residual: FloatArray, unit: str) -> None:
             label="normal, same deviation",
         )
         axes.legend(labelcolor=INK, loc="upper right")
-    axes.set_title("How it is spread")
+    axes.set_title("Distribution")
     axes.set_xlabel(f"residual [{unit}]")
     axes.set_yticks([])
     axes.tick_params(labelleft=False)
@@ -77,7 +77,7 @@ def validation_figure(trace: Trace, what: str) -> Figure:
     whole.set_ylabel(f"{what} [{unit}]")
     left.set_ylabel(f"residual [{small_unit}]")
     left.set_xlabel("bench time [s]")
-    close.set_title(f"Close up: {len(near)} samples of it")
+    close.set_title(f"Close-up of {len(near)} samples")
     close.set_ylabel(f"{what} [{unit}]")
     close.set_xlabel("bench time [s]")
     return picture

@@ -37,7 +37,7 @@ def _source(axes: Axes, measured: SourceMap | None, network: NortonNetwork | Non
     if network is not None:
         span = _span(measured, network)
         command = np.unique(np.concatenate([np.linspace(-span, span, 201), network.thresholds]))
-        axes.plot(command, network.source_velocity(command), color=PREDICTED, label="identified source", zorder=2)
+        axes.plot(command, network.source_velocity(command), color=PREDICTED, label="model", zorder=2)
         for place, threshold in enumerate(network.thresholds):
             label = "breaks away" if place == 0 else None
             axes.axvline(threshold, color=ACCENT, linestyle=(0, (4, 3)), linewidth=0.9, label=label)
@@ -76,7 +76,7 @@ def _source_difference(axes: Axes, measured: SourceMap, network: NortonNetwork) 
             markersize=4,
             markerfacecolor=MEASURED if rising else "none",
         )
-    axes.set_ylabel("less identified [rad/s]")
+    axes.set_ylabel("difference [rad/s]")
 
 
 def blocked_figure(blocked: BlockedMap, network: NortonNetwork | None, command_unit: str) -> Figure:

@@ -34,13 +34,13 @@ def residual_tests_figure(tests: ResidualTests, unit: str = "N·m") -> Figure:
 def _memory(axes: Axes, memory: Memory) -> None:
     """Autocorrelation within the band, and where a white residual stays 95 times in 100."""
     lags_ms = 1e3 * memory.lags_s
-    axes.fill_between(lags_ms, -memory.band, memory.band, color=ACCENT, alpha=0.25, linewidth=0, label="white, 95 %")
+    axes.fill_between(lags_ms, -memory.band, memory.band, color=ACCENT, alpha=0.25, linewidth=0, label="noise, 95 %")
     axes.vlines(lags_ms, 0.0, memory.correlation, color=MEASURED, linewidth=1.4)
     axes.plot(lags_ms, memory.correlation, color=MEASURED, linestyle="none", marker="o", markersize=2.5)
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     reach = 1.5 * max(memory.greatest, float(np.max(memory.band)))
     axes.set_ylim(-reach, reach)
-    axes.set_title("What it remembers of itself")
+    axes.set_title("Correlation with itself")
     axes.set_xlabel("later by [ms]")
     axes.set_ylabel("autocorrelation")
     axes.legend(labelcolor=INK, loc="upper right")
@@ -61,7 +61,7 @@ def _position(axes: Axes, tests: ResidualTests, unit: str) -> None:
             fontsize=8.5,
         )
     axes.set_ylim(bottom=0.0)
-    axes.set_title("What follows the shaft's position")
+    axes.set_title("By position of the shaft")
     axes.set_xlabel("periods a turn")
     axes.set_ylabel(f"amplitude [{unit}]")
 

@@ -33,7 +33,7 @@ def impedance_table_figure(table: ImpedanceTable, network: NortonNetwork, comman
             velocity, torque = table.velocity_rad_s[chosen], table.torque_nm[row, chosen]
             expected = _sliding_torque(network, float(command), velocity)
             first = row == 0 and side < 0
-            curves.plot(velocity, expected, color=PREDICTED, linewidth=0.9, label="identified" if first else None)
+            curves.plot(velocity, expected, color=PREDICTED, linewidth=0.9, label="model" if first else None)
             mark = {"color": MEASURED, "marker": _MARKERS[row % len(_MARKERS)], "linestyle": "none", "markersize": 4}
             curves.plot(velocity, torque, **mark, label="measured" if first else None)
             half = np.nan_to_num(table.half_width_nm[row, chosen])
@@ -46,8 +46,8 @@ def impedance_table_figure(table: ImpedanceTable, network: NortonNetwork, comman
     left.axhline(0.0, color=PREDICTED, linewidth=0.9)
     curves.set_title("Torque at steady velocity")
     curves.set_ylabel("port torque [N·m]")
-    left.set_title("Less the identified network")
-    left.set_ylabel("left over [mN·m]")
+    left.set_title("Measured minus model")
+    left.set_ylabel("difference [mN·m]")
     for axes in (curves, left):
         axes.set_xlabel("velocity [rad/s]")
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
@@ -95,7 +95,7 @@ def _loops(axes: Axes, loops: list[tuple[Loop, Loop]]) -> None:
         first = place == 0
         for loop, torque, colour, width, alpha, style, label in (
             (network, network.measured_nm, MEASURED, 0.8, 0.7, "-", "measured"),
-            (network, network.predicted_nm, PREDICTED, 1.1, 1.0, "-", "network"),
+            (network, network.predicted_nm, PREDICTED, 1.1, 1.0, "-", "model"),
             (operator, operator.predicted_nm, INK, 1.0, 1.0, (0, (3, 2)), "operator"),
         ):
             chosen = thinned(len(torque), 400)

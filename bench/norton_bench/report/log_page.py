@@ -9,7 +9,7 @@ from norton_bench.report.data import ReportData
 from norton_bench.report.figures_fit import residual_figure, validation_figure
 from norton_bench.report.render import Figure, fill, row, write_page
 from norton_bench.report.section import Facts, Section
-from norton_bench.report.svg import style, svg
+from norton_bench.report.svg import picture, style
 from norton_bench.report.words import number, percent, pretty_unit
 
 
@@ -33,18 +33,26 @@ def write_log_report(path: Path, title: str, fit: LogFit, metadata: Mapping[str,
 
 
 def _exertion(fit: LogFit) -> Section:
-    beside = "Exertion as known from the log, and as the equation of motion has it."
-    left = "What the equation leaves."
     pictures = (
-        (svg(validation_figure(fit.exertion, "exertion"), "exertion", beside), beside),
-        (svg(residual_figure(fit.exertion), "residual", left), left),
+        picture(
+            validation_figure(fit.exertion, "exertion"),
+            "exertion",
+            "Judge how well the fitted equation of motion describes this log.",
+            "Force or torque as known from the log, and as the equation of motion gives it.",
+        ),
+        picture(
+            residual_figure(fit.exertion),
+            "residual",
+            "Check that the error looks like noise: no stretch worse than others, no long tails.",
+            "Measured minus equation, over time, and how often each size occurs.",
+        ),
     )
     return Section("exertion", f"Exertion, friction {fit.model}", figures=pictures)
 
 
 def _errors(fit: LogFit) -> Section:
     rows = [line for side, errors in (("train", fit.train), ("test", fit.test)) for line in _lines(side, errors)]
-    head = ("part", "quantity", "rms", "of it", "mean, absolute", "unit")
+    head = ("part", "quantity", "rms error", "of its rms", "mean absolute error", "unit")
     return Section("errors", "Errors", tables=(Facts(head, tuple(rows)),))
 
 
@@ -68,6 +76,9 @@ def _ladder(fit: LogFit) -> Section:
         (step.model, percent(step.train_relative), percent(step.held_out_relative), percent(step.held_out_std))
         for step in fit.ladder
     ]
-    sentence = "Held-out parts take turns at being predicted by a fit that has not seen them."
-    facts = Facts(("model", "train", "held out", "± std"), tuple(rows))
-    return Section("ladder", "Models of friction", (sentence,), tables=(facts,))
+    sentences = (
+        "The data held out, each part of the log in turn, are predicted by a fit to the other parts.",
+        "Errors are rms, as a share of the rms of force or torque.",
+    )
+    facts = Facts(("model", "error, fitted data", "error, data held out", "standard error"), tuple(rows))
+    return Section("ladder", "Comparison of friction models", sentences, tables=(facts,))

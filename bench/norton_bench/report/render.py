@@ -9,10 +9,13 @@ from markupsafe import Markup
 from norton_bench.errors import ExperimentError
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.report.data import ReportData
+from norton_bench.report.derived import derived_facts
+from norton_bench.report.equation import model_of
+from norton_bench.report.glossary import TERMS
 from norton_bench.report.sections import sections
 from norton_bench.report.streams import stream_qualities
 from norton_bench.report.svg import style
-from norton_bench.report.words import interval, percent, pretty_unit, symbol, with_deviation
+from norton_bench.report.words import interval, percent, pretty_unit, symbol, to_its_digits
 
 __all__ = ["ReportData", "render", "write_report"]
 
@@ -64,11 +67,14 @@ def render(data: ReportData) -> str:
         verdict=verdict(data),
         sections=parts,
         commands=how_to_repeat(data),
+        model=None if data.fit is None else model_of(data.fit, data.command_unit),
+        derived=None if data.fit is None else derived_facts(data.fit, data.command_unit),
+        terms=TERMS,
     )
 
 
 def fill(**parts: object) -> str:
-    """The template with its parts."""
+    """The template with its parts; of a page that is not of one session's network there is no model and no glossary."""
     environment = Environment(
         loader=PackageLoader("norton_bench.report", "."),
         autoescape=True,
@@ -77,6 +83,7 @@ def fill(**parts: object) -> str:
         lstrip_blocks=True,
     )
     css = Markup(environment.get_template("report.css").render())
+    parts = {"model": None, "derived": None, "terms": (), **parts}
     return environment.get_template("report.html.j2").render(css=css, markup=Markup, **parts)
 
 
@@ -87,7 +94,7 @@ def row(estimate: Estimate) -> Row:
     return Row(
         symbol=symbol(estimate),
         meaning=BY_NAME[estimate.name].meaning if estimate.name in BY_NAME else estimate.name,
-        value=with_deviation(estimate.value, estimate.std) if shown else "–",
+        value=to_its_digits(estimate.value, estimate.std) if shown else "–",
         interval=interval(estimate.value, estimate.std) if known else "–",
         unit=pretty_unit(estimate.unit),
         status=estimate.status.value,
@@ -102,8 +109,8 @@ def headline(data: ReportData) -> list[Figure]:
         valid = sum(estimate.status is Status.VALID for estimate in data.fit.estimates)
         numbers.append(Figure(f"{valid} of {len(data.fit.estimates)}", "parameters valid"))
     if data.validation is not None:
-        numbers.append(Figure(percent(data.validation.torque_relative), "torque off, unseen motion"))
-        numbers.append(Figure(percent(data.validation.velocity_relative), "free velocity off, unseen command"))
+        numbers.append(Figure(percent(data.validation.torque_relative), "torque prediction error"))
+        numbers.append(Figure(percent(data.validation.velocity_relative), "free velocity prediction error"))
     if data.measured is not None:
         lost = sum(quality.lost for quality in stream_qualities(data.measured))
         numbers.append(Figure(str(lost), "readings lost"))
@@ -121,7 +128,7 @@ def verdict(data: ReportData) -> list[str]:
         ]
     sentences = list(data.fit.verdict)
     if data.validation is None:
-        sentences.append("Nothing was validated: no motion was kept apart from the fit.")
+        sentences.append("The predictions were not tested: no motion was kept apart from the fit.")
     return [*sentences, *data.notes]
 
 

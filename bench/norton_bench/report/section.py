@@ -1,6 +1,6 @@
 """What a section of the report is made of."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -12,11 +12,21 @@ class Facts:
 
 
 @dataclass(frozen=True)
+class Picture:
+    """A figure as SVG. ``purpose`` says in a sentence what it is for, ``caption`` what is drawn in it."""
+
+    markup: str
+    purpose: str
+    caption: str = ""
+
+
+@dataclass(frozen=True)
 class Section:
-    """A heading, sentences, pictures and tables; ``figures`` are (SVG, caption)."""
+    """A heading, sentences, pictures and tables; ``points`` are sentences that stand in a list below the others."""
 
     name: str  # the anchor
     title: str
     sentences: tuple[str, ...] = ()
-    figures: tuple[tuple[str, str], ...] = ()
-    tables: tuple[Facts, ...] = field(default=())
+    figures: tuple[Picture, ...] = ()
+    tables: tuple[Facts, ...] = ()
+    points: tuple[str, ...] = ()

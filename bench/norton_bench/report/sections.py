@@ -15,6 +15,7 @@ from norton_bench.report.figures_network import blocked_figure, impedance_figure
 from norton_bench.report.figures_timing import timing_figure
 from norton_bench.report.loops import bench_time_s, presliding_loops, sliding_samples
 from norton_bench.report.section import Facts, Section
+from norton_bench.report.sections_friction import friction_section
 from norton_bench.report.sections_model_error import model_error_section
 from norton_bench.report.sections_tables import (
     exertion_section,
@@ -25,8 +26,8 @@ from norton_bench.report.sections_tables import (
 from norton_bench.report.sections_trials import in_situ_section, trials_section
 from norton_bench.report.sections_without_model import residuals_section, source_sentences, without_model_section
 from norton_bench.report.streams import StreamQuality, stream_qualities
-from norton_bench.report.svg import svg
-from norton_bench.report.words import number, percent, pretty_unit, with_deviation
+from norton_bench.report.svg import picture
+from norton_bench.report.words import interval, number, percent, pretty_unit, to_its_digits
 
 
 def sections(data: ReportData) -> list[Section]:
@@ -36,10 +37,10 @@ def sections(data: ReportData) -> list[Section]:
 
 
 def conditions_section(data: ReportData) -> Section | None:
-    """The paper's three conditions for a network that its port tells without ambiguity."""
+    """The paper's three conditions for a network that measurements at its port determine."""
     if not data.conditions:
         return None
-    head = ("condition", "", "judged by", "value", "95 % interval", "unit")
+    head = ("condition", "result", "judged by", "value", "95 % interval", "unit")
     rows = tuple(
         (
             each.condition,
@@ -51,27 +52,33 @@ def conditions_section(data: ReportData) -> Section | None:
         )
         for each in data.conditions
     )
-    sentences = tuple(map(str, data.conditions))
-    return Section("conditions", "Whether it can be told from the port", sentences, tables=(Facts(head, rows),))
+    lead = (
+        "Can measurements at the output shaft (the port) alone determine the model, and only one model? "
+        "Three conditions decide that (Hogan 2014)."
+    )
+    points = tuple(map(str, data.conditions))
+    return Section("conditions", "Is the model unique?", (lead,), tables=(Facts(head, rows),), points=points)
 
 
 def source_section(data: ReportData) -> Section | None:
     if data.source_map is None and data.network is None:
         return None
-    caption = (
+    drawn = picture(
+        source_map_figure(data.source_map, data.network, data.command_unit),
+        "source",
+        "Read off which speed a command gives on a free shaft, and whether the model agrees with the measurement.",
         "Steady velocity with no torque at the port, against command. Where the command is too weak for friction "
-        "the shaft rests; outside, the velocity follows in two straight branches. Below, what lies between measured "
-        "and identified; bars and bands are 95 % intervals."
+        "the shaft rests; beyond, the velocity follows two straight lines. Below: measured minus model. Bars and bands "
+        "are 95 % intervals.",
     )
-    picture = svg(source_map_figure(data.source_map, data.network, data.command_unit), "source", caption)
-    sentences = []
+    sentences = ["The motion that the actuator makes when nothing holds or drives its shaft."]
     if data.network is not None:
         unit = pretty_unit(data.command_unit)
         low, high = (f"{number(threshold, 3)} {unit}".strip() for threshold in data.network.thresholds)
-        sentences = [f"The shaft rests for commands between {low} and {high}; beyond, it turns."]
+        sentences.append(f"The shaft rests for commands between {low} and {high}; beyond, it turns.")
     if data.source_map is not None:
         sentences += source_sentences(data.source_map, pretty_unit(data.command_unit))
-    return Section("source", "The motion source", tuple(sentences), ((picture, caption),))
+    return Section("source", "The motion source", tuple(sentences), (drawn,))
 
 
 def impedance_section(data: ReportData) -> Section | None:
@@ -83,48 +90,31 @@ def impedance_section(data: ReportData) -> Section | None:
     sliding = sliding_samples(data.measured, data.fit.trace)
     if not loops and sliding is None:
         return None
-    caption = (
-        "Torque that the actuator exerts while the bench prescribes its motion. Left alone at one command, "
-        "each straight line on the right is the viscous branch, shifted by friction on either side of rest."
-    )
-    sentence = f"Friction's contact deflects by {number(1e3 * deflection_rad, 3)} mrad before it slides (τc/σ0)."
-    picture = svg(impedance_figure(loops, sliding), "impedance", caption)
-    return Section("impedance", "The impedance", (sentence,), ((picture, caption),))
-
-
-def friction_section(data: ReportData) -> Section | None:
-    """The ladder of friction models: how much of the torque each leaves, on data it has seen and on data it has not."""
-    if not data.ladder:
-        return None
-    best = next(rung for rung in data.ladder if rung.selected)
     sentences = (
-        f"Judged on parts of the recording that the fit had not seen, in a low band: {best.name} is the simplest model "
-        "that is not worse than the best by more than one standard error.",
+        "The torque that the actuator exerts when its shaft is made to move otherwise than the motion source.",
+        f"The friction contact deflects by {number(1e3 * deflection_rad, 3)} mrad before it slides (τc/σ0).",
     )
-    head = ("model", "numbers", "torque left, seen [%]", "not seen [%]", "standard error [%]", "remark")
-    rows = tuple(
-        (
-            rung.name,
-            str(rung.unknowns),
-            number(100 * rung.train_relative, 3),
-            number(100 * rung.held_out_relative, 3),
-            number(100 * rung.held_out_std / rung.target_rms, 3),
-            "selected" if rung.selected else "" if rung.fit.converged else "did not converge",
-        )
-        for rung in data.ladder
+    drawn = picture(
+        impedance_figure(loops, sliding),
+        "impedance",
+        "Compare the model's torque with the measured one, for motions too small to slide and for steady sliding.",
+        "Left: torque against position in small loops; the area of a loop is energy lost to friction. Right: torque "
+        "against velocity; the slope is viscous damping, the step at zero velocity is friction.",
     )
-    return Section("friction", "Friction models", sentences, tables=(Facts(head, rows),))
+    return Section("impedance", "The impedance", sentences, (drawn,))
 
 
 def blocked_section(data: ReportData) -> Section | None:
     if data.blocked_map is None or not np.isfinite(data.blocked_map.torque_nm).any():
         return None
-    caption = (
-        "Torque at standstill against command. One command gives different torques, by how the shaft came to rest: "
-        "friction leaves ±τc open, so the blocked port does not determine a source."
+    drawn = picture(
+        blocked_figure(data.blocked_map, data.network, data.command_unit),
+        "blocked",
+        "Read off the torque at standstill, and how far friction makes it uncertain.",
+        "Torque at standstill against command. The same command gives different torques, by how the shaft came to "
+        "rest: friction may hold any torque between −τc and +τc (the band). Bars are 95 % intervals.",
     )
-    picture = svg(blocked_figure(data.blocked_map, data.network, data.command_unit), "blocked", caption)
-    return Section("blocked", "The blocked port", (), ((picture, caption),))
+    return Section("blocked", "Torque at standstill", (), (drawn,))
 
 
 def fit_section(data: ReportData) -> Section | None:
@@ -132,9 +122,8 @@ def fit_section(data: ReportData) -> Section | None:
     if fit is None:
         return None
     residual = fit.trace.measured - fit.trace.predicted
-    caption = "What the fit leaves of the torque."
     delays = "; ".join(
-        f"{name} {with_deviation(1e3 * delay_s, 1e3 * std_s)} ms"
+        f"{name} {to_its_digits(1e3 * delay_s, 1e3 * std_s)} ms (95 % interval {interval(1e3 * delay_s, 1e3 * std_s)})"
         for name, delay_s, std_s in (
             ("command", fit.command_delay_s, fit.command_delay_std_s),
             ("motion", fit.motion_delay_s, fit.motion_delay_std_s),
@@ -142,11 +131,19 @@ def fit_section(data: ReportData) -> Section | None:
     )
     sentences = (
         f"The fit {'converged' if fit.converged else 'did not converge'} on {fit.samples:,} samples.".replace(",", " "),
-        f"Torque residual {number(1e3 * fit.torque_rms_nm, 3)} mN·m rms, {percent(fit.torque_relative)} of the torque.",
-        f"Delays relative to the torque stream: {delays}.",
+        f"The residual (measured minus model) is {number(1e3 * fit.torque_rms_nm, 3)} mN·m rms, "
+        f"{percent(fit.torque_relative)} of the torque.",
+        f"Delays relative to the torque readings: {delays}.",
     )
-    figures = ((svg(residual_figure(fit.trace), "residuals", caption), caption),) if np.isfinite(residual).any() else ()
-    return Section("fit", "The fit", sentences, figures)
+    if not np.isfinite(residual).any():
+        return Section("fit", "The fit", sentences)
+    drawn = picture(
+        residual_figure(fit.trace),
+        "residuals",
+        "Check that the error looks like noise: no stretch worse than others, no long tails.",
+        "Residual of the torque over time, and how often each size occurs.",
+    )
+    return Section("fit", "The fit", sentences, (drawn,))
 
 
 def validation_section(data: ReportData) -> Section | None:
@@ -154,31 +151,45 @@ def validation_section(data: ReportData) -> Section | None:
     if checked is None:
         return None
     sentences = (
-        f"Torque under unseen motion: {number(1e3 * checked.torque_rms_nm, 3)} mN·m rms off, "
-        f"{percent(checked.torque_relative)} of the torque.",
-        f"Free velocity under an unseen command: {number(checked.velocity_rms_rad_s, 3)} rad/s rms off, "
-        f"{percent(checked.velocity_relative)} of the velocity.",
+        "A part of the session was kept apart from the fit and is predicted here: a fair test of the model.",
+        "The torque under a measured motion is predicted with an rms error of "
+        f"{number(1e3 * checked.torque_rms_nm, 3)} mN·m, {percent(checked.torque_relative)} of the torque.",
+        "The free velocity under a command is predicted with an rms error of "
+        f"{number(checked.velocity_rms_rad_s, 3)} rad/s, {percent(checked.velocity_relative)} of the velocity.",
     )
-    figures = []
-    for trace, what, caption in (
-        (checked.torque, "torque", "Torque at the port, measured and predicted from the measured motion."),
-        (checked.velocity, "velocity", "Free velocity, measured and predicted from the command alone."),
-    ):
-        if np.isfinite(trace.measured).any():
-            figures.append((svg(validation_figure(trace, what), f"validation-{what}", caption), caption))
-    return Section("validation", "Motion that no fit has seen", sentences, tuple(figures))
+    figures = tuple(
+        picture(validation_figure(trace, what), f"validation-{what}", purpose, caption)
+        for trace, what, purpose, caption in (
+            (
+                checked.torque,
+                "torque",
+                "Judge how well the model predicts the torque that a load would feel.",
+                "Torque at the port, measured, and predicted from the measured motion and the command.",
+            ),
+            (
+                checked.velocity,
+                "velocity",
+                "Judge how well the model predicts the motion of the free shaft.",
+                "Free velocity, measured, and predicted from the command alone.",
+            ),
+        )
+        if np.isfinite(trace.measured).any()
+    )
+    return Section("validation", "Prediction of motion kept apart from the fit", sentences, figures)
 
 
 def live_section(data: ReportData) -> Section | None:
     if not any(state.estimates for state in data.live) or data.measured is None:
         return None
     time_s = bench_time_s(data.measured, [state.stamp_ns for state in data.live])
-    caption = (
-        "The live estimates while the bench was running, with their 95 % bands; the line is the final fit. The scale "
-        "is that of the last two thirds, so that the beginning may lie outside."
+    drawn = picture(
+        live_figure(data.live, time_s, data.fit),
+        "live",
+        "See whether the session was long enough: the curves should have become flat well before its end.",
+        "Estimates while the bench was running, with bands of 95 %; the line is the final fit. The scale "
+        "is that of the last two thirds, so the beginning may lie outside.",
     )
-    figure = svg(live_figure(data.live, time_s, data.fit), "live", caption)
-    return Section("live", "How it was learnt", _beside_final(data), ((figure, caption),))
+    return Section("live", "How the estimates converged", _beside_final(data), (drawn,))
 
 
 def _beside_final(data: ReportData) -> tuple[str, ...]:
@@ -199,12 +210,17 @@ def timing_section(data: ReportData) -> Section | None:
     ticks = data.measured.ticks
     timing = loop_timing(ticks)
     qualities = stream_qualities(data.measured)
-    caption = "How late ticks began, how long each took, and how old the signals were that it acted on."
+    drawn = picture(
+        timing_figure(ticks),
+        "timing",
+        "Check that the control loop kept its time, so that the readings can be trusted.",
+        "How late each cycle (tick) of the loop began, how long it took, and how old the readings were that it used.",
+    )
     return Section(
         "timing",
-        "Time kept, readings lost",
+        "Timing and lost readings",
         ((timing_sentence(timing), _clipping(ticks)) if timing is not None else (_clipping(ticks),)),
-        ((svg(timing_figure(ticks), "timing", caption), caption),),
+        (drawn,),
         (*_timing_table(timing), *((_stream_table(qualities),) if qualities else ())),
     )
 
@@ -217,7 +233,7 @@ def events_section(data: ReportData) -> Section | None:
     rows = tuple((f"{time_s:.3f}", event.kind, event.text) for time_s, event in zip(times_s, told, strict=True))
     if not rows:
         return None
-    return Section("events", "What happened", tables=(Facts(("bench time [s]", "kind", "what"), rows),))
+    return Section("events", "Events", tables=(Facts(("bench time [s]", "kind", "what"), rows),))
 
 
 def _timing_table(timing: LoopTiming | None) -> tuple[Facts, ...]:

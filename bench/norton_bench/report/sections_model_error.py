@@ -5,7 +5,7 @@ import numpy as np
 from norton_bench.models.prediction import UNITS
 from norton_bench.report.data import ReportData
 from norton_bench.report.section import Section
-from norton_bench.report.words import number, percent
+from norton_bench.report.words import number, percent, pretty_unit
 
 
 def model_error_section(data: ReportData) -> Section | None:
@@ -14,24 +14,26 @@ def model_error_section(data: ReportData) -> Section | None:
         return None
     prediction = error.prediction
     seen = "; ".join(
-        f"{name} {number(low, 3)} to {number(high, 3)} {UNITS.get(name, data.command_unit)}"
+        f"{name} {number(low, 3)} to {number(high, 3)} {pretty_unit(UNITS.get(name, data.command_unit))}"
         for name, (low, high) in prediction.ranges.items()
     )
+    velocity = (
+        f" and of the free velocity below {number(prediction.velocity_rad_s, 2)} rad/s"
+        if np.isfinite(prediction.velocity_rad_s)
+        else ""
+    )
     sentences = [
-        f"On segments that its values were not fitted to the network is {number(1e3 * error.rms_nm, 2)} mN·m rms off "
-        f"beyond the readings' noise of {number(1e3 * error.noise_nm, 2)} mN·m.",
-        f"In {percent(prediction.level)} of such stretches the torque's rms error is within "
-        f"{number(1e3 * prediction.torque_nm, 2)} mN·m"
-        + (
-            f" and the free velocity's within {number(prediction.velocity_rad_s, 2)} rad/s; {seen}."
-            if np.isfinite(prediction.velocity_rad_s)
-            else f"; {seen}."
-        ),
+        f"On parts of the recording that were kept apart from the fit, the model's own error is "
+        f"{number(1e3 * error.rms_nm, 2)} mN·m rms; the noise of the readings ({number(1e3 * error.noise_nm, 2)} mN·m) "
+        "is not counted.",
+        f"In {percent(prediction.level)} of stretches of such motion the rms error of the torque is below "
+        f"{number(1e3 * prediction.torque_nm, 2)} mN·m{velocity}.",
+        f"This was tested for: {seen}. Outside this range nothing was tested.",
     ]
     if np.isfinite(error.zero.moved_nm):
         sentences.append(
-            f"The sensor's zero in the fit is {number(1e3 * error.zero.moved_nm, 2)} mN·m above that of the tare."
+            f"The fit finds the torque sensor's zero {number(1e3 * error.zero.moved_nm, 2)} mN·m from that of the tare."
         )
     if not error.departures and not error.unexplained:
-        sentences.append("Nothing that the model lacks was found.")
-    return Section("model-error", "The model's own error", tuple(sentences))
+        sentences.append("No effect was found that the model lacks.")
+    return Section("model-error", "How accurate predictions are", tuple(sentences))

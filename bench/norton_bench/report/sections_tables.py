@@ -16,24 +16,27 @@ from norton_bench.report.facts_tables import (
 )
 from norton_bench.report.figures_tables import exertion_figure, shaken_figure, source_table_figure
 from norton_bench.report.section import Facts, Section
-from norton_bench.report.svg import svg
+from norton_bench.report.svg import picture
 from norton_bench.report.words import number
 
 
 def tabulated_source_section(data: ReportData) -> Section | None:
     if data.source is None:
         return None
-    caption = (
-        "Where the port rests with nothing pulling at it, under each command, reached from both sides. Bars are 95 % "
-        "intervals of the mean. In the table ± is half of a 95 % interval, half of the gap between the sides in it."
+    drawn = picture(
+        source_table_figure(data.source, data.units),
+        "tabulated-source",
+        "Read off where the shaft comes to rest under a command.",
+        "Position at rest with no torque at the port, under each command, reached from both sides. Bars are 95 % "
+        "intervals of the mean. In the table the number after ± is half of the 95 % interval; half of the gap between "
+        "the two sides is counted in it.",
     )
-    picture = svg(source_table_figure(data.source, data.units), "tabulated-source", caption)
     sentences = (*_unsettled(data.source), _settling(data.source))
     return Section(
         "tabulated-source",
-        "The source, tabulated",
+        "The motion source, tabulated",
         sentences,
-        ((picture, caption),),
+        (drawn,),
         (source_facts(data.source, data.units),),
     )
 
@@ -41,32 +44,43 @@ def tabulated_source_section(data: ReportData) -> Section | None:
 def _unsettled(table: SourceTable) -> list[str]:
     moving = [level for level in table.levels if not level.settled]
     if not moving:
-        return ["Every level was seen to rest before it was read."]
+        return ["Under every command the shaft was at rest before it was read."]
     fastest = max(abs(level.velocity_rad_s) for level in moving)
     return [
-        f"{len(moving)} of {len(table.levels)} levels still moved while they were read, by up to "
-        f"{number(fastest, 2)} rad/s: they are no places of rest; wait longer (at_most), or the source is a velocity, "
-        "which the step 'free' measures."
+        f"At {len(moving)} of {len(table.levels)} commands the shaft still moved while it was read, at up to "
+        f"{number(fastest, 2)} rad/s: these are no rest positions. Wait longer (at_most), or measure the source as a "
+        "velocity with the step 'free'."
     ]
 
 
 def _settling(table: SourceTable) -> str:
     longest = max(level.settling_s for level in table.levels)
-    return f"The slowest took {number(longest, 2)} s to come within 2\u00a0% of its way."
+    return f"The slowest took {number(longest, 2)} s to come within 2\u00a0% of its final position."
 
 
 def exertion_section(data: ReportData) -> Section | None:
     table = data.exertion
     if table is None:
         return None
-    caption = (
-        "Torque at the port, held away from where it rests. Triangles point the way in which the place was reached; "
-        "bars are 95 % intervals of the mean. Lines without marks are slow sweeps."
-    )
-    figures = [(svg(exertion_figure(table, data.units), "exertion", caption), caption)]
+    figures = [
+        picture(
+            exertion_figure(table, data.units),
+            "exertion",
+            "Read off the torque that the actuator exerts when it is held away from where it would rest.",
+            "Torque at the port against position. Triangles point the way in which the position was reached; "
+            "bars are 95 % intervals of the mean. Lines without marks are slow sweeps.",
+        )
+    ]
     if table.shaken:
-        told = "How the port answers to being shaken about its source: spring and inertia left, damping right."
-        figures.append((svg(shaken_figure(table, data.units), "shaken", told), told))
+        figures.append(
+            picture(
+                shaken_figure(table, data.units),
+                "shaken",
+                "Read off stiffness, inertia and damping by frequency.",
+                "Response of the port to small vibrations about its rest position: stiffness and inertia left, damping "
+                "right.",
+            )
+        )
     return Section(
         "exertion", "The impedance, tabulated", _swept(table), tuple(figures), (line_facts(table, data.units),)
     )
@@ -78,8 +92,8 @@ def _swept(table: ExertionTable) -> tuple[str, ...]:
     if not speeds:
         return ()
     return (
-        f"Friction is half of what lies between both directions of a sweep at {number(max(speeds), 2)} rad/s; the "
-        "range without torque is read from the sweeps, too. Held still, contacts forget how they were strained.",
+        f"Friction is half of the difference between the two directions of a sweep at {number(max(speeds), 2)} rad/s; "
+        "the range without torque is read from the sweeps, too.",
     )
 
 
@@ -88,11 +102,11 @@ def two_ports_section(data: ReportData) -> Section | None:
     if not rows:
         return None
     sentence = (
-        "With nothing pulling at the far side of the load the actuator carries the load's body, and rests elsewhere "
-        "than with nothing pulling at its own port. What the body asks there was read by the torque sensor; what the "
-        "actuator exerts so far from its own source stands in its table: the two should agree."
+        "The actuator has one rest position with nothing at its own shaft, and another with a load on it and nothing "
+        "at the load's far side. At the second one the torque sensor reads what the load asks for; the table of the "
+        "impedance says what the actuator exerts there. The two should agree."
     )
-    return Section("two-ports", "Two ports", (sentence,), tables=(ports_facts(rows, data.units),))
+    return Section("two-ports", "Actuator and load: two ports", (sentence,), tables=(ports_facts(rows, data.units),))
 
 
 def modulation_section(data: ReportData) -> Section | None:

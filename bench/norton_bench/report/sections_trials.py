@@ -6,8 +6,8 @@ from norton_bench.identification.in_situ import SourceMotion
 from norton_bench.identification.trials import TAUGHT_HZ, TrialFigures, diverge, last_driven, settled
 from norton_bench.report.data import ReportData
 from norton_bench.report.figures_trials import source_motion_figure, trials_figure
-from norton_bench.report.section import Facts, Section
-from norton_bench.report.svg import svg
+from norton_bench.report.section import Facts, Picture, Section
+from norton_bench.report.svg import picture
 from norton_bench.report.words import number, pretty_unit
 
 
@@ -15,11 +15,15 @@ def trials_section(data: ReportData) -> Section | None:
     """Zero torque, trial by trial."""
     if not data.trials:
         return None
-    caption = f"Torque at the port below {TAUGHT_HZ:g} Hz, trial by trial; in the first the load was not driven."
-    picture = svg(trials_figure(data.trials), "trials", caption)
+    drawn = picture(
+        trials_figure(data.trials),
+        "trials",
+        "See whether the bench learned to leave the shaft without torque.",
+        f"Torque at the port below {TAUGHT_HZ:g} Hz, trial by trial; in the first the load was not driven.",
+    )
     sentences = (_ending(data.trials, "noise hides what is left"),)
     table = _table(data.trials, "noise in it [mN·m]")
-    return Section("trials", "Zero torque, trial by trial", sentences, ((picture, caption),), (table,))
+    return Section("trials", "Zero torque, trial by trial", sentences, (drawn,), (table,))
 
 
 def in_situ_section(data: ReportData) -> Section | None:
@@ -27,30 +31,35 @@ def in_situ_section(data: ReportData) -> Section | None:
     found = data.in_situ
     if found is None or not found.trials:
         return None
-    caption = (
-        f"What the actuator exerted on its load below {TAUGHT_HZ:g} Hz, as motion and load tell, in newton metres as "
-        "the load drive counts them. Where it is great the load was left alone."
-    )
-    pictures = [(svg(trials_figure(found.trials), "in-situ", caption), caption)]
+    pictures = [
+        picture(
+            trials_figure(found.trials),
+            "in-situ",
+            "See whether the actuator was brought to exert nothing on its load, without a torque sensor.",
+            f"Torque on the load below {TAUGHT_HZ:g} Hz, calculated from motion and load, in N·m as the load drive "
+            "counts them. Where it is large the load drive was left off.",
+        )
+    ]
     if found.source is not None:
         pictures.append(_source(found.source, pretty_unit(data.command_unit)))
     ending = _ending(found.trials, "what is left is what movements differ by anyway")
     sentences = (*(f"{said[0].upper()}{said[1:]}." for said in found.assembly), ending)
     return Section(
         "in-situ",
-        "In situ: the source of an assembled actuator",
+        "The motion source of an assembled actuator (in situ)",
         sentences,
         tuple(pictures),
         (_table(found.trials, "movements differ by [mN·m]"),),
     )
 
 
-def _source(source: SourceMotion, unit: str) -> tuple[str, str]:
-    caption = (
-        f"The motion source under this command: velocity while the actuator exerted nothing. Trials differ by "
-        f"{number(source.scatter_rad_s, 2)} rad/s rms."
+def _source(source: SourceMotion, unit: str) -> Picture:
+    return picture(
+        source_motion_figure(source, unit),
+        "in-situ-source",
+        "Read off the motion that this command asks for when the load takes no torque.",
+        f"Velocity while the actuator exerted nothing. Trials differ by {number(source.scatter_rad_s, 2)} rad/s rms.",
     )
-    return svg(source_motion_figure(source, unit), "in-situ-source", caption), caption
 
 
 def _ending(trials: Sequence[TrialFigures], floor: str) -> str:

@@ -16,7 +16,7 @@ from norton_bench.report.figures_residuals import residual_tests_figure
 from norton_bench.report.figures_without_model import impedance_table_figure, operator_figure
 from norton_bench.report.loops import Loop, presliding_loops
 from norton_bench.report.section import Facts, Section
-from norton_bench.report.svg import svg
+from norton_bench.report.svg import picture
 from norton_bench.report.words import number, percent, pretty_unit
 
 # Dependences smaller than this share of the residual's variance are told, but not explained.
@@ -47,22 +47,20 @@ def source_sentences(source: SourceMap, unit: str) -> list[str]:
         if zone is not None:
             low, high = (number(edge, 3) for edge in zone.width_interval)
             sentences.append(
-                f"Measured with the command {name}, the dead zone is {number(zone.width, 3)} {unit} wide "
-                f"(95\u00a0%: {low}\u00a0…\u00a0{high})."
+                f"With the command {name}, the shaft rests over a range of {number(zone.width, 3)} {unit} "
+                f"(95\u00a0% interval {low}\u00a0…\u00a0{high})."
             )
     if source.port_torque_nm.size:
         most = number(1e3 * float(np.max(np.abs(source.port_torque_nm))), 2)
-        sentences.append(
-            f"Velocities are those without torque at the port: up to {most}\u00a0mN·m of it, as read while a level was "
-            "held, have been taken off by the measured slope."
-        )
+        sentences.append(f"The velocities are corrected for the torque left at the port, up to {most}\u00a0mN·m.")
     found = source.hysteresis()
     if found is not None:
         size, band = number(abs(found.difference_rad_s), 2), number(found.band_rad_s, 2)
         sentences.append(
-            f"The branches differ by {size} rad/s at {number(found.command, 3)} {unit}; chance gives {band}."
+            f"Rising and falling commands give velocities that differ by {size} rad/s at {number(found.command, 3)} "
+            f"{unit}, more than the {band} rad/s that noise explains: hysteresis."
             if found.significant
-            else f"The two branches are one to within what chance gives ({band} rad/s): no hysteresis shows."
+            else f"Rising and falling commands give the same velocities to within noise ({band} rad/s): no hysteresis."
         )
     return sentences
 
@@ -72,31 +70,39 @@ def without_model_section(data: ReportData) -> Section | None:
     if found is None or data.fit is None:
         return None
     network, figures = data.fit.network, []
-    sentences = ["The same recording without assuming a motor."]
+    sentences = [
+        "The same recording, evaluated without assuming that the actuator is a motor with this friction: a table of "
+        "torque by velocity and command, and an operator that sums many elastic elements, each of which yields at a "
+        "displacement of its own. Agreement supports the model's form; a difference shows what it lacks."
+    ]
     if found.table is not None:
-        caption = (
-            "Mean torque while a velocity and a command were held, and what the identified network leaves of it. "
-            "Bars are 95 % intervals of the mean."
+        figures.append(
+            picture(
+                impedance_table_figure(found.table, network, data.command_unit),
+                "impedance-table",
+                "Check the model's steady torque against plain averages of the readings.",
+                "Mean torque while a velocity and a command were held (left), and measured minus model (right). "
+                "Bars are 95 % intervals of the mean.",
+            )
         )
-        picture = svg(impedance_table_figure(found.table, network, data.command_unit), "impedance-table", caption)
-        figures.append((picture, caption))
         sentences += _table_sentences(found)
     if found.operator is not None:
-        caption = (
-            "Left: loops too small for friction to slide freely. Right: the operator's elements, each a spring that "
-            "yields at its own displacement; no friction law was assumed, only that none pushes."
-        )
         deflection_rad = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
-        picture = svg(
-            operator_figure(_loops(data, deflection_rad), found.operator, deflection_rad), "operator", caption
+        figures.append(
+            picture(
+                operator_figure(_loops(data, deflection_rad), found.operator, deflection_rad),
+                "operator",
+                "Check the friction law: does the friction found without one yield where the model's does (τc/σ0)?",
+                "Left: loops too small for friction to slide freely. Right: how much friction yields at which "
+                "displacement.",
+            )
         )
-        figures.append((picture, caption))
         sentences += _operator_sentences(found.operator, found.stops_alone, pretty_unit(data.command_unit) or "N·m")
     tables: tuple[Facts, ...] = ()
     if found.operator_prediction is not None:
         tables = (_predictions(data, found),)
-        sentences.append("At the end stands how well each way predicts the torque of motion that no fit has looked at.")
-    return Section("without-model", "Without a model", tuple(sentences), tuple(figures), tables)
+        sentences.append("The table at the end compares how well each predicts the torque of motion kept apart.")
+    return Section("without-model", "The same without a motor model", tuple(sentences), tuple(figures), tables)
 
 
 def _loops(data: ReportData, deflection_rad: float) -> list[tuple[Loop, Loop]]:
@@ -115,10 +121,10 @@ def _table_sentences(found: WithoutModel) -> list[str]:
     sentences = [f"The table holds {rows} commands at {columns} velocities."]
     if table.empty:
         empty = "cell is" if table.empty == 1 else "cells are"
-        sentences.append(f"{table.empty} {empty} empty: nothing was measured there, and nothing is made up.")
+        sentences.append(f"{table.empty} {empty} empty: nothing was measured there, and nothing is interpolated.")
     if isfinite(table.left_out_rms_nm()):
         sentences.append(
-            f"A cell lies {number(1e3 * table.left_out_rms_nm(), 2)} mN·m (rms) off the line between its neighbours."
+            f"A cell differs by {number(1e3 * table.left_out_rms_nm(), 2)} mN·m rms from a line between its neighbours."
         )
     return sentences
 
@@ -126,33 +132,35 @@ def _table_sentences(found: WithoutModel) -> list[str]:
 def _operator_sentences(operator: StopOperator, stops_alone: Prediction | None, unit: str) -> list[str]:
     share = operator.abrupt_share
     sentences = [
-        f"The operator's friction holds {number(1e3 * operator.coulomb_torque_nm, 3)} mN·m in all; its command gives "
+        f"The operator finds a friction of {number(1e3 * operator.coulomb_torque_nm, 3)} mN·m and a torque of "
         f"{number(operator.torque_gain, 4)} N·m per {unit}."
     ]
     if share >= MOSTLY:
-        sentences.append("Its friction yields all at once, like sliders behind springs.")
+        sentences.append("Its friction yields all at once, like blocks that slide behind springs.")
     elif share <= 1 - MOSTLY:
-        sentences.append("Its friction yields gradually: the deflected contact gives way before it slides.")
+        sentences.append("Its friction yields gradually, as Dahl friction does.")
     elif isfinite(share):
         sentences.append(f"{percent(share)} of its friction yields all at once, the rest gradually.")
     if stops_alone is not None and isfinite(stops_alone.torque_rms_nm):
         sentences.append(
-            f"Ideal stops alone (Prandtl-Ishlinskii) would be {number(1e3 * stops_alone.torque_rms_nm, 3)} mN·m off."
+            "With elements that yield only all at once (Prandtl-Ishlinskii) the rms error would be "
+            f"{number(1e3 * stops_alone.torque_rms_nm, 3)} mN·m."
         )
     return sentences
 
 
 def _predictions(data: ReportData, found: WithoutModel) -> Facts:
-    """Who predicts what no fit has looked at, and how well."""
+    """Who predicts motion kept apart from the fits, and how well."""
     rows = []
     if data.validation is not None and isfinite(data.validation.torque_rms_nm):
         network = Prediction(data.validation.torque_rms_nm, data.validation.torque_relative, 1.0)
-        rows.append(("network", "seven parameters", *_figures(network)))
+        rows.append(("model", "seven parameters", *_figures(network)))
     if found.operator_prediction is not None:
         rows.append(("operator", "history of the motion", *_figures(found.operator_prediction)))
     if found.table_prediction is not None:
-        rows.append(("table", "steady motion only: no inertia, no memory", *_figures(found.table_prediction)))
-    return Facts(("predicted by", "which knows", "rms off [mN·m]", "of the torque", "covered"), tuple(rows))
+        rows.append(("table", "steady motion only, no inertia", *_figures(found.table_prediction)))
+    head = ("predicted by", "which knows", "rms error [mN·m]", "of the torque", "of the motion covered")
+    return Facts(head, tuple(rows))
 
 
 def _figures(prediction: Prediction) -> tuple[str, str, str]:
@@ -167,17 +175,19 @@ def residuals_section(data: ReportData) -> Section | None:
     tests = data.residuals
     if tests is None:
         return None
-    caption = (
-        "What the network, with its parameters alone, leaves of the torque: within the band, freed of the band's own "
-        "colour; and its amplitude by periods a turn of the shaft. Shaded is where chance keeps correlations 95 times "
-        "in 100."
-    )
     unit = "N·m"
     if data.fit is not None and data.fit.ratios_only:
         unit = f"{pretty_unit(data.command_unit) or 'N·m'} of command"
-    picture = svg(residual_tests_figure(tests, unit), "residual-tests", caption)
+    drawn = picture(
+        residual_tests_figure(tests, unit),
+        "residual-tests",
+        "Find effects that the model lacks: points outside the shaded bands, or peaks by position.",
+        "Correlation of the residual with itself and with each input, after the low-pass filter's own correlation was "
+        "removed; and the residual's amplitude by periods a turn. Noise alone stays within the shaded bands 95 times "
+        "in 100.",
+    )
     sentences = tuple(residual_sentences(tests, unit))
-    return Section("residuals", "What the residual tells", sentences, ((picture, caption),))
+    return Section("residuals", "What the residual contains", sentences, (drawn,))
 
 
 def residual_sentences(tests: ResidualTests, unit: str = "N·m") -> list[str]:
@@ -224,10 +234,10 @@ def _dependence_sentence(each: Dependence, highest_hz: float, unit: str) -> str:
 def _memory_sentence(memory: Memory) -> str:
     reach_ms = number(1e3 * float(memory.lags_s[-1]), 2)
     if memory.p_value >= SIGNIFICANCE:
-        return f"It remembers nothing of itself over {reach_ms} ms (p = {number(memory.p_value, 2)}): it may be noise."
+        return f"Over {reach_ms} ms it is uncorrelated with itself (p = {number(memory.p_value, 2)}): it may be noise."
     chance = "p < 0.001" if memory.p_value < 1e-3 else f"p = {number(memory.p_value, 1)}"
     greatest = number(memory.greatest, 2)
     return (
-        f"It is not white ({chance} over {reach_ms} ms; correlations up to {greatest}): the deviations in the table "
-        "above allow for that."
+        f"It is not white noise ({chance} over {reach_ms} ms; correlations up to {greatest}): the 95 % intervals of "
+        "the parameters allow for that."
     )

@@ -10,7 +10,7 @@ from norton_bench.report.data import ReportData
 from norton_bench.report.figures_sessions import forest_figure
 from norton_bench.report.render import Figure, fill, row, write_page
 from norton_bench.report.section import Facts, Section
-from norton_bench.report.svg import style, svg
+from norton_bench.report.svg import picture, style
 from norton_bench.report.words import number, pretty_unit
 
 
@@ -62,15 +62,16 @@ def render_sessions(data: SessionsData) -> str:
 
 
 def _forest(data: SessionsData) -> Section:
-    caption = (
-        "Each session's own value with its 95 % interval, in the order of the table below, and the combined one. "
-        "A session without a valid value is left out."
-    )
     sessions = [Fitted(one.recording, one.fit) for one in data.sessions]
     combined = [estimate for estimate in data.together.estimates if estimate.name in data.together.spreads]
-    return Section(
-        "forest", "Session by session", (), ((svg(forest_figure(sessions, combined), "forest", caption), caption),)
+    drawn = picture(
+        forest_figure(sessions, combined),
+        "forest",
+        "See whether the sessions agree: intervals should overlap.",
+        "Each session's own value with its 95 % interval, in the order of the table below, and the combined one. "
+        "A session without a valid value is left out.",
     )
+    return Section("forest", "Session by session", (), (drawn,))
 
 
 def _between(data: SessionsData) -> Section:

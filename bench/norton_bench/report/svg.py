@@ -13,6 +13,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from norton_bench.report.margins import Margins
+from norton_bench.report.section import Picture
 
 # Stand-ins, one for each custom property of report.css, so that a figure follows the page into the dark and onto paper.
 INK = "#0a0001"
@@ -97,6 +98,11 @@ def svg(figure: Figure, name: str, caption: str) -> str:
     for colour, name_of_property in PROPERTIES.items():
         markup = markup.replace(colour, f"var({name_of_property})")
     return markup.strip()
+
+
+def picture(figure: Figure, name: str, purpose: str, caption: str = "") -> Picture:
+    """The figure with what it is for; ``name`` as in :func:`svg`."""
+    return Picture(svg(figure, name, f"{purpose} {caption}".strip()), purpose, caption)
 
 
 def standalone(markup: str) -> str:

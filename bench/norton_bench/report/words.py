@@ -33,10 +33,15 @@ def number(value: float, digits: int = 4) -> str:
         return _NO_NUMBER
     if value == 0.0:
         return "0"
-    exponent = floor(log10(abs(value)))
+    exponent = _exponent(value, digits)
     if -4 < exponent < 6:
         return f"{value:.{max(0, digits - 1 - exponent)}f}".replace("-", "−")
     return f"{value / 10.0**exponent:.{digits - 1}f}".replace("-", "−") + power(exponent)
+
+
+def _exponent(value: float, digits: int) -> int:
+    """The power of ten of ``value`` rounded to so many digits: 9.9999e-4 in four digits is 1.000e-3."""
+    return int(f"{value:.{max(digits, 1) - 1}e}".partition("e")[2])
 
 
 def power(exponent: int) -> str:
@@ -44,16 +49,15 @@ def power(exponent: int) -> str:
     return f"·10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else ""
 
 
-def with_deviation(value: float, std: float) -> str:
-    """Value ± standard deviation, to two digits of the deviation: "(5.002 ± 0.013)·10⁻⁵"."""
+def to_its_digits(value: float, std: float) -> str:
+    """The value alone, to two digits of its standard deviation: "5.002·10⁻⁵"."""
     if not isfinite(value):
         return _NO_NUMBER
     if not isfinite(std) or std <= 0.0:
         return number(value)
     scale = scale_of(value)
     decimals = max(0, 1 - floor(log10(std / 10.0**scale)))
-    mean, deviation = (f"{x / 10.0**scale:.{decimals}f}".replace("-", "−") for x in (value, std))
-    return f"({mean} ± {deviation}){power(scale)}" if scale else f"{mean} ± {deviation}"
+    return f"{value / 10.0**scale:.{decimals}f}".replace("-", "−") + power(scale)
 
 
 def within(value: float, half_width: float) -> str:
@@ -67,7 +71,7 @@ def within(value: float, half_width: float) -> str:
 
 
 def interval(value: float, std: float) -> str:
-    """The 95 % interval of a normal distribution, to the same digits as :func:`with_deviation`."""
+    """The 95 % interval of a normal distribution, to the same digits as :func:`to_its_digits`."""
     if not (isfinite(value) and isfinite(std)) or std <= 0.0:
         return _NO_NUMBER
     scale = scale_of(value)
@@ -93,5 +97,5 @@ def in_prefixed_unit(greatest: float, unit: str) -> tuple[float, str]:
 
 def scale_of(value: float) -> int:
     """The power of ten to write in front: none for numbers of everyday size."""
-    exponent = floor(log10(abs(value))) if value else 0
+    exponent = _exponent(value, 3) if value else 0
     return exponent if not -2 <= exponent < 5 else 0

@@ -19,12 +19,14 @@ from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.choices import ChoiceScreen
 from norton_bench.screen.screens.experiment import ExperimentScreen
 from norton_bench.screen.screens.key_list import KeyList
-from norton_bench.screen.screens.questions import Confirm
+from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Confirm
 from norton_bench.screen.screens.results import ResultsScreen
 from norton_bench.screen.settings import STOP_KEY, Settings
 from norton_bench.screen.themes import BENCH, OWN, user_themes
 
 NO_RIGS = "There is no rig file in ./rigs or here.\n\nnorton-bench rig new my-rig.toml writes one from your answers."
+# Textual takes so long to close its palette, which would else be in the picture.
+PALETTE_CLOSES_S = 0.1
 SECTIONS: Mapping[str, Sequence[keys.AnyBinding]] = {
     "Everywhere": keys.APP,
     "At the experiment": keys.EXPERIMENT[1:],
@@ -87,7 +89,7 @@ class BenchApp(App[None]):
                     return None
                 rig_path = rigs.paths[number]
             rig = self._opening.load_rig(rig_path)
-            sessions = find_sessions(self._opening.folder)
+            sessions = await asyncio.to_thread(find_sessions, self._opening.folder, rig)
             choices = [standard_choice(rig), *sessions.choices]
             number = await self.push_screen_wait(ChoiceScreen(f"Which session on {rig.name}?", choices, ""))
             if number is not None:
@@ -113,7 +115,7 @@ class BenchApp(App[None]):
 
     @property
     def _may_stop(self) -> bool:
-        return self.experiment is not None and (self.experiment.stoppable or self.experiment.live)
+        return self.experiment is not None and self.experiment.stoppable
 
     def action_stop(self) -> None:
         """What the key does, and the word in the palette."""
@@ -150,8 +152,8 @@ class BenchApp(App[None]):
 
     def action_leave(self) -> None:
         if self.experiment is not None and self.experiment.live:
-            question = Confirm("Leave the experiment?", "The drives go idle at once.", "Stop and leave")
-            self.push_screen(question, self._leave_if)
+            said = "The drives go idle at once." if self.experiment.moving else FIT_GIVEN_UP
+            self.push_screen(Confirm("Leave the experiment?", said, "Stop and leave"), self._leave_if)
         else:
             self._leave_if(True)
 
@@ -175,14 +177,32 @@ class BenchApp(App[None]):
         self.push_screen(ResultsScreen(self.experiment))
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        """Every key's action by name, then textual's own commands."""
+        """Every key's action by name, once however many keys it has; then those that have no key."""
+        told = set[str]()
         for active in screen.active_bindings.values():
             binding = active.binding
-            if binding.tooltip and active.enabled and not binding.system:
+            if binding.tooltip and active.enabled and not binding.system and binding.action not in told:
+                told.add(binding.action)
                 node = active.node
 
                 async def run(action: str = binding.action, target: object = node) -> None:
                     await self.run_action(action, target)  # type: ignore[arg-type]
 
                 yield SystemCommand(binding.description, binding.tooltip, run)
-        yield from super().get_system_commands(screen)
+        yield SystemCommand("Theme", "Change the colours", self.action_change_theme)
+        yield SystemCommand("Screenshot", f"Save this screen as a picture in {self._opening.runs}", self._picture_soon)
+
+    def _picture_soon(self) -> None:
+        """Once the palette is closed."""
+        self.set_timer(PALETTE_CLOSES_S, self._save_picture)
+
+    def _save_picture(self) -> None:
+        folder = self._opening.runs
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path = self.save_screenshot(path=str(folder))
+        except OSError as error:
+            said = f"cannot write into {folder}: {error.strerror}; choose another folder with --out"
+            self.notify(said, title="No screenshot", severity="error", markup=False)
+            return
+        self.notify(path, title="Screenshot saved", markup=False)

@@ -38,13 +38,18 @@ class Experiment:
 
     @property
     def live(self) -> bool:
-        """Whether a session is under way, in which drives may move now or later."""
+        """Whether a session is under way, be it that only its final fit goes on."""
         return self.source is not None and self.replay is None and not self.over
+
+    @property
+    def moving(self) -> bool:
+        """Whether drives may move now or later: until the final fit begins."""
+        return self.live and not self.picture.concluding
 
     @property
     def stoppable(self) -> bool:
         """Whether there is anything that a stop would stop."""
-        return self.live or (self.replay is not None and not self.replay.replay.paused and not self.over)
+        return self.moving or (self.replay is not None and not self.replay.replay.paused and not self.over)
 
     @property
     def paused(self) -> bool:
@@ -60,6 +65,14 @@ class Experiment:
     def summary(self) -> Summary | None:
         """How it ended; of a replay what the recording was found to tell."""
         return self.picture.summary if self.replay is None else self.replay.summary
+
+    @property
+    def fitting(self) -> str:
+        """What the fit is at that goes on now; empty where none does."""
+        if self.replay is not None:
+            return self.replay.fitting
+        picture = self.picture
+        return f"{picture.fitting}, {picture.fit_took_s} s so far" if picture.concluding else ""
 
     def start(self) -> None:
         """Begin, or begin again after the end."""

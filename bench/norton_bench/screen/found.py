@@ -33,10 +33,15 @@ def find_rigs(folder: Path) -> Found:
     return _found(folder, paths, lambda path: _rig(load_rig(path)))
 
 
-def find_sessions(folder: Path) -> Found:
-    """Every TOML file in folder/sessions, or else in the folder, that has a section [[step]]."""
+def find_sessions(folder: Path, rig: Rig) -> Found:
+    """Every TOML file in folder/sessions, or else in the folder, that has a section [[step]].
+
+    Those that ``rig`` cannot perform come last, each with the reason. Takes a second the first time.
+    """
     paths = [path for path in _files(folder, "sessions") if "[[step]]" in _text(path)]
-    return _found(folder, paths, lambda path: _session(load_session(path)))
+    found = _found(folder, paths, lambda path: _performed(load_session(path), rig))
+    order = sorted(range(len(paths)), key=lambda place: bool(found.choices[place].mistake))
+    return Found([found.paths[place] for place in order], [found.choices[place] for place in order])
 
 
 def standard_choice(rig: Rig) -> Choice:
@@ -86,5 +91,9 @@ def _rig(rig: Rig) -> str:
     return "\n".join([f"{rig.backend}, {1 / rig.tick_s:.0f} Hz", *devices])
 
 
-def _session(session: Session) -> str:
+def _performed(session: Session, rig: Rig) -> str:
+    """Its steps. Raises BenchError for a session that ``rig`` cannot perform."""
+    from norton_bench.session.program import make_experiment  # noqa: PLC0415  (brings the report along)
+
+    make_experiment(session, rig)
     return "\n".join(f"{number}  {step.do}" for number, step in enumerate(session.every_step(), 1))

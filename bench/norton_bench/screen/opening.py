@@ -14,7 +14,7 @@ from norton_bench.session.schema import Session, load_session, standard_session
 
 @dataclass(frozen=True)
 class Opening:
-    """``make_out`` makes the folder for the results of a session on a rig, by the rig's name.
+    """``make_out`` makes the folder for the results of a session on a rig, by the rig's name; it lies in ``runs``.
 
     What is not given is chosen at the screen.
     """
@@ -26,6 +26,7 @@ class Opening:
     backend: str | None = None
     seed: int | None = None
     folder: Path = field(default_factory=Path)
+    runs: Path = field(default_factory=lambda: Path("runs"))
 
     def given(self) -> Experiment | None:
         """The experiment, where nothing is left to choose. Raises BenchError for files that cannot be used."""

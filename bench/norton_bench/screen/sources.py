@@ -63,6 +63,11 @@ class Replayed:
         """What follows from the recording, once :meth:`fit` has found it."""
         return None if self._refit is None else self._refit.summary()
 
+    @property
+    def fitting(self) -> str:
+        """What that fit is at; empty where none was begun."""
+        return "" if self._refit is None else self._refit.doing
+
     def fit(self) -> None:
         """Begin to fit the recording, unless that has begun."""
         self._refit = self._refit or Refit(self._recording)

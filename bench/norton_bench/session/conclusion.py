@@ -45,6 +45,13 @@ Part = TypeVar("Part")
 Result = TypeVar("Result")
 
 ITERATED = IterateProcedure.name
+# What is told while it goes on: it takes seconds, most of them the first of these.
+PARAMETERS = "final fit 1/4: parameters"
+FRICTION = "final fit 2/4: friction models"
+UNSEEN = "final fit 3/4: unseen motion"
+REPORT = "final fit 4/4: report"
+REPORT_ALONE = "writing the report"
+Tell = Callable[[str], None]
 # What a recording must say of its making to be fitted.
 NEEDED = ("rig", "command_unit", "tick_s")
 
@@ -79,6 +86,10 @@ class Conclusion:
         return all(part is None for part in told)
 
 
+def _untold(_line: str) -> None:
+    """Nobody waits to be told."""
+
+
 def conclude(
     measured: Measured,
     *,
@@ -88,8 +99,12 @@ def conclude(
     recording: Path,
     out: Path,
     notes: Sequence[str] = (),
+    tell: Tell = _untold,
 ) -> Conclusion:
-    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report."""
+    """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report.
+
+    ``tell`` is called with a line when each part of it begins.
+    """
     uses = {segment.use for segment in measured.segments}
     in_situ = _where_measured(partial(in_situ_result, tick_s=float(metadata["tick_s"])), measured)
     if Use.IDENTIFY not in uses and in_situ is None:
@@ -101,7 +116,8 @@ def conclude(
         found = replace(found, motion_file=_source_saved(in_situ, out / f"{recording.stem}.source.csv"))
     if Use.IDENTIFY in uses:
         learnt = live[-1].estimates if live else ()
-        found = _identified(found, measured, about, out / f"{recording.stem}.network.json", learnt)
+        found = _identified(found, measured, about, out / f"{recording.stem}.network.json", learnt, tell)
+    tell(REPORT_ALONE if found.fit is None else REPORT)
     page = ReportData(
         rig_name=metadata["rig"],
         rig_text=rig_text,
@@ -130,7 +146,12 @@ def conclude(
 
 
 def _identified(
-    found: Conclusion, measured: Measured, metadata: Mapping[str, str], network: Path, learnt: Sequence[Estimate]
+    found: Conclusion,
+    measured: Measured,
+    metadata: Mapping[str, str],
+    network: Path,
+    learnt: Sequence[Estimate],
+    tell: Tell,
 ) -> Conclusion:
     """What needs no model, and the motor where the actuator is one."""
     tick_s, believed = float(metadata["tick_s"]), sound(measured)
@@ -146,19 +167,27 @@ def _identified(
     if metadata.get("model") == NO_MODEL:
         judged = tabulated_conditions(found.source, found.exertion)
         return replace(found, source_map=_where_measured(source_map, told), conditions=judged)
-    return _fitted(found, believed, metadata, network, learnt)
+    return _fitted(found, believed, metadata, network, learnt, tell)
 
 
 def _fitted(
-    found: Conclusion, believed: Sound, metadata: Mapping[str, str], network: Path, learnt: Sequence[Estimate]
+    found: Conclusion,
+    believed: Sound,
+    metadata: Mapping[str, str],
+    network: Path,
+    learnt: Sequence[Estimate],
+    tell: Tell,
 ) -> Conclusion:
     """The motor's parameters, and what checks them; ``learnt`` are the live values at the end."""
     tick_s, segments = float(metadata["tick_s"]), believed.measured.segments
+    tell(PARAMETERS)
     fit = fit_judged(believed, command_unit=metadata["command_unit"], tick_s=tick_s)
     stretches, unseen, error = fit.stretches, fit.unseen, fit.error
+    tell(FRICTION)
     result, rungs = with_what_moved(fit.result, fit.fitted, learnt), bench_ladder(stretches, fit.fitted)
     if error is not None and (error.departures or error.unexplained):
         result = replace(result, verdict=(*result.verdict, *of_ladder(rungs)))
+    tell(UNSEEN)
     zero = None if fit.at is None else fit.at.zero
     checked = _where_measured(partial(validate_signals, result, unseen, zero=zero), segments) if unseen else None
     modelless = without_model(result, stretches, unseen, segments)
@@ -217,7 +246,7 @@ def check_metadata(path: Path, metadata: Mapping[str, str]) -> None:
             raise UsageError(f"{path}: its metadata lack '{key}'; it was not recorded by norton-bench")
 
 
-def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, Conclusion]:
+def conclude_recording(path: Path, out: Path | None = None, tell: Tell = _untold) -> tuple[Recording, Conclusion]:
     """The same, from a recording alone. Raises UsageError for a file that cannot be read or holds nothing to fit."""
     recording = read_recording(path, raw_frames=False)
     check_metadata(path, recording.metadata)
@@ -228,6 +257,7 @@ def conclude_recording(path: Path, out: Path | None = None) -> tuple[Recording, 
         live=recording.live,
         recording=path,
         out=out if out is not None else path.parent,
+        tell=tell,
     )
     if conclusion.empty:
         raise UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")

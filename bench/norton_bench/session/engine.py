@@ -160,6 +160,7 @@ def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment)
         recording=done.recording,
         out=terms.out,
         notes=() if refined is None else refined.sentences,
+        tell=(terms.progress or Silent()).note,
     )
     expected = judge(session.expectations, conclusion, rig.command.unit)
     return SessionResult(done.recording, conclusion, done.knowledge, done.measured, expected)

@@ -26,7 +26,7 @@ from norton_bench.session.operator import Order
 from norton_bench.session.progress import SessionState, Summary
 from norton_bench.session.schema import Session
 
-# A stop idles the drives within a tick and finishes the recording; only a fit takes longer, and may be cut off.
+# A stop idles the drives within a tick and finishes the recording.
 CLOSE_WITHIN_S = 20.0
 END_WITHIN_S = 5.0
 
@@ -41,6 +41,7 @@ class HostedSession:
         context = multiprocessing.get_context("spawn")
         self.stop_word = StopWord()
         self._out = out
+        self._concluding = False
         self._mailbox = Mailbox()
         news, news_end = context.Pipe(duplex=False)
         orders_end, self._orders = context.Pipe(duplex=False)
@@ -77,11 +78,11 @@ class HostedSession:
         self.stop_word.say(reason)
 
     def close(self) -> None:
-        """Stop what still runs, and wait until it has; may be called twice."""
+        """Stop what still runs, and wait until it has; may be called twice. A final fit is given up."""
         atexit.unregister(self.close)
         self.stop_word.say("whoever watched has left")
         self._orders.close()
-        self._process.join(CLOSE_WITHIN_S)
+        self._process.join(0.0 if self._concluding else CLOSE_WITHIN_S)
         for end in (self._process.terminate, self._process.kill):
             if self._process.is_alive():
                 end()
@@ -102,6 +103,8 @@ class HostedSession:
             while True:
                 news = pipe.recv()
                 ended = ended or isinstance(news, ResultNews)
+                if isinstance(news, StateNews):
+                    self._concluding = news.state is SessionState.CONCLUDING
                 self._mailbox.put(news)
         if not ended:
             self._tell_of_its_death()

@@ -8,6 +8,8 @@ from pathlib import Path
 from norton_bench.errors import ExitCode
 from norton_bench.session.progress import Summary
 
+READING = "reading the recording"
+
 
 class Refit:
     """Under way as soon as it is made. Network and report go beside the recording, as with ``norton-bench fit``."""
@@ -19,17 +21,25 @@ class Refit:
         self._process.start()
         far_end.close()
         self._summary: Summary | None = None
+        self._doing = READING
 
     def summary(self) -> Summary | None:
         """What came of it, once it is known. Returns at once."""
-        if self._summary is None and self._pipe.poll():
+        while self._summary is None and self._pipe.poll():
             try:
-                self._summary = self._pipe.recv()
+                came: str | Summary = self._pipe.recv()
             except EOFError:
-                self._summary = Summary(
-                    ExitCode.EXPERIMENT_FAILED, "the fit ended without a word; run norton-bench fit"
-                )
+                came = Summary(ExitCode.EXPERIMENT_FAILED, "the fit ended without a word; run norton-bench fit")
+            if isinstance(came, Summary):
+                self._summary = came
+            else:
+                self._doing = came
         return self._summary
+
+    @property
+    def doing(self) -> str:
+        """What it is at, as last heard by :meth:`summary`."""
+        return self._doing
 
     def close(self) -> None:
         """Give it up where it still runs."""
@@ -45,6 +55,6 @@ def _refit(recording: Path, pipe: Connection) -> None:
     try:
         from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
-        pipe.send(summary_of(recording, conclude_recording(recording)[1]))
+        pipe.send(summary_of(recording, conclude_recording(recording, tell=pipe.send)[1]))
     except BaseException as error:  # told to whoever waits
         pipe.send(summary_of_failure(error, [recording]))

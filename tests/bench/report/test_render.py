@@ -7,11 +7,14 @@ import pytest
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from norton_bench.errors import ExperimentError
+from norton_bench.models.parameters import Status
 from norton_bench.report.data import ReportData
 from norton_bench.report.render import render, write_report
 
 SECTIONS = [
     "parameters",
+    "equation",
+    "derived",
     "conditions",
     "source",
     "impedance",
@@ -26,6 +29,7 @@ SECTIONS = [
     "live",
     "timing",
     "events",
+    "glossary",
     "provenance",
 ]
 
@@ -98,7 +102,7 @@ def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
     empty = ReportData(full.rig_name)
     page = Outline(render(replace(full, **{missing: getattr(empty, missing)})))
     gone = {
-        "fit": {"fit", "impedance", "without-model"},
+        "fit": {"equation", "derived", "fit", "impedance", "without-model"},
         "without_model": {"without-model"},
         "residuals": {"residuals"},
         "validation": {"validation"},
@@ -115,7 +119,7 @@ def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
 
 def test_a_rig_alone_still_gives_a_page() -> None:
     page = Outline(render(ReportData("bare")))
-    assert page.sections == ["parameters", "provenance"]
+    assert page.sections == ["parameters", "glossary", "provenance"]
     assert "Nothing was fitted" in page.text
 
 
@@ -134,7 +138,7 @@ def test_what_the_data_cannot_tell_is_said(page_of_all: str) -> None:
 
 def test_the_ladder_shows_every_model_and_the_one_selected(page_of_all: str) -> None:
     text = " ".join(re.sub(r"<[^>]+>", " ", page_of_all).split())
-    assert "dahl is the simplest model" in text
+    assert "Selected is dahl" in text
     assert "coulomb-viscous 2 19.3 19.6 2.30" in text
     assert "lugre 6 0.990 0.996 0.0190 did not converge" in text
 
@@ -144,6 +148,31 @@ def test_each_condition_is_told_with_its_figure(page_of_all: str) -> None:
     assert "Impedance form: cannot be told; no torque was measured." in text
     assert "Unique zero: holds; it vanishes at one velocity." in text
     assert "9.00·10⁻⁴ … 0.00110" in text
+
+
+def test_every_figure_says_what_it_is_for(page_of_all: str) -> None:
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page_of_all)
+    assert len(captions) == 14
+    purposes = [re.fullmatch(r"<strong>(.+?[.?])</strong> .+\.", caption) for caption in captions]
+    assert all(purposes)
+    assert len({found.group(1) for found in purposes if found}) == 14
+
+
+def test_intervals_are_called_intervals(page_of_all: str) -> None:
+    """Of parameters and delays no bare "±" is left to be guessed at."""
+    text = Outline(page_of_all).text
+    assert "±" not in text[text.index("The model and its parameters") : text.index("The motion source")]
+    assert "command 0.1200 ms (95 % interval 0.1141 … 0.1259)" in text
+
+
+def test_every_status_is_explained(page_of_all: str) -> None:
+    text = Outline(page_of_all).text
+    assert all(f"{status.value} (status)" in text for status in Status)
+
+
+def test_a_small_table_knows_its_columns_for_a_phone(page_of_all: str) -> None:
+    assert '<table class="cards">' in page_of_all
+    assert '<td data-column="95 % interval">' in page_of_all
 
 
 def test_a_repeated_movement_is_shown_trial_by_trial(page_of_all: str) -> None:

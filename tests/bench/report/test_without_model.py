@@ -19,7 +19,7 @@ from norton_bench.report.svg import style
 
 def test_each_way_of_predicting_has_its_row(full: ReportData) -> None:
     (table,) = without_model_section(full).tables
-    assert [row[0] for row in table.rows] == ["network", "operator", "table"]
+    assert [row[0] for row in table.rows] == ["model", "operator", "table"]
     assert [row[2] for row in table.rows] == ["1.10", "1.13", "15.6"]
     assert table.rows[2][4] == "93 %"
 
@@ -28,7 +28,7 @@ def test_empty_cells_are_said_to_be_empty(full: ReportData) -> None:
     text = " ".join(without_model_section(full).sentences)
     assert "1 cell is empty" in text
     assert "yields gradually" in text
-    assert "2.20 mN·m off" in text
+    assert "error would be 2.20 mN·m" in text
 
 
 def test_nothing_unseen_leaves_the_comparison_out(full: ReportData) -> None:
@@ -62,7 +62,7 @@ def test_the_residual_in_words(full: ReportData) -> None:
     assert "follows acceleration (0.22 mN·m rms, 5.0 % of its variance): inertia or a resonance near 110 Hz" in text
     assert "follows velocity" in text
     assert "command" not in text
-    assert "not white (p < 0.001" in text
+    assert "not white noise (p < 0.001" in text
 
 
 def quiet(tests: ResidualTests) -> ResidualTests:
@@ -74,7 +74,7 @@ def quiet(tests: ResidualTests) -> ResidualTests:
 def test_a_residual_that_tells_nothing(full: ReportData) -> None:
     first, second = residual_sentences(quiet(full.residuals))
     assert "follows none of the command, velocity, acceleration, position" in first
-    assert "remembers nothing" in second
+    assert "uncorrelated with itself" in second
     assert "p = 0.37" in second
 
 
@@ -109,13 +109,13 @@ def test_a_spectrum_of_nothing_can_be_drawn(full: ReportData) -> None:
 
 def test_the_branches_in_words(full: ReportData) -> None:
     text = " ".join(source_sentences(full.source_map, "N·m"))
-    assert "rising, the dead zone is 0.04" in text
-    assert "falling, the dead zone is 0.04" in text
-    assert "hysteresis" in text or "branches differ" in text
-    assert "torque at the port" not in text
+    assert "rising, the shaft rests over a range of 0.04" in text
+    assert "falling, the shaft rests over a range of 0.04" in text
+    assert "hysteresis" in text
+    assert "torque left at the port" not in text
 
 
 def test_torque_that_was_taken_off_is_told(full: ReportData) -> None:
     port_nm = np.full(22, -2e-4)
     source = replace(full.source_map, port_torque_nm=port_nm, port_torque_std_nm=np.full(22, 5e-5))
-    assert "up to 0.20\u00a0mN·m of it" in " ".join(source_sentences(source, "N·m"))
+    assert "up to 0.20\u00a0mN·m." in " ".join(source_sentences(source, "N·m"))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from textual.binding import Binding
 from textual.pilot import Pilot
-from textual.widgets import Input
+from textual.widgets import Input, OptionList
 
 from norton_bench.errors import ExitCode
 from norton_bench.screen.app import BenchApp
@@ -338,6 +338,71 @@ async def test_the_palette_has_the_keys_actions(live: Experiment, session) -> No
         await until(pilot, lambda: live.source is session)
 
 
+async def test_the_palette_names_everything_once(live: Experiment, replayed: Experiment) -> None:
+    """However many keys a command has, and whatever textual would add of its own."""
+    for experiment in (live, replayed):
+        async with running(experiment) as (app, _pilot):
+            names = [command.title for command in app.get_system_commands(app.screen)]
+            assert len(names) == len(set(names))
+            assert {"Keys", "Quit", "Screenshot"} <= set(names)
+
+
+async def test_a_screenshot_goes_where_runs_go_and_makes_the_folder(live: Experiment, tmp_path: Path) -> None:
+    """No Downloads folder is asked for."""
+    runs = tmp_path / "not yet" / "runs"
+    async with running(live, opening=Opening(lambda _: tmp_path, runs=runs)) as (_app, pilot):
+        await pilot.press("ctrl+p", *"screenshot")
+        await pilot.pause(0.5)
+        await pilot.press("enter")
+        await until(pilot, lambda: runs.is_dir() and len(list(runs.glob("*.svg"))) == 1)
+        (picture,) = runs.glob("*.svg")
+        await until(pilot, lambda: picture.read_text(encoding="utf-8").endswith("</svg>\n"))
+        assert "Parameters" in picture.read_text(encoding="utf-8")
+
+
+async def test_a_screenshot_that_cannot_be_written_says_why(live: Experiment, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    async with running(live, opening=Opening(lambda _: tmp_path, runs=tmp_path / "file")) as (app, pilot):
+        app._save_picture()
+        await until(pilot, lambda: len(app._notifications) == 1)
+        (told,) = app._notifications
+        assert "choose another folder with --out" in told.message
+
+
+async def test_while_it_is_fitted_there_is_progress_and_no_key_that_does_nothing(live: Experiment, session) -> None:
+    async with running(live) as (app, pilot):
+        await started(live, app, pilot)
+        session.told.append(lambda w: w.state(SessionState.CONCLUDING))
+        session.told.append(lambda w: w.note("final fit 2/4: friction models"))
+        await frame(app, pilot)
+        assert not {"stop", "pause", "tare", "mark", "skip"} & shown(app)
+        bar = "".join(text for row in at_experiment(app)._views(80, 1) for text, _ in row)
+        assert "final fit 2/4: friction models  0 s" in bar
+        await pilot.press("space")
+        assert not session.stops
+        await pilot.press("r")
+        await pilot.pause()
+        assert isinstance(app.screen, ResultsScreen)
+        page = "".join(text for row in app.screen._rows(76, 20) for text, _ in row)
+        assert "final fit 2/4: friction models" in page
+        session.told.append(lambda w: w.state(SessionState.DONE))
+        session.told.append(lambda w: w.result(RESULT))
+        await frame(app, pilot)
+        await until(pilot, lambda: "open_report" in shown(app))
+
+
+async def test_leaving_while_it_is_fitted_says_what_is_given_up(live: Experiment, session) -> None:
+    async with running(live) as (app, pilot):
+        await started(live, app, pilot)
+        session.told.append(lambda w: w.state(SessionState.CONCLUDING))
+        await frame(app, pilot)
+        await pilot.press("q")
+        assert isinstance(app.screen, Confirm)
+        assert "recording is whole" in app.screen._consequence
+        await pilot.press("y")
+        await until(pilot, lambda: session.closed)
+
+
 async def test_keys_are_renamed_by_the_settings(live: Experiment, session) -> None:
     async with running(live, Settings(theme="nord", keys={"start": "f2", "tare": "f3"})) as (app, pilot):
         assert app.theme == "nord"
@@ -366,6 +431,23 @@ async def test_rig_and_session_are_chosen(tmp_path: Path) -> None:
         assert at_experiment(app).experiment.what == "the standard session"
         assert app.experiment is not None
         assert app.experiment.source is None
+
+
+async def test_a_session_that_the_rig_cannot_perform_is_marked_and_says_why(tmp_path: Path) -> None:
+    rig = ROOT / "rigs" / "sim-free-shaft.toml"
+    async with running(None, opening=Opening(lambda _: tmp_path, rig, folder=ROOT)) as (app, pilot):
+        await until(pilot, lambda: isinstance(app.screen, ChoiceScreen))
+        names = [str(option.prompt).strip() for option in app.screen.query_one(OptionList).options]
+        assert names[0] == "standard session"
+        assert "✗ quick" in names
+        for _ in range(names.index("✗ quick")):
+            await pilot.press("down")
+        await pilot.press("enter")
+        await pilot.pause()
+        said = str(app.screen.query_one("#said").render())  # type: ignore[attr-defined]
+        assert "step 'calibrate' needs a load drive" in said
+        assert isinstance(app.screen, ChoiceScreen)
+        assert app.experiment is None
 
 
 async def test_no_rig_is_said_with_the_way_to_one(tmp_path: Path) -> None:

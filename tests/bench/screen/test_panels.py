@@ -1,5 +1,9 @@
 """Tables and lines, at every width: what they say, without a colour."""
 
+import re
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,8 +11,10 @@ from norton_bench.errors import ExitCode
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import TICK, Measured
+from norton_bench.report.words import number
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.experiment import Experiment, badge_of
+from norton_bench.screen.panels import parameters
 from norton_bench.screen.panels.bar import title_row, view_row
 from norton_bench.screen.panels.health import health_rows
 from norton_bench.screen.panels.log import log_rows
@@ -73,6 +79,42 @@ def test_every_status_has_a_sign_of_its_own() -> None:
         assert f"{SIGNS[status][0]} {status.value}" in row
 
 
+def test_no_word_of_a_status_is_cut_where_the_panel_is_shown() -> None:
+    """At every width that the style sheet gives the parameters: .-narrow, .-medium, .-wide, .-widest."""
+    css = (Path(parameters.__file__).parents[1] / "screen.tcss").read_text(encoding="utf-8")
+    widths = [int(width) for width in re.findall(r"\.-\w+ #tables \{ width: (\d+); \}", css)]
+    assert len(widths) == 4
+    estimates = tuple(Estimate("viscous_damping", -9.9994e-4, 1e-8, "N*m*s/rad", status) for status in Status)
+    for width in widths:
+        rows = texts([fitted(row, width) for row in parameter_rows(Known(estimates), width, 20)])
+        for status, row in zip(Status, rows[1:], strict=True):
+            assert status.value in row
+            assert "−9.999" in row
+            assert "±" in row
+
+
+def test_the_final_fit_takes_the_place_of_live_values_and_says_so(at_end: Experiment) -> None:
+    picture = at_end.picture
+    assert "live" in texts(parameter_rows(picture.known, 40, 12))[0]
+    final = tuple(replace(each, value=2 * each.value) for each in picture.known.estimates)
+    picture.result(Summary(ExitCode.OK, estimates=final))
+    picture.known.take(LiveEstimate(2**62, at_end.picture.known.estimates[:1]))
+    rows = texts(parameter_rows(picture.known, 40, 12))
+    assert rows[0].startswith("Parameters final fit")
+    assert rows[0].endswith("7 of 7 known")
+    assert number(final[0].value, 4) in rows[1]
+    network = picture.known.network()
+    assert network is not None
+    assert network[final[0].name] == final[0].value
+
+
+def test_without_a_final_fit_the_live_values_stay_and_are_named_so(at_end: Experiment) -> None:
+    before = at_end.picture.known.estimates
+    at_end.picture.result(Summary(ExitCode.EXPERIMENT_FAILED, "stopped"))
+    assert at_end.picture.known.estimates == before
+    assert "live" in texts(parameter_rows(at_end.picture.known, 40, 12))[0]
+
+
 def test_a_sparkline_falls_as_intervals_narrow() -> None:
     line = sparkline([1.0, 0.1, 0.01, 0.001, 0.0001], 5)
     assert line == "".join(sorted(line, reverse=True))
@@ -124,13 +166,14 @@ def test_a_result_is_a_page(at_end: Experiment) -> None:
     judged = (Judged("a", True, "τc is within 1 %"), Judged("b", False, "β is not within 1 %"))
     verdict = ("The bandwidth is known badly: nothing above 20 Hz was excited, so raise the multisine's end.",)
     summary = Summary(ExitCode.OK, "", None, None, None, estimates, verdict, 0.024, 0.017, judged)
-    for width in (60, 76, 116):
+    for width in (60, 76, 116, 156, 196):
         page = texts(result_rows(summary, width))
         assert all(len(row) <= width for row in page)
         assert "✓ 7 of 7 parameters are known." in page
         assert any("2.4 % of it" in row for row in page)
         assert any(row.startswith("✗ β is not") for row in page)
-        assert " ".join(row.strip() for row in page).count("so raise the multisine") == 1
+        assert re.sub(r"\s+", " ", " ".join(page)).count("raise the multisine's") == 1
+    assert max(len(row.rstrip()) for row in texts(result_rows(summary, 156))) > 140
     failed = texts(result_rows(Summary(ExitCode.SAFETY_STOP, "the port torque was 1.2 N*m"), 76))
     assert failed[0] == "■ the port torque was 1.2 N*m"
 

@@ -22,7 +22,15 @@ from norton_bench.recording.streams import OUTCOME
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
-from norton_bench.session.conclusion import check_metadata, conclude, conclude_recording
+from norton_bench.session.conclusion import (
+    FRICTION,
+    PARAMETERS,
+    REPORT,
+    UNSEEN,
+    check_metadata,
+    conclude,
+    conclude_recording,
+)
 from norton_bench.session.engine import run_session
 from norton_bench.session.live_feed import replayed
 from norton_bench.session.schema import Session, Step
@@ -126,7 +134,9 @@ def test_raw_frames_tell_everything_that_was_commanded(recording: Recording) -> 
 
 
 def test_a_recording_alone_gives_the_very_same_result(performed: Performed, tmp_path: Path) -> None:
-    _, conclusion = conclude_recording(performed.result.recording, tmp_path)
+    told: list[str] = []
+    _, conclusion = conclude_recording(performed.result.recording, tmp_path, told.append)
+    assert told == [PARAMETERS, FRICTION, UNSEEN, REPORT]
     assert conclusion.fit is not None
     assert conclusion.fit.estimates == estimates(performed)
     first, second = performed.result.conclusion.validation, conclusion.validation

@@ -99,6 +99,16 @@ def test_closing_ends_it_too(tmp_path: Path) -> None:
     assert read_recording(tmp_path / "sim-odrive.mcap").complete
 
 
+def test_closing_gives_up_a_fit(tmp_path: Path) -> None:
+    """The drives are idle and the recording is whole by then: nobody has to wait."""
+    session = hosted(tmp_path, SHORT + '[[step]]\ndo = "free"\nduration = "4 s"\n')
+    until(session, lambda news: news == StateNews(SessionState.CONCLUDING))
+    session.close()
+    assert not session.running
+    assert read_recording(tmp_path / "sim-odrive.mcap").complete
+    assert not (tmp_path / "sim-odrive.report.html").exists()
+
+
 def test_a_child_that_dies_is_told_of(tmp_path: Path) -> None:
     with hosted(tmp_path, LONG) as session:
         until(session, lambda news: isinstance(news, PartNews))

@@ -113,13 +113,16 @@ def _gap(fit: FitResult, stretches: Sequence[Signals], measured: Measured) -> Ze
 
 
 def _impedance_form(unseen: Sequence[Trace]) -> Judgement:
-    name, figure = "impedance form", "share of unseen torque that motion and command leave unexplained"
+    name, figure = (
+        "impedance form",
+        "share of the torque, kept apart from the fit, that motion and command leave unexplained",
+    )
     if not unseen:
-        return Judgement(name, None, "no torque was measured under an imposed motion that the fit had not seen")
+        return Judgement(name, None, "no torque was measured under an imposed motion that was kept apart from the fit")
     share, interval = min((_left_over(trace) for trace in unseen), key=lambda found: found[0])
     holds = usable(interval)
     why = {
-        True: "the torque follows from the measured motion and the command, also where no fit had looked",
+        True: "the torque follows from the measured motion and the command, also for motion kept apart from the fit",
         False: "most of the torque follows neither from the motion nor from the command",
         None: "part of the torque is explained by nothing here: another friction, or noise",
     }[holds]
@@ -176,7 +179,7 @@ def _unique_zero(evidence: Evidence) -> Judgement:
     elif certain[0] > 0.0:
         holds, why = (
             True,
-            "at each command the torque falls with velocity and vanishes at one (not at one place)"
+            "at each command the torque falls with velocity and is zero at one velocity (at any position)"
             + _no_gap(evidence.gap),
         )
     else:

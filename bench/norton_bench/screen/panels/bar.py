@@ -35,12 +35,21 @@ def title_row(picture: Picture, what: str, said: str, width: int, badge: Badge) 
 def view_row(picture: Picture, views: list[str], chosen: int, width: int) -> Row:
     """The views by number, and what runs now with its time."""
     left: Row = [(" ", TEXT)]
+    if picture.concluding:
+        doing, time = picture.fitting, f"  {picture.fit_took_s} s"
+    else:
+        doing, time = _running(picture, width)
     for number, name in enumerate(views):
         left += [(f" {number + 1} {name} ", "badge-calm" if number == chosen else LABEL), (" ", TEXT)]
+    return apart(left, [(doing, TEXT), (f"{time} ", UNIT)], width)
+
+
+def _running(picture: Picture, width: int) -> tuple[str, str]:
+    """The step that runs, and the session's time."""
     segment, step = picture.segment, picture.steps.running
     doing = "" if step is None else f"{picture.steps.number}/{len(picture.steps.all)} {step.planned.name}"
     if width >= WITH_SEGMENT and step is not None and segment is not None and segment.procedure == step.planned.name:
         doing += f" · {segment.name}"
     left_s = picture.steps.left_s
     time = f"  {clock(picture.now_s)}" + (f" −{clock(left_s)}" if picture.steps.all and left_s >= 1 else "")
-    return apart(left, [(doing, TEXT), (f"{time} ", UNIT)], width)
+    return doing, time

@@ -1,6 +1,7 @@
 """The result of an experiment on one page: parameters, figures of merit, verdict, files."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import zip_longest
 from pathlib import Path
 from textwrap import wrap
 
@@ -12,20 +13,44 @@ from norton_bench.screen.panels.parameters import SIGNS
 from norton_bench.screen.tones import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
 from norton_bench.session.progress import Summary
 
-WITH_NAME = 96
 SYMBOL, NAME, VALUE, UNIT_WIDTH, INTERVAL = 6, 22, 11, 10, 26
+SIGNED_STATUS = 4 + max(len(status.value) for status in Status)
+WITH_NAME = SYMBOL + NAME + VALUE + 1 + UNIT_WIDTH + INTERVAL + SIGNED_STATUS
+# In two columns where the right one is left enough for sentences.
+BETWEEN, LEAST_SAID = 4, 50
+TWO_COLUMNS = WITH_NAME + BETWEEN + LEAST_SAID
 FACT = 12
 GAP = 3  # between the columns of a table
 NAMING = ("port", "command", "modulation")  # columns that name a row
 
 
 def result_rows(summary: Summary, width: int) -> list[Row]:
-    """As many rows as it takes."""
-    sections = [_end(summary, width), _parameters(summary.estimates, width)]
-    sections += [_trials(summary, width), *_tables(summary.tables, width), _merit(summary, width)]
-    sections += [_listed("Conditions", "of telling it from the port", summary.conditions, width)]
-    sections += [_listed("Verdict", "", summary.verdict, width), _files(summary, width)]
+    """As many rows as it takes; where there is room, numbers at the left and sentences at the right."""
+    wide = width >= TWO_COLUMNS
+    left, right = (WITH_NAME, width - WITH_NAME - BETWEEN) if wide else (width, width)
+    numbers = _spaced([_parameters(summary.estimates, left), _trials(summary, left), _merit(summary, left)])
+    tables = _spaced(_tables(summary.tables, width))
+    said = _spaced(
+        [
+            _listed("Conditions", "for a unique model", summary.conditions, right),
+            _listed("Verdict", "", summary.verdict, right),
+        ]
+    )
+    end, files = _spaced([_end(summary, width)]), _spaced([_files(summary, width)])
+    if wide:
+        return [*end, *_beside(numbers, said, left, right), *tables, *files]
+    return [*end, *numbers, *tables, *said, *files]
+
+
+def _spaced(sections: Iterable[list[Row]]) -> list[Row]:
+    """One after the other, with a row between them."""
     return [row for section in sections if section for row in (*section, [("", TEXT)])]
+
+
+def _beside(left: list[Row], right: list[Row], first: int, second: int) -> list[Row]:
+    """Two columns, so wide."""
+    pairs = zip_longest(left, right, fillvalue=Row())
+    return [[*fitted(one, first), (" " * BETWEEN, TEXT), *fitted(other, second)] for one, other in pairs]
 
 
 def _end(summary: Summary, width: int) -> list[Row]:
@@ -114,7 +139,7 @@ def _merit(summary: Summary, width: int) -> list[Row]:
     rows: list[Row] = []
     for what, share in (("torque", summary.torque_relative), ("velocity", summary.velocity_relative)):
         if share is not None:
-            said = ("  rms off, where no fit has looked", LABEL)
+            said = ("  rms error on motion kept apart from the fit", LABEL)
             rows.append([(what.ljust(FACT), LABEL), (f"{percent(share)} of it", STRONG), said])
     for judged in summary.expectations:
         sign = ("✓ ", GOOD) if judged.met else ("✗ ", BAD)
@@ -128,5 +153,12 @@ def _files(summary: Summary, width: int) -> list[Row]:
         ("network", summary.network),
         ("report", summary.report),
     ]
-    rows: list[Row] = [[(name.ljust(FACT), LABEL), (str(path), TEXT)] for name, path in files if path is not None]
-    return [heading("Files", "", "", width), *(fitted(row, width) for row in rows)] if rows else []
+    rows: list[Row] = [row for name, path in files if path is not None for row in _file(name, str(path), width)]
+    return [heading("Files", "", "", width), *rows] if rows else []
+
+
+def _file(name: str, path: str, width: int) -> list[Row]:
+    """Its path whole, in as many rows as it takes."""
+    room = max(width - FACT, 1)
+    pieces = [path[at : at + room] for at in range(0, len(path), room)]
+    return [[((name if not number_ else "").ljust(FACT), LABEL), (piece, TEXT)] for number_, piece in enumerate(pieces)]

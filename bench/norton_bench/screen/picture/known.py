@@ -1,4 +1,4 @@
-"""What is known of the actuator by now, and how it came to be known: the live estimates over time."""
+"""What is known of the actuator by now, and how it came to be known: live estimates over time, then the final fit."""
 
 from dataclasses import dataclass, field
 from math import isfinite
@@ -20,10 +20,14 @@ def half_width(estimate: Estimate) -> float:
 
 @dataclass
 class Known:
-    """The newest estimates, and for each parameter its relative half-widths so far, oldest first."""
+    """The newest estimates, and for each parameter its relative half-widths so far, oldest first.
+
+    ``final`` once they are those of the final fit.
+    """
 
     estimates: tuple[Estimate, ...] = ()
     widths: dict[str, list[float]] = field(default_factory=dict)
+    final: bool = False
     _stamp_ns: int = -1
     _every: int = 1
     _count: int = 0
@@ -34,7 +38,7 @@ class Known:
 
     def take(self, live: LiveEstimate) -> None:
         """Learn what the identifier says now; what it said already is no news."""
-        if live.stamp_ns <= self._stamp_ns or not live.estimates:
+        if self.final or live.stamp_ns <= self._stamp_ns or not live.estimates:
             return
         self._stamp_ns = live.stamp_ns
         changed, self.estimates = live.estimates != self.estimates, live.estimates
@@ -42,6 +46,12 @@ class Known:
             return
         self._count += 1
         if self._count % self._every == 0:
+            self._remember()
+
+    def settle(self, estimates: tuple[Estimate, ...]) -> None:
+        """The final fit takes the place of the live values; where there was none, these stay."""
+        if estimates:
+            self.estimates, self.final = estimates, True
             self._remember()
 
     def network(self) -> dict[str, float] | None:

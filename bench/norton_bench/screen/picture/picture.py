@@ -40,10 +40,13 @@ class Picture:
         self.segment: SegmentInfo | None = None
         self.prompt: Prompt | None = None
         self.summary: Summary | None = None
+        self.fitting = ""  # which part of the final fit goes on
         self.changes = 0  # grows with every piece of news
         self._first_ns: int | None = None
         self._now_ns = 0
         self._paces: list[tuple[float, float]] = []
+        self._fit_began = 0.0
+        self.fit_took_s = 0  # whole seconds since the final fit began
 
     @property
     def now_s(self) -> float:
@@ -54,6 +57,11 @@ class Picture:
     def in_situ(self) -> bool:
         """Whether nothing but the steps in situ can tell anything: there is a load, and nothing reads the torque."""
         return self.rig.wiring.load is not None and self.rig.wiring.torque_sensor is None
+
+    @property
+    def concluding(self) -> bool:
+        """Whether the final fit goes on: the drives are idle for good, and there is nothing left to order."""
+        return self.state_now is SessionState.CONCLUDING
 
     @property
     def first_ns(self) -> int:
@@ -97,6 +105,8 @@ class Picture:
 
     def note(self, text: str) -> None:
         self.changes += 1
+        if self.concluding:
+            self.fitting = text
         self.log.add(Line(self._log_s, "note", text))
 
     def state(self, state: SessionState) -> None:
@@ -104,6 +114,8 @@ class Picture:
         self.state_now = state
         if state is not SessionState.ASKING:
             self.prompt = None
+        if state is SessionState.CONCLUDING:
+            self.fitting, self._fit_began, self.fit_took_s = "final fit", perf_counter(), 0
         if state in (SessionState.CONCLUDING, *OVER):
             self.steps.end(self.now_s, whole=state is not SessionState.FAILED)
 
@@ -114,12 +126,16 @@ class Picture:
     def result(self, summary: Summary) -> None:
         self.changes += 1
         self.summary = summary
+        self.known.settle(summary.estimates)
         if summary.failure:
             self.log.add(Line(self._log_s, "stop", summary.failure))
 
     def look_at_clock(self) -> None:
-        """Called with every frame, so that the pace is known."""
+        """Called with every frame, so that the pace is known, and how long the final fit has taken."""
         now = perf_counter()
+        if self.concluding and int(now - self._fit_began) > self.fit_took_s:
+            self.fit_took_s = int(now - self._fit_began)
+            self.changes += 1
         self._paces.append((now, self.now_s))
         while self._paces[0][0] < now - PACE_OVER_S:
             self._paces.pop(0)

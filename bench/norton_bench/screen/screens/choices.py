@@ -1,7 +1,11 @@
-"""Which rig, and which session on it: lists with what stands in the file beside them."""
+"""Which rig, and which session on it: lists with what stands in the file beside them.
+
+What cannot be chosen is in the list too, marked, and says why.
+"""
 
 from collections.abc import Sequence
 
+from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Horizontal, VerticalScroll
 from textual.screen import Screen
@@ -10,6 +14,8 @@ from textual.widgets.option_list import Option
 
 from norton_bench.screen.found import Choice
 from norton_bench.screen.screens import keys
+
+IMPOSSIBLE = "✗"
 
 
 class ChoiceScreen(Screen[int | None]):
@@ -24,7 +30,7 @@ class ChoiceScreen(Screen[int | None]):
     def compose(self) -> ComposeResult:
         yield Label(self._title, id="choice-title")
         with Horizontal(id="choices"):
-            yield OptionList(*(Option(choice.name, disabled=bool(choice.mistake)) for choice in self._choices))
+            yield OptionList(*(Option(_shown(choice)) for choice in self._choices))
             with VerticalScroll(id="said-scroll", can_focus=False):
                 yield Static(self._none if not self._choices else "", id="said", markup=False)
         yield Footer()
@@ -33,16 +39,20 @@ class ChoiceScreen(Screen[int | None]):
         self._say(event.option_index)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        self.dismiss(event.option_index)
-
-    def on_mount(self) -> None:
-        mistakes = [f"{choice.name}: {choice.mistake}" for choice in self._choices if choice.mistake]
-        if mistakes and len(mistakes) == len(self._choices):
-            self.query_one("#said", Static).update("\n\n".join(mistakes))
+        mistake = self._choices[event.option_index].mistake
+        if mistake:
+            self.notify(mistake, title="Cannot be chosen", severity="warning", timeout=10, markup=False)
+        else:
+            self.dismiss(event.option_index)
 
     def _say(self, number: int) -> None:
         choice = self._choices[number]
-        self.query_one("#said", Static).update(choice.mistake or choice.said)
+        said = f"Cannot be chosen:\n{choice.mistake}" if choice.mistake else choice.said
+        self.query_one("#said", Static).update(said)
 
     def action_back(self) -> None:
         self.dismiss(None)
+
+
+def _shown(choice: Choice) -> Text:
+    return Text(f"{IMPOSSIBLE} {choice.name}", "dim") if choice.mistake else Text(f"  {choice.name}")

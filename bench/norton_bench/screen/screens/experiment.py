@@ -21,7 +21,7 @@ from norton_bench.screen.panels.steps import clock, step_rows
 from norton_bench.screen.panels.tables import table_rows
 from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
-from norton_bench.screen.screens.questions import Ask, Confirm, Mark
+from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Ask, Confirm, Mark
 from norton_bench.screen.tones import Row
 from norton_bench.session.progress import Prompt, SessionState, Summary
 
@@ -148,7 +148,7 @@ class ExperimentScreen(Screen[None]):
             self._told_end = summary
             if summary.failure:
                 self.notify(summary.failure, title="Stopped", severity="error", timeout=10, markup=False)
-            else:
+            elif self.app.screen is self:
                 self.notify("Done; the results are under r.", timeout=10)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
@@ -158,13 +158,13 @@ class ExperimentScreen(Screen[None]):
         waiting = state is SessionState.ASKING
         may = {
             "start": not replayed and not experiment.live,
-            "pause": not experiment.paused and (replayed or (experiment.live and not waiting)),
+            "pause": not experiment.paused and (replayed or (experiment.moving and not waiting)),
             "resume": experiment.paused,
             "answer": experiment.prompt is not None,
-            "tare": experiment.live,
-            "mark": experiment.live,
-            "skip": experiment.live,
-            "results": experiment.summary is not None or replayed,
+            "tare": experiment.moving,
+            "mark": experiment.moving,
+            "skip": experiment.moving,
+            "results": experiment.summary is not None or replayed or experiment.picture.concluding,
             "seek": replayed,
             "speed": replayed,
         }
@@ -207,7 +207,8 @@ class ExperimentScreen(Screen[None]):
 
     def action_abort(self) -> None:
         if self.experiment.live:
-            self.app.push_screen(Confirm("Abort the experiment?", "The drives stop at once.", "Abort"), self._abort_if)
+            said = "The drives stop at once." if self.experiment.moving else FIT_GIVEN_UP
+            self.app.push_screen(Confirm("Abort the experiment?", said, "Abort"), self._abort_if)
         else:
             self._abort()
 

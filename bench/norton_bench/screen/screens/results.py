@@ -15,7 +15,7 @@ from norton_bench.screen.panels.bar import title_row
 from norton_bench.screen.panels.panel import Panel
 from norton_bench.screen.panels.result import result_rows
 from norton_bench.screen.screens import keys
-from norton_bench.screen.tones import LABEL, Row
+from norton_bench.screen.tones import LABEL, STRONG, Row
 
 LOOK_EVERY_S = 0.2
 GRAPHICAL = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
@@ -54,15 +54,23 @@ class ResultsScreen(Screen[None]):
     def _rows(self, width: int, height: int) -> list[Row]:
         summary = self.experiment.summary
         if summary is None:
-            return [[("fitting the recording; this takes a few seconds", LABEL)]]
+            said = self.experiment.fitting
+            return [
+                [(f"◌ {said}", STRONG)],
+                [("It takes up to a minute, and the result comes here. Escape goes back.", LABEL)],
+            ]
         return result_rows(summary, width)
 
     def _look(self) -> None:
-        if not self._shown and self.experiment.summary is not None:
-            self._shown = True
-            page = self.query_one("#result", Page)
-            page.changed()
-            page.refresh(layout=True)
+        """Until the result is there, with what the fit is at."""
+        if self._shown:
+            return
+        self._shown = self.experiment.summary is not None
+        page = self.query_one("#result", Page)
+        page.changed()
+        page.refresh(layout=True)
+        self.query_one("#title", Panel).changed()
+        if self._shown:
             self.refresh_bindings()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:

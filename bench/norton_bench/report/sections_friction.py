@@ -1,0 +1,104 @@
+"""The comparison of friction models, and why one with more numbers may fit worse."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from norton_bench.identification.friction.fit import ROUGHNESS
+from norton_bench.identification.friction.presliding import EXCESS
+from norton_bench.report.data import ReportData
+from norton_bench.report.section import Facts, Section
+from norton_bench.report.words import number
+
+# Models that a model becomes for some of its values. All others are friction laws of their own.
+CONTAINS = {
+    "coulomb-viscous-asymmetric": ("coulomb-viscous",),
+    "load-dependent": ("coulomb-viscous",),
+    "stribeck": ("coulomb-viscous",),
+    "stribeck-asymmetric": ("stribeck", "coulomb-viscous-asymmetric", "coulomb-viscous"),
+    # With the least Stribeck velocity its stiction is gone as soon as the shaft moves.
+    "lugre": ("dahl",),
+    "maxwell-slip": ("stribeck", "coulomb-viscous"),
+    "elasto-plastic-asymmetric": ("elasto-plastic",),
+    "maxwell-slip-asymmetric": ("maxwell-slip", "stribeck", "coulomb-viscous"),
+}
+# What each of those with a memory of the path assumes, and cannot leave out.
+ASSUMES = {
+    "dahl": "yields from the first motion on",
+    "elasto-plastic": "is purely elastic up to breakaway, and then yields along one fixed curve",
+    "lugre": f"yields from the first motion on, with stiction at least {100 * EXCESS.low:.0f} % above Coulomb friction",
+    "maxwell-slip": "is a sum of elements that each yield all at once, without damping before sliding",
+}
+WITHOUT_MEMORY = "depends on the velocity alone, not on the path"
+
+
+class Compared(Protocol):
+    """One model of the comparison."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def unknowns(self) -> int: ...
+
+    @property
+    def train_relative(self) -> float: ...
+
+
+def friction_section(data: ReportData) -> Section | None:
+    """How much of the torque each friction model leaves, on data that it was fitted to and on data that it was not."""
+    if not data.ladder:
+        return None
+    best = next(rung for rung in data.ladder if rung.selected)
+    sentences = (
+        "Which friction law describes this actuator? Each model was fitted to most of the recording and judged on "
+        "the rest, in turns, at low frequencies.",
+        f"Selected is {best.name}: the model with the fewest numbers whose error on the parts not fitted is within "
+        "one standard error of the smallest.",
+        "Errors are rms, as a share of the torque's rms.",
+    )
+    head = ("model", "numbers", "error, fitted data [%]", "error, other data [%]", "standard error [%]", "remark")
+    rows = tuple(
+        (
+            rung.name,
+            str(rung.unknowns),
+            number(100 * rung.train_relative, 3),
+            number(100 * rung.held_out_relative, 3),
+            number(100 * rung.held_out_std / rung.target_rms, 3),
+            "selected" if rung.selected else "" if rung.fit.converged else "did not converge",
+        )
+        for rung in data.ladder
+    )
+    why, laws = worse_though_richer(best, data.ladder)
+    return Section(
+        "friction", "Comparison of friction models", (*sentences, *why), tables=(Facts(head, rows),), points=laws
+    )
+
+
+def worse_though_richer(best: Compared, models: Sequence[Compared]) -> tuple[list[str], tuple[str, ...]]:
+    """Why models with more numbers than ``best`` leave more, even of the data that they were fitted to.
+
+    Sentences, and a line for each of the friction laws that are others.
+    """
+    tolerance = best.train_relative * (1 + ROUGHNESS)
+    richer = [each for each in models if each.unknowns > best.unknowns and each.train_relative > tolerance]
+    others = [each.name for each in richer if best.name not in CONTAINS.get(each.name, ())]
+    stopped = [each.name for each in richer if each.name not in others]
+    sentences = []
+    if others:
+        one = len(others) == 1
+        law, of = ("is another friction law", "an extension") if one else ("are other friction laws", "extensions")
+        sentences.append(
+            f"More numbers need not fit better, even on the data fitted: {_listed(others)} {law}, not {of} of "
+            f"{best.name}, and cannot become {best.name} for any values."
+        )
+    if stopped:
+        worse = "fits worse" if len(stopped) == 1 else "fit worse"
+        sentences.append(
+            f"{_listed(stopped)} could become {best.name} and yet {worse}: the search did not find the best values."
+        )
+    laws = (f"{name} {ASSUMES.get(name.removesuffix('-asymmetric'), WITHOUT_MEMORY)}." for name in others)
+    return sentences, tuple(laws)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
