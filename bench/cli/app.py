@@ -26,6 +26,7 @@ COMMANDS = {
     "fit": ("bench.cli.recordings:fit", "Fit recordings again, or logs from elsewhere by a map of their columns."),
     "sweep": ("bench.cli.sweep:sweep", "Fit one experiment at many seeds, or a fleet of recordings, in parallel."),
     "report": ("bench.cli.recordings:report", "Write the report of a recording."),
+    "datasheet": ("bench.cli.datasheet:datasheet", "Write the data sheet of an actuator, to hand on."),
     "info": ("bench.cli.info:info", "Say what a recording holds, and how well its loop kept time."),
     "recover": ("bench.cli.recordings:recover", "Rescue a recording that was cut off."),
     "export": ("bench.cli.recordings:export", "Write a recording as Parquet, CSV or MATLAB tables."),
