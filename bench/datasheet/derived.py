@@ -223,7 +223,8 @@ DERIVED = (
         velocity=lambda motor, at: np.full(motor.gain.shape, at.velocity_rad_s),
     ),
     Derived(
-        "breakaway_torque", "τ0", "N*m", "the same as the shaft begins to slide", "τc", (COULOMB,),
+        "breakaway_torque", "τ0", "N*m", "torque that makes the shaft slide from outside, without a command", "τc",
+        (COULOMB,),
         lambda motor, _: motor.coulomb_nm,
     ),
     Derived(

@@ -135,7 +135,7 @@ def draw_envelope(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -
         axes.set_title(point.name)
         axes.set_xlabel("velocity [rad/s]")
     panels[0].set_ylabel("torque at the port [N·m]")
-    _legend(panels[0], palette)
+    panels[0].legend(labelcolor=palette.ink)
 
 
 def _characteristic(axes: Axes, each: Drawn, command: float, edge_rad_s: float) -> None:

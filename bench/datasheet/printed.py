@@ -23,6 +23,7 @@ MARGIN_IN = 0.6
 ROOM_IN = PAGE_IN[1] - 2 * MARGIN_IN
 SCALE = (PAGE_IN[0] - 2 * MARGIN_IN) / WIDTH_IN  # of pictures that are drawn for the page's width
 LINE_IN = 0.165
+GAP_IN = 0.14  # between columns
 BODY_PT, SMALL_PT, HEADING_PT, TITLE_PT = 8.0, 7.0, 10.5, 17.0
 
 
@@ -113,12 +114,12 @@ def _text_pages(content: Content, palette: Palette) -> list[Figure]:
 def _table(paper: _Writer, table: Facts) -> None:
     """Columns as wide as their longest cell; the second, which has the words, takes what is left and wraps."""
     room_in = PAGE_IN[0] - 2 * MARGIN_IN
-    widths = [max(_width_in(row[k]) for row in (table.head, *table.rows)) + 0.14 for k in range(len(table.head))]
+    widths = [max(_width_in(row[k]) for row in (table.head, *table.rows)) + GAP_IN for k in range(len(table.head))]
     widths[1] = min(widths[1], max(room_in - sum(widths) + widths[1], 1.2))
     places = [0.0, *accumulate(widths)]
     paper.line(list(zip(places, table.head, strict=False)), SMALL_PT, muted=True)
     for row in table.rows:
-        wrapped = _wrapped(row[1], widths[1], SMALL_PT)
+        wrapped = _wrapped(row[1], widths[1] - GAP_IN, SMALL_PT)
         first = [(places[k], wrapped[0] if k == 1 else cell) for k, cell in enumerate(row)]
         paper.line(first, SMALL_PT)
         for line in wrapped[1:]:

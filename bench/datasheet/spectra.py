@@ -13,6 +13,7 @@ from math import pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
 from scipy.stats import f as f_distribution
@@ -25,8 +26,9 @@ ComplexArray = npt.NDArray[np.complex128]
 PIECE_S = 1.0
 # Where the signals stand.
 INPUTS, TORQUE, ASKED = slice(0, 2), 2, slice(3, 5)
-# Of an instrument's strongest line; less was not asked for.
-SILENT = 1e-6
+# An instrument's line that is weaker than Hann's first side lobe (−31 dB) of what stands within so many lines, or than
+# the side lobes beyond them, is not one that was asked for: it leaked.
+LEAKED, FAR_LEAKED, NEAR_LINES = 1e-3, 1e-6, 10
 LEAST_PIECES = 8
 # Pieces under Hann's window that overlap by half count for so many independent ones each (Welch 1967: 1/(1 + 2/36)).
 INDEPENDENT = 18 / 19
@@ -158,10 +160,16 @@ def _strength(cross: ComplexArray, averages: float) -> FloatArray:
     of the instruments is silent."""
     c, v, r = 0, 1, 4
     command = np.maximum(cross[:, c, c].real, 0.0)
-    loud = (command > SILENT * np.max(command)) & (cross[:, r, r].real > SILENT * np.max(cross[:, r, r].real))
+    loud = _asked(command) & _asked(cross[:, r, r].real)
     command = np.where(loud, command, 1.0)
     velocity = cross[:, v, v].real - np.abs(cross[:, v, c]) ** 2 / command
     reference = cross[:, r, r].real - np.abs(cross[:, r, c]) ** 2 / command
     shared = np.abs(cross[:, v, r] - cross[:, v, c] * cross[:, c, r] / command) ** 2
     coherence = np.clip(shared / np.maximum(velocity * reference, 1e-300), 0.0, 1.0 - 1e-12)
     return np.where(loud, coherence / (1.0 - coherence) * (averages - 2), 0.0)
+
+
+def _asked(power: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which lines an instrument has of its own."""
+    near = maximum_filter1d(power, 2 * NEAR_LINES + 1)
+    return np.asarray((power > LEAKED * near) & (power > FAR_LEAKED * np.max(power)))
