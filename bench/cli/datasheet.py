@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from bench.cli.arguments import Json, Quiet
 from bench.cli.output import Output
-from bench.errors import ExitCode, UsageError
+from bench.errors import ExitCode, ExperimentError, UsageError
 
 if TYPE_CHECKING:
     from bench.datasheet.sheet import Sheet
@@ -24,7 +24,7 @@ def datasheet(
     file: Subject, /, *, against: Against = None, out: Out = None, json: Json = False, quiet: Quiet = False
 ) -> int:
     """Write the data sheet of an actuator: its parameters and what follows from them, each figure with its interval and
-    its range of validity. A recording is fitted again first."""
+    where it is valid. A recording is fitted again first."""
     path = out or file.with_name(f"{file.name.removesuffix(file.suffix).removesuffix('.network')}.datasheet.html")
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(f"{path}: a data sheet is written as HTML or PDF; let its name end in .html or .pdf")
@@ -74,4 +74,6 @@ def _of_recording(file: Path, output: Output) -> "Sheet":
         raise UsageError(
             f"{file}: no model was fitted to this actuator, so no figures follow; its report has its tables"
         )
+    if not found.fit.converged:
+        raise ExperimentError(f"{file}: {found.fit.shortcoming}")
     return sheet_of_fit(found.fit, recording, found.residuals, file=str(file))

@@ -46,7 +46,7 @@ def comparison_data(differences: Sequence[Difference]) -> list[dict[str, Any]]:
 
 def _parameter(each: Known) -> dict[str, Any]:
     return {
-        "value": each.value,
+        "value": each.shown,
         "interval": _told(each.interval, known=each.settled),
         "unit": each.unit,
         "status": None if each.status is None else each.status.value,
@@ -59,7 +59,7 @@ def _figure(figure: Figure, sheet: Sheet) -> dict[str, Any]:
         "symbol": figure.row.symbol,
         "meaning": figure.row.meaning,
         "formula": figure.row.formula,
-        "value": figure.value,
+        "value": figure.shown,
         "interval": _told(figure.interval, known=figure.settled),
         "unit": figure.unit,
         "at": _at(figure),

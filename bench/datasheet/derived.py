@@ -116,6 +116,11 @@ class Figure:
         return interval_of(self.draws)
 
     @property
+    def shown(self) -> float:
+        """NaN for what the data say nothing of."""
+        return float("nan") if self.status is Status.UNEXCITED else self.value
+
+    @property
     def settled(self) -> bool:
         """Whether the interval may be believed."""
         return self.status in (None, Status.VALID, Status.LEARNING)

@@ -27,6 +27,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 # A drive tells its temperature about so exactly; a span no wider says nothing of what warmth does.
 TOLD_K = 1.0
+# A velocity held for less is on the way to another.
+FEWEST_TICKS = 50
 
 
 @dataclass(frozen=True)
@@ -172,9 +174,20 @@ def _periods(fit: FitResult, samples: Samples, tests: ResidualTests | None) -> t
 def _sliding(measured: Measured, fit: FitResult) -> Iterator[Sliding]:
     for segment in measured.segments:
         if segment.procedure == "imposed" and segment.name.startswith("grid"):
-            samples = sliding_samples(replace(measured, segments=(segment,)), fit.trace)
+            samples = sliding_samples(replace(measured, segments=tuple(_settled(measured, segment))), fit.trace)
             if samples is not None:
                 yield Sliding(_command(measured, segment), _without_zero(samples, fit))
+
+
+def _settled(measured: Measured, segment: SegmentInfo) -> Iterator[SegmentInfo]:
+    """The last half of each velocity that is held: before, the shaft is still on its way there."""
+    ticks = measured.ticks
+    inside = np.flatnonzero((ticks["tick_ns"] >= segment.start_ns) & (ticks["tick_ns"] < segment.end_ns))
+    asked = ticks["reference_velocity_rad_s"][inside]
+    for run in np.split(inside, np.flatnonzero(np.diff(asked) != 0.0) + 1):
+        if run.size >= FEWEST_TICKS:
+            start, end = (int(ticks["tick_ns"][at]) for at in (run[run.size // 2], run[-1]))
+            yield replace(segment, start_ns=start, end_ns=end)
 
 
 def _without_zero(loop: Loop, fit: FitResult) -> Loop:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -209,21 +209,16 @@ def _idle_points(axes: Axes, each: Drawn) -> None:
 
 def draw_bode(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> None:
     panels = part.subplots(3, 2, sharex="col", height_ratios=(1.6, 1.2, 0.8))
+    units = {pretty_unit(each.sheet.network.command_unit) or "N·m" for each in drawn_sheets}
+    static: list[float] = []
     for each in drawn_sheets:
-        network, spectra = each.sheet.network, each.sheet.evidence.spectra
-        top_hz = max(100.0, 3 * network.amplifier_bandwidth_rad_s / (2 * np.pi))
-        frequency = np.geomspace(1.0, top_hz, POINTS)
-        unit = pretty_unit(network.command_unit) or "N·m"
-        _bode_line(panels[:, 0], frequency, torque_line(network, frequency), each, each.label("network"))
-        if spectra is not None:
-            _bode_points(panels[:, 0], spectra.torque, each)
-            sliding = impedance_line(network, frequency, spectra.velocity_rms_rad_s)
-            label = each.label(f"sliding, {spectra.velocity_rms_rad_s:.2g} rad/s rms")
-            _bode_line(panels[:, 1], frequency, sliding, each, label)
-            _bode_points(panels[:, 1], spectra.impedance, each)
-        contact = contact_line(network, frequency)
-        _bode_line(panels[:, 1], frequency, contact, each, each.label("not sliding"), linestyle=(0, (1, 1.5)))
-        panels[0, 0].set_ylabel(f"torque/command\n[N·m/({unit})]" if unit != "N·m" else "torque/command")
+        # Commands of different units are compared by what becomes of each at rest.
+        gain = 1.0 if len(units) == 1 else abs(each.sheet.network.torque_gain)
+        _torque_path(panels[:, 0], each, gain)
+        _impedance(panels[:, 1], each)
+        static.append(abs(each.sheet.network.torque_gain) / gain)
+    unit = f" [N·m/({units.pop()})]" if len(units) == 1 else ",\nover that at rest"
+    panels[0, 0].set_ylabel("torque/command" + ("" if unit == " [N·m/(N·m)]" else unit))
     panels[0, 1].set_ylabel("torque/velocity [N·m·s/rad]")
     for axes in panels[1]:
         axes.set_ylabel("phase [°]")
@@ -237,8 +232,37 @@ def draw_bode(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> No
         axes.set_yscale("log")
         axes.yaxis.set_minor_formatter(NullFormatter())
         _legend(axes, palette)
-    greatest = max(abs(each.sheet.network.torque_gain) for each in drawn_sheets)
-    panels[0, 0].set_ylim(greatest / 12, 3 * greatest)
+    # As far down as is of interest; noisy points do not stretch the picture.
+    panels[0, 0].set_ylim(min(static) / 12, 3 * max(static))
+
+
+def _torque_path(panels: npt.NDArray[Any], each: Drawn, gain: float) -> None:
+    network, spectra = each.sheet.network, each.sheet.evidence.spectra
+    frequency = _frequencies(each.sheet)
+    _bode_line(panels, frequency, torque_line(network, frequency) / gain, each, each.label("network"))
+    if spectra is not None:
+        path = spectra.torque
+        scaled = replace(path, response=path.response / gain, half_width=path.half_width / gain)
+        _bode_points(panels, scaled, each)
+
+
+def _impedance(panels: npt.NDArray[Any], each: Drawn) -> None:
+    network, spectra = each.sheet.network, each.sheet.evidence.spectra
+    frequency = _frequencies(each.sheet)
+    if spectra is not None:
+        sliding = impedance_line(network, frequency, spectra.velocity_rms_rad_s)
+        label = each.label(f"sliding, {spectra.velocity_rms_rad_s:.2g} rad/s rms")
+        _bode_line(panels, frequency, sliding, each, label)
+        _bode_points(panels, spectra.impedance, each)
+    contact = contact_line(network, frequency)
+    _bode_line(panels, frequency, contact, each, each.label("not sliding"), linestyle=(0, (1, 1.5)))
+
+
+def _frequencies(sheet: Sheet) -> FloatArray:
+    """Up to three times the amplifier's bandwidth, where that is known."""
+    known = {each.name: each.settled for each in sheet.parameters}.get("amplifier_bandwidth", True)
+    bandwidth_hz = sheet.network.amplifier_bandwidth_rad_s / (2 * np.pi) if known else 0.0
+    return np.geomspace(1.0, max(100.0, 3 * bandwidth_hz), POINTS)
 
 
 def _bode_line(

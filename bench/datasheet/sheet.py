@@ -41,6 +41,11 @@ class Known:
     def interval(self) -> Interval:
         return self.value - LEVEL * self.std, self.value + LEVEL * self.std
 
+    @property
+    def shown(self) -> float:
+        """NaN for what the data say nothing of."""
+        return float("nan") if self.status is Status.UNEXCITED else self.value
+
 
 @dataclass(frozen=True)
 class Sheet:
@@ -116,13 +121,15 @@ def sheet_of_network(network: Network, file: str) -> Sheet:
 
 
 def sheet_of_fit(fit: FitResult, recording: Recording, tests: ResidualTests | None, *, file: str) -> Sheet:
-    """The same with what the recording tells beside it: statuses, and points measured at the port."""
+    """The same with what the recording tells beside it: statuses, and points measured at the port. The fit must have
+    converged."""
     about = recording.metadata
     parameters = tuple(Known(each.name, each.value, each.std, each.unit, each.status) for each in fit.estimates)
-    told = fit.verdict if fit.converged else ("The fit did not converge: nothing here is a result.", *fit.verdict)
     found = evidence(fit, recording.measured, tests, float(about["tick_s"]))
     limits = _limits(recording.rig_text, file)
-    return Sheet(about["rig"], file, fit.network, parameters, limits, told, found, recorded=True, origin=_origin(about))
+    return Sheet(
+        about["rig"], file, fit.network, parameters, limits, fit.verdict, found, recorded=True, origin=_origin(about)
+    )
 
 
 def _origin(about: Mapping[str, str]) -> str:

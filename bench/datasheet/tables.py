@@ -139,7 +139,7 @@ def _warming_sentence(sheet: Sheet) -> str:
 
 
 def _parameter(each: Known, *, recorded: bool) -> tuple[str, ...]:
-    value, interval = between(each.value, each.interval)
+    value, interval = between(each.shown, each.interval)
     row = BY_NAME[each.name]
     shown = interval if each.settled else NONE
     status = (each.status.value if each.status else "",) if recorded else ()
@@ -148,7 +148,7 @@ def _parameter(each: Known, *, recorded: bool) -> tuple[str, ...]:
 
 def _figure(figure: Figure, sheet: Sheet, *, again: bool) -> tuple[str, ...]:
     """What a figure is stands with the first of its operating points alone."""
-    value, interval = between(figure.value, figure.interval)
+    value, interval = between(figure.shown, figure.interval)
     shown = interval if figure.settled else NONE
     words = title(figure) if again else f"{title(figure)}: {figure.row.meaning}"
     return (figure.row.symbol, words, value, shown, pretty_unit(figure.unit), valid_where(figure, sheet))
@@ -163,16 +163,17 @@ def _parameter_difference(first: Known, second: Known) -> tuple[str, ...]:
     row, apart = BY_NAME[first.name], second.value - first.value
     half = 1.96 * float((first.std**2 + second.std**2) ** 0.5)
     if first.unit != second.unit:
-        values = (between(first.value, first.interval)[0], between(second.value, second.interval)[0])
-        return (row.symbol, row.meaning, *values, NONE, f"{pretty_unit(first.unit)}, {pretty_unit(second.unit)}", "")
+        values = (between(first.shown, first.interval)[0], between(second.shown, second.interval)[0])
+        units = ", ".join(pretty_unit(each.unit) or "1" for each in (first, second))
+        return (row.symbol, row.meaning, *values, NONE, units, "")
     differs = abs(apart) > half and first.settled and second.settled
     known = first.settled and second.settled
     span = between(apart, (apart - half, apart + half))[1] if known else NONE
     return (
         row.symbol,
         row.meaning,
-        between(first.value, first.interval)[0],
-        between(second.value, second.interval)[0],
+        between(first.shown, first.interval)[0],
+        between(second.shown, second.interval)[0],
         span,
         pretty_unit(first.unit),
         "yes" if differs else "",
@@ -188,8 +189,8 @@ def _difference(each: Difference) -> tuple[str, ...]:
     return (
         first.row.symbol,
         words,
-        between(first.value, first.interval)[0],
-        between(second.value, second.interval)[0],
+        between(first.shown, first.interval)[0],
+        between(second.shown, second.interval)[0],
         between(each.value, each.interval)[1] if known else NONE,
         pretty_unit(first.unit),
         "yes" if each.significant else "",

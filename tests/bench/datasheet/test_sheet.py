@@ -11,11 +11,14 @@ import pytest
 
 from bench.cli import app
 from bench.datasheet.data import sheet_data
+from bench.datasheet.evidence import evidence
 from bench.datasheet.page import html
 from bench.datasheet.printed import write_pdf
 from bench.datasheet.sheet import Sheet, compared, sheet_of_fit, sheet_of_network
 from bench.datasheet.tables import between, remarks
 from bench.errors import ExperimentError, UsageError
+from bench.identification.results import FitResult
+from bench.recording.contents import Recording
 from bench.recording.reader import read_recording
 from tests.bench.datasheet.test_derived import network
 from tests.bench.networks.some import PNEUMATIC
@@ -23,11 +26,15 @@ from tests.bench.whole_session import whole_session
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Sheet:
+def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[FitResult, Recording]:
     result = whole_session(tmp_path_factory).result
-    recording, found = read_recording(result.recording, raw_frames=False), result.conclusion
-    assert found.fit is not None
-    return sheet_of_fit(found.fit, recording, found.residuals, file="some.mcap")
+    assert result.conclusion.fit is not None
+    return result.conclusion.fit, read_recording(result.recording, raw_frames=False)
+
+
+@pytest.fixture(scope="module")
+def recorded(session: tuple[FitResult, Recording]) -> Sheet:
+    return sheet_of_fit(*session, None, file="some.mcap")
 
 
 @pytest.fixture
@@ -49,6 +56,38 @@ def test_a_recording_adds_points_that_agree_with_its_network(recorded: Sheet) ->
     assert recorded.evidence.loops
     assert [point.name for point in recorded.points] == ["as excited", "rig's limits"]
     assert recorded.points[1].command == 0.5
+
+
+def test_friction_is_told_against_temperature_where_that_moved(session: tuple[FitResult, Recording]) -> None:
+    """The simulated friction knows no temperature: a drive that warms up by 20 K changes nothing."""
+    fit, recording = session
+    ticks = recording.measured.ticks.copy()
+    ticks["transistor_temperature_c"] = np.linspace(25.0, 45.0, len(ticks))
+    warming = evidence(fit, replace(recording.measured, ticks=ticks), None, 1e-3).warming
+    assert warming is not None
+    assert (warming.from_c, warming.to_c) == (25.0, 45.0)
+    # Three deviations; and it tells a change of a tenth of the friction.
+    assert abs(warming.change_nm) < 1.5 * warming.half_width_nm
+    assert warming.half_width_nm < 0.1 * fit.network.coulomb_torque_nm
+
+
+def test_steady_velocities_lie_on_the_network(session: tuple[FitResult, Recording], recorded: Sheet) -> None:
+    """What the shaft still does on its way to a velocity is left out."""
+    assert recorded.evidence.sliding
+    network = recorded.network
+    for each in recorded.evidence.sliding:
+        velocity, torque = each.samples.velocity_rad_s, each.samples.measured_nm
+        quick = np.abs(velocity) > 5.0
+        steady = network.torque_gain * each.command - network.viscous_damping_nms_rad * velocity
+        steady = steady - np.sign(velocity) * network.coulomb_torque_nm
+        assert np.median(np.abs(torque - steady)[quick]) < 0.1 * network.coulomb_torque_nm
+
+
+def test_ratios_alone_make_a_sheet_without_torques() -> None:
+    page = html([sheet_of_network(network().with_provenance({"scale": "per unit of torque gain"}), "free.json")])
+    assert "No torque was measured" in page
+    assert "stall torque" not in page
+    assert "mechanical time constant" in page
 
 
 def test_it_says_what_was_not_measured(recorded: Sheet, alone: Sheet) -> None:
