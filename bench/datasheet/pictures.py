@@ -239,7 +239,8 @@ def draw_bode(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> No
 def _torque_path(panels: npt.NDArray[Any], each: Drawn, gain: float) -> None:
     network, spectra = each.sheet.network, each.sheet.evidence.spectra
     frequency = _frequencies(each.sheet)
-    _bode_line(panels, frequency, torque_line(network, frequency) / gain, each, each.label("network"))
+    if _knows_bandwidth(each.sheet):
+        _bode_line(panels, frequency, torque_line(network, frequency) / gain, each, each.label("network"))
     if spectra is not None:
         path = spectra.torque
         scaled = replace(path, response=path.response / gain, half_width=path.half_width / gain)
@@ -260,9 +261,12 @@ def _impedance(panels: npt.NDArray[Any], each: Drawn) -> None:
 
 def _frequencies(sheet: Sheet) -> FloatArray:
     """Up to three times the amplifier's bandwidth, where that is known."""
-    known = {each.name: each.settled for each in sheet.parameters}.get("amplifier_bandwidth", True)
-    bandwidth_hz = sheet.network.amplifier_bandwidth_rad_s / (2 * np.pi) if known else 0.0
+    bandwidth_hz = sheet.network.amplifier_bandwidth_rad_s / (2 * np.pi) if _knows_bandwidth(sheet) else 0.0
     return np.geomspace(1.0, max(100.0, 3 * bandwidth_hz), POINTS)
+
+
+def _knows_bandwidth(sheet: Sheet) -> bool:
+    return all(each.settled for each in sheet.parameters if each.name == "amplifier_bandwidth")
 
 
 def _bode_line(
