@@ -6,7 +6,7 @@ from math import isfinite
 
 import numpy as np
 
-from bench.datasheet.derived import Derived, Figure, Interval, OperatingPoint, derived, interval_of, seen_to
+from bench.datasheet.derived import Figure, Interval, OperatingPoint, derived, interval_of, seen_to
 from bench.datasheet.evidence import Evidence, evidence
 from bench.errors import BenchError, UsageError
 from bench.identification.residuals.diagnosis import ResidualTests
@@ -84,7 +84,7 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Difference:
-    """The second figure less the first; the interval is that of independent draws. None: one sheet lacks the figure."""
+    """The second figure less the first; the interval is that of independent draws."""
 
     first: Figure
     second: Figure
@@ -170,8 +170,3 @@ def _common(first: Sequence[OperatingPoint], second: Sequence[OperatingPoint]) -
         for point in first
         if point.name in other
     )
-
-
-def rows_of(figures: Sequence[Figure]) -> tuple[Derived, ...]:
-    """The table's rows that they are of, each once."""
-    return tuple(dict.fromkeys(figure.row for figure in figures))
