@@ -28,6 +28,7 @@ from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TypeVar
 
 import numpy as np
 import verdicts
@@ -58,6 +59,7 @@ WITHIN = 1.96  # deviations, of 95 %
 SECTION = re.compile(r"^\[(?P<name>[^\]]+)\]", re.MULTILINE)
 NORMAL_MEDIAN = 0.6745  # of the absolute value, in deviations
 TENTHS = 10
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -238,10 +240,17 @@ def main() -> None:
 
 def carried_out(work: Callable[[int], Outcome | None], seeds: Iterable[int], jobs: int) -> Iterator[Outcome]:
     """Every session in turn, with a line of progress on stderr."""
+    yield from carried_out_by(work, seeds, jobs, progress_line)
+
+
+def carried_out_by(
+    work: Callable[[int], Found | None], seeds: Iterable[int], jobs: int, told: Callable[[Found], str]
+) -> Iterator[Found]:
+    """What ``work`` finds for each seed, in turn, in processes of their own; ``told`` makes a line of progress."""
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         for outcome in pool.map(work, seeds):
             if outcome is not None:
-                print(progress_line(outcome), file=sys.stderr, flush=True)
+                print(told(outcome), file=sys.stderr, flush=True)
                 yield outcome
 
 

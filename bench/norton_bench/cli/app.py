@@ -37,6 +37,7 @@ COMMANDS = {
         "Fit one experiment at many seeds, or a fleet of recordings, in parallel.",
     ),
     "report": ("norton_bench.cli.recordings:report", "Write the report of a recording."),
+    "datasheet": ("norton_bench.cli.datasheet:datasheet", "Write the data sheet of an actuator, to hand on."),
     "info": ("norton_bench.cli.info:info", "Say what a recording holds, and how well its loop kept time."),
     "recover": ("norton_bench.cli.recordings:recover", "Rescue a recording that was cut off."),
     "runs": ("norton_bench.cli.runs:runs", "List past runs, compare two, follow a parameter over time."),

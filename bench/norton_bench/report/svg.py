@@ -105,15 +105,20 @@ def picture(figure: Figure, name: str, purpose: str, caption: str = "") -> Pictu
     return Picture(svg(figure, name, f"{purpose} {caption}".strip()), purpose, caption)
 
 
+def style_sheet() -> str:
+    """The page's own, with every colour in it."""
+    return files("norton_bench.report").joinpath("report.css").read_text(encoding="utf-8")
+
+
 def standalone(markup: str) -> str:
     """What :func:`svg` made, as the content of a file of its own, in the colours of the page."""
-    css = files("norton_bench.report").joinpath("report.css").read_text(encoding="utf-8")
+    css = style_sheet()
     colours = css[: css.index("* {")]
     spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
     head = f"<svg {spaces} "
     end_of_tag = markup.index(">") + 1
-    style_sheet = f"<style>{colours}svg {{ background: var(--page); }}</style>"
-    return head + markup[len("<svg ") : end_of_tag] + style_sheet + markup[end_of_tag:] + "\n"
+    colouring = f"<style>{colours}svg {{ background: var(--page); }}</style>"
+    return head + markup[len("<svg ") : end_of_tag] + colouring + markup[end_of_tag:] + "\n"
 
 
 def figure(height_in: float) -> Figure:

@@ -1,0 +1,1 @@
+"""The data sheet: what follows from an identified network, and what its recording adds."""

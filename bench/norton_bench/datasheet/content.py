@@ -1,0 +1,60 @@
+"""What stands on a sheet, in order, whether it becomes a page or paper."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from norton_bench.datasheet.pictures import Picture, pictures
+from norton_bench.datasheet.sheet import Sheet, compared
+from norton_bench.datasheet.tables import (
+    difference_table,
+    figure_table,
+    order_table,
+    parameter_difference_table,
+    parameter_table,
+    range_sentence,
+    remarks,
+)
+from norton_bench.report.section import Facts
+
+
+@dataclass(frozen=True)
+class Content:
+    """``subjects`` are a letter (none for a sheet alone), name, file, origin and where each holds."""
+
+    title: str
+    subjects: tuple[tuple[str, str, str, str, str], ...]
+    told: tuple[str, ...]
+    tables: tuple[tuple[str, Facts], ...]  # each with its heading
+    pictures: tuple[Picture, ...]
+
+
+def content_of(sheets: Sequence[Sheet]) -> Content:
+    """Of one sheet, or of two side by side."""
+    letters = [""] if len(sheets) == 1 else ["A", "B"]
+    subjects = tuple(
+        (letter, sheet.name, sheet.file, sheet.origin, range_sentence(sheet))
+        for letter, sheet in zip(letters, sheets, strict=True)
+    )
+    told = tuple(
+        f"{letter}: {sentence}" if letter else sentence
+        for letter, sheet in zip(letters, sheets, strict=True)
+        for sentence in (*sheet.told, *remarks(sheet))
+    )
+    title = " and ".join(dict.fromkeys(sheet.name for sheet in sheets))
+    return Content(title, subjects, told, tuple(_tables(sheets, letters)), tuple(pictures(sheets)))
+
+
+def _tables(sheets: Sequence[Sheet], letters: Sequence[str]) -> list[tuple[str, Facts]]:
+    if len(sheets) == 1:
+        found = [("Parameters", parameter_table(sheets[0])), ("What follows from them", figure_table(sheets[0]))]
+    else:
+        first, second = sheets
+        found = [
+            ("Parameters", parameter_difference_table(first, second)),
+            ("What follows from them", difference_table(compared(first, second))),
+        ]
+    for letter, sheet in zip(letters, sheets, strict=True):
+        table = order_table(sheet)
+        if table is not None:
+            found.append((f"Cogging and ripple {letter}".strip(), table))
+    return found

@@ -1,0 +1,131 @@
+"""The sheet for programs: plain data, units beside every number (docs/datasheet.md)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from norton_bench.datasheet.derived import Figure, Interval
+from norton_bench.datasheet.evidence import Evidence
+from norton_bench.datasheet.ripple import Order, Wave
+from norton_bench.datasheet.sheet import Difference, Known, Sheet
+from norton_bench.datasheet.spectra import Spectra, Transfer
+from norton_bench.datasheet.tables import remarks, valid_where
+
+
+def sheet_data(sheet: Sheet) -> dict[str, Any]:
+    """One sheet; values that are not known are not finite, and null once written as JSON."""
+    prediction = sheet.network.prediction
+    return {
+        "name": sheet.name,
+        "file": sheet.file,
+        "command_unit": sheet.network.command_unit,
+        "parameters": {each.name: _parameter(each) for each in sheet.parameters},
+        "figures": [_figure(figure, sheet) for figure in sheet.figures()],
+        "valid": None if prediction is None else prediction.as_json(sheet.network.command_unit),
+        "measured": _evidence(sheet.evidence) if sheet.recorded else None,
+        "remarks": [*sheet.told, *remarks(sheet)],
+    }
+
+
+def comparison_data(differences: Sequence[Difference]) -> list[dict[str, Any]]:
+    """What the second sheet's figures are more than the first's."""
+    return [
+        {
+            "name": each.first.row.name,
+            "at": _at(each.first),
+            "unit": each.first.unit,
+            "values": [each.first.value, each.second.value],
+            "difference": each.value,
+            "interval": list(each.interval),
+            "significant": each.significant,
+        }
+        for each in differences
+    ]
+
+
+def _parameter(each: Known) -> dict[str, Any]:
+    return {
+        "value": each.shown,
+        "interval": _told(each.interval, known=each.settled),
+        "unit": each.unit,
+        "status": None if each.status is None else each.status.value,
+    }
+
+
+def _figure(figure: Figure, sheet: Sheet) -> dict[str, Any]:
+    return {
+        "name": figure.row.name,
+        "symbol": figure.row.symbol,
+        "meaning": figure.row.meaning,
+        "formula": figure.row.formula,
+        "value": figure.shown,
+        "interval": _told(figure.interval, known=figure.settled),
+        "unit": figure.unit,
+        "at": _at(figure),
+        "valid": valid_where(figure, sheet),
+        "extrapolated": figure.extrapolated,
+        "status": None if figure.status is None else figure.status.value,
+    }
+
+
+def _told(interval: Interval, *, known: bool) -> list[float] | None:
+    return list(interval) if known else None
+
+
+def _at(figure: Figure) -> dict[str, Any] | None:
+    at = figure.at
+    if at is None:
+        return None
+    return {"name": at.name, "command": at.command, "velocity_rad_s": at.velocity_rad_s}
+
+
+def _evidence(told: Evidence) -> dict[str, Any]:
+    gap, warming = told.gap, told.warming
+    return {
+        "spectra": None if told.spectra is None else _spectra(told.spectra),
+        "cogging": [_order(order) for order in told.orders],
+        "free_play": None
+        if gap is None
+        else {"width_rad": gap.width_rad, "interval_rad": list(gap.interval_rad), "shows": bool(gap.is_gap)},
+        "temperature": None
+        if warming is None
+        else {
+            "from_c": warming.from_c,
+            "to_c": warming.to_c,
+            "friction_change_nm": warming.change_nm,
+            "half_width_nm": warming.half_width_nm,
+        },
+        "electrical_efficiency": None,
+    }
+
+
+def _spectra(spectra: Spectra) -> dict[str, Any]:
+    return {
+        "averages": spectra.averages,
+        "velocity_rms_rad_s": spectra.velocity_rms_rad_s,
+        "torque_over_command": _path(spectra.torque),
+        "impedance_nms_rad": _path(spectra.impedance),
+    }
+
+
+def _path(path: Transfer) -> dict[str, list[float]]:
+    return {
+        "frequency_hz": path.frequency_hz.tolist(),
+        "magnitude": np.abs(path.response).tolist(),
+        "half_width": path.half_width.tolist(),
+        "phase_deg": np.degrees(np.angle(path.response)).tolist(),
+        "coherence": path.coherence.tolist(),
+    }
+
+
+def _order(order: Order) -> dict[str, Any]:
+    return {
+        "periods_per_turn": order.periods_per_turn,
+        "cogging_nm": _wave(order.cogging_nm),
+        "ripple": _wave(order.ripple),
+    }
+
+
+def _wave(wave: Wave) -> dict[str, Any]:
+    return {"amplitude": wave.amplitude, "half_width": wave.half_width, "significant": wave.shows}

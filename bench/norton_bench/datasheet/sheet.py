@@ -1,0 +1,172 @@
+"""The sheet on one network, with its recording or without, and two sheets side by side."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import isfinite
+
+import numpy as np
+
+from norton_bench.datasheet.derived import Figure, Interval, OperatingPoint, derived, interval_of, seen_to
+from norton_bench.datasheet.evidence import Evidence, evidence
+from norton_bench.errors import BenchError, UsageError
+from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.identification.results import FitResult
+from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
+from norton_bench.models.parameters import BY_NAME, Status
+from norton_bench.networks.family import Network
+from norton_bench.recording.contents import Recording
+from norton_bench.rig.load import parse_rig
+
+LEVEL = 1.96  # deviations, of 95 %
+EXCITED, ALLOWED = "as excited", "rig's limits"
+# Two spans this near to each other are one.
+SAME = 0.01
+
+
+@dataclass(frozen=True)
+class Known:
+    """One parameter; ``std`` is NaN where nothing is told of it, ``status`` None where the network alone is known."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+    status: Status | None = None
+
+    @property
+    def settled(self) -> bool:
+        return self.status in (None, Status.VALID, Status.LEARNING)
+
+    @property
+    def interval(self) -> Interval:
+        return self.value - LEVEL * self.std, self.value + LEVEL * self.std
+
+    @property
+    def shown(self) -> float:
+        """NaN for what the data say nothing of."""
+        return float("nan") if self.status is Status.UNEXCITED else self.value
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """``name`` is the rig's, ``file`` where all of it comes from. ``told`` says what the data leave open.
+
+    ``limits`` are command and velocity that the rig allows, None where no rig is known. ``recorded``: there is a
+    recording, so that what is missing in ``evidence`` was not measured.
+    """
+
+    name: str
+    file: str
+    network: NortonNetwork
+    parameters: tuple[Known, ...]
+    limits: OperatingPoint | None = None
+    told: tuple[str, ...] = ()
+    evidence: Evidence = field(default_factory=Evidence)
+    recorded: bool = False
+    origin: str = ""  # when and on what it was measured
+    seed: int = 1  # of the draws: two sheets that are compared have different ones
+
+    @property
+    def points(self) -> tuple[OperatingPoint, ...]:
+        """How far the network was seen to hold, and how far the rig may go where that is another."""
+        seen = OperatingPoint(EXCITED, seen_to(self.network, "command"), seen_to(self.network, "velocity"))
+        known = (seen,) if isfinite(seen.command) and isfinite(seen.velocity_rad_s) else ()
+        if self.limits is None or (known and abs(self.limits.command - seen.command) < SAME * seen.command):
+            return known
+        return (*known, self.limits)
+
+    def figures(self, points: Sequence[OperatingPoint] | None = None) -> tuple[Figure, ...]:
+        """Every derived figure, at the sheet's own operating points or at others."""
+        statuses = {each.name: each.status for each in self.parameters if each.status is not None}
+        chosen = self.points if points is None else tuple(points)
+        return derived(self.network, chosen, statuses=statuses or None, seed=self.seed)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The second figure less the first; the interval is that of independent draws."""
+
+    first: Figure
+    second: Figure
+
+    @property
+    def value(self) -> float:
+        return self.second.value - self.first.value
+
+    @property
+    def interval(self) -> Interval:
+        with np.errstate(invalid="ignore"):
+            return interval_of(np.nan_to_num(self.second.draws - self.first.draws, nan=0.0))
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is more than the two intervals leave open."""
+        low, high = self.interval
+        return self.first.settled and self.second.settled and not low <= 0.0 <= high
+
+
+def sheet_of_network(network: Network, file: str) -> Sheet:
+    """What follows from the parameters alone. Raises UsageError for a network of another kind."""
+    if not isinstance(network, NortonNetwork):
+        raise UsageError(f"{file}: is no identified motor, from whose parameters a sheet follows; see `network show`")
+    std = dict(zip(network.covariance_names, np.sqrt(np.diag(np.asarray(network.covariance))), strict=True))
+    parameters = tuple(
+        Known(name, value, float(std.get(name, np.nan)), BY_NAME[name].unit_for(network.command_unit))
+        for attribute, name in PARAMETER_OF_FIELD.items()
+        if (value := getattr(network, attribute)) is not None
+    )
+    told = tuple(text for key, text in network.provenance.items() if key in ("model", "scale"))
+    name, origin = network.provenance.get("rig", file), _origin(network.provenance)
+    return Sheet(name, file, network, parameters, told=told, origin=origin)
+
+
+def sheet_of_fit(fit: FitResult, recording: Recording, tests: ResidualTests | None, *, file: str) -> Sheet:
+    """The same with what the recording tells beside it: statuses, and points measured at the port. The fit must have
+    converged."""
+    about = recording.metadata
+    parameters = tuple(Known(each.name, each.value, each.std, each.unit, each.status) for each in fit.estimates)
+    found = evidence(fit, recording.measured, tests, float(about["tick_s"]))
+    limits = _limits(recording.rig_text, file)
+    return Sheet(
+        about["rig"], file, fit.network, parameters, limits, fit.verdict, found, recorded=True, origin=_origin(about)
+    )
+
+
+def _origin(about: Mapping[str, str]) -> str:
+    """When it was measured (UTC), whether on a simulated bench, and with which devices."""
+    started = about.get("started", "").replace("T", " ").partition("+")[0]
+    return ", ".join(part for part in (started, about.get("backend", ""), about.get("devices", "")) if part)
+
+
+def _limits(rig_text: str, place: str) -> OperatingPoint | None:
+    """Of the rig that was recorded; None for a rig file that this program does not read."""
+    try:
+        rig = parse_rig(rig_text, place=place)
+    except BenchError:
+        return None
+    return OperatingPoint(ALLOWED, rig.command.limit, rig.limits.velocity_rad_s)
+
+
+def compared(first: Sheet, second: Sheet) -> tuple[Difference, ...]:
+    """Figures that both have, at operating points that both reach: the lesser of the two, under its own name."""
+    alike = first.network.command_unit == second.network.command_unit
+    points = _common(first.points, second.points) if alike else ()
+    others = {figure.key: figure for figure in replace(second, seed=first.seed + 1).figures(points)}
+    return tuple(
+        Difference(figure, others[figure.key])
+        for figure in first.figures(points)
+        if figure.key in others and figure.unit == others[figure.key].unit
+    )
+
+
+def _common(first: Sequence[OperatingPoint], second: Sequence[OperatingPoint]) -> tuple[OperatingPoint, ...]:
+    other = {point.name: point for point in second}
+    return tuple(
+        OperatingPoint(
+            point.name,
+            min(point.command, other[point.name].command),
+            min(point.velocity_rad_s, other[point.name].velocity_rad_s),
+        )
+        for point in first
+        if point.name in other
+    )

@@ -1,0 +1,221 @@
+"""The sheet's tables and sentences, as text: the same on the page and on paper."""
+
+from collections.abc import Iterator, Sequence
+from math import floor, isfinite, log10
+
+from norton_bench.datasheet.derived import Figure, Interval, OperatingPoint
+from norton_bench.datasheet.ripple import Wave
+from norton_bench.datasheet.sheet import Difference, Known, Sheet
+from norton_bench.models.parameters import BY_NAME
+from norton_bench.report.section import Facts
+from norton_bench.report.words import number, power, pretty_unit, scale_of
+
+NONE = "–"
+
+
+def between(value: float, interval: Interval) -> tuple[str, str]:
+    """A value and its interval, to two digits of a quarter of the interval's width, with one power of ten for both."""
+    low, high = interval
+    if not isfinite(value):
+        return NONE, NONE
+    if not (isfinite(low) and isfinite(high)) or high <= low:
+        return number(value), _open(low, high)
+    scale = scale_of(max(abs(value), high - low))
+    decimals = max(0, 1 - floor(log10((high - low) / 4 / 10.0**scale)))
+    middle, *ends = (f"{x / 10.0**scale:.{decimals}f}".replace("-", "−") for x in (value, low, high))
+    span = " … ".join(ends)
+    return (middle + power(scale), f"({span}){power(scale)}") if scale else (middle, span)
+
+
+def parameter_table(sheet: Sheet) -> Facts:
+    """The network's own numbers."""
+    head = ("", "parameter", "value", "95 % interval", "unit", *(("status",) if sheet.recorded else ()))
+    return Facts(head, tuple(_parameter(each, recorded=sheet.recorded) for each in sheet.parameters))
+
+
+def figure_table(sheet: Sheet) -> Facts:
+    """What follows from them. A figure is as good as the worst parameter in it."""
+    head = ("", "figure", "value", "95 % interval", "unit", "valid")
+    figures = sheet.figures()
+    before = [None, *(figure.row for figure in figures)]
+    rows = tuple(_figure(each, sheet, again=each.row is row) for each, row in zip(figures, before, strict=False))
+    return Facts(head, rows)
+
+
+def parameter_difference_table(first: Sheet, second: Sheet) -> Facts:
+    """Both networks' numbers; the difference is B − A, with the interval of independent values."""
+    other = {each.name: each for each in second.parameters}
+    rows = tuple(_parameter_difference(each, other[each.name]) for each in first.parameters if each.name in other)
+    return Facts(_SIDE_BY_SIDE, rows)
+
+
+def difference_table(differences: Sequence[Difference]) -> Facts:
+    """Every figure of both."""
+    return Facts(_SIDE_BY_SIDE, tuple(_difference(each) for each in differences))
+
+
+_SIDE_BY_SIDE = ("", "figure", "A", "B", "B − A, 95 % interval", "unit", "differs")
+
+
+def order_table(sheet: Sheet) -> Facts | None:
+    """Cogging and ripple by order; None where nothing stands out."""
+    if not sheet.evidence.orders:
+        return None
+    head = ("periods a turn", "cogging [mN·m]", "95 % interval", "ripple [% of the torque]", "95 % interval")
+    rows = tuple(
+        (f"{each.periods_per_turn:.4g}", *_wave(each.cogging_nm, 1e3), *_wave(each.ripple, 100.0))
+        for each in sheet.evidence.orders
+    )
+    return Facts(head, rows)
+
+
+def valid_where(figure: Figure, sheet: Sheet) -> str:
+    """At which operating point a figure stands, and whether the network was seen to hold there."""
+    unit = pretty_unit(sheet.network.command_unit)
+    words = [] if figure.at is None else [_at(figure.at, figure, unit)]
+    if figure.extrapolated:
+        words.append("extrapolated")
+    if not figure.settled and figure.status is not None:
+        words.append(figure.status.value)
+    return "; ".join(words)
+
+
+def range_sentence(sheet: Sheet) -> str:
+    """Where the network was seen to hold, and how well."""
+    prediction, unit = sheet.network.prediction, pretty_unit(sheet.network.command_unit) or "N·m"
+    if prediction is None or not prediction.ranges:
+        return "Where this network was seen to hold is not known: its file does not say."
+    spans = {"velocity": "rad/s", "acceleration": "rad/s²", "command": unit}
+    seen = ", ".join(
+        f"{name} {number(prediction.ranges[name][0], 3)} to {number(prediction.ranges[name][1], 3)} {spans[name]}"
+        for name in spans
+        if name in prediction.ranges
+    )
+    off = [f"torque within {number(1e3 * prediction.torque_nm, 2)} mN·m"] if isfinite(prediction.torque_nm) else []
+    if isfinite(prediction.velocity_rad_s):
+        off.append(f"free velocity within {number(prediction.velocity_rad_s, 2)} rad/s")
+    share = f", in {prediction.level:.0%} of motions not seen" if isfinite(prediction.level) else ""
+    return f"Seen to hold for {seen}. Predictions there are right to: {', '.join(off)} rms{share}." if off else seen
+
+
+def remarks(sheet: Sheet) -> Iterator[str]:
+    """What was measured and shows nothing, and what was not measured: said, so that nobody looks for it."""
+    told = sheet.evidence
+    if "scale" in sheet.network.provenance:
+        yield "No torque was measured: only figures that need no torque scale are given."
+    if not sheet.recorded:
+        yield "From the network alone: points measured, cogging and lost motion are in its recording."
+        return
+    if told.gap is not None:
+        yield _gap_sentence(sheet)
+    if told.order_nm.size and not told.orders:
+        yield "No cogging and no ripple stands out from the noise."
+    has = "The drive's current was recorded, but no voltage" if told.has_current else "Neither current nor voltage"
+    recorded = "" if told.has_current else " was recorded"
+    yield f"{has}{recorded}, so there is no electrical efficiency; friction's share is below, as mechanical efficiency."
+    yield _warming_sentence(sheet)
+
+
+def _gap_sentence(sheet: Sheet) -> str:
+    gap = sheet.evidence.gap
+    assert gap is not None
+    if gap.is_gap:
+        value, span = between(1e3 * gap.width_rad, (1e3 * gap.interval_rad[0], 1e3 * gap.interval_rad[1]))
+        return f"Free play at the port: {value} mrad ({span}): over that range the port exerts nothing."
+    most = number(1e3 * max(gap.interval_rad[1], gap.crossing_rad), 2)
+    return f"Small loops show no free play wider than {most} mrad."
+
+
+def _warming_sentence(sheet: Sheet) -> str:
+    warming = sheet.evidence.warming
+    if warming is None:
+        return "No temperature was recorded, so nothing is said of friction against it."
+    span = f"{number(warming.from_c, 3)} to {number(warming.to_c, 3)} °C"
+    if not isfinite(warming.change_nm):
+        return f"The drive's transistors stayed within {span}: too little to tell what warmth does to friction."
+    change, half = 1e3 * warming.change_nm, 1e3 * warming.half_width_nm
+    value, interval = between(change, (change - half, change + half))
+    return f"While the drive's transistors went from {span}, friction changed by {value} mN·m ({interval})."
+
+
+def _parameter(each: Known, *, recorded: bool) -> tuple[str, ...]:
+    value, interval = between(each.shown, each.interval)
+    row = BY_NAME[each.name]
+    shown = interval if each.settled else NONE
+    status = (each.status.value if each.status else "",) if recorded else ()
+    return (row.symbol, row.meaning, value, shown, pretty_unit(each.unit), *status)
+
+
+def _figure(figure: Figure, sheet: Sheet, *, again: bool) -> tuple[str, ...]:
+    """What a figure is stands with the first of its operating points alone."""
+    value, interval = between(figure.shown, figure.interval)
+    shown = interval if figure.settled else NONE
+    words = title(figure) if again else f"{title(figure)}: {figure.row.meaning}"
+    return (figure.row.symbol, words, value, shown, pretty_unit(figure.unit), valid_where(figure, sheet))
+
+
+def title(figure: Figure) -> str:
+    """Its name in words."""
+    return figure.row.name.replace("_", " ")
+
+
+def _parameter_difference(first: Known, second: Known) -> tuple[str, ...]:
+    row, apart = BY_NAME[first.name], second.value - first.value
+    half = 1.96 * float((first.std**2 + second.std**2) ** 0.5)
+    if first.unit != second.unit:
+        values = (between(first.shown, first.interval)[0], between(second.shown, second.interval)[0])
+        units = ", ".join(pretty_unit(each.unit) or "1" for each in (first, second))
+        return (row.symbol, row.meaning, *values, NONE, units, "")
+    differs = abs(apart) > half and first.settled and second.settled
+    known = first.settled and second.settled
+    span = between(apart, (apart - half, apart + half))[1] if known else NONE
+    return (
+        row.symbol,
+        row.meaning,
+        between(first.shown, first.interval)[0],
+        between(second.shown, second.interval)[0],
+        span,
+        pretty_unit(first.unit),
+        "yes" if differs else "",
+    )
+
+
+def _difference(each: Difference) -> tuple[str, ...]:
+    first, second = each.first, each.second
+    known = first.settled and second.settled
+    words = title(first)
+    if first.at is not None:
+        words += f" ({first.at.name}, {number(first.at.command, 3)})"
+    return (
+        first.row.symbol,
+        words,
+        between(first.shown, first.interval)[0],
+        between(second.shown, second.interval)[0],
+        between(each.value, each.interval)[1] if known else NONE,
+        pretty_unit(first.unit),
+        "yes" if each.significant else "",
+    )
+
+
+def _wave(wave: Wave, factor: float) -> tuple[str, str]:
+    """Nothing where nothing stands out."""
+    if not wave.shows:
+        return NONE, f"below {number(factor * (wave.amplitude + wave.half_width), 2)}"
+    amplitude, half = factor * wave.amplitude, factor * wave.half_width
+    return between(amplitude, (amplitude - half, amplitude + half))
+
+
+def _at(point: OperatingPoint, figure: Figure, unit: str) -> str:
+    """ "at 0.08 N·m, 51 rad/s (as excited)", with what of the two matters."""
+    parts = []
+    if "torque_gain" in figure.row.needs:
+        parts.append(f"{number(point.command, 3)} {unit or 'N·m'}")
+    if figure.row.velocity is not None and isfinite(point.velocity_rad_s) and figure.row.name != "no_load_speed":
+        parts.append(f"{number(point.velocity_rad_s, 3)} rad/s")
+    return f"{', '.join(parts)}, {point.name}"
+
+
+def _open(low: float, high: float) -> str:
+    if isfinite(low):
+        return f"above {number(low, 3)}"
+    return f"below {number(high, 3)}" if isfinite(high) else NONE

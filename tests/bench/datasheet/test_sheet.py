@@ -1,0 +1,197 @@
+"""The sheet itself: on one network, on a whole session, on two side by side; as page, as paper and as data."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from norton_bench.cli import app
+from norton_bench.datasheet.data import sheet_data
+from norton_bench.datasheet.evidence import evidence
+from norton_bench.datasheet.page import html
+from norton_bench.datasheet.printed import write_pdf
+from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_fit, sheet_of_network
+from norton_bench.datasheet.tables import between, remarks
+from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.identification.results import FitResult
+from norton_bench.recording.contents import Recording
+from norton_bench.recording.reader import read_recording
+from tests.bench.datasheet.test_derived import network
+from tests.bench.networks.some import PNEUMATIC
+from tests.bench.whole_session import whole_session
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[FitResult, Recording]:
+    result = whole_session(tmp_path_factory).result
+    assert result.conclusion.fit is not None
+    return result.conclusion.fit, read_recording(result.recording, raw_frames=False)
+
+
+@pytest.fixture(scope="module")
+def recorded(session: tuple[FitResult, Recording]) -> Sheet:
+    return sheet_of_fit(*session, None, file="some.mcap")
+
+
+@pytest.fixture
+def alone() -> Sheet:
+    return sheet_of_network(network(), "some.network.json")
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+    assert app.main(["datasheet", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_recording_adds_points_that_agree_with_its_network(recorded: Sheet) -> None:
+    spectra = recorded.evidence.spectra
+    assert spectra is not None
+    gain = recorded.network.torque_gain
+    low = spectra.torque.frequency_hz < 20.0
+    assert np.median(np.abs(spectra.torque.response[low])) == pytest.approx(gain, rel=0.1)
+    assert recorded.evidence.loops
+    assert [point.name for point in recorded.points] == ["as excited", "rig's limits"]
+    assert recorded.points[1].command == 0.5
+
+
+def test_friction_is_told_against_temperature_where_that_moved(session: tuple[FitResult, Recording]) -> None:
+    """The simulated friction knows no temperature: a drive that warms up by 20 K changes nothing."""
+    fit, recording = session
+    ticks = recording.measured.ticks.copy()
+    ticks["transistor_temperature_c"] = np.linspace(25.0, 45.0, len(ticks))
+    warming = evidence(fit, replace(recording.measured, ticks=ticks), None, 1e-3).warming
+    assert warming is not None
+    assert (warming.from_c, warming.to_c) == (25.0, 45.0)
+    # Three deviations; and it tells a change of a tenth of the friction.
+    assert abs(warming.change_nm) < 1.5 * warming.half_width_nm
+    assert warming.half_width_nm < 0.1 * fit.network.coulomb_torque_nm
+
+
+def test_steady_velocities_lie_on_the_network(session: tuple[FitResult, Recording], recorded: Sheet) -> None:
+    """What the shaft still does on its way to a velocity is left out."""
+    assert recorded.evidence.sliding
+    network = recorded.network
+    for each in recorded.evidence.sliding:
+        velocity, torque = each.samples.velocity_rad_s, each.samples.measured_nm
+        quick = np.abs(velocity) > 5.0
+        steady = network.torque_gain * each.command - network.viscous_damping_nms_rad * velocity
+        steady = steady - np.sign(velocity) * network.coulomb_torque_nm
+        assert np.median(np.abs(torque - steady)[quick]) < 0.1 * network.coulomb_torque_nm
+
+
+def test_ratios_alone_make_a_sheet_without_torques() -> None:
+    page = html([sheet_of_network(network().with_provenance({"scale": "per unit of torque gain"}), "free.json")])
+    assert "No torque was measured" in page
+    assert "stall torque" not in page
+    assert "mechanical time constant" in page
+
+
+def test_it_says_what_was_not_measured(recorded: Sheet, alone: Sheet) -> None:
+    sentences = " ".join(remarks(recorded))
+    assert "no voltage" in sentences
+    assert "no electrical efficiency" in sentences
+    assert "too little to tell what warmth does" in sentences
+    assert "From the network alone" in " ".join(remarks(alone))
+
+
+def test_a_page_needs_nothing_else_and_is_the_same_again(recorded: Sheet) -> None:
+    page = html([recorded])
+    assert page == html([recorded])
+    assert not re.search(r'(?:src|href)="http', page)
+    for picture in ("envelope", "backdriving", "bode", "hysteresis", "efficiency"):
+        assert f'id="{picture}"' in page
+
+
+def test_a_network_alone_has_no_measured_points(alone: Sheet) -> None:
+    page = html([alone])
+    assert 'id="bode"' in page
+    assert 'id="hysteresis"' not in page
+    assert "measured</text>" not in page
+
+
+def test_on_paper_it_is_the_same_file_again(alone: Sheet, tmp_path: Path) -> None:
+    first, second = (write_pdf(tmp_path / name, [alone]).read_bytes() for name in ("a.pdf", "b.pdf"))
+    assert first[:5] == b"%PDF-"
+    assert first == second
+
+
+def test_paper_that_cannot_be_written_is_told(alone: Sheet, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ExperimentError, match="cannot write the data sheet"):
+        write_pdf(tmp_path / "file" / "sheet.pdf", [alone])
+
+
+def test_the_same_motor_twice_does_not_differ(alone: Sheet) -> None:
+    differences = compared(alone, alone)
+    assert len(differences) == len(alone.figures())
+    assert not any(each.significant for each in differences)
+    assert all(each.value == 0.0 for each in differences)
+
+
+def test_what_differs_is_named_and_nothing_else(alone: Sheet) -> None:
+    stiffer = sheet_of_network(network(presliding_stiffness=12.0), "other.json")
+    differ = {each.first.row.name for each in compared(alone, stiffer) if each.significant}
+    assert differ == {"presliding_displacement", "lost_motion", "contact_resonance", "contact_damping_ratio"}
+
+
+def test_independent_repetitions_seldom_differ() -> None:
+    """Two networks whose values scatter as their covariances say: one comparison in twenty is significant."""
+    rng = np.random.default_rng(4)
+    significant = []
+    for _ in range(60):
+        sheets = []
+        for _ in range(2):
+            coulomb_nm = 0.02 * (1 + 0.01 * rng.standard_normal())
+            sheets.append(sheet_of_network(replace(network(), coulomb_torque_nm=coulomb_nm), "x"))
+        (found,) = (each for each in compared(*sheets) if each.first.row.name == "breakaway_torque")
+        significant.append(found.significant)
+    # Binomial: of 60 with a chance of 5 % each, 10 or more come once in a thousand times.
+    assert sum(significant) < 10
+
+
+def test_other_commands_leave_what_can_be_compared(alone: Sheet) -> None:
+    other = sheet_of_network(replace(network(), command_unit="A"), "other.json")
+    names = {each.first.row.name for each in compared(alone, other)}
+    assert "torque_bandwidth" in names
+    assert not names & {"stall_torque", "breakaway_command"}
+    assert 'id="bode"' in html([alone, other])
+
+
+def test_a_value_and_its_interval_share_their_digits() -> None:
+    assert between(0.0199936, (0.0199788, 0.0200084)) == ("0.0199936", "0.0199788 … 0.0200084")
+    assert between(4.9978e-5, (4.9866e-5, 5.009e-5)) == ("4.9978·10⁻⁵", "(4.9866 … 5.0090)·10⁻⁵")
+    assert between(50.0, (40.0, float("inf"))) == ("50.00", "above 40.0")
+
+
+def test_data_has_a_unit_and_an_interval_for_every_figure(recorded: Sheet) -> None:
+    data = sheet_data(recorded)
+    assert {each["name"] for each in data["figures"]} >= {"stall_torque", "torque_bandwidth", "lost_motion"}
+    assert all(each["unit"] is not None and len(each["interval"]) == 2 for each in data["figures"] if each["interval"])
+    assert data["measured"]["spectra"]["averages"] > 0
+
+
+def test_the_command_writes_page_paper_and_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = tmp_path / "a.network.json", tmp_path / "b.network.json"
+    network().save(first)
+    network(coulomb_torque=0.03).save(second)
+    data = told(capsys, first)
+    assert Path(data["datasheet"]) == tmp_path / "a.datasheet.html"
+    assert Path(data["datasheet"]).is_file()
+    assert data["differences"] is None
+    data = told(capsys, first, "--against", second, "--out", tmp_path / "both.pdf")
+    assert (tmp_path / "both.pdf").read_bytes()[:5] == b"%PDF-"
+    (breakaway,) = (each for each in data["differences"] if each["name"] == "breakaway_torque")
+    assert breakaway["significant"]
+    assert breakaway["difference"] == pytest.approx(0.01)
+
+
+def test_what_it_cannot_do_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    network().save(tmp_path / "a.network.json")
+    assert app.main(["datasheet", str(tmp_path / "a.network.json"), "--out", str(tmp_path / "a.docx")]) == 2
+    assert "end in .html or .pdf" in capsys.readouterr().err
+    with pytest.raises(UsageError, match="no identified motor"):
+        sheet_of_network(PNEUMATIC, "muscle.json")
