@@ -9,11 +9,20 @@ from cyclopts import Parameter
 
 from bench.errors import UsageError
 
+
+def _not_negative(_kind: object, seed: int | None) -> None:
+    if seed is not None and seed < 0:
+        raise ValueError("A seed is 0 or greater; give --seed 1, or another.")
+
+
 RigFile = Annotated[Path, Parameter(name="RIG", help="A rig file.")]
 RecordingFile = Annotated[Path, Parameter(name="RECORDING", help="A recording (.mcap).")]
 Json = Annotated[bool, Parameter(help="Print one JSON document on stdout and nothing else there.")]
 Quiet = Annotated[bool, Parameter(help="Say nothing on the way.")]
-Seed = Annotated[int | None, Parameter(help="Seed of the simulation, instead of the rig file's.")]
+Seed = Annotated[
+    int | None,
+    Parameter(help="Seed of the simulation, instead of the rig file's.", validator=_not_negative),
+]
 Backend = Annotated[str | None, Parameter(help='"hardware" or "simulated", instead of the rig file\'s.')]
 Out = Annotated[Path | None, Parameter(help="Folder for the results.")]
 

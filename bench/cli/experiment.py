@@ -1,5 +1,6 @@
 """``identify`` and ``run``: an experiment from its files to its result."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -37,6 +38,10 @@ Yes = Annotated[bool, Parameter(help='Answer every other prompt with its first c
 Resume = Annotated[
     Path | None, Parameter(help="Go on behind the last finished step of this recording, or the newest of this folder.")
 ]
+
+
+NUMBER = re.compile(r"\d*\.?\d+(?:[eE][+-]?\d+)?")
+PERCENT = re.compile(rf"\s*({NUMBER.pattern})\s*%\s*")
 
 
 @dataclass(frozen=True)
@@ -124,10 +129,16 @@ def show_plan(rig: "Rig", session: "Session", output: Output) -> int:
 def _fraction(until: str | None) -> float | None:
     if until is None:
         return None
-    asked = _quantity("--until", until, "")
-    if not 0 < asked < 1:
-        raise UsageError(f"--until {until}: must be between 0 and 100 %; write it like --until 1%")
-    return asked
+    percent = PERCENT.fullmatch(until)
+    if percent is None or not 0 < float(percent[1]) < 100:
+        bare = NUMBER.fullmatch(until.strip())
+        mend = f"--until {bare[0]}%" if bare and 0 < float(bare[0]) < 100 else "--until 1%"
+        if bare and 0 < float(bare[0]) < 1:
+            mend += f" or --until {100 * float(bare[0]):g}%, whichever is meant"
+        raise UsageError(
+            f"--until {until}: is a percentage of each value, more than 0 % and less than 100 %; write {mend}"
+        )
+    return float(percent[1]) / 100
 
 
 def _quantity(option: str, text: str, unit: str) -> float:
