@@ -79,7 +79,7 @@ def identify(
     session = standard_session(rig) if asked is None else refining_session(rig, asked, at_most_s)
     output = Output(json, quiet)
     if dry_run:
-        return show_plan(rig, session, output)
+        return show_plan(rig, session, seed, output)
     return perform(rig, session, Wishes(out, seed, junit), output)
 
 
@@ -110,18 +110,18 @@ def run(
     if place is None:
         raise UsageError(f'{session_file}: names no rig; add rig = "../rigs/my-rig.toml", or give --rig')
     rig, output = load_rig(place, backend=backend), Output(json, quiet)
-    if dry_run:
-        return show_plan(rig, session, output)
     seed = session.seed if seed is None else seed
+    if dry_run:
+        return show_plan(rig, session, seed, output)
     return perform(rig, session, Wishes(out, seed, junit, resume, answers.parsed(answer or ()), yes), output)
 
 
-def show_plan(rig: "Rig", session: "Session", output: Output) -> int:
+def show_plan(rig: "Rig", session: "Session", seed: int | None, output: Output) -> int:
     """What the session would do, once everything is found to be in order."""
     from bench.cli.plan import plan_data, plan_view  # noqa: PLC0415
     from bench.session import dry_run  # noqa: PLC0415
 
-    found = dry_run.dry_run(session, rig)
+    found = dry_run.dry_run(session, rig, seed=seed)
     output.result(plan_data(found, session, rig), plan_view(found, session, rig))
     return ExitCode.OK
 

@@ -45,6 +45,9 @@ def _quantity_text(written: object) -> str:
     return written
 
 
+# As many as a sweep may have values, and a range (bench.units.parse_range).
+MOST_LEVELS = 1000
+
 Seconds = Annotated[float, quantity_in("s")]
 Hertz = Annotated[float, quantity_in("Hz")]
 Damping = Annotated[float, quantity_in("N*m*s/rad")]
@@ -72,13 +75,13 @@ class _Calibrate(StepModel):
 
 class _Free(StepModel):
     amplitude: Fraction = Field(FreeOptions.amplitude, gt=0, le=1, examples=["60 %"])
-    levels: int = Field(FreeOptions.levels, ge=3, examples=[11])
+    levels: int = Field(FreeOptions.levels, ge=3, le=MOST_LEVELS, examples=[11])
     dwell_s: Seconds = Field(FreeOptions.dwell_s, alias="dwell", ge=0.1, examples=["400 ms"])
     duration_s: Seconds = Field(FreeOptions.duration_s, alias="duration", ge=1, examples=["12 s"])
 
 
 class _Blocked(StepModel):
-    levels: int = Field(BlockedOptions.levels, ge=2, examples=[5])
+    levels: int = Field(BlockedOptions.levels, ge=2, le=MOST_LEVELS, examples=[5])
     hold_s: Seconds = Field(BlockedOptions.hold_s, alias="hold", ge=0.1, examples=["500 ms"])
     histories: Annotated[tuple[History, ...], BeforeValidator(_texts)] = Field(
         BlockedOptions.histories, min_length=1, examples=[["slow", "fast", "rest"]]
@@ -90,7 +93,7 @@ class _Imposed(StepModel):
     velocities_rad_s: Annotated[tuple[float, ...], BeforeValidator(_velocities)] = Field(
         ImposedOptions.velocities_rad_s, alias="velocities", examples=["-40:8:40 rad/s"]
     )
-    commands: int = Field(ImposedOptions.commands, ge=1, examples=[3])
+    commands: int = Field(ImposedOptions.commands, ge=1, le=MOST_LEVELS, examples=[3])
     duration_s: Seconds = Field(ImposedOptions.duration_s, alias="duration", ge=1, examples=["20 s"])
 
 
@@ -139,7 +142,7 @@ class _Tabulate(StepModel):
 
 
 class _TabulateSource(_Tabulate):
-    levels: int = Field(TabulateSourceOptions.levels, ge=2, examples=[7])
+    levels: int = Field(TabulateSourceOptions.levels, ge=2, le=MOST_LEVELS, examples=[7])
     lowest: Fraction = Field(TabulateSourceOptions.lowest, ge=-1, le=1, examples=["-100 %"])
     highest: Fraction = Field(TabulateSourceOptions.highest, ge=-1, le=1, examples=["100 %"])
     port: Literal["actuator", "external"] = Field("actuator", examples=["external"])
@@ -147,7 +150,7 @@ class _TabulateSource(_Tabulate):
 
 
 class _TabulateImpedance(_Tabulate):
-    commands: int = Field(TabulateImpedanceOptions.commands, ge=1, examples=[3])
+    commands: int = Field(TabulateImpedanceOptions.commands, ge=1, le=MOST_LEVELS, examples=[3])
     lowest: Fraction = Field(TabulateImpedanceOptions.lowest, ge=-1, le=1, examples=["-50 %"])
     highest: Fraction = Field(TabulateImpedanceOptions.highest, ge=-1, le=1, examples=["50 %"])
     displacement_rad: Annotated[float, quantity_in("rad")] = Field(
