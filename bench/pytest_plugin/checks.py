@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 
+from bench.models.parameters import HALF_INTERVAL
 from bench.session.engine import SessionResult
-from bench.session.found import HALF_INTERVAL, Found
+from bench.session.found import Found
 from bench.session.progress import Judged
 from bench.units import parse_quantity
 
