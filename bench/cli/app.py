@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
 from bench.cli.exits import report_error
 from bench.cli.output import complain, to_stdout
@@ -129,6 +129,8 @@ def run_safely(command: Callable[[], object], *, debug: bool) -> int:
 
 def _usage(error: CycloptsError) -> int:
     text = " ".join(str(error).split())
+    if isinstance(error, UnusedCliTokensError):
+        text = f"{' '.join(error.unused_tokens or ())}: is more than this command takes; leave it out."
     complain(f"{text} See norton-bench --help.")
     return ExitCode.USAGE
 

@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from bench.session.schema import Session
 
 SessionFile = Annotated[Path, Parameter(name="SESSION", help="A session file.")]
+AT_MOST = "10 min"
 Until = Annotated[
     str | None, Parameter(help='Choose excitations until every 95 % interval is within ± this of its value: "1%".')
 ]
-AtMost = Annotated[str, Parameter(help="Bench time that --until may take in all.")]
+AtMost = Annotated[str | None, Parameter(help=f'Bench time that --until may take in all; "{AT_MOST}" if not said.')]
 OtherRig = Annotated[Path | None, Parameter(name="--rig", help="A rig file, instead of the session's.")]
 DryRun = Annotated[bool, Parameter(help="Check every step and limit, and print the plan. Opens nothing.")]
 JUnit = Annotated[Path | None, Parameter(name="--junit", help="Also write a JUnit report to this file.")]
@@ -61,7 +62,7 @@ def identify(
     /,
     *,
     until: Until = None,
-    at_most: AtMost = "10 min",
+    at_most: AtMost = None,
     backend: Backend = None,
     seed: Seed = None,
     out: Out = None,
@@ -74,12 +75,14 @@ def identify(
     from bench.rig.load import load_rig  # noqa: PLC0415
     from bench.session.schema import refining_session, standard_session  # noqa: PLC0415
 
-    asked, at_most_s = _fraction(until), _quantity("--at-most", at_most, "s")
+    if until is None and at_most is not None:
+        raise UsageError("--at-most bounds the bench time of --until; add --until 1%, or leave it out")
+    asked, at_most_s = _fraction(until), _quantity("--at-most", at_most or AT_MOST, "s")
     rig = load_rig(rig_file, backend=backend)
     session = standard_session(rig) if asked is None else refining_session(rig, asked, at_most_s)
     output = Output(json, quiet)
     if dry_run:
-        return show_plan(rig, session, seed, output)
+        return show_plan(rig, session, Wishes(seed=seed), output)
     return perform(rig, session, Wishes(out, seed, junit), output)
 
 
@@ -111,17 +114,18 @@ def run(
         raise UsageError(f'{session_file}: names no rig; add rig = "../rigs/my-rig.toml", or give --rig')
     rig, output = load_rig(place, backend=backend), Output(json, quiet)
     seed = session.seed if seed is None else seed
-    if dry_run:
-        return show_plan(rig, session, seed, output)
-    return perform(rig, session, Wishes(out, seed, junit, resume, answers.parsed(answer or ()), yes), output)
+    wishes = Wishes(out, seed, junit, resume, answers.parsed(answer or ()), yes)
+    return (show_plan if dry_run else perform)(rig, session, wishes, output)
 
 
-def show_plan(rig: "Rig", session: "Session", seed: int | None, output: Output) -> int:
+def show_plan(rig: "Rig", session: "Session", wishes: Wishes, output: Output) -> int:
     """What the session would do, once everything is found to be in order."""
     from bench.cli.plan import plan_data, plan_view  # noqa: PLC0415
     from bench.session import dry_run  # noqa: PLC0415
+    from bench.session.answers import Answers  # noqa: PLC0415
 
-    found = dry_run.dry_run(session, rig, seed=seed)
+    found = dry_run.dry_run(session, rig, seed=wishes.seed)
+    Answers(wishes.answers, wishes.yes).check(found.prompts, session.place, somebody=True)
     output.result(plan_data(found, session, rig), plan_view(found, session, rig))
     return ExitCode.OK
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from bench.cli.arguments import Json, Quiet, RigFile, Seed
+from bench.cli.arguments import Jobs, Json, Quiet, RigFile, Seed
 from bench.cli.output import Output
 from bench.errors import ExitCode, UsageError
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit")
 
 Quick = Annotated[bool, Parameter(help="A choice of the faults, in a minute or two.")]
-Jobs = Annotated[int | None, Parameter(help="How many at a time; as many as this machine has cores.")]
 Only = Annotated[str | None, Parameter(help="Only faults in whose name, kind or place this occurs.")]
 
 

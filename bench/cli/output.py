@@ -91,12 +91,14 @@ def _print(renderables: "Sequence[RenderableType]") -> None:
 
 def _print_table(console: "Console", table: "Table") -> None:
     """With every figure whole, however narrow the terminal: it breaks lines by itself. A file has room for all."""
+    from rich.console import Console  # noqa: PLC0415
     from rich.measure import Measurement  # noqa: PLC0415
 
     needs = Measurement.get(console, console.options.update(max_width=WIDEST), table)
     width = max(needs.minimum, console.width if console.is_terminal else needs.maximum)
-    with console.capture() as drawn:
-        console.print(table, width=width, crop=False, highlight=False, markup=False)
+    page = Console(width=width)
+    with page.capture() as drawn:
+        page.print(table, crop=False, highlight=False, markup=False)
     for line in drawn.get().splitlines():
         print(line.rstrip())
 

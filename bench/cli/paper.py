@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from bench.cli.arguments import Json, Quiet, numbers_in
+from bench.cli.arguments import Jobs, Json, Quiet, numbers_in
 from bench.cli.output import Output, plain_table
 from bench.errors import ExitCode
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 Seeds = Annotated[str, Parameter(help="Seeds of the simulation, such as 1-5 or 1,4.")]
 Rigs = Annotated[Path, Parameter(help="The folder of the shipped rigs.")]
-Jobs = Annotated[int | None, Parameter(help="How many experiments at a time; as many as this machine has cores.")]
 Pictures = Annotated[Path | None, Parameter(name="--out", help="Also draw them: a folder for pictures and a page.")]
 
 

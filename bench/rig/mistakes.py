@@ -18,6 +18,7 @@ Section = TypeVar("Section", bound=BaseModel)
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 KINDS = {
     "string_type": "a text in quotes",
+    "string_too_short": "a text",
     "string_pattern_mismatch": 'a plain name of letters, digits, ".", "_" and "-"',
     "int_type": "a whole number",
     "int_parsing": "a whole number",

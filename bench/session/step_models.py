@@ -23,7 +23,7 @@ from bench.procedures.options import (
 )
 from bench.session.conditions import Comparison, Condition, compared, parameter_name, share, status_name
 from bench.session.items import AskOptions, Expectation
-from bench.units import parse_quantity, parse_range, quantity_in
+from bench.units import MOST_IN_RANGE, parse_quantity, parse_range, quantity_in
 
 
 def _velocities(written: object) -> tuple[float, ...]:
@@ -45,8 +45,7 @@ def _quantity_text(written: object) -> str:
     return written
 
 
-# As many as a sweep may have values, and a range (bench.units.parse_range).
-MOST_LEVELS = 1000
+MOST_LEVELS = MOST_IN_RANGE  # as many as can be written as a range
 
 Seconds = Annotated[float, quantity_in("s")]
 Hertz = Annotated[float, quantity_in("Hz")]
@@ -167,7 +166,7 @@ class _TabulateImpedance(_Tabulate):
 
 
 class _Ask(StepModel):
-    name: str = Field(pattern=r"[\w.-]+", examples=["fixture"])
+    name: str = Field(pattern=r"^[\w.-]+$", examples=["fixture"])
     text: str = Field(min_length=1, examples=["Which fixture is mounted?"])
     choices: Annotated[tuple[str, ...], BeforeValidator(_texts)] = Field(AskOptions.choices, examples=[["A", "B"]])
 
