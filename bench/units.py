@@ -14,7 +14,7 @@ QUANTITY = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*")
 RANGE = re.compile(rf"\s*({NUMBER}):({NUMBER}):({NUMBER})\s*(.*?)\s*")
 MOST_IN_RANGE = 1000
 # In the unit that is asked for: squares and products of two such numbers are still finite, and none is ever near it.
-GREATEST = 1e15
+GREATEST = 1e18
 
 # The units of an actuator bench and no others: pint's own thousands hold traps here ("Nm" is a number-metre, "MS" a
 # megasiemens), and let an angle pass for a bare number, so that "100 Hz" would silently mean 100 rad/s. With the angle

@@ -52,10 +52,13 @@ class Past:
         places = {0}  # behind the step that finished last, for every way in which that may have come about
         for name, _ in self._finished:
             following = {at for place in places for at in _possible(steps, place)}
-            places = {at + 1 for at in following if steps[at].name == name}
-            if not places:
-                meant = " or ".join(dict.fromkeys(f"'{steps[at].name}'" for at in sorted(following))) or "no more steps"
+            again = {place - 1 for place in places if place}
+            places = {at + 1 for at in following | again if steps[at].name == name}
+            if not places and following:
+                meant = " or ".join(dict.fromkeys(f"'{steps[at].name}'" for at in sorted(following)))
                 raise self._another(f"there '{name}' came next, where this session has {meant}")
+            if not places:
+                raise self._another("has more finished steps than this session")
 
     def _another(self, how: str) -> UsageError:
         return UsageError(f"{self.place}: {how}; resume with the session that was recorded")
@@ -83,8 +86,7 @@ class Past:
 
 
 def _possible(steps: Sequence[PlannedStep], place: int) -> Iterator[int]:
-    """Which steps may finish something next, once the one before ``place`` has: it too, and what may be left out."""
-    yield from range(max(place - 1, 0), place)
+    """Which steps may come next: that at ``place``, and those behind it as long as what is before may be left out."""
     for at in range(place, len(steps)):
         yield at
         if steps[at].certain:
