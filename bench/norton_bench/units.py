@@ -2,7 +2,6 @@
 
 import re
 from functools import cache
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BeforeValidator
@@ -13,6 +12,9 @@ if TYPE_CHECKING:
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 QUANTITY = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*")
 RANGE = re.compile(rf"\s*({NUMBER}):({NUMBER}):({NUMBER})\s*(.*?)\s*")
+MOST_IN_RANGE = 1000
+# In the unit that is asked for: squares and products of two such numbers are still finite, and none is ever near it.
+GREATEST = 1e18
 
 # The units of an actuator bench and no others: pint's own thousands hold traps here ("Nm" is a number-metre, "MS" a
 # megasiemens), and let an angle pass for a bare number, so that "100 Hz" would silently mean 100 rad/s. With the angle
@@ -131,7 +133,9 @@ def parse_range(text: object, unit: str) -> tuple[float, ...]:
         raise ValueError(f'expected a range such as "-40:8:40 {unit}", not {text!r}')
     first, step, last = (_convert(float(match[place]), match[4], unit, str(text)) for place in (1, 2, 3))
     steps = (last - first) / step if step else -1.0
-    if not 0 <= steps < 1000:
+    if steps >= MOST_IN_RANGE:
+        raise ValueError(f'the range "{text}" has more than {MOST_IN_RANGE} values; make its step greater')
+    if steps < 0:
         raise ValueError(f'the range "{text}" does not get from its first value to its last; write first:step:last')
     return tuple(first + step * index for index in range(int(steps + 1e-9) + 1))
 
@@ -147,8 +151,8 @@ def _convert(value: float, written: str, unit: str, text: str) -> float:
     if source.dimensionality != target.dimensionality:
         raise ValueError(f'"{text}" is not in {unit or "a plain number"}; write it like {example(unit)}')
     converted = float(_registry().Quantity(value, source).to(target).magnitude)
-    if not isfinite(converted):
-        raise ValueError(f'"{text}" is not finite; write it like {example(unit)}')
+    if not abs(converted) <= GREATEST:
+        raise ValueError(f'"{text}" is more than any bench meets; write it like {example(unit)}')
     return converted
 
 

@@ -1,5 +1,19 @@
 """What can go wrong at a device or a port, each in one sentence that a user can act on."""
 
+import re
+
+_SYSTEM = re.compile(r"\[Errno -?\d+\] ([^:\[\]()]+)")
+
+
+def reason_of(error: BaseException) -> str:
+    """What the system said, in words: libraries wrap one failure into the other, and each names number and port again.
+
+    "[Errno 2] could not open port x: [Errno 2] No such file or directory: 'x'" is "No such file or directory".
+    """
+    text = " ".join(str(error).split()) or type(error).__name__
+    said = _SYSTEM.findall(text)
+    return said[-1].strip() if said else text
+
 
 class DeviceError(Exception):
     """A device or a port does not do what was asked; the text says which, what, and the mend."""

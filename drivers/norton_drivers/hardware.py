@@ -15,7 +15,7 @@ from norton_drivers.adapters.eager_line import EagerLine
 from norton_drivers.adapters.serial_mend import serial_mend
 from norton_drivers.adapters.table import open_bus
 from norton_drivers.clock import Clock, MonotonicClock
-from norton_drivers.errors import ConnectionFailedError
+from norton_drivers.errors import ConnectionFailedError, reason_of
 from norton_drivers.ports import CanPort, SerialPort
 from norton_drivers.wiring import CanBusSettings, Wiring
 
@@ -73,7 +73,7 @@ class HardwareBackend:
             line = _open_line(port, baud)
         except (serial.SerialException, OSError, ValueError) as error:
             raise ConnectionFailedError(
-                f"port {port}: cannot open it at {baud} baud ({error}); {serial_mend(error)}"
+                f"port {port}: cannot open it at {baud} baud ({reason_of(error)}); {serial_mend(error)}"
             ) from error
         eager = os.name == "posix" and "://" not in port
         serial_port = SerialPort(port, EagerLine(line) if eager else line, self._clock)

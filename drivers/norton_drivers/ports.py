@@ -11,7 +11,7 @@ import can
 from norton_drivers.adapters.adapter import Health, StateOnly
 from norton_drivers.clock import Clock
 from norton_drivers.codecs.can_errors import CanErrorFrame
-from norton_drivers.errors import ConnectionFailedError
+from norton_drivers.errors import ConnectionFailedError, reason_of
 from norton_drivers.readings import ERROR_FRAME, RawFrame
 
 Tap = Callable[[RawFrame], None]
@@ -74,7 +74,7 @@ class CanPort:
             self.bus.send(message)
         except (can.CanError, OSError) as error:
             raise ConnectionFailedError(
-                f"bus {self.name}: cannot send ({error}); is the adapter plugged in?"
+                f"bus {self.name}: cannot send ({reason_of(error)}); is the adapter plugged in?"
             ) from error
         if self.tap is not None:
             self.tap(RawFrame(self._clock.now_ns(), self.name, True, data, arbitration_id, extended, remote))
@@ -89,7 +89,9 @@ class CanPort:
             try:
                 message = receive(0)
             except (can.CanError, OSError, ValueError) as error:
-                raise ConnectionFailedError(f"bus {self.name}: lost ({error}); check adapter and cable") from error
+                raise ConnectionFailedError(
+                    f"bus {self.name}: lost ({reason_of(error)}); check adapter and cable"
+                ) from error
             if message is None:
                 break
             count += 1
@@ -103,7 +105,9 @@ class CanPort:
         try:
             self._health.ask()
         except (can.CanError, OSError) as error:
-            raise ConnectionFailedError(f"bus {self.name}: lost ({error}); check adapter and cable") from error
+            raise ConnectionFailedError(
+                f"bus {self.name}: lost ({reason_of(error)}); check adapter and cable"
+            ) from error
         if (known := self._health.off_bus) is not None:
             raise self._bus_off(known)
 
@@ -178,7 +182,9 @@ class SerialPort:
         try:
             self.line.write(data)
         except OSError as error:
-            raise ConnectionFailedError(f"port {self.name}: cannot write ({error}); is it plugged in?") from error
+            raise ConnectionFailedError(
+                f"port {self.name}: cannot write ({reason_of(error)}); is it plugged in?"
+            ) from error
         if self.tap is not None:
             self.tap(RawFrame(self._clock.now_ns(), self.name, True, data))
 
@@ -200,7 +206,7 @@ class SerialPort:
             waiting = self.line.in_waiting
             return self.line.read(waiting) if waiting else b""
         except OSError as error:
-            raise ConnectionFailedError(f"port {self.name}: lost ({error}); check the cable") from error
+            raise ConnectionFailedError(f"port {self.name}: lost ({reason_of(error)}); check the cable") from error
 
     def close(self) -> None:
         """Release the line."""

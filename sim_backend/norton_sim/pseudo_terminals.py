@@ -7,7 +7,7 @@ import tty
 from contextlib import suppress
 from pathlib import Path
 
-from norton_drivers.errors import ConnectionFailedError
+from norton_drivers.errors import ConnectionFailedError, reason_of
 
 _PSEUDO_TERMINALS = "/dev/pts/"
 _READ_MAX = 65536
@@ -87,7 +87,7 @@ class ServedPort:
 
 
 def _not_made(link: Path, error: OSError) -> ConnectionFailedError:
-    return ConnectionFailedError(f"port {link}: cannot make it ({error}); name another path")
+    return ConnectionFailedError(f"port {link}: cannot make it ({reason_of(error)}); name another path")
 
 
 def _make_room(link: Path) -> None:

@@ -1,7 +1,8 @@
 """What is wrong in a table that a user wrote for the simulator: each mistake in one sentence, with place and mend."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -20,6 +21,13 @@ def keys_of(model: type[BaseModel]) -> dict[str, Any]:
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
+def nearest(key: str, known: Iterable[str]) -> str:
+    """The mend for a key that is not ``known``: the one that was meant, or all there are."""
+    choices = list(known)
+    close = get_close_matches(key.lower(), choices, n=1)
+    return f'did you mean "{close[0]}"?' if close else f"known here: {', '.join(choices)}"
+
+
 def _sentence(mistake: ErrorDetails, model: type[BaseModel], written: Mapping[str, Any], place: str, name: str) -> str:
     *tables, key = (name, *map(str, mistake["loc"]))
     where = f"{place}: [{'.'.join(tables)}] {key}" if tables else f"{place}: [{key}]"
@@ -27,7 +35,7 @@ def _sentence(mistake: ErrorDetails, model: type[BaseModel], written: Mapping[st
         case "missing":
             return f"{where} is missing; add {_example(model, mistake['loc'], name)}"
         case "extra_forbidden":
-            return f"{where} is not known; known here: {', '.join(keys_of(_table_at(model, mistake['loc'][:-1])))}"
+            return f"{where} is not known; {nearest(key, keys_of(_table_at(model, mistake['loc'][:-1])))}"
         case "value_error":
             return f"{where}: {mistake['ctx']['error']}"
         case "model_type" | "model_attributes_type":

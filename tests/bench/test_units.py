@@ -45,7 +45,7 @@ WRONG = [
     ("s", "s", "is not a quantity"),
     ("nan s", "s", "is not a quantity"),
     ("inf s", "s", "is not a quantity"),
-    ("1e999 s", "s", "is not finite"),
+    ("1e999 s", "s", "is more than any bench meets"),
     ("1,5 s", "s", 'write it like "1 s"'),
     ("5 N", "N*m", '"5 N" is not in N*m; write it like "1 N*m"'),
     ("100 Hz", "rad/s", "is not in rad/s"),  # 100 Hz is 628 rad/s, and never 100
@@ -70,7 +70,7 @@ def test_what_is_no_such_quantity_is_refused_in_a_sentence(text: object, unit: s
     assert "\n" not in str(refusal.value)
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False, width=32), st.sampled_from(["N*m", "rad/s", "A/(N*m)", "W"]))
+@given(st.floats(-(2.0**59), 2.0**59, width=32), st.sampled_from(["N*m", "rad/s", "A/(N*m)", "W"]))
 def test_a_number_survives_being_written(value: float, unit: str) -> None:
     assert parse_quantity(f"{value!r} {unit}", unit) == value
 

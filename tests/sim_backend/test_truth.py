@@ -110,7 +110,7 @@ def test_the_amplifier_may_be_commanded_in_volts(simulated):
         (
             "sensor",
             {},
-            "[simulated] sensor is not known; known here: seed, actuator, load, torque_sensor, modulator, transport",
+            '[simulated] sensor is not known; did you mean "torque_sensor"?',
         ),
         ("seed", -1, "[simulated] seed = -1 should be greater than or equal to 0"),
     ],

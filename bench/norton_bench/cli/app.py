@@ -5,12 +5,16 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
 from norton_bench.cli.exits import report_error
+from norton_bench.cli.output import complain, to_stdout
 from norton_bench.errors import ExitCode
 
 DEBUG = "--debug"
+VERSION_FLAGS = ("--version", "-V")
+# With one of these, or with nothing but the name of a group, words are printed and nothing else is done.
+WORDS_ALONE = frozenset(("--help", "-h", *VERSION_FLAGS))
 EPILOGUE = (
     f"{DEBUG} anywhere shows the traceback of a failure. Exit codes: 0 done, 1 the experiment failed, 2 wrong usage or "
     "file, 3 no connection, 4 a device did not answer, 5 safety stop, 130 interrupted."
@@ -45,6 +49,10 @@ COMMANDS = {
     "faults": ("norton_bench.cli.faults:faults", "Rehearse faults on simulated rigs, and say how each of them ends."),
     "paper": ("norton_bench.cli.paper:paper", "Repeat the paper's claims as experiments, each beside its closed form."),
     "devices": ("norton_bench.cli.check:devices", "List the serial ports and CAN adapters of this machine."),
+    "completion": (
+        "norton_bench.cli.completion:completion",
+        "Print or install what completes commands on the Tab key.",
+    ),
 }
 GROUPS = {
     "rig": (
@@ -86,6 +94,7 @@ def build_app() -> App:
         help="Find out what an actuator really is: identify its nonlinear Norton equivalent network.",
         help_epilogue=EPILOGUE,
         version=lambda: version("norton-bench"),
+        version_flags=VERSION_FLAGS,
         default_parameter=Parameter(negative=()),
         suppress_keyboard_interrupt=False,
         result_action="return_value",
@@ -104,8 +113,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code. Every error becomes sentences on stderr."""
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = DEBUG in tokens
+    tokens = [token for token in tokens if token != DEBUG]
     _leave_cores_alone()
-    return run_safely(lambda: build_app()([token for token in tokens if token != DEBUG]), debug=debug)
+    return run_safely(lambda: _run(tokens), debug=debug)
+
+
+def _run(tokens: list[str]) -> object:
+    if all(token in GROUPS for token in tokens) or not WORDS_ALONE.isdisjoint(tokens):
+        with to_stdout():
+            build_app()(tokens)
+        return ExitCode.OK
+    return build_app()(tokens)
 
 
 def _leave_cores_alone() -> None:
@@ -122,6 +140,8 @@ def run_safely(command: Callable[[], object], *, debug: bool) -> int:
     """The command's own exit code, or that of the error it ended with."""
     try:
         result = command()
+        with to_stdout():
+            pass  # what still waits leaves here, or its failure would be the interpreter's
     except CycloptsError as error:
         return _usage(error)
     except (Exception, KeyboardInterrupt) as error:
@@ -131,7 +151,9 @@ def run_safely(command: Callable[[], object], *, debug: bool) -> int:
 
 def _usage(error: CycloptsError) -> int:
     text = " ".join(str(error).split())
-    print(f"{text} See norton-bench --help.", file=sys.stderr)
+    if isinstance(error, UnusedCliTokensError):
+        text = f"{' '.join(error.unused_tokens or ())}: is more than this command takes; leave it out."
+    complain(f"{text} See norton-bench --help.")
     return ExitCode.USAGE
 
 

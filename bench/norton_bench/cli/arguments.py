@@ -1,20 +1,54 @@
 """Arguments that several commands share."""
 
 import re
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import Parameter, Token
 
 from norton_bench.errors import UsageError
+
+
+def _whole(_kind: object, tokens: Sequence[Token]) -> int:
+    """A whole number and nothing like it: 1.5 would be taken for 1."""
+    (token,) = tokens
+    if re.fullmatch(r"[+-]?\d+", token.value) is None:
+        raise ValueError(f'{token.keyword} "{token.value}" is not a whole number.')
+    return int(token.value)
+
+
+def _not_negative(_kind: object, seed: int | None) -> None:
+    if seed is not None and seed < 0:
+        raise ValueError("A seed is 0 or greater; give --seed 1, or another.")
+
+
+def _at_least_one(_kind: object, count: int | None) -> None:
+    if count is not None and count < 1:
+        raise ValueError("Give at least one.")
+
+
+def _not_empty(_kind: object, text: str | None) -> None:
+    if text is not None and not text.strip():
+        raise ValueError('Write "hardware" or "simulated", or leave it out.')
+
 
 RigFile = Annotated[Path, Parameter(name="RIG", help="A rig file.")]
 RecordingFile = Annotated[Path, Parameter(name="RECORDING", help="A recording (.mcap).")]
 Json = Annotated[bool, Parameter(help="Print one JSON document on stdout and nothing else there.")]
 Quiet = Annotated[bool, Parameter(help="Say nothing on the way.")]
-Seed = Annotated[int | None, Parameter(help="Seed of the simulation, instead of the rig file's.")]
-Backend = Annotated[str | None, Parameter(help='"hardware" or "simulated", instead of the rig file\'s.')]
+Seed = Annotated[
+    int | None,
+    Parameter(help="Seed of the simulation, instead of the rig file's.", converter=_whole, validator=_not_negative),
+]
+Jobs = Annotated[
+    int | None,
+    Parameter(help="How many at a time; as many as this machine has cores.", converter=_whole, validator=_at_least_one),
+]
+Backend = Annotated[
+    str | None, Parameter(help='"hardware" or "simulated", instead of the rig file\'s.', validator=_not_empty)
+]
 Out = Annotated[Path | None, Parameter(help="Folder for the results.")]
 
 

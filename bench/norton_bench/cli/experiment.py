@@ -1,5 +1,6 @@
 """``identify`` and ``run``: an experiment from its files to its result."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -20,10 +21,11 @@ if TYPE_CHECKING:
     from norton_bench.session.schema import Session
 
 SessionFile = Annotated[Path, Parameter(name="SESSION", help="A session file.")]
+AT_MOST = "10 min"
 Until = Annotated[
     str | None, Parameter(help='Choose excitations until every 95 % interval is within ± this of its value: "1%".')
 ]
-AtMost = Annotated[str, Parameter(help="Bench time that --until may take in all.")]
+AtMost = Annotated[str | None, Parameter(help=f'Bench time that --until may take in all; "{AT_MOST}" if not said.')]
 OtherRig = Annotated[Path | None, Parameter(name="--rig", help="A rig file, instead of the session's.")]
 DryRun = Annotated[bool, Parameter(help="Check every step and limit, and print the plan. Opens nothing.")]
 JUnit = Annotated[Path | None, Parameter(name="--junit", help="Also write a JUnit report to this file.")]
@@ -37,6 +39,10 @@ Yes = Annotated[bool, Parameter(help='Answer every other prompt with its first c
 Resume = Annotated[
     Path | None, Parameter(help="Go on behind the last finished step of this recording, or the newest of this folder.")
 ]
+
+
+NUMBER = re.compile(r"\d*\.?\d+(?:[eE][+-]?\d+)?")
+PERCENT = re.compile(rf"\s*({NUMBER.pattern})\s*%\s*")
 
 
 @dataclass(frozen=True)
@@ -56,7 +62,7 @@ def identify(
     /,
     *,
     until: Until = None,
-    at_most: AtMost = "10 min",
+    at_most: AtMost = None,
     backend: Backend = None,
     seed: Seed = None,
     out: Out = None,
@@ -69,12 +75,14 @@ def identify(
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
     from norton_bench.session.schema import refining_session, standard_session  # noqa: PLC0415
 
-    asked, at_most_s = _fraction(until), _quantity("--at-most", at_most, "s")
+    if until is None and at_most is not None:
+        raise UsageError("--at-most bounds the bench time of --until; add --until 1%, or leave it out")
+    asked, at_most_s = _fraction(until), _quantity("--at-most", at_most or AT_MOST, "s")
     rig = load_rig(rig_file, backend=backend)
     session = standard_session(rig) if asked is None else refining_session(rig, asked, at_most_s)
     output = Output(json, quiet)
     if dry_run:
-        return show_plan(rig, session, output)
+        return show_plan(rig, session, Wishes(seed=seed), output)
     return perform(rig, session, Wishes(out, seed, junit), output)
 
 
@@ -105,18 +113,19 @@ def run(
     if place is None:
         raise UsageError(f'{session_file}: names no rig; add rig = "../rigs/my-rig.toml", or give --rig')
     rig, output = load_rig(place, backend=backend), Output(json, quiet)
-    if dry_run:
-        return show_plan(rig, session, output)
     seed = session.seed if seed is None else seed
-    return perform(rig, session, Wishes(out, seed, junit, resume, answers.parsed(answer or ()), yes), output)
+    wishes = Wishes(out, seed, junit, resume, answers.parsed(answer or ()), yes)
+    return (show_plan if dry_run else perform)(rig, session, wishes, output)
 
 
-def show_plan(rig: "Rig", session: "Session", output: Output) -> int:
+def show_plan(rig: "Rig", session: "Session", wishes: Wishes, output: Output) -> int:
     """What the session would do, once everything is found to be in order."""
     from norton_bench.cli.plan import plan_data, plan_view  # noqa: PLC0415
     from norton_bench.session import dry_run  # noqa: PLC0415
+    from norton_bench.session.answers import Answers  # noqa: PLC0415
 
-    found = dry_run.dry_run(session, rig)
+    found = dry_run.dry_run(session, rig, seed=wishes.seed)
+    Answers(wishes.answers, wishes.yes).check(found.prompts, session.place, somebody=True)
     output.result(plan_data(found, session, rig), plan_view(found, session, rig))
     return ExitCode.OK
 
@@ -124,10 +133,16 @@ def show_plan(rig: "Rig", session: "Session", output: Output) -> int:
 def _fraction(until: str | None) -> float | None:
     if until is None:
         return None
-    asked = _quantity("--until", until, "")
-    if not 0 < asked < 1:
-        raise UsageError(f"--until {until}: must be between 0 and 100 %; write it like --until 1%")
-    return asked
+    percent = PERCENT.fullmatch(until)
+    if percent is None or not 0 < float(percent[1]) < 100:
+        bare = NUMBER.fullmatch(until.strip())
+        mend = f"--until {bare[0]}%" if bare and 0 < float(bare[0]) < 100 else "--until 1%"
+        if bare and 0 < float(bare[0]) < 1:
+            mend += f" or --until {100 * float(bare[0]):g}%, whichever is meant"
+        raise UsageError(
+            f"--until {until}: is a percentage of each value, more than 0 % and less than 100 %; write {mend}"
+        )
+    return float(percent[1]) / 100
 
 
 def _quantity(option: str, text: str, unit: str) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from norton_bench.cli.arguments import Json, Quiet, RigFile, Seed
+from norton_bench.cli.arguments import Jobs, Json, Quiet, RigFile, Seed
 from norton_bench.cli.output import Output
 from norton_bench.errors import ExitCode, UsageError
 from norton_bench.shipped import shipped_folder
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit")
 
 Quick = Annotated[bool, Parameter(help="A choice of the faults, in a minute or two.")]
-Jobs = Annotated[int | None, Parameter(help="How many at a time; as many as this machine has cores.")]
 Only = Annotated[str | None, Parameter(help="Only faults in whose name, kind or place this occurs.")]
 
 

@@ -81,7 +81,7 @@ def ladder_table(ladder: Sequence[Step]) -> Table:
     """One row a model of friction: error in training, on held-out parts, and which was selected on those."""
     table = plain_table()
     table.add_column("model", no_wrap=True)
-    for heading in ("train", "held out", "± std"):
+    for heading in ("train", "held out", "std"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("", no_wrap=True)
     for step in ladder:

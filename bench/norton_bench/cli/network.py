@@ -9,7 +9,6 @@ from cyclopts import Parameter
 from norton_bench.cli.arguments import Json
 from norton_bench.cli.output import Output
 from norton_bench.errors import ExitCode, UsageError
-from norton_bench.units import parse_quantity
 
 if TYPE_CHECKING:
     from norton_bench.networks.checks import Finding
@@ -152,6 +151,8 @@ def _exported(network: "Network", to: str, path: Path) -> list[str]:
 
 
 def _seconds(text: str) -> float:
+    from norton_bench.units import parse_quantity  # noqa: PLC0415  (pydantic is slow to import)
+
     try:
         value = parse_quantity(text, "s")
     except ValueError as error:

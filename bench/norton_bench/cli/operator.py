@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
+from norton_bench.cli.output import complain
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.session.operator import Order
 from norton_bench.session.progress import Prompt, SessionState, Silent
@@ -96,4 +97,4 @@ def operator_here() -> Iterator[CommandLineOperator]:
 
 def _say(text: str) -> None:
     """Also where all else is quiet: somebody is waited for."""
-    print(text, file=sys.stderr, flush=True)
+    complain(text)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from norton_bench.cli.arguments import Json, Quiet, numbers_in
+from norton_bench.cli.arguments import Jobs, Json, Quiet, numbers_in
 from norton_bench.cli.output import Output, plain_table
 from norton_bench.errors import ExitCode
 from norton_bench.shipped import shipped_folder
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 Seeds = Annotated[str, Parameter(help="Seeds of the simulation, such as 1-5 or 1,4.")]
 Rigs = Annotated[Path | None, Parameter(help="A folder of rigs, instead of the shipped ones.")]
-Jobs = Annotated[int | None, Parameter(help="How many experiments at a time; as many as this machine has cores.")]
 Pictures = Annotated[Path | None, Parameter(name="--out", help="Also draw them: a folder for pictures and a page.")]
 
 

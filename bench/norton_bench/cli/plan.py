@@ -72,9 +72,11 @@ def _in_all(found: DryRun, session: Session, rig: Rig) -> str:
     if found.at_least_s < found.at_most_s:
         span = f"between {clock(found.at_least_s)} and {span}"
     asks = f", {len(found.prompts)} prompts" if found.prompts else ""
-    return (
-        f"{session.place} suits {rig.place}: {len(found.steps)} steps, {span} of bench time{asks}. Nothing was opened."
-    )
+    return f"{session.place} suits {rig.place}: {_steps(found)}, {span} of bench time{asks}. Nothing was opened."
+
+
+def _steps(found: DryRun) -> str:
+    return "1 step" if len(found.steps) == 1 else f"{len(found.steps)} steps"
 
 
 def clock(duration_s: float) -> str:

@@ -213,21 +213,21 @@ def summary(found: Conclusion, recording: Path) -> RenderableType:
 
 
 def parameter_table(estimates: Iterable[Estimate]) -> Table:
-    """One row a parameter: symbol, name, value ± standard deviation, unit, status."""
+    """One row a parameter: symbol, name, value ± half of its 95 % interval, unit, status."""
     table = plain_table()
-    for heading, justify in (("", "left"), ("parameter", "left"), ("value", "right"), ("± std", "right")):
+    for heading, justify in (("", "left"), ("parameter", "left"), ("value", "right"), ("± (95 %)", "right")):
         table.add_column(heading, justify="right" if justify == "right" else "left", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     table.add_column("status", no_wrap=True)
     for estimate in estimates:
-        value, std = with_digits(estimate.value, estimate.std)
+        value, half = with_digits(estimate.value, estimate.half_interval)
         symbol = BY_NAME[estimate.name].symbol if estimate.name in BY_NAME else ""
-        table.add_row(symbol, estimate.name, value, std, estimate.unit, estimate.status.value)
+        table.add_row(symbol, estimate.name, value, half, estimate.unit, estimate.status.value)
     return table
 
 
 def with_digits(value: float, std: float) -> tuple[str, str]:
-    """Value and deviation with the digits that the deviation's two leading ones leave meaning."""
+    """A value and what it is uncertain by, with the digits that the two leading ones of the latter leave meaning."""
     if not isfinite(value):
         return "–", "–"
     if not isfinite(std) or std <= 0:

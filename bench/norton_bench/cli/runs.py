@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from norton_bench.cli.arguments import RUNS, Json
 from norton_bench.cli.output import Output, plain_table
 from norton_bench.errors import UsageError
+from norton_bench.models.parameters import HALF_INTERVAL
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -21,7 +22,6 @@ Folder = Annotated[Path, Parameter(name="FOLDER", help="The folder that holds yo
 OfRig = Annotated[str | None, Parameter(name="--rig", help="Only runs of the rig of this name.")]
 Compare = Annotated[tuple[Path, Path] | None, Parameter(help="Two runs, by their folders or recordings.")]
 Over = Annotated[str | None, Parameter(name="--trend", help="A parameter, such as coulomb_torque, over all runs.")]
-HALF_WIDTH = 1.96  # deviations, of a 95 % interval
 
 
 def runs(
@@ -99,7 +99,7 @@ def _compared(first: "Run", second: "Run", differences: Sequence["Difference"]) 
     for heading in ("parameter", "first", "second", "difference", "± 95 %", "unit", ""):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit", "") else "right")
     for each in differences:
-        change, half = with_digits(each.value, HALF_WIDTH * each.std)
+        change, half = with_digits(each.value, HALF_INTERVAL * each.std)
         values = (with_digits(estimate.value, estimate.std)[0] for estimate in (each.first, each.second))
         table.add_row(each.first.name, *values, change, half, each.first.unit, "differs" if each.shows else "")
     words = (
@@ -135,7 +135,7 @@ def _values(name: str, found: Sequence["Run"]) -> "Table":
         table.add_column(heading, justify="right" if heading in (name, "± 95 %") else "left", overflow="fold")
     for run in found:
         each = run.estimates[name]
-        value, half = with_digits(each.value, HALF_WIDTH * each.std)
+        value, half = with_digits(each.value, HALF_INTERVAL * each.std)
         table.add_row(_when(run), run.rig, value, half, each.unit, each.status.value, str(run.recording))
     return table
 
@@ -144,7 +144,7 @@ def _trend_words(line: "Trend", estimate: "Estimate") -> str:
     from norton_bench.cli.results import with_digits  # noqa: PLC0415
 
     unit, both = estimate.unit, line.combined
-    mean, half = with_digits(both.value, HALF_WIDTH * both.std)
+    mean, half = with_digits(both.value, HALF_INTERVAL * both.std)
     words = f"Mean {mean} ± {half} {unit} (95 %). "
     if both.p < 0.05:
         words += f"Runs differ by more than their own errors (p = {both.p:.2g}): by {both.between_std:.2g} {unit} rms. "
@@ -152,6 +152,6 @@ def _trend_words(line: "Trend", estimate: "Estimate") -> str:
         words += f"Runs differ by no more than their own errors (p = {both.p:.2g}). "
     if line.slope_per_month is None or line.slope_std is None:
         return words + "They were all made at one time: no trend."
-    slope, half = with_digits(line.slope_per_month, HALF_WIDTH * line.slope_std)
-    shows = "a trend" if abs(line.slope_per_month) > HALF_WIDTH * line.slope_std else "no trend that shows"
+    slope, half = with_digits(line.slope_per_month, HALF_INTERVAL * line.slope_std)
+    shows = "a trend" if abs(line.slope_per_month) > HALF_INTERVAL * line.slope_std else "no trend that shows"
     return words + f"In 30 days {slope} ± {half} {unit} (95 %): {shows}."

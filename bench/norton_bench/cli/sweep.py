@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from norton_bench.cli.arguments import RUNS, Json, Quiet, numbers_in
+from norton_bench.cli.arguments import RUNS, Jobs, Json, Quiet, numbers_in
 from norton_bench.cli.output import Output, plain_table
 from norton_bench.errors import ExitCode, UsageError
 
@@ -23,7 +23,6 @@ RECORDING_SUFFIX = ".mcap"
 Source = Annotated[Path, Parameter(name="SOURCE", help="A simulated rig, or the recordings (.mcap) of a fleet.")]
 Seeds = Annotated[str | None, Parameter(help="Seeds of the simulation, such as 1-20.")]
 SessionFile = Annotated[Path | None, Parameter(name="--session", help="A session file, instead of the standard one.")]
-Jobs = Annotated[int | None, Parameter(help="How many at a time on this machine; as many as it has cores.")]
 Cluster = Annotated[str | None, Parameter(help="Address of a Dask scheduler to work on: tcp://host:8786.")]
 Folder = Annotated[Path | None, Parameter(name="--out", help="Folder of the results; a sweep in it goes on.")]
 Keep = Annotated[bool, Parameter(help="Keep recording, network and report of each run, too.")]
@@ -49,8 +48,6 @@ def sweep(
     from norton_bench.sweep.store import Store  # noqa: PLC0415
     from norton_bench.sweep.summary import summary  # noqa: PLC0415
 
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"--jobs {jobs}: give at least one")
     sources, output = (first, *others), Output(json, quiet)
     folder = out or RUNS / f"sweep-{first.stem}"
     tasks, about = _tasks(sources, seeds, session, folder if keep else None)

@@ -21,7 +21,7 @@ from norton_bench.identification.machine import Machine
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import INTERPOLATION, Port, positions_of, signals
 from norton_bench.identification.soundness.recording import sound
-from norton_bench.models.parameters import Status
+from norton_bench.models.parameters import HALF_INTERVAL, Status
 from norton_bench.records import NO_DEVICE_TIME, TORQUE, Measured, Table
 from norton_bench.segments import FloatArray, Use
 
@@ -53,7 +53,9 @@ def load_by_twist(measured: Measured, tick_s: float) -> LoadByTwist:
         raise ExperimentError("the twist between the encoders does not tell the load's inertia from the actuator's")
     deviation = float(np.hypot(gain.std / gain.value, inertia.std / inertia.value))
     if not deviation < LOOSEST:
-        raise ExperimentError(f"the twist between the encoders tells the load's inertia to ±{deviation:.0%} only")
+        raise ExperimentError(
+            f"the twist between the encoders tells the load's inertia to ±{HALF_INTERVAL * deviation:.0%} only"
+        )
     return LoadByTwist(Machine.of_fit(fit).in_drive_units(), deviation, weight_of(fit) / gain.value)
 
 

@@ -94,7 +94,7 @@ def verdict(
 
 def _ratio_sentence(ratios: Sequence[Estimate]) -> str:
     known = [
-        f"{estimate.name.replace('_', ' ')} / torque gain = {estimate.value:.4g} ± {estimate.std:.1g}"
+        f"{estimate.name.replace('_', ' ')} / torque gain = {estimate.value:.4g} ± {estimate.half_interval:.2g}"
         for estimate in ratios
     ]
-    return f"Known are the ratios {', '.join(known)} (per command unit)."
+    return f"Known are the ratios {', '.join(known)} (per command unit; ± is half of a 95 % interval)."

@@ -18,7 +18,7 @@ from norton_bench.logs.schema import (
     ModelSection,
     SplitSection,
 )
-from norton_bench.rig.files import parse_toml, read_text
+from norton_bench.rig.files import check_kind, parse_toml, read_text
 from norton_bench.rig.mistakes import Mistakes
 from norton_bench.units import conversion
 
@@ -123,6 +123,7 @@ def parse_map(text: str, *, place: str) -> ColumnMap:
     """As :func:`load_map`, from the file's content."""
     mistakes = Mistakes(place)
     written = parse_toml(text, place)
+    check_kind(written, "column map", place)
     read = mistakes.read(MapFile, written, "")
     mistakes.raise_as(UsageError)
     assert read is not None  # it was told, and raised, otherwise

@@ -73,7 +73,7 @@ def without_scale(estimates: tuple[Estimate, ...], units: Units) -> tuple[tuple[
     fixed = ("rad", "m", "rad/s", "m/s", "1")
     known = [estimate for estimate in estimates if estimate.unit not in fixed]
     ratios = ", ".join(
-        f"{estimate.name.replace('_', ' ')} / torque gain = {estimate.value:.5g} ± {estimate.std:.2g}"
+        f"{estimate.name.replace('_', ' ')} / torque gain = {estimate.value:.5g} ± {estimate.half_interval:.2g}"
         for estimate in known
         if estimate.status is Status.VALID
     )

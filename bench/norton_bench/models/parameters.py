@@ -48,12 +48,22 @@ class Status(Enum):
     DOUBTFUL = "doubtful"  # the data contradict the model, or themselves: not an estimate
 
 
+# Deviations in half of a normal distribution's 95 % interval: what stands behind every "±" that is shown.
+HALF_INTERVAL = 1.96
+
+
 @dataclass(frozen=True)
 class Estimate:
-    """One estimated parameter: value ± std in ``unit``; where ``status`` is valid, value ± 1.96 std covers 95 %."""
+    """One estimated parameter in ``unit``, ``std`` its standard deviation; where ``status`` is valid, value ±
+    ``half_interval`` covers 95 %."""
 
     name: str
     value: float
     std: float
     unit: str
     status: Status
+
+    @property
+    def half_interval(self) -> float:
+        """Half of the 95 % interval."""
+        return HALF_INTERVAL * self.std

@@ -44,6 +44,8 @@ def load(path: Path | str) -> Network:
     except UnicodeDecodeError as error:
         raise UsageError(f"{path}: is not text; give the path of a network file (JSON)") from error
     except (json.JSONDecodeError, RecursionError) as error:
+        if Path(path).suffix.lower() == ".toml":
+            raise UsageError(f"{path}: is a TOML file; give a network file (JSON)") from error
         line = f"line {error.lineno}: " if isinstance(error, json.JSONDecodeError) else ""
         raise UsageError(f"{path}: {line}not valid JSON; was the file cut short?") from error
     found = content.get("format") if isinstance(content, dict) else None

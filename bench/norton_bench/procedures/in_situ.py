@@ -17,6 +17,7 @@ from norton_bench.identification.in_situ import IN_SITU, Exerted, Trial, figures
 from norton_bench.identification.machine import Machine
 from norton_bench.identification.trials import TRIAL, diverge, settled
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.in_situ_state import Assembly, InSitu
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, why_no_basis
@@ -234,7 +235,8 @@ def _load(known: Knowledge, measured: Measured, options: InSituOptions) -> tuple
 def _by_twist(
     machine: Machine, deviation: float, calibrated_nms_rad: float | None, options: InSituOptions
 ) -> tuple[Machine, tuple[str, ...]]:
-    said = [f"the load's inertia is {_kgm2(machine)} ±{200 * deviation:.1f} %, by the twist between the encoders"]
+    half = 100 * HALF_INTERVAL * deviation
+    said = [f"the load's inertia is {_kgm2(machine)} ±{half:.1f} %, by the twist between the encoders"]
     believed_kgm2 = options.inertia_kgm2
     if believed_kgm2 is not None:
         off = believed_kgm2 / machine.network.inertia_kgm2 - 1.0

@@ -5,11 +5,9 @@ from dataclasses import dataclass, field, replace
 from math import inf, isfinite, log
 
 from norton_bench.identification.information import KNOWN
-from norton_bench.models.parameters import Estimate, Status
+from norton_bench.models.parameters import HALF_INTERVAL, Estimate, Status
 from norton_bench.segments import FloatArray
 
-# Half of a 95 % interval, in standard deviations.
-HALF_INTERVAL = 1.96
 # Estimates that more excitation can better. The others are no numbers at all, and the fit says why.
 IMPROVABLE = (Status.VALID, Status.UNEXCITED)
 # Which of the information's parameters an estimate rests on, where it is none of them itself.

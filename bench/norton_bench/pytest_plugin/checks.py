@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 
+from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.session.engine import SessionResult
-from norton_bench.session.found import HALF_INTERVAL, Found
+from norton_bench.session.found import Found
 from norton_bench.session.progress import Judged
 from norton_bench.units import parse_quantity
 

@@ -21,9 +21,9 @@ Columns = Mapping[str, npt.NDArray[Any]]
 def export(path: Path, format: str, out_dir: Path) -> list[Path]:  # noqa: A002
     """Write the recording's tables to ``out_dir``; the paths written, one a table, or one in all for "mat".
 
-    Units stand in the column names. ``format`` is "parquet", "csv" or "mat"; or "candump", for the CAN frames alone.
-    Raises UsageError for another format or
-    an unreadable recording, ExperimentError where the files cannot be written.
+    Units stand in the column names. ``format`` is "parquet", "csv" or "mat", in which texts are matrices of characters,
+    padded with blanks; or "candump", for the CAN frames alone. Raises UsageError for another format or an unreadable
+    recording, ExperimentError where the files cannot be written.
     """
     if format not in WRITERS:
         raise UsageError(f"cannot export to {format!r}; choose one of {', '.join(WRITERS)}")
@@ -96,14 +96,10 @@ def _write_mat(recording: Recording, out_dir: Path, stem: str) -> list[Path]:
     from scipy.io import savemat  # noqa: PLC0415
 
     path = out_dir / f"{stem}.mat"
-    tables = {name: _for_matlab(columns) for name, columns in tables_of(recording).items()}
+    # Texts become matrices of characters, a row each: as cells, a minute's frames would take half a minute to write.
+    tables = {name: dict(columns) for name, columns in tables_of(recording).items()}
     savemat(path, tables, oned_as="column", do_compression=True, long_field_names=True)
     return [path]
-
-
-def _for_matlab(columns: Columns) -> dict[str, npt.NDArray[Any]]:
-    """Texts become cell arrays."""
-    return {name: values.astype(object) if values.dtype.kind == "U" else values for name, values in columns.items()}
 
 
 def _write_candump(recording: Recording, out_dir: Path, stem: str) -> list[Path]:

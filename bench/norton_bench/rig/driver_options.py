@@ -52,7 +52,7 @@ def read_options(
         except ValueError as error:
             mistakes.add(f"[{role}] {key}", str(error))
     if declared.model is not None:
-        _check(declared.model, options, written, role, mistakes)
+        _check(declared.model, options, device, role, mistakes)
     return options
 
 
@@ -65,8 +65,9 @@ def _converted(key: str, value: object, declared: Declared, folder: Path) -> obj
 
 
 def _check(
-    model: type[DeviceOptions], options: dict[str, Any], written: dict[str, Any], role: str, mistakes: Mistakes
+    model: type[DeviceOptions], options: dict[str, Any], device: DeviceSection, role: str, mistakes: Mistakes
 ) -> None:
+    written, own = device.driver_options, keys_of(type(device))  # one of the section's own may have been meant
     told = set(written) - set(options)  # those that are no quantity: said already
     try:
         model.model_validate(options)
@@ -74,9 +75,8 @@ def _check(
         for details in error.errors():
             key = written_as(model, str(details["loc"][0])) if details["loc"] else ""
             if key not in told:
-                mistakes.add(
-                    f"[{role}] {key}".strip(), _explained(sentence(details, model, key, written.get(key)), model, key)
-                )
+                text = sentence(details, model, key, written.get(key), own)
+                mistakes.add(f"[{role}] {key}".strip(), _explained(text, model, key))
 
 
 def _explained(text: str, model: type[DeviceOptions], key: str) -> str:

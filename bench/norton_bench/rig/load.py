@@ -9,7 +9,7 @@ from norton_bench.errors import RigError
 from norton_bench.rig.checks import check
 from norton_bench.rig.draft import Draft, read_draft
 from norton_bench.rig.driver_options import declared_by
-from norton_bench.rig.files import parse_toml, read_text
+from norton_bench.rig.files import check_kind, parse_toml, read_text
 from norton_bench.rig.mistakes import Mistakes
 from norton_bench.rig.rig import Command, Limits, Rig, Supervision
 from norton_bench.rig.schema import ActuatorSection, CommandSection, DeviceSection, LimitsSection, RigSection
@@ -29,7 +29,9 @@ def load_rig(path: str | Path, *, backend: str | None = None) -> Rig:
 def parse_rig(text: str, *, place: str, backend: str | None = None) -> Rig:
     """As :func:`load_rig`, from the file's content (a recording keeps it); ``place`` is where it came from."""
     mistakes = Mistakes(place)
-    draft = read_draft(parse_toml(text, place, RigError), Path(place).parent, mistakes)
+    written = parse_toml(text, place, RigError)
+    check_kind(written, "rig file", place, RigError)
+    draft = read_draft(written, Path(place).parent, mistakes)
     chosen = backend or (draft.rig.backend if draft.rig else None)
     check(draft, chosen, mistakes)
     mistakes.raise_as(RigError)

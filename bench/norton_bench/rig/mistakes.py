@@ -18,6 +18,7 @@ Section = TypeVar("Section", bound=BaseModel)
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 KINDS = {
     "string_type": "a text in quotes",
+    "string_too_short": "a text",
     "string_pattern_mismatch": 'a plain name of letters, digits, ".", "_" and "-"',
     "int_type": "a whole number",
     "int_parsing": "a whole number",
@@ -55,9 +56,17 @@ class Mistakes:
             raise error("\n".join(self.sentences))
 
     def read(
-        self, model: type[Section], table: object, where: str, context: Mapping[str, Any] | None = None
+        self,
+        model: type[Section],
+        table: object,
+        where: str,
+        context: Mapping[str, Any] | None = None,
+        also_known: Iterable[str] = (),
     ) -> Section | None:
-        """``table`` as a ``model``; None, with every mistake noted, where it is not one."""
+        """``table`` as a ``model``; None, with every mistake noted, where it is not one.
+
+        ``also_known`` are keys that may stand there too, and are read elsewhere.
+        """
         if not isinstance(table, dict):
             self.add(f"[{where}]", f"is a section, not {toml(table)}; write [{where}] on a line of its own")
             return None
@@ -65,27 +74,35 @@ class Mistakes:
             return model.model_validate(table, context=dict(context or {}))
         except ValidationError as error:
             for details in error.errors():
-                self._add_details(details, model, table, where)
+                self._add_details(details, model, table, where, also_known)
             return None
 
-    def _add_details(self, details: ErrorDetails, model: type[BaseModel], table: object, where: str) -> None:
+    def _add_details(
+        self, details: ErrorDetails, model: type[BaseModel], table: object, where: str, also_known: Iterable[str]
+    ) -> None:
         path = [str(step) for step in details["loc"] if step != "[key]"]
         tables, key = path[:-1], path[-1] if path else ""
         inner = _model_at(model, tables)
         section = ".".join(filter(None, [where, *tables]))
         written = _dig(table, path)
-        self.add(" ".join(filter(None, [section and f"[{section}]", key])), sentence(details, inner, key, written))
+        text = sentence(details, inner, key, written, () if tables else also_known)
+        self.add(" ".join(filter(None, [section and f"[{section}]", key])), text)
 
 
-def sentence(details: ErrorDetails, model: type[BaseModel], key: str, written: object) -> str:
-    """One mistake that pydantic found, in words, with the mend; ``written`` is what the file says there."""
+def sentence(
+    details: ErrorDetails, model: type[BaseModel], key: str, written: object, also_known: Iterable[str] = ()
+) -> str:
+    """One mistake that pydantic found, in words, with the mend; ``written`` is what the file says there.
+
+    ``also_known`` are keys that may stand there beside those of the model.
+    """
     keys = keys_of(model)
     example = _example(keys[key]) if key in keys else ""
     kind = details["type"]
     if kind == "missing":
         return f"is missing; add {key} = {example}"
     if kind == "extra_forbidden":
-        return f"unknown key; {nearest(key, keys)}"
+        return f"unknown key; {nearest(key, (*keys, *also_known))}"
     if kind == "value_error":
         return str(details["ctx"]["error"])
     if kind == "literal_error":

@@ -22,6 +22,9 @@ PLAUSIBILITY = (
     "balance",
 )
 
+# Faster than any machine turns: the record is 1e6 rpm (Zwyssig, Kolar and Round 2009, "Megaspeed drive systems").
+FASTEST_RAD_S = 2e5
+
 
 class SectionModel(BaseModel):
     """Base of every section: nothing is guessed, nothing unknown is passed over."""
@@ -142,7 +145,9 @@ class LimitsSection(SectionModel):
     """``[limits]``: what the guard holds."""
 
     torque_nm: Annotated[float, _or_unlimited("N*m")] = Field(inf, alias="torque", gt=0, examples=["1 N*m"])
-    velocity_rad_s: Annotated[float, quantity_in("rad/s")] = Field(alias="velocity", gt=0, examples=["60 rad/s"])
+    velocity_rad_s: Annotated[float, quantity_in("rad/s")] = Field(
+        alias="velocity", gt=0, le=FASTEST_RAD_S, examples=["60 rad/s"]
+    )
     position_rad: Annotated[float, _or_unlimited("rad")] = Field(inf, alias="position", gt=0, examples=["20 rad"])
     power_w: Annotated[float, _or_unlimited("W")] = Field(inf, alias="power", gt=0, examples=["20 W"])
     temperature_c: Annotated[float, _or_unlimited("degC")] = Field(inf, alias="temperature", gt=0, examples=["80 degC"])

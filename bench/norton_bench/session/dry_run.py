@@ -5,6 +5,7 @@ much as may be. What the bench itself decides meanwhile, the guard watches when 
 """
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from math import inf
 
@@ -18,7 +19,9 @@ from norton_bench.segments import Segment
 from norton_bench.session.items import Session
 from norton_bench.session.program import Made, make_program
 from norton_bench.session.progress import PlannedStep, Prompt
+from norton_bench.session.rehearsal import rehearsed
 from norton_bench.session.script import Ask
+from norton_drivers.registry import load_backend
 
 # Limits are written in decimal.
 ROUNDING = 1.0 + 1e-9
@@ -69,9 +72,11 @@ class DryRun:
         return sum(step.planned.duration_s for step in self.steps if step.planned.certain)
 
 
-def dry_run(session: Session, rig: Rig) -> DryRun:
-    """Raises RigError and UsageError as the session itself would, and RigError where a step goes beyond a limit."""
+def dry_run(session: Session, rig: Rig, *, seed: int | None = None) -> DryRun:
+    """Raises RigError, UsageError and WiringError as the session itself would, and RigError where a step goes beyond a
+    limit."""
     program = make_program(session, rig)
+    _check_simulated(session, rig, seed)
     every = list(program.every_turn())
     asked = {action: _asked(action, rig) for action in {made.action for made in every} if not isinstance(action, Ask)}
     problems = [
@@ -89,6 +94,12 @@ def dry_run(session: Session, rig: Rig) -> DryRun:
         begins_s += planned.duration_s
     prompts = dict.fromkeys(made.action.prompt for made in every if isinstance(made.action, Ask))
     return DryRun(tuple(steps), tuple(prompts))
+
+
+def _check_simulated(session: Session, rig: Rig, seed: int | None) -> None:
+    """What the backend reads before it opens anything: the true values of a simulation, and the faults in it."""
+    with closing(load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)) as backend:
+        rehearsed(session, backend)
 
 
 def _asked(action: Procedure | Adaptive, rig: Rig) -> tuple[int, Peaks]:

@@ -213,27 +213,24 @@ def _recorded(
     if experiment.prompts is not None:
         terms.answers.check(experiment.prompts, session.place, somebody=operator.answers)
     past = Past() if terms.resume is None else read_past(terms.resume, rig)
+    if experiment.prompts is not None:
+        past.check(experiment.plan)
     progress.plan(experiment.plan)
     progress.state(SessionState.PREPARING)
-    warm_up()
     own_backend = backend is None
     if backend is None:
         backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=terms.seed, place=rig.place)
+    lock_step = backend.lock_step
     with ExitStack() as stack:
         stack.callback(backend.close)
         rehearsal = rehearsed(session, backend)
+        loop = stack.enter_context(_warm_loop(terms, rig, backend, operator, in_process=lock_step or not own_backend))
         stack.enter_context(settled_memory())
-        opened: AbstractContextManager[BenchLoop] = (
-            loop_in_process(rig, backend, operator.stop.heard)
-            if backend.lock_step or not own_backend
-            else LoopProcess(rig, operator.stop, seed=terms.seed)
-        )
-        loop = stack.enter_context(opened)
         metadata = {**provenance(rig, session, terms.seed, loop.identify()), "loop": loop.place, RESUMES: past.place}
         planned_s = sum(step.duration_s for step in experiment.plan)
-        recorder = stack.enter_context(_recorder(rig, terms.out, metadata, planned_s, lock_step=backend.lock_step))
+        recorder = stack.enter_context(_recorder(rig, terms.out, metadata, planned_s, lock_step=lock_step))
         so_far = SoFar(known or Knowledge(rig))
-        feed = stack.enter_context(_feed(rig, progress, lock_step=backend.lock_step))
+        feed = stack.enter_context(_feed(rig, progress, lock_step=lock_step))
         desk = Desk(operator, progress, loop.tell)
         plan = list(experiment.plan)
         run = Run(rig, loop, feed, so_far, progress, recorder, desk, rehearsal, terms.answers, plan, past)
@@ -247,6 +244,24 @@ def _recorded(
         progress.note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them")
     found = read_recording(recorder.path, raw_frames=False)
     return Recorded(recorder.path, found.metadata, so_far.known, behind(past.records, found.measured), found.live)
+
+
+@contextmanager
+def _warm_loop(
+    terms: Terms, rig: Rig, backend: Backend, operator: Operator, *, in_process: bool
+) -> Iterator[BenchLoop]:
+    """The devices, open, and everything compiled. A port that is not there is told before the first run compiles,
+    where somebody reads the ports meanwhile: the loop's own process."""
+    if in_process:
+        warm_up()
+    opened: AbstractContextManager[BenchLoop] = (
+        loop_in_process(rig, backend, operator.stop.heard)
+        if in_process
+        else LoopProcess(rig, operator.stop, seed=terms.seed)
+    )
+    with opened as loop:
+        warm_up()
+        yield loop
 
 
 def _say_how_it_stands(loop: BenchLoop, rig: Rig, progress: Progress) -> None:

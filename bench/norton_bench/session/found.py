@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from math import inf, isfinite, nan
 
 from norton_bench.errors import UsageError
-from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.models.parameters import BY_NAME, HALF_INTERVAL, Estimate, Status
 from norton_bench.rig.mistakes import nearest
 from norton_bench.session.progress import Judged
 from norton_bench.units import parse_quantity
 
-# Half of a 95 % interval, in standard deviations.
-HALF_INTERVAL = 1.96
 NUMBERS = (Status.VALID, Status.UNEXCITED)
 
 

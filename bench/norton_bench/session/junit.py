@@ -15,7 +15,7 @@ from time import perf_counter
 from xml.etree import ElementTree as ET
 
 from norton_bench.errors import ExitCode, UsageError
-from norton_bench.session.found import HALF_INTERVAL
+from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.session.progress import PlannedStep, SessionState, Silent, Summary
 
 # XML 1.0 knows no other characters, however they are written.

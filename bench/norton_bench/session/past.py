@@ -1,7 +1,7 @@
 """What a session that was interrupted has finished: read from its recording, and put before what goes on from there."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
@@ -13,6 +13,8 @@ from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import NO_DEVICE_TIME, READINGS, Event, Measured, Table, join
 from norton_bench.rig.rig import Rig
+from norton_bench.session.progress import PlannedStep
+from norton_bench.session.step_models import ASK
 
 # Kinds of events that a session leaves for the one that resumes it.
 FINISHED, ANSWERED = "step", "answer"
@@ -41,6 +43,26 @@ class Past:
         """Whether some procedure is still to be taken from it."""
         return bool(self._finished)
 
+    def check(self, plan: Sequence[PlannedStep]) -> None:
+        """Raises UsageError, before anything is opened, where a session of this plan cannot have finished all that.
+
+        A step that is decided as it goes finishes something under its own name as often as it pleases.
+        """
+        steps = [step for step in plan if step.name != ASK]
+        places = {0}  # behind the step that finished last, for every way in which that may have come about
+        for name, _ in self._finished:
+            following = {at for place in places for at in _possible(steps, place)}
+            again = {place - 1 for place in places if place}
+            places = {at + 1 for at in following | again if steps[at].name == name}
+            if not places and following:
+                meant = " or ".join(dict.fromkeys(f"'{steps[at].name}'" for at in sorted(following)))
+                raise self._another(f"there '{name}' came next, where this session has {meant}")
+            if not places:
+                raise self._another("has more finished steps than this session")
+
+    def _another(self, how: str) -> UsageError:
+        return UsageError(f"{self.place}: {how}; resume with the session that was recorded")
+
     def finished(self, name: str) -> Measured | None:
         """What the next procedure has measured; None where nothing is left.
 
@@ -50,10 +72,7 @@ class Past:
             return None
         recorded, record = self._finished.popleft()
         if recorded != name:
-            raise UsageError(
-                f"{self.place}: there '{recorded}' came next, where this session has '{name}'; "
-                "resume with the session that was recorded"
-            )
+            raise self._another(f"there '{recorded}' came next, where this session has '{name}'")
         return record
 
     def answer(self, name: str) -> str | None:
@@ -62,11 +81,16 @@ class Past:
             return None
         asked, answer = self._answers.popleft()
         if asked != name:
-            raise UsageError(
-                f'{self.place}: there "{asked}" was asked, where this session asks "{name}"; '
-                "resume with the session that was recorded"
-            )
+            raise self._another(f'there "{asked}" was asked, where this session asks "{name}"')
         return answer
+
+
+def _possible(steps: Sequence[PlannedStep], place: int) -> Iterator[int]:
+    """Which steps may come next: that at ``place``, and those behind it as long as what is before may be left out."""
+    for at in range(place, len(steps)):
+        yield at
+        if steps[at].certain:
+            return
 
 
 def read_past(path: Path, rig: Rig) -> Past:

@@ -2,22 +2,79 @@
 
 import multiprocessing
 import signal
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
+from types import FrameType
+
+# A session that is told to end puts away what it has, its recorder and its folder, in less than this. It may not have
+# heard: compiled code that was just asking whether something is a sequence takes any error for a no.
+END_WITHIN_S = 2.0
+TELL_TIMES = 5
+
+Handler = Callable[[int, FrameType | None], object] | int
 
 
 @contextmanager
 def process_pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
-    """So many fresh processes; what has not begun when something fails, or Ctrl-C comes, is not begun any more."""
+    """So many fresh processes. When something fails, or Ctrl-C or SIGTERM comes, what runs in them is ended at once.
+
+    SIGTERM is raised as a KeyboardInterrupt, as Ctrl-C is.
+    """
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_leave_interrupts_to_the_parent) as pool:
+    others = set(multiprocessing.active_children())
+    with (
+        _on_signals({signal.SIGTERM: _interrupt}),
+        ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_when_told) as pool,
+    ):
         try:
             yield pool
         except BaseException:
-            pool.shutdown(cancel_futures=True)
+            # One who is impatient must not cut this short: what is left over would be complained of.
+            with _on_signals({signal.SIGINT: signal.SIG_IGN, signal.SIGTERM: signal.SIG_IGN}):
+                pool.shutdown(wait=False, cancel_futures=True)
+                _end([child for child in multiprocessing.active_children() if child not in others])
+                pool.shutdown()
             raise
 
 
-def _leave_interrupts_to_the_parent() -> None:
+def _end(processes: list[BaseProcess]) -> None:
+    for _ in range(TELL_TIMES):
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join(END_WITHIN_S)
+        if not any(process.is_alive() for process in processes):
+            return
+    for process in processes:
+        process.kill()
+
+
+@contextmanager
+def _on_signals(handlers: dict[signal.Signals, Handler]) -> Iterator[None]:
+    """Inside, signals are handled so; in the main thread alone, for no other may say."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _end_when_told() -> None:
+    """In each process: Ctrl-C is for the parent to hear; told to end, a session puts away what it has."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _leave)
+
+
+def _leave(_number: int, _frame: FrameType | None) -> None:
+    raise SystemExit

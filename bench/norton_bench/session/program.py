@@ -15,6 +15,11 @@ from norton_bench.session.progress import PlannedStep
 from norton_bench.session.script import Action, Ask, Experiment, Remark, Script, SoFar, Turn
 from norton_bench.units import parse_quantity
 
+# An hour, as with `rest`. A step's excitation and readings are held in memory at once, and fitted: at 1 kHz an hour is
+# 3.6 million ticks of 224 bytes, with some 150 bytes of readings each: 1.3 GB.
+MOST_STEP_S = 3600.0
+# A day. The fit holds all of a session in memory: the standard session's 2 minutes are 50 MB of recording, a day 37 GB.
+MOST_SESSION_S = 24 * 3600.0
 # What measures the bench alone: an end that must be possible however far the session came.
 ALWAYS_POSSIBLE = ("tare", "rest", "ask")
 
@@ -85,6 +90,7 @@ class _Maker:
         index, action = len(self.plan), self._action(step, before)
         certain = certain and step.when is None
         duration_s = 0.0 if isinstance(action, Ask) else action.duration_s(self.rig)
+        self._check_duration(step, action, duration_s)
         self.plan.append(PlannedStep(step.do, duration_s, _label(step), certain))
         if certain:
             before.add(step.do)
@@ -113,6 +119,15 @@ class _Maker:
         held = modulated(action, _in_units(step.modulations, self.rig, place))
         held.require(self.rig)
         return held
+
+    def _check_duration(self, step: Step, action: Action, duration_s: float) -> None:
+        """What is decided as it goes is made of shorter pieces."""
+        if duration_s > MOST_STEP_S and not isinstance(action, Adaptive):
+            where = f"[{step.where}]" if step.where else f"step '{step.do}'"
+            raise UsageError(
+                f"{self.session.place}: {where}: takes {duration_s:.4g} s, and one step may take {MOST_STEP_S:g} s at "
+                "most: it is measured in one piece; make it shorter, or repeat it (repeat = 2)"
+            )
 
     def _check(self, condition: Condition | None, where: str) -> None:
         if condition is None:
@@ -180,6 +195,7 @@ def make_program(session: Session, rig: Rig) -> Program:
     steps = maker.items(session.steps, set())
     _check_always(session)
     always = maker.items(session.always, set())
+    _check_length(maker.plan, session.place)
     for expectation in session.expectations:
         check_expectation(expectation, rig, session.place)
     return Program(steps, always, tuple(maker.plan))
@@ -217,6 +233,15 @@ def check_unit(condition: Condition, rig: Rig, place: str) -> None:
         condition.check(rig.command.unit)
     except ValueError as error:
         raise UsageError(f"{place}: {error}") from None
+
+
+def _check_length(plan: Sequence[PlannedStep], place: str) -> None:
+    whole_s = sum(step.duration_s for step in plan)
+    if whole_s > MOST_SESSION_S:
+        raise UsageError(
+            f"{place}: takes up to {whole_s:.4g} s in all, and a session may take {MOST_SESSION_S / 3600:g} h at most: "
+            "the fit holds all of it in memory; make several of it"
+        )
 
 
 def _check_always(session: Session) -> None:

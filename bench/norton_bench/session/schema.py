@@ -18,7 +18,7 @@ from norton_bench.procedures.options import (
     ValidateOptions,
 )
 from norton_bench.procedures.refine import RefineProcedure
-from norton_bench.rig.files import parse_toml, read_text
+from norton_bench.rig.files import check_kind, parse_toml, read_text
 from norton_bench.rig.mistakes import Mistakes, nearest, toml
 from norton_bench.rig.rig import Command, Rig
 from norton_bench.session.items import Expectation, Session, Step, WrittenFault, flat
@@ -75,6 +75,7 @@ def parse_session(text: str, *, place: str, given: Mapping[str, Any] | None = No
     """As :func:`load_session`, from the file's content."""
     mistakes = Mistakes(place)
     written = parse_toml(text, place)
+    check_kind(written, "session file", place)
     steps = written.get("step")
     if not isinstance(steps, list) or not steps:
         mistakes.add("[[step]]", 'there is no step; add a section [[step]], in double brackets, with do = "tare"')

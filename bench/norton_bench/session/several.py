@@ -2,15 +2,21 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.sessions import Fitted, Together, together
-from norton_bench.recording.reader import read_metadata
+from norton_bench.recording.contents import Recording
+from norton_bench.recording.reader import read_recording
 from norton_bench.report.sessions import SessionRow, SessionsData, write_sessions_report
+from norton_bench.rig.rig import NO_MODEL
+from norton_bench.segments import Use
 from norton_bench.session.conclusion import NEEDED, Conclusion, check_metadata, conclude_recording
+from norton_bench.session.past import RESUMES
 
+WITHOUT_MODEL = "holds tables without a model, which cannot be combined; fit it alone"
 IN_WORDS = {"rig": "rig", "command_unit": "command unit", "tick_s": "tick [s]"}
 
 
@@ -45,7 +51,6 @@ def conclude_several(paths: Sequence[Path], out: Path | None, say: Callable[[str
     for number, (path, own) in enumerate(zip(paths, metadata, strict=True), 1):
         say(f"fitting {path}")
         sessions.append(_one(path, own, None if out is None else out / f"{number}-{path.stem}"))
-        _check_new(sessions[-1], sessions[:-1])
     common = {key: metadata[0][key] for key in NEEDED}
     found = together([Fitted(str(one.recording), one.fit) for one in sessions], common["command_unit"])
     place = (out if out is not None else paths[0].parent) / f"{common['rig']}-{len(paths)}-sessions"
@@ -61,12 +66,15 @@ def conclude_several(paths: Sequence[Path], out: Path | None, say: Callable[[str
 
 
 def _belonging_together(paths: Sequence[Path]) -> list[Mapping[str, str]]:
-    """The metadata of each. Raises UsageError where one is from another rig, or is named twice."""
+    """The metadata of each. Raises UsageError, before any is fitted, where one is from another rig, holds nothing to
+    combine, or is named twice."""
     metadata: list[Mapping[str, str]] = []
+    measured: dict[str, Path] = {}
     for number, path in enumerate(paths):
         if path.resolve() in {before.resolve() for before in paths[:number]}:
             raise UsageError(f"{path}: is named twice; name every session once")
-        metadata.append(read_metadata(path))
+        recording = read_recording(path, raw_frames=False)
+        metadata.append(recording.metadata)
         check_metadata(path, metadata[-1])
         for key in NEEDED:
             if metadata[-1][key] != metadata[0][key]:
@@ -74,7 +82,20 @@ def _belonging_together(paths: Sequence[Path]) -> list[Mapping[str, str]]:
                     f"{path}: its {IN_WORDS[key]} is {metadata[-1][key]}, that of {paths[0]} is {metadata[0][key]}; "
                     "only sessions of one rig can be combined, so fit it apart"
                 )
+        _check_fits(path, recording)
+        other = measured.setdefault(sha256(recording.measured.ticks.tobytes()).hexdigest(), path)
+        if other != path:
+            raise UsageError(f"{path}: holds the same measurements as {other}; name every session once")
     return metadata
+
+
+def _check_fits(path: Path, recording: Recording) -> None:
+    """Raises UsageError where no motor can be fitted; what a session has resumed is not looked into."""
+    if recording.metadata.get("model") == NO_MODEL:
+        raise UsageError(f"{path}: {WITHOUT_MODEL}")
+    uses = {segment.use for segment in recording.measured.segments}
+    if Use.IDENTIFY not in uses and not recording.metadata.get(RESUMES):
+        raise UsageError(f"{path}: holds no segment made for identification; leave it out")
 
 
 def _one(path: Path, metadata: Mapping[str, str], out: Path | None) -> OneOf:
@@ -87,15 +108,5 @@ def _one(path: Path, metadata: Mapping[str, str], out: Path | None) -> OneOf:
     except ExperimentError as error:
         raise ExperimentError(f"{path}: {error}; leave it out") from error
     if conclusion.fit is None:
-        raise UsageError(f"{path}: holds tables without a model, which cannot be combined; fit it alone")
+        raise UsageError(f"{path}: {WITHOUT_MODEL}")
     return OneOf(path, metadata, conclusion, conclusion.fit)
-
-
-def _check_new(one: OneOf, before: Sequence[OneOf]) -> None:
-    """Raises UsageError for a copy: equal to the last digit means the same measurements, and no second session."""
-    values = [repr(estimate.value) for estimate in one.fit.estimates]
-    for other in before:
-        if values == [repr(estimate.value) for estimate in other.fit.estimates]:
-            raise UsageError(
-                f"{one.recording}: holds the same measurements as {other.recording}; name every session once"
-            )

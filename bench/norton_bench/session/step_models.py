@@ -23,7 +23,7 @@ from norton_bench.procedures.options import (
 )
 from norton_bench.session.conditions import Comparison, Condition, compared, parameter_name, share, status_name
 from norton_bench.session.items import AskOptions, Expectation
-from norton_bench.units import parse_quantity, parse_range, quantity_in
+from norton_bench.units import MOST_IN_RANGE, parse_quantity, parse_range, quantity_in
 
 
 def _velocities(written: object) -> tuple[float, ...]:
@@ -44,6 +44,8 @@ def _quantity_text(written: object) -> str:
         raise ValueError(f'expected a quantity in quotes such as "0.02 N*m", not {written!r}')  # noqa: TRY004
     return written
 
+
+MOST_LEVELS = MOST_IN_RANGE  # as many as can be written as a range
 
 Seconds = Annotated[float, quantity_in("s")]
 Hertz = Annotated[float, quantity_in("Hz")]
@@ -72,13 +74,13 @@ class _Calibrate(StepModel):
 
 class _Free(StepModel):
     amplitude: Fraction = Field(FreeOptions.amplitude, gt=0, le=1, examples=["60 %"])
-    levels: int = Field(FreeOptions.levels, ge=3, examples=[11])
+    levels: int = Field(FreeOptions.levels, ge=3, le=MOST_LEVELS, examples=[11])
     dwell_s: Seconds = Field(FreeOptions.dwell_s, alias="dwell", ge=0.1, examples=["400 ms"])
     duration_s: Seconds = Field(FreeOptions.duration_s, alias="duration", ge=1, examples=["12 s"])
 
 
 class _Blocked(StepModel):
-    levels: int = Field(BlockedOptions.levels, ge=2, examples=[5])
+    levels: int = Field(BlockedOptions.levels, ge=2, le=MOST_LEVELS, examples=[5])
     hold_s: Seconds = Field(BlockedOptions.hold_s, alias="hold", ge=0.1, examples=["500 ms"])
     histories: Annotated[tuple[History, ...], BeforeValidator(_texts)] = Field(
         BlockedOptions.histories, min_length=1, examples=[["slow", "fast", "rest"]]
@@ -90,7 +92,7 @@ class _Imposed(StepModel):
     velocities_rad_s: Annotated[tuple[float, ...], BeforeValidator(_velocities)] = Field(
         ImposedOptions.velocities_rad_s, alias="velocities", examples=["-40:8:40 rad/s"]
     )
-    commands: int = Field(ImposedOptions.commands, ge=1, examples=[3])
+    commands: int = Field(ImposedOptions.commands, ge=1, le=MOST_LEVELS, examples=[3])
     duration_s: Seconds = Field(ImposedOptions.duration_s, alias="duration", ge=1, examples=["20 s"])
 
 
@@ -139,7 +141,7 @@ class _Tabulate(StepModel):
 
 
 class _TabulateSource(_Tabulate):
-    levels: int = Field(TabulateSourceOptions.levels, ge=2, examples=[7])
+    levels: int = Field(TabulateSourceOptions.levels, ge=2, le=MOST_LEVELS, examples=[7])
     lowest: Fraction = Field(TabulateSourceOptions.lowest, ge=-1, le=1, examples=["-100 %"])
     highest: Fraction = Field(TabulateSourceOptions.highest, ge=-1, le=1, examples=["100 %"])
     port: Literal["actuator", "external"] = Field("actuator", examples=["external"])
@@ -147,7 +149,7 @@ class _TabulateSource(_Tabulate):
 
 
 class _TabulateImpedance(_Tabulate):
-    commands: int = Field(TabulateImpedanceOptions.commands, ge=1, examples=[3])
+    commands: int = Field(TabulateImpedanceOptions.commands, ge=1, le=MOST_LEVELS, examples=[3])
     lowest: Fraction = Field(TabulateImpedanceOptions.lowest, ge=-1, le=1, examples=["-50 %"])
     highest: Fraction = Field(TabulateImpedanceOptions.highest, ge=-1, le=1, examples=["50 %"])
     displacement_rad: Annotated[float, quantity_in("rad")] = Field(
@@ -164,7 +166,7 @@ class _TabulateImpedance(_Tabulate):
 
 
 class _Ask(StepModel):
-    name: str = Field(pattern=r"[\w.-]+", examples=["fixture"])
+    name: str = Field(pattern=r"^[\w.-]+$", examples=["fixture"])
     text: str = Field(min_length=1, examples=["Which fixture is mounted?"])
     choices: Annotated[tuple[str, ...], BeforeValidator(_texts)] = Field(AskOptions.choices, examples=[["A", "B"]])
 

@@ -104,7 +104,7 @@ class Unroller:
             return []
         modulations = self._modulations(written.pop(MODULATION, []), where) if do in STEPS else ()
         model, options = MODELS[do]
-        section = self.mistakes.read(model, written, where)
+        section = self.mistakes.read(model, written, where, also_known=(*CONTROL, MODULATION))
         if section is None:
             return []
         made = options(**section.model_dump(exclude_unset=True))

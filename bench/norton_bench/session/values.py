@@ -78,7 +78,9 @@ def _values(name: str, written: Any) -> Sequence[Any]:
 
 def _ranged(written: str, first: float, step: float, last: float, unit: str) -> list[str]:
     count = (last - first) / step if step else -1.0
-    if not 0 <= count < MOST_VALUES:
+    if count >= MOST_VALUES:
+        raise ValueError(f'the range "{written}" has more than {MOST_VALUES} values; make its step greater')
+    if count < 0:
         raise ValueError(f'the range "{written}" does not get from its first value to its last; write first:step:last')
     return [f"{first + step * index:.12g} {unit}".strip() for index in range(int(count + 1e-9) + 1)]
 

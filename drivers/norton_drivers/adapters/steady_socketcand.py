@@ -15,6 +15,7 @@ import can
 
 from norton_drivers.codecs.errors import CodecError
 from norton_drivers.codecs.socketcand import HELLO, OK, RAW_MODE, BracketStream, SocketcandFrame, decode_event, open_bus
+from norton_drivers.errors import reason_of
 
 _ANSWER_TIMEOUT_S = 3.0
 _CHUNK = 65536
@@ -42,7 +43,7 @@ class SteadySocketcandBus(can.BusABC):
         try:
             connected = socket.create_connection((host, port), timeout=_ANSWER_TIMEOUT_S)
         except OSError as error:
-            raise can.CanInitializationError(f"nobody serves at {host}:{port}: {error}") from error
+            raise can.CanInitializationError(f"nobody serves at {host}:{port}: {reason_of(error)}") from error
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return connected
 

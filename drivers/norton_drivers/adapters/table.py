@@ -14,7 +14,7 @@ from norton_drivers.adapters.slcan import SLCAN
 from norton_drivers.adapters.socketcan import SOCKETCAN
 from norton_drivers.adapters.socketcand import SOCKETCAND
 from norton_drivers.adapters.udp_multicast import UDP_MULTICAST
-from norton_drivers.errors import ConnectionFailedError
+from norton_drivers.errors import ConnectionFailedError, reason_of
 from norton_drivers.wiring import CanBusSettings
 
 ADAPTERS: Mapping[str, Adapter] = {
@@ -66,6 +66,7 @@ def open_bus(settings: CanBusSettings) -> OpenBus:
         try:
             bus = adapter.open(settings)
         except Exception as error:  # python-can's interfaces raise whatever their libraries do
-            said = " ".join(str(error).split()) or type(error).__name__
-            raise ConnectionFailedError(f"{place}: cannot open it ({said}); {adapter.mend(settings, error)}") from error
+            raise ConnectionFailedError(
+                f"{place}: cannot open it ({reason_of(error)}); {adapter.mend(settings, error)}"
+            ) from error
     return OpenBus(bus, adapter.health(bus), adapter)

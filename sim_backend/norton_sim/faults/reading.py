@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import Wiring
 from norton_sim.faults.schema import KINDS, Fault
-from norton_sim.tables import complaints, keys_of
+from norton_sim.tables import complaints, keys_of, nearest
 
 
 def read_faults(tables: object, wiring: Wiring, *, place: str, section: str) -> tuple[Fault, ...]:
@@ -45,9 +45,7 @@ def _read(table: object, wiring: Wiring, place: str, name: str) -> Fault | list[
 def _filled(model: type[Fault], written: Mapping[str, Any], wiring: Wiring, place: str, name: str) -> Fault | list[str]:
     name = f"{name}, {model.kind}"
     known = keys_of(model)
-    strange = [
-        f"{place}: [{name}] {key} is not known; known here: {', '.join(known)}" for key in written if key not in known
-    ]
+    strange = [f"{place}: [{name}] {key} is not known; {nearest(key, known)}" for key in written if key not in known]
     try:
         # With a context, so that numbers without a unit are refused: they come from a file.
         fault = model.model_validate({key: written[key] for key in written if key in known}, context={"place": place})

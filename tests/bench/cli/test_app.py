@@ -1,9 +1,11 @@
 """The commands: what they need, what they say, what they end with."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -43,20 +45,85 @@ def program(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
 
 
-@pytest.mark.parametrize(
-    "arguments", [["--help"], ["identify", "--help"], ["sim", "--help"], ["sim", "truth", "--help"]]
-)
-def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
-    code = (
-        "import sys; from norton_bench.cli.app import main; main(sys.argv[1:]);"
-        "heavy = 'numba textual matplotlib pyarrow norton_sim scipy numpy pint can filterpy'.split();"
-        "print([name for name in heavy if name in sys.modules], file=sys.stderr)"
-    )
+EVERY_COMMAND = [
+    *app.COMMANDS,
+    *(f"{group} {name}" for group, (_, commands) in app.GROUPS.items() for name in commands),
+]
+HEAVY = "numba textual matplotlib pyarrow norton_sim scipy numpy pint can canopen filterpy pydantic h5py google mcap"
+
+
+def test_help_version_and_completion_import_nothing_heavy() -> None:
+    """What takes longer than 0.1 s, or makes it long together: all of these end within 0.3 s of processor time."""
+    code = f"""
+import sys
+from norton_bench.cli.app import main
+for words in sys.argv[1:]:
+    code = main(words.split())
+    heavy = [name for name in "{HEAVY}".split() if name in sys.modules]
+    print(words, code, *heavy, sep="|", file=sys.stderr)
+"""
+    asked = ["--help", "-V", *(f"{command} --help" for command in (*app.GROUPS, *EVERY_COMMAND)), "completion bash"]
     done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code, *asked], cwd=ROOT, capture_output=True, text=True, timeout=120, check=True
     )
-    assert "Usage: norton-bench" in done.stdout
-    assert done.stderr.strip() == "[]"
+    assert done.stdout.count("Usage: norton-bench") == len(asked) - 2
+    assert done.stderr.splitlines() == [f"{words}|0" for words in asked]
+
+
+@pytest.mark.parametrize("flag", ["--version", "-V"])
+def test_the_version_is_that_of_the_package(run: Run, flag: str) -> None:
+    assert run(flag) == (ExitCode.OK, f"{version('norton-bench')}\n", "")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-V"], ["rig"], ["devices"], ["devices", "--json"], ["info"]])
+@pytest.mark.parametrize("closed", [1, 2])
+def test_a_reader_who_has_left_is_no_failure(arguments: list[str], closed: int) -> None:
+    """As ``| head -1``: the pipe is there, and nobody reads it."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    streams = {1: subprocess.PIPE, 2: subprocess.PIPE, closed: writing}
+    code = "import sys; from norton_bench.cli.app import main; sys.exit(main())"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *arguments], cwd=ROOT, stdout=streams[1], stderr=streams[2]
+    ) as process:
+        os.close(writing)
+        said = b"".join(filter(None, process.communicate(timeout=60)))
+    assert process.returncode == (ExitCode.USAGE if arguments == ["info"] else ExitCode.OK)
+    assert b"Traceback" not in said
+    assert b"Unexpected failure" not in said
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full device")
+@pytest.mark.parametrize("arguments", [["--help"], ["-V"], ["devices"], ["devices", "--json"], ["completion", "bash"]])
+def test_output_that_cannot_be_written_is_told(arguments: list[str]) -> None:
+    code = "import sys; from norton_bench.cli.app import main; sys.exit(main())"
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    assert done.returncode == ExitCode.USAGE
+    assert done.stderr == "the output cannot be written (No space left on device); send it elsewhere\n"
+
+
+@pytest.mark.parametrize(("shell", "begins"), [("bash", "# Bash completion"), ("zsh", "#compdef"), ("fish", "# Fish")])
+def test_a_shell_can_complete_every_command(run: Run, shell: str, begins: str) -> None:
+    code, out, err = run("completion", shell)
+    assert (code, err) == (ExitCode.OK, "")
+    assert out.startswith(begins)
+    assert all(name in out for name in (*app.COMMANDS, *app.GROUPS, "--until", "--resume"))
+
+
+def test_the_completion_is_put_where_the_shell_looks(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    code, out, err = run("completion", "bash", "--install")
+    assert (code, err) == (ExitCode.OK, "")
+    assert tmp_path in Path(out.strip()).parents
+    assert "identify" in Path(out.strip()).read_text()
 
 
 def test_help_names_every_command(run: Run) -> None:

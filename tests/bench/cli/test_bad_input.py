@@ -128,9 +128,54 @@ RIG_CASES = {
         {"sim-odrive.mcap": ""},
     ),
     "an impossible seed": Case(
-        f"identify {RIG_FILE} --quiet --seed -1",
-        ("sim-odrive.toml: [simulated] seed = -1", "greater than or equal"),
+        f"identify {RIG_FILE} --quiet --seed -1 --dry-run", ("--seed", "A seed is 0 or greater; give --seed 1"), {}
+    ),
+    "an impossible seed of the file": rig_case(
+        rig(("seed = 1\n", "seed = -1\n")), "[simulated] seed = -1", "greater than or equal", more="--dry-run"
+    ),
+    "a key of the section misspelt": rig_case(
+        rig(("torque_limit", "torqe_limit")), '[load] torqe_limit: unknown key; did you mean "torque_limit"?'
+    ),
+    "a key of the driver misspelt": rig_case(
+        rig(("watchdog = ", "watchdg = ")), '[actuator] watchdg: unknown key; did you mean "watchdog"?'
+    ),
+    "a true value that cannot be": rig_case(
+        rig(('inertia = "5e-5 kg*m^2"', 'inertia = "-5e-5 kg*m^2"')),
+        "[simulated.actuator] inertia = '-5e-5 kg*m^2' should be greater than 0",
+        more="--dry-run",
+    ),
+    "faster than anything turns": rig_case(
+        rig(('velocity = "80 rad/s"', 'velocity = "1e6 rad/s"')),
+        '[limits] velocity: "1e6 rad/s" must be at most 200000',
+        more="--dry-run",
+    ),
+    "beyond all measure": rig_case(
+        rig(('velocity = "80 rad/s"', 'velocity = "1e300 rad/s"')), '"1e300 rad/s" is more than any bench meets'
+    ),
+    "a session": rig_case(
+        steps(TARE), "r.toml: is a session file, not a rig file; norton-bench run SESSION runs it", more="--dry-run"
+    ),
+    "a column map": rig_case("[columns]\n", "r.toml: is a column map, not a rig file; norton-bench fit LOG"),
+    "a network": rig_case("{}\n", "r.toml: is JSON, not TOML; is it a network file?", "network show"),
+    "a percentage without its sign": Case(
+        f"identify {RIG_FILE} --quiet --until 1",
+        ("--until 1: is a percentage of each value, more than 0 % and less than 100 %; write --until 1%",),
         {},
+    ),
+    "a bound of nothing": Case(
+        f"identify {RIG_FILE} --quiet --at-most 300s", ("--at-most bounds the bench time of --until; add --until",), {}
+    ),
+    "no whole seed": Case(f"identify {RIG_FILE} --quiet --seed 1.5", ('--seed "1.5" is not a whole number',), {}),
+    "a backend without a name": Case(
+        f"identify {RIG_FILE} --quiet --backend=", ('Write "hardware" or "simulated", or leave it out',), {}
+    ),
+    "one argument too many": Case(
+        f"identify {RIG_FILE} more.toml --quiet", ("more.toml: is more than this command takes; leave it out",), {}
+    ),
+    "no processes at all": Case(f"faults {RIG_FILE} --quiet --jobs -3", ("--jobs", "Give at least one"), {}),
+    "no experiments at a time": Case("paper --quiet --jobs 0", ("--jobs", "Give at least one"), {}),
+    "a fraction in the place of a percentage": Case(
+        f"identify {RIG_FILE} --quiet --until 0.01", ("write --until 0.01% or --until 1%, whichever is meant",), {}
     ),
 }
 SESSION_CASES = {
@@ -166,6 +211,40 @@ SESSION_CASES = {
         "step 'imposed' asks for 75 rad/s, but [limits] velocity = 80 rad/s",
         "lower `velocities`",
     ),
+    "a rig": Case(
+        f"run {RIG_FILE} --quiet", ("is a rig file, not a session file; norton-bench identify RIG", "--rig RIG"), {}
+    ),
+    "longer than it can be fitted": session_case(
+        steps(TARE + '\nduration = "1e9 s"'),
+        "s.toml: [step 1, tare]: takes 1e+09 s, and one step may take 3600 s at most",
+        "repeat it",
+        more="--dry-run",
+    ),
+    "longer than a day": session_case(
+        steps(TARE + '\nduration = "3000 s"\nrepeat = 1000'),
+        "s.toml: takes up to 3.006e+06 s in all, and a session may take 24 h at most",
+        "make several of it",
+        more="--dry-run",
+    ),
+    "more levels than can be": session_case(
+        steps(TARE, CALIBRATE, 'do = "free"\nlevels = 1000000000'), "[step 3, free] levels: 1000000000 must be at most"
+    ),
+    "an answer to nothing": session_case(
+        steps(TARE), "--answer fixture=A: s.toml asks nothing of that name", more="--answer fixture=A --dry-run"
+    ),
+    "a prompt of a name that nothing can refer to": session_case(
+        steps('do = "ask"\nname = "a b"\ntext = "Which?"'), "[step 1, ask] name: expected a plain name of letters"
+    ),
+    "more values than a range may have": session_case(
+        steps(TARE, CALIBRATE, 'do = "imposed"\nvelocities = "0:1e-9:1 rad/s"'),
+        "has more than 1000 values; make its step",
+    ),
+    "a key of any step misspelt": session_case(
+        steps(TARE + "\nrepeet = 2"), '[step 1, tare] repeet: unknown key; did you mean "repeat"?'
+    ),
+    "a recording that is none": session_case(
+        steps(TARE), "there is no recording nowhere.mcap", more="--resume nowhere.mcap"
+    ),
     "no such rig": session_case(steps(TARE), "nowhere.toml: no such rig file", file=Path("nowhere.toml")),
 }
 CASES = {
@@ -183,6 +262,34 @@ def test_a_file_that_cannot_be_used_is_one_sentence(case: Case, tmp_path: Path) 
     (sentence,) = done.stderr.splitlines()
     assert all(part in sentence for part in case.says), sentence
     assert not (tmp_path / "runs").exists() or not any((tmp_path / "runs").iterdir())
+
+
+def test_a_rig_in_the_place_of_a_network_is_told(tmp_path: Path) -> None:
+    done = norton_bench(tmp_path, "network", "show", str(RIG_FILE))
+    assert done.returncode == ExitCode.USAGE
+    assert "sim-odrive.toml: is a TOML file; give a network file (JSON)" in done.stderr
+
+
+def test_a_recording_in_the_place_of_a_file_is_told(tmp_path: Path) -> None:
+    (tmp_path / "r.mcap").write_bytes(b"\x89MCAP0\r\n")
+    done = norton_bench(tmp_path, "run", "r.mcap", "--quiet")
+    assert (done.returncode, done.stdout) == (ExitCode.USAGE, "")
+    assert "r.mcap: is a recording, not a session file; norton-bench fit RECORDING" in done.stderr
+
+
+def test_a_mark_at_the_beginning_of_a_file_is_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "r.toml").write_text(RIG_FILE.read_text(), encoding="utf-8-sig")
+    (tmp_path / "s.toml").write_text('rig = "r.toml"\n' + steps(TARE), encoding="utf-8-sig")
+    done = norton_bench(tmp_path, "run", "s.toml", "--dry-run")
+    assert (done.returncode, done.stderr) == (ExitCode.OK, "")
+
+
+def test_a_port_that_is_not_there_is_told_in_the_systems_words_once(tmp_path: Path) -> None:
+    (tmp_path / "r.toml").write_text(rig(ON_NOTHING, NOWHERE))
+    done = norton_bench(tmp_path, "rig", "check", "r.toml", "--backend", "hardware")
+    assert (
+        "port ./unplugged: cannot open it at 460800 baud (No such file or directory); is it plugged in" in done.stderr
+    )
 
 
 def test_the_installed_program_says_the_same(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
+from norton_bench.session import several
 from norton_bench.session.conclusion import Conclusion
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
@@ -119,7 +120,23 @@ def test_what_does_not_belong_together_is_refused(
     assert [path.name for path in tmp_path.iterdir()] == ["other.mcap"]
 
 
-@pytest.mark.usefixtures("fit_alone")
+@pytest.fixture
+def nothing_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit takes half a minute: what is refused is refused before."""
+    monkeypatch.setattr(several, "conclude_recording", lambda *_: pytest.fail("fitted something"))
+
+
+@pytest.mark.usefixtures("nothing_is_fitted")
+def test_what_cannot_be_combined_is_refused_before_anything_is_fitted(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record(tmp_path / "tables.mcap", 4, model="none")
+    for name, said in (("tables.mcap", "holds tables without a model"), ("none.mcap", "there is no recording")):
+        assert fitted(folder, "worn.mcap", "day 1/bench.mcap", str(tmp_path / name)) == ExitCode.USAGE
+        assert said in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("nothing_is_fitted")
 def test_a_session_counts_once(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert fitted(folder, "worn.mcap", "day 1/../worn.mcap") == ExitCode.USAGE
     assert "is named twice" in capsys.readouterr().err

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.console import Console, RenderableType
+from rich.console import Console, Group, RenderableType
 
-from norton_bench.cli.output import Output, to_json
+from norton_bench.cli.output import Output, plain_table, to_json
 from norton_bench.cli.results import identification, parameter_table, summary, with_digits
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.model_error import ModelError, Zero
@@ -133,7 +133,9 @@ def test_an_assembled_actuator_has_its_trials_and_the_file_of_its_source() -> No
 def test_the_summary_names_parameters_verdict_and_files(fit: FitResult) -> None:
     text = shown(summary(concluded(fit), FILES[0]))
     row = next(line for line in text.splitlines() if "inertia" in line)
-    assert row.split() == ["Im", "inertia", "5.003e-5", "0.012e-5", "kg*m^2", "valid"]
+    # Half of a 95 % interval: 1.96 times the deviation of 1.2e-7.
+    assert row.split() == ["Im", "inertia", "5.003e-5", "0.024e-5", "kg*m^2", "valid"]
+    assert "± (95 %)" in text
     assert "Km·Ka" in text
     assert "free motion tells ratios" in text
     assert "1.2%" in text
@@ -186,6 +188,21 @@ def test_data_go_to_stdout_and_remarks_to_stderr(capsys: pytest.CaptureFixture[s
     streams = capsys.readouterr()
     assert json.loads(streams.out) == {"a": 1}
     assert streams.err == "working\n"
+
+
+def test_tables_are_whole_however_narrow_the_page(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    table = plain_table()
+    for place in range(12):
+        table.add_column(f"heading {place}", no_wrap=True)
+    table.add_row(*(f"1.2345678e-{place}" for place in range(12)))
+    Output().result({}, Group(table, "and a word"))
+    head, row, word = capsys.readouterr().out.splitlines()
+    assert head.endswith("heading 11")
+    assert row.split() == [f"1.2345678e-{place}" for place in range(12)]
+    assert word == "and a word"
 
 
 def test_people_get_the_words_unbroken(capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,7 +50,7 @@ def test_all_sentences_in_order():
     ratio = Estimate("inertia", 5.5e-5, 1e-7, "kg*m^2", Status.VALID)
     said = verdict([bound], (), ratios=[ratio], converged=False, has_current=False)
     assert said[0].startswith("The fit did not converge")
-    assert "inertia / torque gain = 5.5e-05 ± 1e-07" in said[1]
+    assert "inertia / torque gain = 5.5e-05 ± 2e-07" in said[1]
     assert said[2] == "At the edge of what was searched: amplifier bandwidth; it is no estimate."
     assert said[3].startswith("Torque constant and amplifier gain are known only as a product")
     assert verdict([], (), ratios=[], converged=True, has_current=True) == ()

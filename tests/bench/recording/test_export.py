@@ -59,6 +59,9 @@ def test_matlab_gets_one_struct_a_table(recorded, part, tmp_path) -> None:
     assert set(TABLES) <= set(content)
     np.testing.assert_array_equal(content["motion"]["velocity_rad_s"], part(0, 20).motion["velocity_rad_s"])
     assert content["events"]["text"] == "part at 0 · µ"
+    hexadecimal = [frame.data.hex() for frame in part(0, 20).frames]
+    assert [text.strip() for text in np.atleast_1d(content["frames"]["data_hex"])] == hexadecimal
+    assert loadmat(path)["frames"]["data_hex"][0, 0].dtype.kind == "U"  # characters, not cells, which take minutes
 
 
 def test_an_unknown_format_names_the_known_ones(recorded, tmp_path) -> None:

@@ -13,6 +13,7 @@ from norton_bench.session import engine
 from norton_bench.session.dry_run import dry_run, peaks_of, segments_of
 from norton_bench.session.program import make_program
 from norton_bench.session.schema import load_session, parse_session, standard_session
+from norton_drivers.errors import WiringError
 
 ROOT = Path(__file__).parents[3]
 RIGS = sorted((ROOT / "rigs").glob("*.toml"))
@@ -61,6 +62,17 @@ def test_travel_beyond_the_limit_is_told_once_with_its_place() -> None:
         "s.toml: [step 3, imposed]: turns the shaft as far as 156 rad, but [limits] position is 20 rad; ask for less"
     )
     assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_what_the_simulation_reads_is_read_beforehand() -> None:
+    wrong = load_rig(ROOT / "rigs" / "sim-odrive.toml")
+    wrong = replace(wrong, simulated={**wrong.simulated, "seed": -1})
+    with pytest.raises(WiringError, match="seed = -1"):
+        dry_run(standard_session(wrong), wrong)
+    dry_run(standard_session(wrong), wrong, seed=1)
+    text = HEAD + '[[fault]]\nkind = "dorp"\n'
+    with pytest.raises(WiringError, match='did you mean "drop"'):
+        dry_run(parse_session(text, place="s.toml"), RIG)
 
 
 def test_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """A session that was interrupted goes on behind its last finished step, and its results are of both recordings."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,11 +12,12 @@ from norton_bench.errors import OperatorStopError, UsageError
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import Measured
+from norton_bench.session import engine
 from norton_bench.session.conclusion import conclude_recording
 from norton_bench.session.engine import SessionResult, run_session
 from norton_bench.session.operator import Order
-from norton_bench.session.past import before, read_past
-from norton_bench.session.progress import Silent
+from norton_bench.session.past import Past, before, read_past
+from norton_bench.session.progress import PlannedStep, Silent
 from norton_bench.session.schema import parse_session
 from tests.bench.half_rate import half_rate
 
@@ -136,6 +138,48 @@ def test_a_recording_that_resumes_another_is_fitted_with_it(both: Both, tmp_path
     fit = conclude_recording(both.resumed.recording, tmp_path)[1].fit
     assert fit is not None
     assert fit.estimate("inertia").value == both.resumed.parameter("inertia").value
+
+
+def planned(*names: str) -> list[PlannedStep]:
+    """A name with "?" is of a step that may be left out."""
+    return [PlannedStep(name.rstrip("?"), 1.0, certain=not name.endswith("?")) for name in names]
+
+
+@pytest.mark.parametrize(
+    ("plan", "finished"),
+    [
+        ("ask tare calibrate imposed? imposed", "tare calibrate imposed"),
+        ("tare calibrate imposed? free? imposed validate", "tare calibrate imposed validate"),
+        ("tare calibrate rest? rest? rest? free", "tare calibrate rest rest free"),
+        ("tare calibrate refine validate", "tare calibrate refine refine refine"),
+        ("tare calibrate free", ""),
+    ],
+)
+def test_what_a_session_may_have_finished_is_taken(plan: str, finished: str) -> None:
+    records = [(name, Measured()) for name in finished.split()]
+    Past("r.mcap", (), deque(records)).check(planned(*plan.split()))
+
+
+@pytest.mark.parametrize(
+    ("plan", "finished", "said"),
+    [
+        ("tare free", "tare calibrate", "there 'calibrate' came next, where this session has 'free'"),
+        ("tare calibrate? free", "tare blocked", "there 'blocked' came next"),
+        ("tare calibrate", "tare calibrate free", "has more finished steps than this session"),
+        ("free tare", "tare", "there 'tare' came next, where this session has 'free'"),
+    ],
+)
+def test_what_it_cannot_have_finished_is_refused(plan: str, finished: str, said: str) -> None:
+    records = [(name, Measured()) for name in finished.split()]
+    with pytest.raises(UsageError, match=said):
+        Past("r.mcap", (), deque(records)).check(planned(*plan.split()))
+
+
+def test_the_wrong_recording_is_refused_before_anything_is_opened(both: Both, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = parse_session('[[step]]\ndo = "tare"\n[[step]]\ndo = "rest"\n', place="other.toml")
+    monkeypatch.setattr(engine, "load_backend", None)
+    with pytest.raises(UsageError, match="resume with the session that was recorded"):
+        run_session(RIG, other, out=both.first, seed=1, resume=both.first)
 
 
 def test_records_are_put_before_the_later_one(both: Both) -> None:

@@ -176,7 +176,7 @@ def test_a_recording_that_cannot_be_read_is_told_beside_the_others(swept, capsys
         ([RIG, "a.mcap", "--seeds", "1"], "is no recording"),
         ([RIG, RIG, "--seeds", "1"], "a sweep is of one rig"),
         (["a.mcap", "--seeds", "1"], "recordings are as they are"),
-        ([RIG, "--seeds", "1", "--jobs", "0"], "--jobs 0: give at least one"),
+        ([RIG, "--seeds", "1", "--jobs", "0"], 'Invalid value "0" for --jobs. Give at least one.'),
     ],
 )
 def test_what_cannot_be_swept_is_refused_in_a_sentence(arguments, sentence, capsys, tmp_path):

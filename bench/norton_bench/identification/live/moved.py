@@ -34,8 +34,8 @@ class Change:
     def sentence(self) -> str:
         name, unit = self.final.name.replace("_", " ").capitalize(), self.final.unit
         return (
-            f"{name} moved during the session: {self.live.value:.4g} ± {1.96 * self.live.std:.2g} {unit} at its end, "
-            f"{self.final.value:.4g} {unit} over all of it. Its interval holds the values in between."
+            f"{name} moved during the session: {self.live.value:.4g} ± {self.live.half_interval:.2g} {unit} at its "
+            f"end, {self.final.value:.4g} {unit} over all of it. Its interval holds the values in between."
         )
 
 
