@@ -4,7 +4,8 @@ A driver module declares its options as a frozen pydantic model and names in ``O
 a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the unit that ``OPTION_UNITS`` gives.
 """
 
-from typing import Final, TypeVar
+from collections.abc import Mapping
+from typing import ClassVar, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -19,6 +20,18 @@ class DeviceOptions(BaseModel):
     """Base of every driver's options."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False, populate_by_name=False)
+
+    # The units in which an amplifier can be commanded, each with what its options must be: {"A": {"mode": "current"}}.
+    # Empty for a torque sensor, and for a driver that knows its unit only once it is open.
+    command_units: ClassVar[Mapping[str, Mapping[str, object]]] = {}
+
+    @property
+    def command_unit(self) -> str | None:
+        """The unit of its commands as these options set it; None where only the open device tells."""
+        for unit, chosen in self.command_units.items():
+            if all(getattr(self, name) == value for name, value in chosen.items()):
+                return unit
+        return None
 
     @property
     def released_at_zero(self) -> bool:

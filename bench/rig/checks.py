@@ -3,7 +3,9 @@
 from collections.abc import Callable, Iterator
 from math import inf, isfinite
 
+from bench.rig.command_units import Commanded, wrong_unit
 from bench.rig.draft import DEVICES, Draft
+from bench.rig.driver_options import amplifier_options
 from bench.rig.mistakes import Mistakes, nearest
 from drivers import registry
 from drivers.wiring import CanBusSettings
@@ -174,6 +176,22 @@ def _command_limit(draft: Draft) -> Found:
         )
 
 
+def _command_units(draft: Draft) -> Found:
+    """A drive whose driver tells the unit of its commands only once it is open is looked at then."""
+    commands: dict[str, Commanded | None] = {
+        "actuator": draft.actuator.command if draft.actuator else None,
+        "modulator": draft.modulator.command if draft.modulator else None,
+        "load": None,
+    }
+    for role, device in draft.devices().items():
+        options = draft.options.get(role, {})
+        declared = amplifier_options(device.driver, options) if role in commands else None
+        if declared is not None and declared.command_unit is not None:
+            found = wrong_unit(role, device.driver, options, commands[role], declared.command_unit)
+            if found is not None:
+                yield found
+
+
 def _range_nm(draft: Draft) -> float:
     """The sensor's range, where its driver has such an option and it was written."""
     value = draft.options.get("torque_sensor", {}).get("range", inf)
@@ -192,4 +210,5 @@ CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _torque_limits,
     _twist,
     _command_limit,
+    _command_units,
 )

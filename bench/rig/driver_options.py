@@ -8,6 +8,7 @@ options itself.
 
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -19,6 +20,7 @@ from bench.rig.mistakes import Mistakes, keys_of, sentence
 from bench.rig.schema import DeviceSection
 from bench.units import parse_quantity
 from drivers import registry
+from drivers.errors import WiringError
 from drivers.options import DeviceOptions, written_as
 
 
@@ -38,6 +40,14 @@ def declared_by(group: str, driver: str) -> Declared:
     module = sys.modules[factory.__module__]
     units, files = getattr(module, "OPTION_UNITS", {}), getattr(module, "OPTION_FILES", ())
     return Declared(units, files, _model_in(module), getattr(module, "CONNECTION", None))
+
+
+def amplifier_options(driver: str, options: Mapping[str, Any]) -> DeviceOptions | None:
+    """A drive's options as its driver reads them; None where it declares none, or where they are wrong."""
+    with suppress(WiringError, ValidationError):
+        model = declared_by(registry.AMPLIFIERS, driver).model
+        return None if model is None else model.model_validate(dict(options))
+    return None
 
 
 def read_options(

@@ -8,12 +8,11 @@ from typing import Any
 from bench.errors import RigError
 from bench.rig.checks import check
 from bench.rig.draft import Draft, read_draft
-from bench.rig.driver_options import declared_by
+from bench.rig.driver_options import amplifier_options
 from bench.rig.files import parse_toml, read_text
 from bench.rig.mistakes import Mistakes
 from bench.rig.rig import Command, Limits, Rig, Supervision
 from bench.rig.schema import ActuatorSection, CommandSection, DeviceSection, LimitsSection, RigSection
-from drivers import registry
 from drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 
 
@@ -92,8 +91,8 @@ def _device(role: str, section: DeviceSection, options: Mapping[str, Any]) -> De
 
 
 def _drive(role: str, section: DeviceSection, options: Mapping[str, Any]) -> DeviceSettings:
-    model = declared_by(registry.AMPLIFIERS, section.driver).model
-    released = model is not None and model.model_validate(dict(options)).released_at_zero
+    declared = amplifier_options(section.driver, options)
+    released = declared is not None and declared.released_at_zero
     return replace(_device(role, section, options), released_at_zero=released)
 
 

@@ -80,7 +80,7 @@ class Mistakes:
 def sentence(details: ErrorDetails, model: type[BaseModel], key: str, written: object) -> str:
     """One mistake that pydantic found, in words, with the mend; ``written`` is what the file says there."""
     keys = keys_of(model)
-    example = _example(keys[key]) if key in keys else ""
+    example = example_of(keys[key]) if key in keys else ""
     kind = details["type"]
     if kind == "missing":
         return f"is missing; add {key} = {example}"
@@ -127,7 +127,7 @@ def _key(key: str) -> str:
     return key if BARE_KEY.fullmatch(key) else toml(key)
 
 
-def _example(info: FieldInfo) -> str:
+def example_of(info: FieldInfo) -> str:
     """What could stand there: the field's own example, or else its description."""
     if info.examples:
         return toml(info.examples[0])

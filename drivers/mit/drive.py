@@ -12,7 +12,7 @@ frames do not feed the timeout), fsm.c (timeout; enabled with the command that w
 from collections.abc import Callable
 from contextlib import suppress
 from math import nan
-from typing import Literal
+from typing import ClassVar, Literal
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
@@ -51,6 +51,8 @@ OPTION_UNITS = {
 
 class MitOptions(DeviceOptions):
     """What a rig file may say of an actuator in MIT mode."""
+
+    command_units: ClassVar = {"N*m": {}}
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the motor's CAN id", examples=[1])
     master: int = Field(0, ge=0, le=protocol.IDENTIFIER_MAX, description="the CAN id that its replies come with")

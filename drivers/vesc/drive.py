@@ -11,7 +11,7 @@ applications/appconf_default.h (timeout of 1000 ms, all status messages off).
 from collections.abc import Callable
 from contextlib import suppress
 from math import isfinite, nan
-from typing import Literal
+from typing import ClassVar, Literal
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
@@ -33,7 +33,6 @@ from drivers.waiting import wait_until
 from drivers.wiring import DeviceSettings
 
 SILENT_NS = 250_000_000  # longer than a busy host may forget to ask
-UNITS = {"current": "A", "torque": "N*m", "duty": "1"}
 _MOTOR_CONTROLLER = 0
 TIMEOUT_LOOK_S = 0.010  # bldc: timeout.c
 
@@ -43,6 +42,8 @@ OPTION_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": 
 
 class VescOptions(DeviceOptions):
     """What a rig file may say of a VESC."""
+
+    command_units: ClassVar = {"A": {"mode": "current"}, "N*m": {"mode": "torque"}, "1": {"mode": "duty"}}
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the VESC ID, 0 to 254", examples=[1])
     pole_pairs: int = Field(
@@ -129,7 +130,7 @@ class Vesc:
     def __init__(self, settings: DeviceSettings, options: VescOptions, port: CanPort, link: Link) -> None:
         self.role = settings.role
         self.options = options
-        self.command_unit = UNITS[options.mode]
+        self.command_unit = options.command_unit or ""
         self._direction = settings.direction
         self._port = port
         self._link = link

@@ -31,7 +31,7 @@ driver = "odrive"
 bus = "can0"
 node = 1
 watchdog = "100 ms"
-command = { unit = "A", limit = "12 A" }
+command = { unit = "A", limit = "12 A", sent_as = "N*m" }
 
 [load]
 driver = "odrive"
