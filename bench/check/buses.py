@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from bench.check.doubles import answered_twice, sent_by_two
+from bench.check.doubles import answered_twice, two_rhythms
 from bench.check.findings import BusCheck, Problem
-from bench.check.senders import Claim, Claims, claims_of, claims_on, in_words, senders_on
+from bench.check.senders import Claim, Claims, by_sender, claims_of, claims_on, in_words, senders_on
 from bench.check.survey import BusSurvey, HeardId
 from bench.errors import ExperimentError
 from drivers.recognition import Recognition, answers_remotely
@@ -68,9 +68,10 @@ class _Bus:
         for frame in answered_twice(self.survey, [answers_remotely, *offered]):
             claims = list(claims_of(frame, self.recognition, self.devices))
             found.setdefault(_who(claims, self.survey.heard[frame.arbitration_id, frame.extended]), _TWICE)
-        for key in sorted(sent_by_two(self.survey)):
-            heard = self.survey.heard[key]
-            found.setdefault(_who(self.claims.get(key, ()), heard), f"{heard.name} comes from two senders")
+        for key, heard in sorted(self.survey.heard.items()):
+            for claims, arrivals_ns in by_sender(heard, self.claims.get(key, ()), self.recognition, self.devices):
+                if two_rhythms(arrivals_ns):
+                    found.setdefault(_who(claims, heard), f"{heard.name} comes from two senders")
         return found
 
     def commanded(self) -> dict[str, str]:
