@@ -5,6 +5,7 @@ a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the
 """
 
 from collections.abc import Mapping
+from math import inf
 from typing import ClassVar, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -25,6 +26,9 @@ class DeviceOptions(BaseModel):
     # Empty for a torque sensor, and for a driver that knows its unit only once it is open.
     command_units: ClassVar[Mapping[str, Mapping[str, object]]] = {}
 
+    # Options whose default is often not right: who writes a new rig file is asked for them.
+    asked: ClassVar[tuple[str, ...]] = ()
+
     @property
     def command_unit(self) -> str | None:
         """The unit of its commands as these options set it; None where only the open device tells."""
@@ -32,6 +36,16 @@ class DeviceOptions(BaseModel):
             if all(getattr(self, name) == value for name, value in chosen.items()):
                 return unit
         return None
+
+    @property
+    def greatest_position_rad(self) -> float:
+        """How far from the drive's own zero its position can be read."""
+        return inf
+
+    @property
+    def greatest_velocity_rad_s(self) -> float:
+        """The greatest velocity that its readings can tell."""
+        return inf
 
     @property
     def released_at_zero(self) -> bool:

@@ -42,7 +42,7 @@ def wrong_unit(
     ``command`` is None for a load, which is commanded in newton metres.
     """
     sent = LOAD_UNIT if command is None else command.sent_as or command.unit
-    if _same_unit(sent, takes):
+    if same_unit(sent, takes):
         return None
     settings = options_for(driver, options, sent)
     said = f'driver = "{driver}" as it is set here takes commands in "{takes}"'
@@ -85,7 +85,8 @@ def _at_fault(model: type[DeviceOptions], options: Mapping[str, Any]) -> set[str
     return set()
 
 
-def _same_unit(unit: str, other: str) -> bool:
+def same_unit(unit: str, other: str) -> bool:
+    """Whether a number means the same in both."""
     try:
         return conversion(unit, other) == (1.0, 0.0)
     except ValueError:

@@ -2,8 +2,8 @@
 
 The module that a driver's entry point names may declare ``OPTION_UNITS`` (options that are quantities, and the unit in
 which the driver wants them), ``OPTION_FILES`` (options that may name a file beside the rig file), ``CONNECTION``
-("can" or "serial") and one subclass of ``drivers.options.DeviceOptions``. A driver that declares nothing checks its
-options itself.
+("can" or "serial"), ``BITRATE`` (of a CAN device as it is delivered, "500 kbit/s") and one subclass of
+``drivers.options.DeviceOptions``. A driver that declares nothing checks its options itself.
 """
 
 import sys
@@ -32,6 +32,7 @@ class Declared:
     files: tuple[str, ...]
     model: type[DeviceOptions] | None
     connection: str | None = None  # "can" or "serial", where it says so
+    bitrate: str | None = None  # of the bus, as its maker delivers the device
 
 
 def declared_by(group: str, driver: str) -> Declared:
@@ -39,7 +40,8 @@ def declared_by(group: str, driver: str) -> Declared:
     factory = registry.load(group, driver, asked_by="driver")
     module = sys.modules[factory.__module__]
     units, files = getattr(module, "OPTION_UNITS", {}), getattr(module, "OPTION_FILES", ())
-    return Declared(units, files, _model_in(module), getattr(module, "CONNECTION", None))
+    told = (getattr(module, name, None) for name in ("CONNECTION", "BITRATE"))
+    return Declared(units, files, _model_in(module), *told)
 
 
 def amplifier_options(driver: str, options: Mapping[str, Any]) -> DeviceOptions | None:

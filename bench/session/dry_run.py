@@ -19,7 +19,9 @@ from bench.session.items import Session
 from bench.session.program import Made, make_program
 from bench.session.progress import PlannedStep, Prompt
 from bench.session.script import Ask
+from drivers.registry import load_backend
 
+SIMULATED = "simulated"  # a backend that opens nothing outside this program
 # Limits are written in decimal.
 ROUNDING = 1.0 + 1e-9
 
@@ -70,8 +72,13 @@ class DryRun:
 
 
 def dry_run(session: Session, rig: Rig) -> DryRun:
-    """Raises RigError and UsageError as the session itself would, and RigError where a step goes beyond a limit."""
+    """Raises RigError and UsageError as the session itself would, and RigError where a step goes beyond a limit.
+
+    Of a simulated bench, the true values are looked through, too; raises WiringError as the session itself would.
+    """
     program = make_program(session, rig)
+    if rig.backend == SIMULATED:
+        load_backend(rig.backend)(rig.wiring, rig.simulated, seed=None, place=rig.place).close()
     every = list(program.every_turn())
     asked = {action: _asked(action, rig) for action in {made.action for made in every} if not isinstance(action, Ask)}
     problems = [

@@ -37,12 +37,14 @@ _MOTOR_CONTROLLER = 0
 TIMEOUT_LOOK_S = 0.010  # bldc: timeout.c
 
 CONNECTION = "can"
+BITRATE = "500 kbit/s"  # as it is delivered: appconf_default.h, APPCONF_CAN_BAUD_RATE
 OPTION_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s", "watchdog_probe": "A"}
 
 
 class VescOptions(DeviceOptions):
     """What a rig file may say of a VESC."""
 
+    asked: ClassVar = ("mode", "position", "minimum_current")
     command_units: ClassVar = {"A": {"mode": "current"}, "N*m": {"mode": "torque"}, "1": {"mode": "duty"}}
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the VESC ID, 0 to 254", examples=[1])
