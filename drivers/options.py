@@ -38,6 +38,11 @@ class DeviceOptions(BaseModel):
         return None
 
     @property
+    def dead_band(self) -> float:
+        """Commands smaller than this do nothing: the drive lets go of its motor. In the unit of its commands."""
+        return 0.0
+
+    @property
     def greatest_position_rad(self) -> float:
         """How far from the drive's own zero its position can be read."""
         return inf

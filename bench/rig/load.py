@@ -92,8 +92,10 @@ def _device(role: str, section: DeviceSection, options: Mapping[str, Any]) -> De
 
 def _drive(role: str, section: DeviceSection, options: Mapping[str, Any]) -> DeviceSettings:
     declared = amplifier_options(section.driver, options)
-    released = declared is not None and declared.released_at_zero
-    return replace(_device(role, section, options), released_at_zero=released)
+    settings = _device(role, section, options)
+    if declared is None:
+        return settings
+    return replace(settings, released_at_zero=declared.released_at_zero, dead_band=declared.dead_band)
 
 
 def _limits(section: LimitsSection, load_torque_nm: float | None) -> Limits:

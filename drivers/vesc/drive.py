@@ -94,8 +94,12 @@ class VescOptions(DeviceOptions):
         return self.torque_constant_nm_a if self.mode == "torque" and self.torque_constant_nm_a else 1.0
 
     @property
+    def dead_band(self) -> float:
+        return 0.0 if self.mode == "duty" else self.minimum_current_a * self.per_ampere
+
+    @property
     def released_at_zero(self) -> bool:
-        return self.mode != "duty" and self.minimum_current_a > 0.0
+        return self.dead_band > 0.0
 
     @field_validator("torque_constant_nm_a")
     @classmethod
