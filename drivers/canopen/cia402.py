@@ -142,6 +142,12 @@ class Cia402Options(DeviceOptions):
         return watchdog_s
 
 
+def check_settings(settings: DeviceSettings) -> None:
+    """Raises WiringError for an EDS file that cannot be read."""
+    options = parse_options(Cia402Options, settings)
+    load_dictionary(options.eds, options.node, settings.role)
+
+
 def open_amplifier(settings: DeviceSettings, link: Link) -> "Cia402Drive":
     """Opens the drive and sets up what it exchanges; nothing moves.
 
