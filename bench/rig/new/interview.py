@@ -35,6 +35,9 @@ NO_LEAST = "unlimited"
 STALE, STALL, WATCHDOG = "60 ms", "100 ms", "300 ms"
 STALL_S = 0.1
 READABLE = 0.8  # of what a drive's readings can tell: a reading must not end where the guard still looks
+# The standard session turns the shaft by its way in some part of a second at this speed: imposed motion in 0.24 s,
+# as a dry run tells; free, whatever the actuator's friction and inertia leave. This is twice the former.
+WAY_S = 0.5
 COMMANDS = {"N*m": "0.5 N*m", "A": "5 A", "1": "0.5"}  # examples
 EXAMPLE = re.compile(r'"([^"]+)"')
 SECTIONS = {
@@ -272,6 +275,10 @@ class Interview:
         if isfinite(self._greatest_rad_s):
             text += f", well below the {self._greatest_rad_s:g} rad/s that the drives can tell"
             like = f"{READABLE * self._greatest_rad_s:.3g} rad/s"
+        if isfinite(self._greatest_rad):
+            greatest_rad_s = min(READABLE * self._greatest_rad / WAY_S, READABLE * self._greatest_rad_s)
+            like = f"{greatest_rad_s:.3g} rad/s"
+            text += f"; with a window of {READABLE * self._greatest_rad:.3g} rad about {like}, for the session to fit"
         velocity = self._quantity("limits.velocity", text, "rad/s", None, like)
         section.add("velocity", velocity, "the procedures take their amplitudes from it")
         text, default = "how far the shaft may turn from where it stands", "unlimited"

@@ -36,6 +36,15 @@ SENSORS = {
     "none": {},
 }
 
+COMBINATIONS = [
+    *((actuator, "odrive", "bota") for actuator in ACTUATORS),
+    *(("odrive", load, "bota") for load in LOADS if load != "odrive"),
+    *(("odrive", "odrive", sensor) for sensor in SENSORS if sensor != "bota"),
+    ("vesc", "vesc", "dbc"),
+    ("cia402", "cia402", "canopen"),
+    ("mit", "mit", "mantracourt"),
+]
+
 
 def answers(actuator: str = "odrive", load: str = "odrive", sensor: str = "bota") -> dict[str, str]:
     """Of a dynamometer with these devices."""

@@ -23,17 +23,9 @@ from bench.session.schema import standard_session
 from drivers import registry
 from drivers.discovery import FoundPort
 from drivers.options import DeviceOptions
-from tests.bench.rig.answers import ACTUATORS, LOADS, SENSORS, answers
+from tests.bench.rig.answers import COMBINATIONS, answers
 
 RIGS = sorted((Path(__file__).parents[3] / "rigs").glob("*.toml"))
-COMBINATIONS = [
-    *((actuator, "odrive", "bota") for actuator in ACTUATORS),
-    *(("odrive", load, "bota") for load in LOADS if load != "odrive"),
-    *(("odrive", "odrive", sensor) for sensor in SENSORS if sensor != "bota"),
-    ("vesc", "vesc", "dbc"),
-    ("cia402", "cia402", "canopen"),
-    ("mit", "mit", "mantracourt"),
-]
 DYNO = {
     "actuator.driver": "odrive",
     "actuator.node": "1",
@@ -281,6 +273,15 @@ def test_each_interface_has_an_example_of_its_own(interface: str, example: str) 
 
 def test_a_drive_that_sees_no_further_bounds_the_window() -> None:
     given = {**answers("mit"), "actuator.beyond_range": "saturates"}
+    unanswered = {key: value for key, value in given.items() if key != "limits.velocity"}
+    with pytest.raises(UsageError, match=r"--set limits.velocity=20 rad/s .*window of 10 rad"):
+        rig_of(unanswered)
+    slow = parse_rig(
+        Interview(Prepared({**given, "limits.velocity": "20 rad/s"}), "bench").rig(),
+        place="r.toml",
+        backend="simulated",
+    )
+    assert len(dry_run(standard_session(slow), slow).steps) == 6
     assert rig_of(given).limits.position_rad == pytest.approx(0.8 * 12.5)
     with pytest.raises(
         RigError, match=r"\[limits\] position: lets the shaft turn further than the 12.5 rad .* \[actuator"
