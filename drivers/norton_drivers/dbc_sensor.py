@@ -44,6 +44,11 @@ class DbcOptions(TorqueSensorOptions):
     range_nm: float = Field(inf, alias="range", gt=0, description="the torque it can measure", examples=["2 N*m"])
 
 
+def check_settings(settings: DeviceSettings) -> None:
+    """Raises WiringError for a DBC file that cannot be read, or does not have what the options name."""
+    load_message(parse_options(DbcOptions, settings), settings.role)
+
+
 def open_torque_sensor(settings: DeviceSettings, link: Link) -> "DbcSensor":
     """Raises WiringError for a wrong option or DBC file, ConnectionFailedError for the bus."""
     options = parse_options(DbcOptions, settings)

@@ -4,7 +4,9 @@ A driver module declares its options as a frozen pydantic model and names in ``O
 a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the unit that ``OPTION_UNITS`` gives.
 """
 
-from typing import Final, TypeVar
+from collections.abc import Mapping
+from math import inf
+from typing import ClassVar, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -19,6 +21,36 @@ class DeviceOptions(BaseModel):
     """Base of every driver's options."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False, populate_by_name=False)
+
+    # The units in which an amplifier can be commanded, each with what its options must be: {"A": {"mode": "current"}}.
+    # Empty for a torque sensor, and for a driver that knows its unit only once it is open.
+    command_units: ClassVar[Mapping[str, Mapping[str, object]]] = {}
+
+    # Options whose default is often not right: who writes a new rig file is asked for them.
+    asked: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def command_unit(self) -> str | None:
+        """The unit of its commands as these options set it; None where only the open device tells."""
+        for unit, chosen in self.command_units.items():
+            if all(getattr(self, name) == value for name, value in chosen.items()):
+                return unit
+        return None
+
+    @property
+    def dead_band(self) -> float:
+        """Commands smaller than this do nothing: the drive lets go of its motor. In the unit of its commands."""
+        return 0.0
+
+    @property
+    def greatest_position_rad(self) -> float:
+        """How far from the drive's own zero its position can be read."""
+        return inf
+
+    @property
+    def greatest_velocity_rad_s(self) -> float:
+        """The greatest velocity that its readings can tell."""
+        return inf
 
     @property
     def released_at_zero(self) -> bool:

@@ -31,6 +31,7 @@ class DeviceSettings:
     direction: int = 1
     options: Mapping[str, Any] = field(default_factory=dict)
     released_at_zero: bool = False  # as its driver's options have it
+    dead_band: float = 0.0  # commands smaller than this do nothing, in the unit of its commands
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ from norton_bench.check.probing import ask_everybody
 from norton_bench.check.streams import status_problems, stream_problems, streams_of
 from norton_bench.check.survey import Survey
 from norton_bench.check.watch import Watched, open_watched, watch
-from norton_bench.errors import BenchError, ExperimentError, OperatorStopError
+from norton_bench.errors import BenchError, ExperimentError, OperatorStopError, RigError
 from norton_bench.loop.loop import never_stop
+from norton_bench.rig.command_units import wrong_unit_of
 from norton_bench.rig.rig import Rig
 from norton_drivers.backend import Backend
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
@@ -114,6 +115,8 @@ class _Seen:
         settings, streams = each.settings, streams_of(each, self.watched_s)
         status = each.status() if each.status is not None else None
         problems = [self._explained(problem, settings, buses) for problem in each.problems]
+        if each.command_unit is not None and (wrong := wrong_unit_of(self.rig, settings, each.command_unit)):
+            problems.append(RigError(wrong))
         if each.identity is not None:
             problems += stream_problems(each, streams, self.rig)
             problems += status_problems(settings.role, status)

@@ -31,11 +31,6 @@ def answered_twice(survey: BusSurvey, answers: Sequence[Answers]) -> list[RawFra
     return [example[asked] for asked, each in counts.items() if min(each) >= 2 and median(each) == 2]
 
 
-def sent_by_two(survey: BusSurvey) -> set[Key]:
-    """Identifiers whose frames keep two rhythms of one period, one beside the other."""
-    return {key for key, heard in survey.heard.items() if two_rhythms(heard.arrivals_ns)}
-
-
 def two_rhythms(arrivals_ns: Sequence[int]) -> bool:
     """Whether every other arrival belongs to one steady stream, and those between to another.
 

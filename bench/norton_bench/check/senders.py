@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from norton_bench.check.findings import Sender
-from norton_bench.check.survey import BusSurvey, Key, message_of
+from norton_bench.check.survey import BusSurvey, HeardId, Key, message_of
 from norton_bench.rig.mistakes import toml
 from norton_drivers.readings import RawFrame
 from norton_drivers.recognition import Recognised, Recognition
@@ -38,6 +38,23 @@ def claims_on(survey: BusSurvey, recognition: Mapping[str, Recognition], devices
     # A frame that does not tell which of its kind sent it belongs to any of them.
     present = {claim.who for claim in sure} | {(claim.driver,) for claim in sure}
     return {key: [each for each in claimed if each.who in present] for key, claimed in claims.items()}
+
+
+def by_sender(
+    heard: HeardId, claims: Sequence[Claim], recognition: Mapping[str, Recognition], devices: Sequence[DeviceSettings]
+) -> Iterator[tuple[list[Claim], list[int]]]:
+    """The arrivals [ns] of one identifier's frames, parted by who sent them as far as ``claims`` tell: several devices
+    may answer under one identifier, each in its own rhythm."""
+    standing = {claim.who for claim in claims}
+    claimed = {
+        begins: [claim for claim in claims_of(frame, recognition, devices) if claim.who in standing]
+        for begins, frame in heard.samples.items()
+    }
+    parts: dict[frozenset[tuple[Any, ...]], tuple[list[Claim], list[int]]] = {}
+    for begins, arrival_ns in zip(heard.begun, heard.arrivals_ns, strict=True):
+        said = claimed.get(begins, [])
+        parts.setdefault(frozenset(claim.who for claim in said), (said, []))[1].append(arrival_ns)
+    yield from parts.values()
 
 
 def claims_of(

@@ -12,8 +12,7 @@ from norton_drivers.recognition import Answers
 
 # Of one identifier: enough to see a rhythm, and no more than some seconds of the fastest stream.
 _KEPT = 5000
-# Of one identifier, frames that begin differently: several devices may answer under it.
-_KINDS = 16
+_KINDS = 16  # of one identifier
 # An answer comes within this time after its question, or is none.
 _ANSWER_NS = 100_000_000
 _QUESTIONS = 500
@@ -23,20 +22,25 @@ _SERIAL = -1  # the identifier of what is no CAN frame
 
 @dataclass
 class HeardId:
-    """What came under one identifier: ``arrivals_ns`` of the frames, and the last of each that begins differently."""
+    """What came under one identifier: when each frame came and with which byte it began, and the last of each kind.
+
+    Frames that begin differently are of different kinds: several devices may answer under one identifier.
+    """
 
     extended: bool
     arbitration_id: int
     count: int = 0
     arrivals_ns: list[int] = field(default_factory=list)
+    begun: list[bytes] = field(default_factory=list)  # the first byte of each, beside its arrival
     samples: dict[bytes, RawFrame] = field(default_factory=dict)
     counts: dict[bytes, int] = field(default_factory=dict)
 
     def note(self, frame: RawFrame) -> None:
         self.count += 1
+        begins = frame.data[:1]
         if len(self.arrivals_ns) < _KEPT:
             self.arrivals_ns.append(frame.stamp_ns)
-        begins = frame.data[:1]
+            self.begun.append(begins)
         if begins in self.samples or len(self.samples) < _KINDS:
             self.samples[begins] = frame
             self.counts[begins] = self.counts.get(begins, 0) + 1

@@ -28,6 +28,7 @@ class Watched:
     ages_ns: dict[str, list[int]] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     asked_ns: tuple[int, int] = (0, 0)  # when it was being asked who it is
+    command_unit: str | None = None  # of an open drive's commands
 
     def values(self, stream: str) -> list[float]:
         """The stream's readings as one number each: position, torque or current."""
@@ -46,7 +47,7 @@ def open_watched(settings: DeviceSettings, link: Link, survey: Survey) -> Watche
         else:
             drive = open_amplifier(settings, link)
             found.takes = {"motion": drive.take_motion, "current": drive.take_current}
-            found.status = drive.status
+            found.status, found.command_unit = drive.status, drive.command_unit
             link.set_tap(survey.note)
             found.identity = drive.identify()
     except DeviceError as error:

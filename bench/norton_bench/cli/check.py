@@ -1,6 +1,7 @@
 """``rig check`` and ``devices``: what is there, before anything moves."""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -13,6 +14,8 @@ from norton_bench.errors import ExitCode
 from norton_bench.session.failure import exit_code_of
 
 if TYPE_CHECKING:
+    from norton_bench.check.findings import RigCheck
+    from norton_bench.rig.rig import Rig
     from norton_drivers.discovery import FoundPort
 
 
@@ -33,11 +36,38 @@ def check(
             found = check_rig(rig, seed=seed, move=Permission(output.say, stop_word.heard))
     else:
         found = check_rig(rig, seed=seed)
-    output.result(check_data(found), *check_view(found))
+    suits, refusal = standard_session_suits(rig)
+    output.result({**check_data(found), "identify": refusal}, *check_view(found), suits)
+    return say_problems(rig_file, found, output)
+
+
+def say_problems(rig_file: Path, found: "RigCheck", output: Output) -> int:
+    """Each in a line; returns the exit code."""
     problems = found.problems()
     for problem in problems:
         output.say(f"{rig_file}: {problem}")
     return exit_code_of(problems[0]) if problems else ExitCode.OK
+
+
+def standard_session_suits(rig: "Rig") -> tuple[str, str | None]:
+    """Whether ``identify`` would take this rig, in a sentence; and what it would refuse it for, if it would.
+
+    A rig may well be for other sessions: what keeps the standard one from running is told, and is no problem of the
+    bench.
+    """
+    from norton_bench.cli.plan import clock  # noqa: PLC0415
+    from norton_bench.errors import UsageError  # noqa: PLC0415
+    from norton_bench.session.dry_run import dry_run  # noqa: PLC0415
+    from norton_bench.session.schema import standard_session  # noqa: PLC0415
+    from norton_drivers.errors import WiringError  # noqa: PLC0415
+
+    session = standard_session(rig)
+    try:
+        plan = dry_run(session, rig)
+    except (UsageError, WiringError) as error:
+        return f"norton-bench identify would refuse this rig: {error}", str(error)
+    steps = ", ".join(dict.fromkeys(step.planned.name for step in plan.steps))
+    return f"norton-bench identify can run on it: {steps}; {clock(plan.at_most_s)} of bench time", None
 
 
 def devices(*, json: Json = False) -> None:

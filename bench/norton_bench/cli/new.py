@@ -5,18 +5,20 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from norton_bench.cli.arguments import Json
 from norton_bench.cli.output import Output
-from norton_bench.errors import UsageError
+from norton_bench.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from norton_bench.rig.new.questions import Question
+
+BACK = "<"
 
 NewFile = Annotated[Path | None, Parameter(name="FILE", help="The rig file to write; NAME.toml if left out.")]
 Set = Annotated[
@@ -25,6 +27,10 @@ Set = Annotated[
 ]
 From = Annotated[Path | None, Parameter(name="--from", help="A rig file whose values are proposed.")]
 Yes = Annotated[bool, Parameter(help="Ask nothing: what is not answered takes its default.")]
+Check = Annotated[
+    Literal["simulated", "hardware", "none"] | None,
+    Parameter(help="On what the rig is checked at the end: its simulated twin, where it has one, unless said."),
+]
 Force = Annotated[bool, Parameter(help="Write over a file that is there already.")]
 
 
@@ -36,19 +42,67 @@ def new(
     from_: From = None,
     yes: Yes = False,
     force: Force = False,
+    check: Check = None,
     json: Json = False,
-) -> None:
-    """Write a new rig file from answers: asked one by one on a terminal, else taken from --set and the defaults."""
+) -> int:
+    """Write a new rig file from answers: asked one by one on a terminal, else taken from --set and the defaults.
+
+    At the end the rig is checked: as its simulated twin, or on the hardware where that is said.
+    """
     proposed = _proposed(from_)
     answers = _answers(set_)
     output = Output(json)
-    if yes or not sys.stdin.isatty():
+    asks = not yes and sys.stdin.isatty()
+    if not asks:
         text = _prepared_text({**proposed, **answers}, answers, _stem(file), str(file or "new rig"))
     else:
         text = _asked_text({**proposed, **answers}, _stem(file), str(file or "new rig"))
-    path = file or Path(f"{tomllib.loads(text)['rig']['name']}.toml")
-    _write(path, text, force=force, may_ask=not yes and sys.stdin.isatty())
-    output.result({"rig": path}, f"{path} is written; next: norton-bench rig check {path}")
+    written = tomllib.loads(text)
+    path = file or Path(f"{written['rig']['name']}.toml")
+    _write(path, text, force=force, may_ask=asks)
+    output.say(f"{path} is written")
+    twin = "simulated" in written
+    look = check or (_asked_check(twin=twin) if asks else "simulated" if twin else "none")
+    if look == "none":
+        output.result({"rig": path}, f"next: norton-bench rig check {path} --backend hardware")
+        return ExitCode.OK
+    return _checked(path, look, twin=twin, output=output)
+
+
+def _asked_check(*, twin: bool) -> str:
+    """On a terminal: nothing is opened on the bench unless somebody says so."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.prompt import Prompt  # noqa: PLC0415
+
+    choices = [*(("simulated",) if twin else ()), "hardware", "none"]
+    text = (
+        "check it now, on its simulated twin, or on the hardware (nothing moves)"
+        if twin
+        else ("check it now on the hardware (nothing moves)")
+    )
+    default = "simulated" if twin else "none"
+    return str(Prompt.ask(text, choices=choices, default=default, console=Console(stderr=True)))
+
+
+def _checked(path: Path, backend: str, *, twin: bool, output: Output) -> int:
+    """What `rig check` says of the file that was written; returns its exit code."""
+    from norton_bench.check.check import check_rig  # noqa: PLC0415
+    from norton_bench.cli.check import say_problems, standard_session_suits  # noqa: PLC0415
+    from norton_bench.cli.found import check_data, check_view  # noqa: PLC0415
+    from norton_bench.rig.load import load_rig  # noqa: PLC0415
+
+    output.say(f"checking it, {backend}; the very first time compiles for a while")
+    rig = load_rig(path, backend=backend)
+    found = check_rig(rig)
+    suits, refusal = standard_session_suits(rig)
+    data = {"rig": path, "backend": backend, "check": {**check_data(found), "identify": refusal}}
+    rehearse = (
+        f"next: rehearse it with norton-bench identify {path} --backend simulated; on the bench itself, "
+        if (twin)
+        else "next: "
+    )
+    output.result(data, *check_view(found), suits, f"{rehearse}norton-bench rig check {path}")
+    return say_problems(path, found, output)
 
 
 def _stem(file: Path | None) -> str:
@@ -78,42 +132,81 @@ def _asked_text(known: Mapping[str, str], name: str, place: str) -> str:
     asker = Terminal(Console(stderr=True, highlight=False), dict(known))
     asker.tell("looking for what is plugged in ...")
     ports = list_ports()
+    asker.tell(f"Enter takes what stands in brackets; {BACK} goes back to the question before")
     while True:
-        text = Interview(asker, name, ports).rig()
         try:
+            text = Interview(asker, name, ports).rig()
             parse_rig(text, place=place)
+        except StepBackError:
+            asker.again()
         except RigError as error:
+            asker.forget()
             asker.tell(f"these answers contradict each other:\n{error}\nonce more; Enter keeps an answer")
         else:
             return text
 
 
+class StepBackError(Exception):
+    """The question before is to be asked again."""
+
+
 @dataclass
 class Terminal:
-    """A person at a terminal, asked on standard error; what was answered before is proposed again."""
+    """A person at a terminal, asked on standard error; what was answered before is proposed again.
+
+    To step back, all questions are put once more, and those before the last answer themselves, without a word.
+    """
 
     console: "Console"
     known: dict[str, str] = field(default_factory=dict)
+    _given: list[str] = field(default_factory=list)  # in this round, in the order of the questions
+    _place: int = 0  # how many of them were asked for
 
     def ask(self, question: "Question") -> str:
+        if self._place < len(self._given):
+            self._place += 1
+            return question.accept(self._given[self._place - 1])
         if question.key in self.known:
             question = replace(question, default=self.known[question.key])
         while True:
             self.console.print(_asked(question), end=" ", markup=False, soft_wrap=True)
-            typed = self.console.input().strip() or question.default or ""
+            typed = self.console.input().strip()
+            if typed == BACK:
+                self._step_back()
+            answer = typed or question.default or ""
             try:
-                accepted = question.accept(typed)
+                accepted = question.accept(answer)
             except ValueError as error:
                 self.tell(f"  {error}")
             else:
-                self.known[question.key] = typed
+                self.known[question.key] = answer
+                self._given.append(answer)
+                self._place += 1
                 return accepted
 
     def offers(self, key: str) -> bool:
-        return key in self.known
+        return key in self.known and key in self._proposed
 
     def tell(self, text: str) -> None:
-        self.console.print(text, markup=False, soft_wrap=True)
+        if self._place == len(self._given):
+            self.console.print(text, markup=False, soft_wrap=True)
+
+    def again(self) -> None:
+        """From the first question, which answers itself as the others that were answered do."""
+        self._place = 0
+
+    def forget(self) -> None:
+        """From the first question, and every one is asked."""
+        self._given, self._place = [], 0
+
+    def _step_back(self) -> None:
+        if self._given:
+            self._given.pop()
+        raise StepBackError
+
+    def __post_init__(self) -> None:
+        # Of another file: what was typed here must not make more questions of the same answers when they are replayed.
+        self._proposed = frozenset(self.known)
 
 
 def _asked(question: "Question") -> str:

@@ -12,6 +12,13 @@ from norton_bench.rig.rig import Limits
 from norton_bench.sample import Sample
 from norton_drivers.readings import DriveState
 
+MENDS = {
+    "velocity": "ask for less (amplitude of the steps, [actuator.command] limit)",
+    "position": "begin further from the end, or ask for less (amplitude of the steps)",
+    "torque": "ask for less ([actuator.command] limit, [load] torque_limit)",
+    "power": "ask for less (amplitude of the steps, [actuator.command] limit)",
+}
+
 
 @dataclass
 class Guard:
@@ -19,7 +26,7 @@ class Guard:
 
     ``has_load`` and ``has_torque_sensor`` say which signals must be there; ``command_limit`` is the greatest actuator
     command, in its own unit, ``modulation_limit`` that of a modulator, None where there is none. ``checks`` are asked
-    in their order, after all limits: a limit is the clearer word.
+    in their order, after all limits: a limit is the clearer word. Below ``load_dead_band_nm`` the load does nothing.
     """
 
     limits: Limits
@@ -29,6 +36,7 @@ class Guard:
     has_torque_sensor: bool
     checks: tuple[Check, ...] = ()
     modulation_limit: float | None = None
+    load_dead_band_nm: float = 0.0
     tripped: SafetyStopError | None = field(default=None, init=False)
     _sent: Commands = field(default=NOTHING, init=False)
     _home_rad: float | None = field(default=None, init=False)
@@ -138,12 +146,24 @@ class Guard:
 
     def _outside(self, name: str, value: float, bound: float, key: str, unit: str) -> SafetyStopError:
         if isfinite(value):
-            return self.trip(f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}", key)
+            said = f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}"
+            return self.trip(f"{said}; {self._mend(key)}", key)
         return self.trip(
             f"{name}: is no number: the device marks its reading as invalid, or reads beyond its range; "
             "check the device",
             key,
         )
+
+    def _mend(self, key: str) -> str:
+        """What to do where a limit was reached."""
+        mend = f"{MENDS[key]}, or raise [limits] {key} where the bench stands more"
+        if self.load_dead_band_nm > 0.0:
+            mend += (
+                f"; the load does nothing below {self.load_dead_band_nm:g} N m, where its drive lets go of its motor: "
+                "where that is much of the friction it has to overcome, lower the drive's minimum current, and what "
+                "[load] says of it"
+            )
+        return mend
 
     def _check_drive(self, drive: DriveHealth, tick_ns: int) -> None:
         status, limit_c = drive.status, self.limits.temperature_c

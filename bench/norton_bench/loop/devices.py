@@ -9,15 +9,14 @@ from math import nan
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.guard.commands import Commands, DriveHealth
 from norton_bench.loop.watchdogs import WatchdogFinding, fall_silent, has_none
-from norton_bench.rig.rig import Command, Rig
-from norton_bench.units import conversion
+from norton_bench.rig.command_units import wrong_unit_of
+from norton_bench.rig.rig import Rig
 from norton_drivers.backend import Backend
 from norton_drivers.clock import Clock
 from norton_drivers.devices import Amplifier, Device, TorqueSensor
 from norton_drivers.link import Link
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, MotionReading, TorqueReading
 from norton_drivers.registry import open_amplifier, open_torque_sensor
-from norton_drivers.wiring import DeviceSettings
 
 # A drive that was told to idle says so with its next heartbeat; waiting longer than this is pointless.
 IDLE_WITHIN_NS = 500_000_000
@@ -243,29 +242,7 @@ def open_devices(rig: Rig, backend: Backend) -> Devices:
 
 def check_command_units(rig: Rig, devices: Devices) -> None:
     """Whether each drive takes commands in the unit it is given them. Raises RigError."""
-    _check_unit(rig.place, rig.command, devices.actuator, rig.wiring.actuator)
-    if devices.modulator is not None and rig.modulation is not None and rig.wiring.modulator is not None:
-        _check_unit(rig.place, rig.modulation, devices.modulator, rig.wiring.modulator)
-    load = devices.load
-    if load is not None and not _same_unit(load.command_unit, "N*m"):
-        driver = rig.wiring.load.driver if rig.wiring.load else ""
-        raise RigError(
-            f'{rig.place}: [load] driver = "{driver}" as it is set here takes commands in "{load.command_unit}", but a '
-            "load is commanded in newton metres; set its torque mode"
-        )
-
-
-def _check_unit(place: str, command: Command, drive: Amplifier, settings: DeviceSettings) -> None:
-    key, sent_as = ("unit", command.unit) if command.sent_as is None else ("sent_as", command.sent_as)
-    if not _same_unit(sent_as, drive.command_unit):
-        raise RigError(
-            f'{place}: [{settings.role}.command] {key} = "{sent_as}", but driver = "{settings.driver}" as it is set '
-            f'here takes commands in "{drive.command_unit}"'
-        )
-
-
-def _same_unit(unit: str, other: str) -> bool:
-    try:
-        return conversion(unit, other) == (1.0, 0.0)
-    except ValueError:
-        return False
+    settings = {device.role: device for device in rig.wiring.devices()}
+    for drive in devices.drives:
+        if wrong := wrong_unit_of(rig, settings[drive.role], drive.command_unit):
+            raise RigError(f"{rig.place}: {wrong}")

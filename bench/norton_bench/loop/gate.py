@@ -24,4 +24,13 @@ def guard_for(rig: Rig, devices: Devices) -> Guard:
     )
     checks = checks_for(rig.limits, rig.command, rig.tick_s, fitted, rig.supervision.leave_out)
     modulation_limit = None if rig.modulation is None else rig.modulation.limit
-    return Guard(rig.limits, rig.command.limit, rig.tick_s, fitted.load, fitted.torque_sensor, checks, modulation_limit)
+    return Guard(
+        rig.limits,
+        rig.command.limit,
+        rig.tick_s,
+        fitted.load,
+        fitted.torque_sensor,
+        checks,
+        modulation_limit,
+        0.0 if rig.wiring.load is None else rig.wiring.load.dead_band,
+    )

@@ -3,7 +3,9 @@
 from collections.abc import Callable, Iterator
 from math import inf, isfinite
 
+from norton_bench.rig.command_units import Commanded, wrong_unit
 from norton_bench.rig.draft import DEVICES, Draft
+from norton_bench.rig.driver_options import amplifier_options
 from norton_bench.rig.mistakes import Mistakes, nearest
 from norton_drivers import registry
 from norton_drivers.wiring import CanBusSettings
@@ -174,6 +176,48 @@ def _command_limit(draft: Draft) -> Found:
         )
 
 
+def _readable(draft: Draft) -> Found:
+    """The guard must see what it is to hold: a drive's readings may end, or begin anew, before a limit is reached."""
+    if draft.limits is None:
+        return
+    velocity_rad_s, position_rad = draft.limits.velocity_rad_s, draft.limits.position_rad
+    for role, device in draft.devices().items():
+        declared = (
+            amplifier_options(device.driver, draft.options.get(role, {})) if role in ("actuator", "load") else None
+        )
+        if declared is None:
+            continue
+        if velocity_rad_s >= declared.greatest_velocity_rad_s:
+            yield (
+                "[limits] velocity",
+                f"{velocity_rad_s:g} rad/s is not below {declared.greatest_velocity_rad_s:g} rad/s, beyond which "
+                f"[{role}] cannot tell its velocity; lower the limit, or widen the range in the drive and in [{role}]",
+            )
+        if position_rad > declared.greatest_position_rad:
+            end_rad = declared.greatest_position_rad
+            yield (
+                "[limits] position",
+                f"lets the shaft turn further than the {end_rad:g} rad about its zero within which [{role}] can tell "
+                f'where it is; write position = "{0.8 * end_rad:.3g} rad", or say in [{role}] that it goes on there',
+            )
+
+
+def _command_units(draft: Draft) -> Found:
+    """A drive whose driver tells the unit of its commands only once it is open is looked at then."""
+    commands: dict[str, Commanded | None] = {
+        "actuator": draft.actuator.command if draft.actuator else None,
+        "modulator": draft.modulator.command if draft.modulator else None,
+        "load": None,
+    }
+    for role, device in draft.devices().items():
+        options = draft.options.get(role, {})
+        declared = amplifier_options(device.driver, options) if role in commands else None
+        if declared is not None and declared.command_unit is not None:
+            found = wrong_unit(role, device.driver, options, commands[role], declared.command_unit)
+            if found is not None:
+                yield found
+
+
 def _range_nm(draft: Draft) -> float:
     """The sensor's range, where its driver has such an option and it was written."""
     value = draft.options.get("torque_sensor", {}).get("range", inf)
@@ -192,4 +236,6 @@ CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _torque_limits,
     _twist,
     _command_limit,
+    _command_units,
+    _readable,
 )

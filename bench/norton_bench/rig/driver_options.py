@@ -2,12 +2,14 @@
 
 The module that a driver's entry point names may declare ``OPTION_UNITS`` (options that are quantities, and the unit in
 which the driver wants them), ``OPTION_FILES`` (options that may name a file beside the rig file), ``CONNECTION``
-("can" or "serial") and one subclass of ``norton_drivers.options.DeviceOptions``. A driver that declares nothing checks
-its options itself.
+("can" or "serial"), ``BITRATE`` (of a CAN device as it is delivered, "500 kbit/s") and one subclass of
+``norton_drivers.options.DeviceOptions``; and ``check_settings(settings)``, which raises WiringError for what only the
+files that the options name can tell. A driver that declares nothing checks its options itself.
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +21,9 @@ from norton_bench.rig.mistakes import Mistakes, keys_of, sentence
 from norton_bench.rig.schema import DeviceSection
 from norton_bench.units import parse_quantity
 from norton_drivers import registry
+from norton_drivers.errors import WiringError
 from norton_drivers.options import DeviceOptions, written_as
+from norton_drivers.wiring import DeviceSettings
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,8 @@ class Declared:
     files: tuple[str, ...]
     model: type[DeviceOptions] | None
     connection: str | None = None  # "can" or "serial", where it says so
+    bitrate: str | None = None  # of the bus, as its maker delivers the device
+    check: Callable[[DeviceSettings], None] | None = None
 
 
 def declared_by(group: str, driver: str) -> Declared:
@@ -37,7 +43,16 @@ def declared_by(group: str, driver: str) -> Declared:
     factory = registry.load(group, driver, asked_by="driver")
     module = sys.modules[factory.__module__]
     units, files = getattr(module, "OPTION_UNITS", {}), getattr(module, "OPTION_FILES", ())
-    return Declared(units, files, _model_in(module), getattr(module, "CONNECTION", None))
+    told = (getattr(module, name, None) for name in ("CONNECTION", "BITRATE", "check_settings"))
+    return Declared(units, files, _model_in(module), *told)
+
+
+def amplifier_options(driver: str, options: Mapping[str, Any]) -> DeviceOptions | None:
+    """A drive's options as its driver reads them; None where it declares none, or where they are wrong."""
+    with suppress(WiringError, ValidationError):
+        model = declared_by(registry.AMPLIFIERS, driver).model
+        return None if model is None else model.model_validate(dict(options))
+    return None
 
 
 def read_options(
@@ -51,8 +66,14 @@ def read_options(
             options[key] = _converted(key, value, declared, folder)
         except ValueError as error:
             mistakes.add(f"[{role}] {key}", str(error))
+    before = len(mistakes.sentences)
     if declared.model is not None:
         _check(declared.model, options, device, role, mistakes)
+    if declared.check is not None and len(mistakes.sentences) == before:
+        try:
+            declared.check(DeviceSettings(role, device.driver, device.bus, device.port, device.direction, options))
+        except WiringError as error:
+            mistakes.add("", str(error))
     return options
 
 

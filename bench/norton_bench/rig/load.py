@@ -8,12 +8,11 @@ from typing import Any
 from norton_bench.errors import RigError
 from norton_bench.rig.checks import check
 from norton_bench.rig.draft import Draft, read_draft
-from norton_bench.rig.driver_options import declared_by
+from norton_bench.rig.driver_options import amplifier_options
 from norton_bench.rig.files import check_kind, parse_toml, read_text
 from norton_bench.rig.mistakes import Mistakes
 from norton_bench.rig.rig import Command, Limits, Rig, Supervision
 from norton_bench.rig.schema import ActuatorSection, CommandSection, DeviceSection, LimitsSection, RigSection
-from norton_drivers import registry
 from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 
 
@@ -94,9 +93,11 @@ def _device(role: str, section: DeviceSection, options: Mapping[str, Any]) -> De
 
 
 def _drive(role: str, section: DeviceSection, options: Mapping[str, Any]) -> DeviceSettings:
-    model = declared_by(registry.AMPLIFIERS, section.driver).model
-    released = model is not None and model.model_validate(dict(options)).released_at_zero
-    return replace(_device(role, section, options), released_at_zero=released)
+    declared = amplifier_options(section.driver, options)
+    settings = _device(role, section, options)
+    if declared is None:
+        return settings
+    return replace(settings, released_at_zero=declared.released_at_zero, dead_band=declared.dead_band)
 
 
 def _limits(section: LimitsSection, load_torque_nm: float | None) -> Limits:

@@ -97,7 +97,7 @@ def sentence(
     ``also_known`` are keys that may stand there beside those of the model.
     """
     keys = keys_of(model)
-    example = _example(keys[key]) if key in keys else ""
+    example = example_of(keys[key]) if key in keys else ""
     kind = details["type"]
     if kind == "missing":
         return f"is missing; add {key} = {example}"
@@ -144,7 +144,7 @@ def _key(key: str) -> str:
     return key if BARE_KEY.fullmatch(key) else toml(key)
 
 
-def _example(info: FieldInfo) -> str:
+def example_of(info: FieldInfo) -> str:
     """What could stand there: the field's own example, or else its description."""
     if info.examples:
         return toml(info.examples[0])

@@ -23,6 +23,7 @@ from norton_bench.session.rehearsal import rehearsed
 from norton_bench.session.script import Ask
 from norton_drivers.registry import load_backend
 
+SIMULATED = "simulated"  # a backend that opens nothing outside this program
 # Limits are written in decimal.
 ROUNDING = 1.0 + 1e-9
 

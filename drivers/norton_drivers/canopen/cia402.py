@@ -9,7 +9,7 @@ rig file. Source: CiA 402-2 and CiA 402-3 (IEC 61800-7-201), CiA 301.
 from collections.abc import Callable
 from contextlib import suppress
 from math import tau
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -58,6 +58,8 @@ _UNUSED_PDOS = (3, 4)
 
 class Cia402Options(DeviceOptions):
     """What a rig file may say of a CiA 402 drive."""
+
+    command_units: ClassVar = {"N*m": {}}
 
     node: int = Field(ge=1, le=protocol.NODE_MAX, description="the drive's CANopen node id, 1 to 127", examples=[5])
     torque_per_unit_nm: float = Field(
@@ -138,6 +140,12 @@ class Cia402Options(DeviceOptions):
         if 0 < watchdog_s < 0.02:
             raise ValueError("shorter than a computer can be relied on to feed; at least 20 ms")
         return watchdog_s
+
+
+def check_settings(settings: DeviceSettings) -> None:
+    """Raises WiringError for an EDS file that cannot be read."""
+    options = parse_options(Cia402Options, settings)
+    load_dictionary(options.eds, options.node, settings.role)
 
 
 def open_amplifier(settings: DeviceSettings, link: Link) -> "Cia402Drive":

@@ -95,15 +95,26 @@ class CanopenSensorOptions(TorqueSensorOptions):
         return self.status_cob_id or protocol.transmit_pdo_id(self.node, _STATUS_PDO)
 
 
-def open_torque_sensor(settings: DeviceSettings, link: Link) -> "CanopenSensor":
-    """Opens the sensor and lets it send. Raises WiringError, ConnectionFailedError, and DeviceError for the sensor."""
+def check_settings(settings: DeviceSettings) -> None:
+    """Raises WiringError for a value that does not fit into its PDO, and for an EDS file that cannot be read."""
     options = parse_options(CanopenSensorOptions, settings)
+    _check_field(options, settings)
+    load_dictionary(options.eds, options.node, settings.role)
+
+
+def _check_field(options: CanopenSensorOptions, settings: DeviceSettings) -> None:
     field = options.field
     if not field.end <= field.length <= PDO_MAX:
         raise WiringError(
             f"[{settings.role}] an {field.kind} at offset = {field.offset} does not fit into length = {field.length} "
             "bytes; lower offset, or raise length to at most 8"
         )
+
+
+def open_torque_sensor(settings: DeviceSettings, link: Link) -> "CanopenSensor":
+    """Opens the sensor and lets it send. Raises WiringError, ConnectionFailedError, and DeviceError for the sensor."""
+    options = parse_options(CanopenSensorOptions, settings)
+    _check_field(options, settings)
     dictionary = load_dictionary(options.eds, options.node, settings.role)
     master = master_of(settings, link, options.master_node)
     if options.send == "sync":

@@ -11,8 +11,8 @@ frames do not feed the timeout), fsm.c (timeout; enabled with the command that w
 
 from collections.abc import Callable
 from contextlib import suppress
-from math import nan
-from typing import Literal
+from math import inf, nan
+from typing import ClassVar, Literal
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
@@ -39,6 +39,7 @@ PROBE_ENDED_NS = 60_000_000  # after the timeout
 LEAST_PROBE_STEPS = 8
 
 CONNECTION = "can"
+BITRATE = "1 Mbit/s"
 OPTION_UNITS = {
     "position_range": "rad",
     "velocity_range": "rad/s",
@@ -51,6 +52,9 @@ OPTION_UNITS = {
 
 class MitOptions(DeviceOptions):
     """What a rig file may say of an actuator in MIT mode."""
+
+    asked: ClassVar = ("beyond_range", "watchdog")
+    command_units: ClassVar = {"N*m": {}}
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the motor's CAN id", examples=[1])
     master: int = Field(0, ge=0, le=protocol.IDENTIFIER_MAX, description="the CAN id that its replies come with")
@@ -108,6 +112,14 @@ class MitOptions(DeviceOptions):
     @property
     def ranges(self) -> Ranges:
         return Ranges(self.position_range_rad, self.velocity_range_rad_s, self.torque_range_nm)
+
+    @property
+    def greatest_position_rad(self) -> float:
+        return self.position_range_rad if self.beyond_range == "saturates" else inf
+
+    @property
+    def greatest_velocity_rad_s(self) -> float:
+        return self.velocity_range_rad_s
 
     @field_validator("watchdog_probe_nm")
     @classmethod

@@ -10,7 +10,7 @@ drive's positive sense, times ``direction``.
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from math import frexp, isnan, ldexp, nan, pi
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
@@ -49,6 +49,8 @@ OPTION_UNITS = {"watchdog": "s", "heartbeat": "s"}
 
 class ODriveOptions(DeviceOptions):
     """What a rig file may say of an ODrive."""
+
+    command_units: ClassVar = {"N*m": {}}
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the drive's CAN node id, 0 to 63", examples=[1])
     firmware: str = Field("0.6", description="the firmware's version, 0.5 or 0.6", examples=["0.6"])

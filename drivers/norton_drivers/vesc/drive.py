@@ -11,7 +11,7 @@ applications/appconf_default.h (timeout of 1000 ms, all status messages off).
 from collections.abc import Callable
 from contextlib import suppress
 from math import isfinite, nan
-from typing import Literal
+from typing import ClassVar, Literal
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
@@ -33,16 +33,19 @@ from norton_drivers.waiting import wait_until
 from norton_drivers.wiring import DeviceSettings
 
 SILENT_NS = 250_000_000  # longer than a busy host may forget to ask
-UNITS = {"current": "A", "torque": "N*m", "duty": "1"}
 _MOTOR_CONTROLLER = 0
 TIMEOUT_LOOK_S = 0.010  # bldc: timeout.c
 
 CONNECTION = "can"
+BITRATE = "500 kbit/s"  # as it is delivered: appconf_default.h, APPCONF_CAN_BAUD_RATE
 OPTION_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s", "watchdog_probe": "A"}
 
 
 class VescOptions(DeviceOptions):
     """What a rig file may say of a VESC."""
+
+    asked: ClassVar = ("mode", "position", "minimum_current")
+    command_units: ClassVar = {"A": {"mode": "current"}, "N*m": {"mode": "torque"}, "1": {"mode": "duty"}}
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the VESC ID, 0 to 254", examples=[1])
     pole_pairs: int = Field(
@@ -91,8 +94,12 @@ class VescOptions(DeviceOptions):
         return self.torque_constant_nm_a if self.mode == "torque" and self.torque_constant_nm_a else 1.0
 
     @property
+    def dead_band(self) -> float:
+        return 0.0 if self.mode == "duty" else self.minimum_current_a * self.per_ampere
+
+    @property
     def released_at_zero(self) -> bool:
-        return self.mode != "duty" and self.minimum_current_a > 0.0
+        return self.dead_band > 0.0
 
     @field_validator("torque_constant_nm_a")
     @classmethod
@@ -129,7 +136,7 @@ class Vesc:
     def __init__(self, settings: DeviceSettings, options: VescOptions, port: CanPort, link: Link) -> None:
         self.role = settings.role
         self.options = options
-        self.command_unit = UNITS[options.mode]
+        self.command_unit = options.command_unit or ""
         self._direction = settings.direction
         self._port = port
         self._link = link

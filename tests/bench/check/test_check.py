@@ -200,9 +200,18 @@ def error_teller(backend: SimulatedBackend, classes: ErrorClass) -> Callable[[],
 
 
 def test_a_rig_that_is_too_busy_for_its_bus(opened: Open) -> None:
-    slow = replace(RIG, wiring=replace(RIG.wiring, buses=(replace(RIG.wiring.buses[0], bitrate_bit_s=250_000),)))
-    (remark,) = look(slow, opened(slow)).remarks
-    assert "of its 250000 bit/s are taken" in remark
+    busy, overfull = (
+        replace(RIG, wiring=replace(RIG.wiring, buses=(replace(RIG.wiring.buses[0], bitrate_bit_s=bitrate_bit_s),)))
+        for bitrate_bit_s in (300_000, 200_000)
+    )
+    found = look(busy, opened(busy))
+    (remark,) = found.remarks
+    assert ("of its 300000 bit/s are taken" in remark, sentences(found)) == (True, [])
+    found = look(overfull, opened(overfull))
+    (sentence,) = sentences(found)
+    assert found.remarks == ()
+    assert "bus can0: its devices send 1" in sentence
+    assert "% of what 200000 bit/s can carry; raise bitrate in every device" in sentence
 
 
 def test_check_rig_opens_the_rigs_own_backend() -> None:

@@ -54,7 +54,7 @@ def test_a_bench_in_order_for_programs(run: Run) -> None:
     code, out, _ = run("rig", "check", RIG, "--json", "--move")
     found: dict[str, Any] = json.loads(out)
     assert code == ExitCode.OK
-    assert list(found) == ["devices", "buses", "host", "moved", "problems", "remarks"]
+    assert list(found) == ["devices", "buses", "host", "moved", "problems", "remarks", "identify"]
     assert [(device["role"], device["problems"]) for device in found["devices"]] == [
         ("actuator", []),
         ("load", []),
@@ -63,7 +63,7 @@ def test_a_bench_in_order_for_programs(run: Run) -> None:
     (bus,) = found["buses"]
     assert (bus["name"], bus["interface"], bus["troubles"], bus["unknown"]) == ("can0", "udp_multicast", {}, [])
     assert [sender["options"] for sender in bus["senders"]] == [{"node": 1}, {"node": 2}]
-    assert (found["host"], found["problems"]) == (None, [])
+    assert (found["host"], found["problems"], found["identify"]) == (None, [], None)
     assert any("the load gives about 0.9" in said for said in found["moved"])
 
 
@@ -151,3 +151,15 @@ def test_devices(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_no_devices(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discovery, "list_ports", tuple)
     assert run("devices")[1].startswith("Neither a serial port nor a CAN adapter was found")
+
+
+def test_what_identify_would_refuse_is_told_and_is_no_problem_of_the_bench(run: Run, tmp_path: Path) -> None:
+    """A rig may be for other sessions: its window is too narrow for the standard one."""
+    rig = tmp_path / "narrow.toml"
+    rig.write_text(Path(RIG).read_text().replace('position = "unlimited"  ', 'position = "0.01 rad"'))
+    code, out, _ = run("rig", "check", str(rig), "--json")
+    refusal = json.loads(out)["identify"]
+    dry_code, _, said = run("identify", str(rig), "--dry-run")
+    assert (code, dry_code) == (ExitCode.OK, ExitCode.USAGE)
+    assert refusal in said
+    assert "[limits] position is 0.01 rad" in refusal

@@ -26,12 +26,13 @@ ALONE = (
 
 # What is asked of rigs/sim-odrive.toml, in order: what a rig needs, and what that file sets besides.
 QUESTIONS = (
-    "rig.name", "rig.rate", "actuator.driver", "actuator.bus", "bus.can0.interface", "bus.can0.channel",
-    "bus.can0.bitrate", "actuator.node", "actuator.firmware", "actuator.watchdog", "actuator.counts_per_turn",
-    "actuator.model", "actuator.command", "load.driver", "load.bus", "load.node", "load.firmware", "load.watchdog",
-    "load.counts_per_turn", "load.direction", "load.torque_limit", "torque_sensor.driver", "torque_sensor.port",
-    "torque_sensor.axis", "torque_sensor.range", "torque_sensor.direction", "limits.torque", "limits.velocity",
-    "limits.position", "limits.temperature", "limits.power", "limits.stale_after", "limits.stall_after",
+    "rig.name", "rig.rate", "actuator.driver", "actuator.bus", "actuator.node", "actuator.firmware",
+    "actuator.watchdog", "actuator.counts_per_turn", "actuator.model", "actuator.command", "load.driver", "load.bus",
+    "load.node", "load.firmware", "load.watchdog", "load.counts_per_turn", "load.direction", "load.torque_limit",
+    "torque_sensor.driver", "torque_sensor.port", "torque_sensor.axis", "torque_sensor.range",
+    "torque_sensor.direction", "bus.can0.interface", "bus.can0.channel", "bus.can0.bitrate", "limits.torque",
+    "limits.velocity", "limits.position", "limits.temperature", "limits.power", "limits.stale_after",
+    "limits.stall_after", "simulated.twin",
 )  # fmt: skip
 
 
@@ -60,7 +61,7 @@ class Conversation:
         self._unread = self._unread.partition(words)[2]
 
     def answer(self, question: str, text: str) -> None:
-        self.expect(f"{question}:")
+        self.expect(f"{question}:" if question[-1] not in "])" else question)
         os.write(self.terminal, f"{text}\n".encode())
 
     def close(self) -> None:
@@ -83,10 +84,6 @@ def test_a_person_is_asked_again_until_the_answer_can_be(conversation: Conversat
         ("rig.rate", "500 Hz"),
         ("actuator.driver", "odrive"),
         ("actuator.bus", ""),
-        ("bus.can0.interface", "udp_multicast"),
-        ("bus.can0.channel", "10.0.0.1"),
-        ("bus.can0.channel", "239.74.163.9"),
-        ("bus.can0.bitrate", ""),
         ("actuator.node", "99"),
         ("actuator.node", "5"),
         ("actuator.model", ""),
@@ -94,17 +91,75 @@ def test_a_person_is_asked_again_until_the_answer_can_be(conversation: Conversat
         ("load.driver", ""),
         ("torque_sensor.driver", "none"),
         ("rig.shaft", ""),
+        ("bus.can0.interface", "udp_multicast"),
+        ("bus.can0.channel", "10.0.0.1"),
+        ("bus.can0.channel", "239.74.163.9"),
+        ("bus.can0.bitrate", ""),
         ("limits.velocity", "60 rad/s"),
         ("limits.position", ""),
         ("limits.temperature", ""),
+        ("simulated.twin", ""),
     ):
         conversation.answer(question, answer)
-    conversation.expect("next: norton-bench rig check asked.toml")
+    conversation.answer("[simulated/hardware/none] (simulated)", "")
+    conversation.expect("next: rehearse it with norton-bench identify asked.toml --backend simulated", within_s=90)
     assert conversation.process.wait(timeout=10) == 0
     rig = load_rig(tmp_path / "asked.toml")
-    assert (rig.name, rig.tick_ns, rig.wiring.actuator.options) == ("asked", 2_000_000, {"node": 5})
+    assert (rig.name, rig.tick_ns, rig.wiring.actuator.options) == (
+        "asked",
+        2_000_000,
+        {"node": 5, "watchdog": 0.3},
+    )
     assert "must be a multicast address" in conversation.said
     assert "99 must be at most 63" in conversation.said
+    assert "norton-bench identify can run on it: tare, free, validate" in conversation.said
+
+
+@pytest.mark.wall_time
+def test_a_person_steps_back(conversation: Conversation, tmp_path: Path) -> None:
+    for question, answer in (
+        ("rig.name", "<"),  # there is nothing before it
+        ("rig.name", "first"),
+        ("rig.rate", "1 kHz"),
+        ("actuator.driver", "odrive"),
+        ("actuator.bus", "<"),
+        ("actuator.driver", "vesc"),
+        ("actuator.bus", "can7"),
+        ("actuator.node", "4"),
+        ("actuator.pole_pairs", "<"),
+        ("actuator.node", "<"),
+        ("actuator.bus: the name of its CAN bus, a new one or one named before [can7]", "can8"),
+        ("actuator.node: the VESC ID, 0 to 254 [4]", ""),  # what was answered is proposed again
+        ("actuator.pole_pairs", "7"),
+        ("actuator.mode", "torque"),
+        ("actuator.torque_constant", "<"),
+        ("actuator.mode", "current"),
+        ("actuator.position", ""),
+        ("actuator.minimum_current", "10 mA"),
+        ("actuator.model", ""),
+        ("actuator.command", "0.5 N*m"),
+        ("actuator.command", "5 A"),
+        ("load.driver", ""),
+        ("torque_sensor.driver", "none"),
+        ("rig.shaft", ""),
+        ("bus.can8.interface", "slcan"),
+        ("bus.can8.channel", "/dev/ttyACM0"),
+        ("bus.can8.bitrate", ""),
+        ("limits.velocity", "60 rad/s"),
+        ("limits.position", ""),
+        ("limits.temperature", ""),
+        ("simulated.twin", "none"),
+        ("(nothing moves) [hardware/none] (none)", ""),
+    ):
+        conversation.answer(question, answer)
+    conversation.expect("next: norton-bench rig check asked.toml --backend hardware")
+    assert conversation.process.wait(timeout=10) == 0
+    rig = load_rig(tmp_path / "asked.toml")
+    (bus,) = rig.wiring.buses
+    assert (rig.name, bus.name, bus.bitrate_bit_s, rig.command.unit) == ("first", "can8", 500_000, "A")
+    assert rig.wiring.actuator.options["node"] == 4
+    assert 'takes commands in "A" as it is set here; write it like 5 A' in conversation.said
+    assert "can0" not in conversation.said.partition("bus.can8.channel")[2].partition("bus.can8.bitrate")[0]
 
 
 @pytest.mark.wall_time
@@ -119,6 +174,7 @@ def test_contradictions_are_told_and_asked_once_more(tmp_path: Path) -> None:
         for question in QUESTIONS:
             conversation.answer(question, "1 N*m" if question == "limits.torque" else "")
         conversation.expect("again.toml is written")
+        conversation.answer("[simulated/hardware/none] (simulated)", "none")
         assert "exceed [limits] torque = 0.1 N*m" in conversation.said
         assert conversation.process.wait(timeout=10) == 0
         assert load_rig(tmp_path / "again.toml").limits.torque_nm == 1.0
@@ -135,7 +191,19 @@ def run(tmp_path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_scripted(tmp_path: Path) -> None:
     done = run(tmp_path, "r.toml", *ALONE, "--json")
-    assert (done.returncode, json.loads(done.stdout)) == (0, {"rig": "r.toml"})
+    said = json.loads(done.stdout)
+    assert (done.returncode, said["rig"], said["backend"]) == (0, "r.toml", "simulated")
+    assert (said["check"]["problems"], said["check"]["identify"]) == ([], None)
+    assert load_rig(tmp_path / "r.toml").wiring.buses[0].channel == "can7"
+    alone = run(tmp_path, "s.toml", *ALONE, "--set", "simulated.twin=none", "--json")
+    assert (alone.returncode, json.loads(alone.stdout)) == (0, {"rig": "s.toml"})
+
+
+def test_checked_on_the_hardware_where_that_is_said(tmp_path: Path) -> None:
+    """There is none: the file is written all the same, and the exit code is the check's."""
+    done = run(tmp_path, "r.toml", *ALONE, "--check", "hardware")
+    assert done.returncode == ExitCode.CONNECTION
+    assert "[bus.can0] socketcan on can7" in done.stderr
     assert load_rig(tmp_path / "r.toml").wiring.buses[0].channel == "can7"
 
 

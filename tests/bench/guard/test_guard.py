@@ -221,3 +221,22 @@ def test_what_passes_is_within_every_bound(wishes: list[tuple[float, float]]) ->
         assert bool(passed.limited & Limited.LOAD_TORQUE) == (passed.load_torque_nm != load_nm)
         assert bool(passed.limited & (Limited.COMMAND | Limited.COMMAND_RATE)) == (passed.command != command)
         last = passed.command
+
+
+@pytest.mark.parametrize(
+    ("change", "mend"),
+    [
+        ({"velocity_rad_s": -80.03}, "ask for less (amplitude of the steps, [actuator.command] limit), or raise "),
+        ({"torque_nm": 1.2}, "ask for less ([actuator.command] limit, [load] torque_limit), or raise [limits] torque"),
+        ({"position_rad": 13.0}, "begin further from the end"),
+    ],
+)
+def test_a_limit_that_was_reached_says_what_to_do(change: dict[str, float], mend: str) -> None:
+    with pytest.raises(SafetyStopError) as stop:
+        guard().limit(WISH, SAMPLE._replace(**change), (ACTUATOR, LOAD))
+    assert mend in str(stop.value)
+    assert "does nothing below" not in str(stop.value)
+    lets_go = Guard(LIMITS, 0.5, 1e-3, has_load=True, has_torque_sensor=True, load_dead_band_nm=2.5e-3)
+    lets_go.begin(SAMPLE._replace(position_rad=2.0))
+    with pytest.raises(SafetyStopError, match=r"the load does nothing below 0\.0025 N m.*lower the drive's minimum"):
+        lets_go.limit(WISH, SAMPLE._replace(**change), (ACTUATOR, LOAD))

@@ -12,6 +12,7 @@ from norton_bench.errors import ExitCode, RigError
 from norton_bench.rig.load import load_rig, parse_rig
 from norton_bench.rig.mistakes import toml
 from norton_bench.rig.rig import Command, Supervision
+from norton_drivers.dbc_sensor import SHIPPED
 
 RIGS = Path(__file__).parents[3] / "rigs"
 GOOD = """\
@@ -31,7 +32,7 @@ driver = "odrive"
 bus = "can0"
 node = 1
 watchdog = "100 ms"
-command = { unit = "A", limit = "12 A" }
+command = { unit = "A", limit = "12 A", sent_as = "N*m" }
 
 [load]
 driver = "odrive"
@@ -167,7 +168,7 @@ def test_the_rigs_that_are_shipped_are_right(path: Path) -> None:
 
 
 def test_a_dbc_file_beside_the_rig_file_is_found(tmp_path: Path) -> None:
-    (tmp_path / "mine.dbc").write_text("")
+    (tmp_path / "mine.dbc").write_text((SHIPPED / "torque-sensor.dbc").read_text())
     sensor = 'driver = "dbc"\nbus = "can0"\ndbc = "mine.dbc"\nrange = "2 N*m"\n'
     start, end = GOOD.index('driver = "bota"'), GOOD.index("\n[limits]")
     (tmp_path / "rig.toml").write_text(GOOD[:start] + sensor + GOOD[end:])
@@ -417,3 +418,20 @@ def test_any_value_anywhere_gives_sentences(value: object) -> None:
         except RigError as refusal:
             said = str(refusal).splitlines()
         assert all(line.startswith("r.toml: ") for line in said)
+
+
+@pytest.mark.parametrize(
+    ("written", "mistake"),
+    [
+        ('driver = "dbc"\nbus = "can0"\ndbc = "nowhere.dbc"', '[torque_sensor] dbc = "nowhere.dbc" is neither a file'),
+        ('driver = "dbc"\nbus = "can0"\nsignal = "Tork"', '[torque_sensor] signal = "Tork" is not a signal of '),
+        ('driver = "canopen"\nbus = "can0"\nnode = 5\nscale = "1 mN*m"\nheartbeat = "10 ms"\neds = "no.eds"',
+         '[torque_sensor] eds = "no.eds" is neither a file'),
+        ('driver = "canopen"\nbus = "can0"\nnode = 5\nscale = "1 mN*m"\nheartbeat = "10 ms"\noffset = 6',
+         "[torque_sensor] an i32 at offset = 6 does not fit"),
+    ],
+)  # fmt: skip
+def test_what_only_opening_the_device_would_tell_is_told_before(written: str, mistake: str) -> None:
+    text = GOOD.replace('driver = "bota"\nport = "/dev/ttyUSB0"\naxis = "z"', written)
+    (sentence,) = mistakes_in(text)
+    assert sentence.startswith(f"r.toml: {mistake}")

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import pytest
 from pydantic import Field
 
+from norton_bench.check.check import check_rig
 from norton_bench.cli.new import _flat
 from norton_bench.errors import RigError, UsageError
 from norton_bench.rig.files import parse_toml
@@ -16,9 +17,13 @@ from norton_bench.rig.load import load_rig, parse_rig
 from norton_bench.rig.new.interview import Interview
 from norton_bench.rig.new.questions import Prepared
 from norton_bench.rig.rig import Command
+from norton_bench.rig.simulators import true_parameters
+from norton_bench.session.dry_run import dry_run
+from norton_bench.session.schema import standard_session
 from norton_drivers import registry
 from norton_drivers.discovery import FoundPort
 from norton_drivers.options import DeviceOptions
+from tests.bench.rig.answers import COMBINATIONS, answers
 
 RIGS = sorted((Path(__file__).parents[3] / "rigs").glob("*.toml"))
 DYNO = {
@@ -45,7 +50,11 @@ def test_the_fewest_answers_give_a_rig() -> None:
                   "bus.can0.channel": "can7", "limits.velocity": "600 rpm"})  # fmt: skip
     (bus,) = rig.wiring.buses
     assert (rig.name, rig.backend, bus.interface, bus.channel) == ("bench", "hardware", "socketcan", "can7")
-    assert (rig.wiring.actuator.options, rig.wiring.load, rig.wiring.shaft) == ({"node": 3}, None, "free")
+    assert (rig.wiring.actuator.options, rig.wiring.load, rig.wiring.shaft) == (
+        {"node": 3, "watchdog": 0.3},
+        None,
+        "free",
+    )
 
 
 def test_a_dynamometer() -> None:
@@ -98,7 +107,8 @@ def test_a_load_without_a_torque_sensor_is_asked_for_and_told() -> None:
 
 def test_every_option_stands_in_the_file_with_what_it_is() -> None:
     text = Interview(Prepared(DYNO), "bench").rig()
-    assert '# watchdog = "0.1 s"' in text
+    assert '# heartbeat = "0.1 s"' in text
+    assert '\nwatchdog = "300 ms"' in text  # which outlasts the stalls of an ordinary computer
     assert "silence that makes the drive stop" in text
     assert '# range = "2 N*m"' in text
     assert "node = 1                            # the drive's CAN node id, 0 to 63" in text
@@ -203,3 +213,108 @@ def test_a_strangers_driver_is_asked_for_what_it_declares(monkeypatch: pytest.Mo
     options = rig.wiring.actuator.options
     assert options["gain"] == pytest.approx(0.06)
     assert {**options, "gain": 0} == {"gain": 0, "mode": "slow", "table": {"torque": 25.0}, "version": "2"}
+
+
+@pytest.mark.parametrize(("actuator", "load", "sensor"), COMBINATIONS, ids=["-".join(each) for each in COMBINATIONS])
+def test_with_its_twin_every_bench_can_be_rehearsed(actuator: str, load: str, sensor: str) -> None:
+    text = Interview(Prepared(answers(actuator, load, sensor)), "bench").rig()
+    rig = parse_rig(text, place="r.toml", backend="simulated")
+    assert dry_run(standard_session(rig), rig).steps[0].planned.name == "tare"
+    assert check_rig(rig, watch_s=0.2).problems() == ()
+
+
+def test_a_load_is_set_to_torque_and_asked_for_what_that_needs() -> None:
+    given = answers("odrive", "vesc")
+    assert rig_of(given).wiring.load.options["mode"] == "torque"
+    del given["load.torque_constant"]
+    with pytest.raises(UsageError, match=r"load.torque_constant is not answered.*=0.05 N\*m/A"):
+        rig_of(given)
+
+
+@pytest.mark.parametrize(
+    ("mode", "command", "words"),
+    [
+        ("current", "0.5 N*m", 'the drive takes commands in "A" as it is set here; write it like 5 A'),
+        ("duty", "5 A", 'the drive takes commands in "1" as it is set here; write it like 0.5'),
+    ],
+)
+def test_a_command_is_asked_in_the_unit_of_the_drives_mode(mode: str, command: str, words: str) -> None:
+    with pytest.raises(UsageError, match=r"--set actuator.command=") as refusal:
+        rig_of({**answers("vesc"), "actuator.mode": mode, "actuator.command": command})
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "load", "rate", "bitrate"),
+    [
+        ("odrive", "odrive", "1 kHz", 1_000_000),
+        ("vesc", "none", "1 kHz", 500_000),
+        ("vesc", "vesc", "1 kHz", 1_000_000),  # two of them take more than 500 kbit/s
+        ("vesc", "vesc", "500 Hz", 500_000),
+        ("vesc", "mit", "1 kHz", 1_000_000),
+    ],
+)
+def test_the_bitrate_is_the_devices_own_where_it_is_enough(actuator: str, load: str, rate: str, bitrate: int) -> None:
+    given = answers(actuator, "odrive" if load == "none" else load)
+    given |= {"rig.rate": rate} | ({"load.driver": "none", "torque_sensor.driver": "none"} if load == "none" else {})
+    assert rig_of(given).wiring.buses[0].bitrate_bit_s == bitrate
+
+
+@pytest.mark.parametrize(
+    ("interface", "example"),
+    [("socketcan", "can0"), ("slcan", "/dev/serial/by-id/usb-..."), ("pcan", "PCAN_USBBUS1"), ("gs_usb", "0")],
+)
+def test_each_interface_has_an_example_of_its_own(interface: str, example: str) -> None:
+    given = {key: value for key, value in DYNO.items() if key != "bus.can0.channel"}
+    with pytest.raises(UsageError, match=r"bus.can0.channel is not answered") as refusal:
+        rig_of({**given, "bus.can0.interface": interface})
+    assert f"--set bus.can0.channel={example} " in str(refusal.value)
+
+
+def test_a_drive_that_sees_no_further_bounds_the_window() -> None:
+    given = {**answers("mit"), "actuator.beyond_range": "saturates"}
+    unanswered = {key: value for key, value in given.items() if key != "limits.velocity"}
+    with pytest.raises(UsageError, match=r"--set limits.velocity=20 rad/s .*window of 10 rad"):
+        rig_of(unanswered)
+    slow = parse_rig(
+        Interview(Prepared({**given, "limits.velocity": "20 rad/s"}), "bench").rig(),
+        place="r.toml",
+        backend="simulated",
+    )
+    assert len(dry_run(standard_session(slow), slow).steps) == 6
+    assert rig_of(given).limits.position_rad == pytest.approx(0.8 * 12.5)
+    with pytest.raises(
+        RigError, match=r"\[limits\] position: lets the shaft turn further than the 12.5 rad .* \[actuator"
+    ):
+        rig_of({**given, "limits.position": "unlimited"})
+    with pytest.raises(RigError, match=r"\[limits\] velocity: 90 rad/s is not below 80 rad/s"):
+        rig_of({**given, "limits.velocity": "90 rad/s"})
+
+
+def test_no_twin_where_none_is_wanted() -> None:
+    assert rig_of({**DYNO, "simulated.twin": "none"}).simulated == {}
+
+
+def test_the_twin_has_what_the_datasheet_says_and_is_typical_elsewhere() -> None:
+    given = {**answers("vesc"), "simulated.actuator.inertia": "30 g*cm^2", "simulated.twin": "datasheet"}
+    asker = Prepared({**given, "simulated.torque_sensor.stiffness": "500 N*m/rad"})
+    rig = parse_rig(Interview(asker, "bench").rig(), place="r.toml", backend="simulated")
+    truth = true_parameters(rig)
+    assert truth["inertia"][0] == pytest.approx(3e-6)
+    assert truth["torque_constant"][0] == pytest.approx(0.5 / 9, rel=1e-3)  # half of what the port stands, at 9 A
+    assert rig.simulated["torque_sensor"]["stiffness"] == "500 N*m/rad"
+    asked = [key for key in asker.asked if key.startswith("simulated.")]
+    assert asked[0] == "simulated.twin"
+    assert {"simulated.actuator.coulomb_torque", "simulated.load.inertia"} <= set(asked)
+
+
+def test_a_typical_twin_is_the_papers_motor_in_other_units() -> None:
+    """Of twice the torque and half the velocity: inertia and damping four times, friction twice, times as they are."""
+    paper = {**answers("odrive"), "limits.velocity": "80 rad/s"}
+    other = {**paper, "actuator.command": "1 N*m", "limits.torque": "2 N*m", "limits.velocity": "40 rad/s"}
+    one, two = (true_parameters(rig_of(given)) for given in (paper, other))
+    shipped = true_parameters(load_rig(RIGS[0].parent / "sim-odrive.toml"))
+    for name, factor in (("inertia", 4), ("viscous_damping", 4), ("presliding_stiffness", 4), ("coulomb_torque", 2)):
+        assert one[name][0] == pytest.approx(shipped[name][0], rel=1e-3)
+        assert two[name][0] == pytest.approx(factor * one[name][0], rel=1e-3)
+    assert two["torque_gain"][0] == pytest.approx(one["torque_gain"][0], rel=1e-3)

@@ -1,27 +1,45 @@
 """The questions in their order, each following from the answers before it."""
 
+import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import inf, isfinite
 
 from can.interfaces import VALID_INTERFACES
+from pydantic import ValidationError
 
-from norton_bench.rig.driver_options import declared_by
-from norton_bench.rig.new.options import ask_options
+from norton_bench.rig.command_units import LOAD_UNIT, same_unit
+from norton_bench.rig.driver_options import Declared, declared_by
+from norton_bench.rig.mistakes import BARE_KEY, keys_of, toml
+from norton_bench.rig.new.buses import bitrate_for
+from norton_bench.rig.new.options import ask_options, options_of
 from norton_bench.rig.new.questions import Asker, Question
 from norton_bench.rig.new.text import Section, quoted, rig_text
+from norton_bench.rig.new.twin import ask_twin
 from norton_bench.rig.rig import NO_MODEL
 from norton_bench.units import QUANTITY, check_unit, parse_quantity
 from norton_drivers import registry
 from norton_drivers.adapters.table import ADAPTERS, UNKNOWN, mistakes
 from norton_drivers.discovery import FoundPort
+from norton_drivers.options import written_as
 from norton_drivers.wiring import CanBusSettings
 
 NONE = "none"
 IN_SITU = ": the actuator is then identified in situ alone"
 MOTOR = "dahl_motor"
 NO_LEAST = "unlimited"
+# An ordinary desktop or laptop stands still for tens of milliseconds now and then (docs/rig-file.md): these allow for
+# that, as the rigs that are shipped do, and the drives' watchdogs must outlast them.
+STALE, STALL, WATCHDOG = "60 ms", "100 ms", "300 ms"
+STALL_S = 0.1
+READABLE = 0.8  # of what a drive's readings can tell: a reading must not end where the guard still looks
+# The standard session turns the shaft by its way in some part of a second at this speed: imposed motion in 0.24 s,
+# as a dry run tells; free, whatever the actuator's friction and inertia leave. This is twice the former.
+WAY_S = 0.5
+COMMANDS = {"N*m": "0.5 N*m", "A": "5 A", "1": "0.5"}  # examples
+EXAMPLE = re.compile(r'"([^"]+)"')
 SECTIONS = {
     "actuator": "the device under test",
     "load": "the machine that imposes torque or motion",
@@ -37,7 +55,10 @@ class Interview:
     ask: Asker
     name: str
     ports: Sequence[FoundPort] = ()
-    _buses: dict[str, Section] = field(default_factory=dict, init=False)
+    _buses: dict[str, list[tuple[str, str]]] = field(default_factory=dict, init=False)  # who is on each: role, driver
+    # What the drives' readings can tell.
+    _greatest_rad: float = field(default=inf, init=False)
+    _greatest_rad_s: float = field(default=inf, init=False)
 
     def rig(self) -> str:
         """The text of a rig file. Raises UsageError where a question has no answer."""
@@ -53,15 +74,17 @@ class Interview:
             shaft = Question("rig.shaft", "the shaft: free, or clamped so that it cannot turn", "free")
             bench.add("shaft", quoted(self._choice(shaft, ("free", "clamped"))), "nothing is coupled to the shaft")
         devices = [device for device in (actuator, self._modulator(actuator), load, sensor) if device is not None]
-        limits = self._limits(with_sensor=sensor is not None)
-        return rig_text([bench, *self._buses.values(), *devices, limits])
+        buses = [self._new_bus(name, on_it, bench) for name, on_it in self._buses.items()]
+        sections = [bench, *buses, *devices, self._limits(with_sensor=sensor is not None)]
+        modulated = any(section.name == "modulator" for section in devices)
+        return rig_text([*sections, *(() if modulated else ask_twin(sections, self.ask))])
 
     def _bench(self) -> Section:
         section = Section("rig")
         name = Question("rig.name", "a name for the bench: letters, digits, . _ -", self.name)
         section.add("name", quoted(self.ask.ask(name)), "files are named after it")
         section.add("rate", self._quantity("rig.rate", "how often the loop runs", "Hz", "1 kHz"), "of the loop")
-        section.add("backend", quoted("hardware"), 'or "simulated", with a section [simulated]')
+        section.add("backend", quoted("hardware"), "or by --backend on the command line: hardware, simulated")
         return section
 
     # ---- Devices -------------------------------------------------------------------------------------------------
@@ -85,18 +108,41 @@ class Interview:
         section = Section(role, SECTIONS[role])
         section.add("driver", quoted(driver))
         declared = declared_by(group, driver)
-        self._connect(section, declared.connection)
-        ask_options(section, declared, self.ask)
+        self._connect(section, driver, declared.connection)
+        ask_options(section, declared, self.ask, self._preset(role, declared))
         self._sign(section)
+        takes = self._understood(section, declared)
         if role == "actuator":
-            self._identified(section)
+            self._identified(section, takes)
         if role == "modulator":
-            section.add("command", self._command(role, stands_for_something=True), "what it adds at most")
+            section.add("command", self._command(role, takes, stands_for_something=True), "what it adds at most")
         if role == "load":
             section.add("torque_limit", self._load_limit(), "of what it is told to give")
         return section
 
-    def _connect(self, section: Section, connection: str | None) -> None:
+    def _understood(self, section: Section, declared: Declared) -> str | None:
+        """The unit that a drive takes with the options it has got, where its driver says so."""
+        if declared.model is None:
+            return None
+        with suppress(ValidationError):
+            options = declared.model.model_validate(options_of(section, declared))
+            self._greatest_rad = min(self._greatest_rad, options.greatest_position_rad)
+            self._greatest_rad_s = min(self._greatest_rad_s, options.greatest_velocity_rad_s)
+            return options.command_unit
+        return None
+
+    def _preset(self, role: str, declared: Declared) -> dict[str, str]:
+        """A load is commanded in newton metres; a watchdog must outlast the host's own stalls."""
+        if declared.model is None:
+            return {}
+        chosen = declared.model.command_units.get(LOAD_UNIT, {}) if role == "load" else {}
+        preset = {written_as(declared.model, name): toml(value) for name, value in chosen.items()}
+        watchdog = keys_of(declared.model).get("watchdog")
+        if watchdog is not None and isinstance(watchdog.default, float) and 0 < watchdog.default <= STALL_S:
+            preset["watchdog"] = quoted(WATCHDOG)
+        return preset
+
+    def _connect(self, section: Section, driver: str, connection: str | None) -> None:
         kinds = ("can", "serial")
         kind = connection or self._choice(
             Question(f"{section.name}.connection", "how it is connected: can or serial", "can"), kinds
@@ -104,7 +150,7 @@ class Interview:
         if kind == "serial":
             section.add("port", quoted(self._serial_port(section.name)))
         else:
-            section.add("bus", quoted(self._bus(section.name)))
+            section.add("bus", quoted(self._bus(section.name, driver)))
 
     def _sign(self, section: Section) -> None:
         text, default = "-1 where its positive sense is not the bench's", "1"
@@ -118,22 +164,32 @@ class Interview:
             return
         section.add("direction", default, "`rig check --move` tells whether it is right")
 
-    def _identified(self, section: Section) -> None:
+    def _identified(self, section: Section, takes: str | None) -> None:
         """What the actuator is identified as, and what it is told."""
         text = 'a motor with friction, or "none": source and exertion as tables, whatever it is'
         model = self._choice(Question("actuator.model", text, MOTOR), (MOTOR, NO_MODEL))
         section.add("model", quoted(model), "what it is identified as")
         comment = "the greatest one; its unit is what the drive takes, unless sent_as says another"
-        section.add("command", self._command("actuator", stands_for_something=model == NO_MODEL), comment)
+        section.add("command", self._command("actuator", takes, stands_for_something=model == NO_MODEL), comment)
 
-    def _command(self, role: str, *, stands_for_something: bool) -> str:
-        """``{ unit, limit }``; where the drive's input may stand for a position or a pressure, what else it needs."""
-        text = "the greatest command, with its unit (none for a share of the supply)"
-        table = self.ask.ask(Question(f"{role}.command", text, example="0.5 N*m", check=_command_table))
-        for key, question in _more_of_command(role, tomllib.loads(f"x = {table}")["x"]["unit"]).items():
+    def _command(self, role: str, takes: str | None, *, stands_for_something: bool) -> str:
+        """``{ unit, limit }``; where the drive's input may stand for a position or a pressure, what else it needs.
+
+        ``takes`` is the unit that the drive takes, where its driver says so.
+        """
+        sent_as = f"{role}.command.sent_as"
+        free = takes is None or stands_for_something or self.ask.offers(sent_as)
+        share = ", a share of the supply" if takes == "1" else ""
+        text = "the greatest command, with its unit" if free else f"the greatest command, in {takes}{share}"
+        like = COMMANDS.get(takes or LOAD_UNIT, f"1 {takes}")
+        table = self.ask.ask(
+            Question(f"{role}.command", text, example=like, check=_command_in(None if free else takes))
+        )
+        unit = tomllib.loads(f"x = {table}")["x"]["unit"]
+        for key, question in _more_of_command(role, unit, takes or unit).items():
             if stands_for_something or self.ask.offers(question.key):
                 given = self.ask.ask(question)
-                if given != quoted(question.default or ""):
+                if given not in (quoted(NO_LEAST), quoted(unit)):
                     table = f"{table.removesuffix(' }')}, {key} = {given} }}"
         return table
 
@@ -150,14 +206,14 @@ class Interview:
         default = found[0].channel if found else None
         return self.ask.ask(Question(f"{role}.port", "its serial port", default, "/dev/ttyUSB0"))
 
-    def _bus(self, role: str) -> str:
+    def _bus(self, role: str, driver: str) -> str:
         default = next(iter(self._buses), "can0")
-        name = self.ask.ask(Question(f"{role}.bus", "the name of its CAN bus, a new one or one named before", default))
-        if name not in self._buses:
-            self._buses[name] = self._new_bus(name)
+        text = "the name of its CAN bus, a new one or one named before"
+        name = self.ask.ask(Question(f"{role}.bus", text, default, check=_bus_name))
+        self._buses.setdefault(name, []).append((role, driver))
         return name
 
-    def _new_bus(self, name: str) -> Section:
+    def _new_bus(self, name: str, on_it: Sequence[tuple[str, str]], bench: Section) -> Section:
         found = [(port.interface or port.kind, port) for port in self.ports if port.interface or port.kind != "serial"]
         self._tell_ports("CAN adapters plugged in", [port for _, port in found])
         likely = found[0][0] if found else "socketcan"
@@ -168,7 +224,12 @@ class Interview:
         section = Section(f"bus.{name}")
         section.add("interface", quoted(interface), adapter.install and f"needs {adapter.install}")
         section.add("channel", quoted(self._channel(name, interface, adapter.channel, channel)))
-        section.add("bitrate", self._quantity(f"bus.{name}.bitrate", "its bitrate", "bit/s", "1 Mbit/s"))
+        rate_hz = parse_quantity(tomllib.loads(bench.text())["rig"]["rate"], "Hz")
+        bitrate, why = bitrate_for(on_it, rate_hz)
+        question = " ".join(filter(None, ("its bitrate", why and f"({why})")))
+        section.add(
+            "bitrate", self._quantity(f"bus.{name}.bitrate", question, "bit/s", bitrate), "as set in every device on it"
+        )
         self._more_options(section, name, interface)
         return section
 
@@ -179,7 +240,10 @@ class Interview:
                     raise ValueError(fault)
             return channel
 
-        return self.ask.ask(Question(f"bus.{name}.channel", text, default, "can0", check=check))
+        # The text has an example of its own, for whoever reads it; one that fits is wanted for the command line, too.
+        example = EXAMPLE.search(text)
+        question = Question(f"bus.{name}.channel", text, default, example[1] if example else "", check=check)
+        return self.ask.ask(question)
 
     def _more_options(self, section: Section, name: str, interface: str) -> None:
         """What else the interface cannot do without."""
@@ -207,23 +271,38 @@ class Interview:
         if with_sensor:
             torque = self._quantity("limits.torque", "the greatest torque at the port", "N*m", None, "1 N*m")
             section.add("torque", torque, "at the port")
-        velocity = self._quantity("limits.velocity", "the greatest velocity of the shaft", "rad/s", None, "60 rad/s")
+        text, like = "the greatest velocity of the shaft", "60 rad/s"
+        if isfinite(self._greatest_rad_s):
+            text += f", well below the {self._greatest_rad_s:g} rad/s that the drives can tell"
+            like = f"{READABLE * self._greatest_rad_s:.3g} rad/s"
+        if isfinite(self._greatest_rad):
+            greatest_rad_s = min(READABLE * self._greatest_rad / WAY_S, READABLE * self._greatest_rad_s)
+            like = f"{greatest_rad_s:.3g} rad/s"
+            text += f"; with a window of {READABLE * self._greatest_rad:.3g} rad about {like}, for the session to fit"
+        velocity = self._quantity("limits.velocity", text, "rad/s", None, like)
         section.add("velocity", velocity, "the procedures take their amplitudes from it")
-        position = self._limit("limits.position", "how far the shaft may turn from where it stands", "rad", "unlimited")
+        text, default = "how far the shaft may turn from where it stands", "unlimited"
+        if isfinite(self._greatest_rad):
+            text += f", within the {self._greatest_rad:g} rad about its zero that the drives can tell"
+            default = f"{READABLE * self._greatest_rad:.3g} rad"
+        position = self._limit("limits.position", text, "rad", default)
         section.add("position", position, "half-width of a window about where the shaft stood")
         temperature = self._limit("limits.temperature", "the greatest temperature of the drives", "degC", "80 degC")
         section.add("temperature", temperature, "of the drives' transistors and motors")
         if with_sensor:
             self._shown(section, "power", "W", "20 W", "mechanical, at the port")
-        self._shown(section, "stale_after", "s", "5 ms", "a reading older than this stops the experiment")
-        self._shown(section, "stall_after", "s", "50 ms", "the loop itself standing still; below the watchdogs")
+        self._shown(section, "stale_after", "s", STALE, "a reading older than this stops the experiment", active=True)
+        comment = "the loop itself standing still; below the watchdogs; 50 ms will do on a quiet computer"
+        self._shown(section, "stall_after", "s", STALL, comment, active=True)
         return section
 
-    def _shown(self, section: Section, key: str, unit: str, default: str, comment: str) -> None:
-        """A limit that few need to set: in the file as a comment, unless somebody did."""
+    def _shown(
+        self, section: Section, key: str, unit: str, default: str, comment: str, *, active: bool = False
+    ) -> None:
+        """A limit that few need to set: not asked for; where it is not ``active`` a comment, unless somebody set it."""
         question = Question(f"{section.name}.{key}", comment, default, check=_quantity(unit, unlimited=unit == "W"))
         offered = self.ask.offers(question.key)
-        section.add(key, self.ask.ask(question) if offered else quoted(default), comment, active=offered)
+        section.add(key, self.ask.ask(question) if offered else quoted(default), comment, active=active or offered)
 
     # ---- Kinds of answer -----------------------------------------------------------------------------------------
 
@@ -246,23 +325,36 @@ def _quantity(unit: str, *, unlimited: bool = False) -> Callable[[str], str]:
     return check
 
 
-def _command_table(text: str) -> str:
-    """``{ unit, limit }`` of a quantity in any unit."""
-    match = QUANTITY.fullmatch(text)
-    if match is None or not float(match[1]) > 0:
-        raise ValueError(f'"{text}" is not a quantity greater than 0; write it like 0.5 N*m')
-    unit = match[2] or "1"
-    if unit == "1":
-        return f'{{ unit = "1", limit = {quoted(match[1])} }}'
-    return f"{{ unit = {quoted(check_unit(unit))}, limit = {quoted(text)} }}"
+def _command_in(takes: str | None) -> Callable[[str], str]:
+    """``{ unit, limit }`` of a quantity in the unit that the drive takes, or in any."""
+
+    def check(text: str) -> str:
+        match = QUANTITY.fullmatch(text)
+        like = COMMANDS.get(takes or LOAD_UNIT, "0.5 N*m")
+        if match is None or not float(match[1]) > 0:
+            raise ValueError(f'"{text}" is not a quantity greater than 0; write it like {like}')
+        unit = check_unit(match[2] or "1")
+        if takes is not None and not same_unit(unit, takes):
+            raise ValueError(f'the drive takes commands in "{takes}" as it is set here; write it like {like}')
+        if unit == "1":
+            return f'{{ unit = "1", limit = {quoted(match[1])} }}'
+        return f"{{ unit = {quoted(unit)}, limit = {quoted(text)} }}"
+
+    return check
 
 
-def _more_of_command(role: str, unit: str) -> dict[str, Question]:
+def _more_of_command(role: str, unit: str, takes: str) -> dict[str, Question]:
     lowest, sent_as = (f"{role}.command.{key}" for key in ("lowest", "sent_as"))
     return {
         "lowest": Question(lowest, "the least that it makes sense to tell", NO_LEAST, "0 N*m", check=_lowest(unit)),
-        "sent_as": Question(sent_as, "the unit in which the drive takes the same number", unit, check=_unit),
+        "sent_as": Question(sent_as, "the unit in which the drive takes the same number", takes, check=_unit),
     }
+
+
+def _bus_name(text: str) -> str:
+    if not BARE_KEY.fullmatch(text):
+        raise ValueError(f'"{text}" is no name of a bus; write letters, digits, - and _, such as can0')
+    return text
 
 
 def _lowest(unit: str) -> Callable[[str], str]:

@@ -8,39 +8,74 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from norton_bench.rig.driver_options import Declared
 from norton_bench.rig.mistakes import keys_of, sentence, toml
 from norton_bench.rig.new.questions import Asker, Question
 from norton_bench.rig.new.text import Section, quoted
 from norton_bench.units import example, parse_quantity
-from norton_drivers.options import DeviceOptions
+from norton_drivers.options import DeviceOptions, written_as
 
 
-def ask_options(section: Section, declared: Declared, ask: Asker) -> None:
-    """Add the driver's options to ``section``. A driver that declares none is left to its documentation."""
+def ask_options(section: Section, declared: Declared, ask: Asker, preset: Mapping[str, str]) -> None:
+    """Add the driver's options to ``section``. A driver that declares none is left to its documentation.
+
+    ``preset`` are options that this bench wants otherwise than by default, as TOML; they are not asked for.
+    """
     if declared.model is None:
         ask.tell(f"[{section.name}] its driver does not say which options it has; add them to the file")
         return
+    asked = {written_as(declared.model, name) for name in declared.model.asked}
+    values: dict[str, object] = {}
     for key, info in keys_of(declared.model).items():
-        unit = declared.units.get(key)
-        question = _question(section.name, key, info, unit, declared.model)
-        if info.is_required() or ask.offers(question.key):
-            section.add(key, ask.ask(question), _said(info))
+        unit, offered = declared.units.get(key), ask.offers(f"{section.name}.{key}")
+        needed = info.is_required() or offered or key in asked or _is_missing(key, values, declared.model)
+        if key in preset and not offered:
+            section.add(key, preset[key], _said(info))
+        elif needed:
+            section.add(key, ask.ask(_question(section.name, key, info, unit, declared.model, values)), _said(info))
         elif (shown := _shown(info, unit)) is not None:
             section.add(key, shown, _said(info), active=False)
+            continue
+        else:
+            continue
+        values[key] = _read(section.lines[-1].value, unit)
 
 
-def _question(role: str, key: str, info: FieldInfo, unit: str | None, model: type[DeviceOptions]) -> Question:
-    check = _quantity(key, unit, model) if unit is not None else _value(key, model)
+def options_of(section: Section, declared: Declared) -> dict[str, object]:
+    """The options that ``section`` has, as its driver gets them."""
+    keys = keys_of(declared.model) if declared.model is not None else {}
+    lines = (line for line in section.lines if line.active and line.key in keys)
+    return {line.key: _read(line.value, declared.units.get(line.key)) for line in lines}
+
+
+def _read(written: str, unit: str | None) -> object:
+    value = tomllib.loads(f"x = {written}")["x"]
+    return value if unit is None else parse_quantity(value, unit)
+
+
+def _question(
+    role: str,
+    key: str,
+    info: FieldInfo,
+    unit: str | None,
+    model: type[DeviceOptions],
+    values: Mapping[str, object],
+) -> Question:
+    """``values`` are the options so far, which it must agree with."""
+    check = _quantity(key, unit, model, values) if unit is not None else _value(key, model, values)
     # Without TOML's quotes, as it is typed.
     given = (str(info.examples[0]) if info.examples else example(unit)[1:-1] if unit else "").strip()
-    return Question(f"{role}.{key}", _said(info) or key, example=given, choices=_choices(info), check=check)
+    default = None if info.is_required() or info.default is None else _shown(info, unit)
+    typed = None if default is None else tomllib.loads(f"x = {default}")["x"]
+    proposed = None if typed is None else typed if isinstance(typed, str) else toml(typed)
+    return Question(f"{role}.{key}", _said(info) or key, proposed, example=given, choices=_choices(info), check=check)
 
 
-def _quantity(key: str, unit: str, model: type[DeviceOptions]) -> Callable[[str], str]:
+def _quantity(key: str, unit: str, model: type[DeviceOptions], values: Mapping[str, object]) -> Callable[[str], str]:
     def check(text: str) -> str:
-        fault = _fault(key, parse_quantity(text, unit), model)
+        fault = _fault(key, parse_quantity(text, unit), model, values)
         if fault:
             raise ValueError(fault)
         return quoted(text)
@@ -48,13 +83,13 @@ def _quantity(key: str, unit: str, model: type[DeviceOptions]) -> Callable[[str]
     return check
 
 
-def _value(key: str, model: type[DeviceOptions]) -> Callable[[str], str]:
+def _value(key: str, model: type[DeviceOptions], values: Mapping[str, object]) -> Callable[[str], str]:
     """As TOML where that is what the option takes (a number, a table), else as text."""
 
     def check(text: str) -> str:
         faults = []
         for value, written in _readings(text):
-            fault = _fault(key, value, model)
+            fault = _fault(key, value, model, values)
             if not fault:
                 return written
             faults.append(fault)
@@ -72,15 +107,29 @@ def _readings(text: str) -> Iterator[tuple[Any, str]]:
     yield text, quoted(text)
 
 
-def _fault(key: str, value: object, model: type[DeviceOptions]) -> str:
-    """What is wrong with this one option, in words; nothing where it is right."""
-    try:
-        model.model_validate({key: value})
-    except ValidationError as error:
-        for details in error.errors():
-            if details["loc"] and details["loc"][0] == key:
-                return sentence(details, model, key, value)
+def _fault(key: str, value: object, model: type[DeviceOptions], values: Mapping[str, object]) -> str:
+    """What is wrong with this option beside the others, in words; nothing where it is right."""
+    for details in _faults({**values, key: value}, model):
+        if _key_of(details, model) == key:
+            return sentence(details, model, key, value)
     return ""
+
+
+def _is_missing(key: str, values: Mapping[str, object], model: type[DeviceOptions]) -> bool:
+    """Whether the options so far cannot do without this one."""
+    return any(_key_of(details, model) == key for details in _faults(values, model))
+
+
+def _faults(values: Mapping[str, object], model: type[DeviceOptions]) -> list[ErrorDetails]:
+    try:
+        model.model_validate(dict(values))
+    except ValidationError as error:
+        return error.errors()
+    return []
+
+
+def _key_of(details: ErrorDetails, model: type[DeviceOptions]) -> str:
+    return written_as(model, str(details["loc"][0])) if details["loc"] else ""
 
 
 def _choices(info: FieldInfo) -> tuple[str, ...]:

@@ -1,0 +1,61 @@
+"""What somebody answers to ``rig new``, for every drive and every torque sensor that is shipped."""
+
+COMMON = {
+    "load.driver": "odrive",
+    "load.node": "2",
+    "load.torque_limit": "1 N*m",
+    "bus.can0.channel": "can0",
+    "limits.torque": "1 N*m",
+    "limits.velocity": "60 rad/s",
+}
+CIA402 = {"torque_per_unit": "0.5 mN*m", "counts_per_turn": "131072", "velocity_per_unit": "0.001 rpm"}
+MIT = {"position_range": "12.5 rad", "velocity_range": "80 rad/s", "torque_range": "2 N*m", "beyond_range": "wraps"}
+# What each needs beyond its driver: as actuator with its command, and as load.
+ACTUATORS = {
+    "odrive": {"node": "5", "command": "0.5 N*m"},
+    "cia402": {"node": "5", "command": "0.5 N*m", **CIA402},
+    "mit": {"node": "5", "command": "0.5 N*m", **MIT},
+    "vesc": {"node": "5", "pole_pairs": "7", "command": "9 A"},
+    "vesc torque": {"node": "5", "pole_pairs": "7", "mode": "torque", "torque_constant": "0.06 N*m/A",
+                    "command": "0.5 N*m"},
+}  # fmt: skip
+LOADS = {
+    "odrive": {"node": "2"},
+    "cia402": {"node": "2", **CIA402},
+    "mit": {"node": "2", **MIT},
+    "vesc": {"node": "2", "pole_pairs": "7", "torque_constant": "0.06 N*m/A"},
+}
+SENSORS = {
+    "bota": {"port": "/dev/ttyUSB0"},
+    "dbc": {},
+    "canopen": {"node": "7", "scale": "0.1 mN*m", "heartbeat": "10 ms"},
+    "dyn200": {"port": "/dev/ttyUSB0", "mode": "push", "torque_per_digit": "1 mN*m"},
+    "dyn200 polled": {"port": "/dev/ttyUSB0", "mode": "polled", "torque_per_digit": "1 mN*m"},
+    "ascii": {"port": "/dev/ttyUSB0", "scale": "1"},
+    "mantracourt": {"port": "/dev/ttyUSB0", "scale": "1", "averaging": "2 ms"},
+    "none": {},
+}
+
+COMBINATIONS = [
+    *((actuator, "odrive", "bota") for actuator in ACTUATORS),
+    *(("odrive", load, "bota") for load in LOADS if load != "odrive"),
+    *(("odrive", "odrive", sensor) for sensor in SENSORS if sensor != "bota"),
+    ("vesc", "vesc", "dbc"),
+    ("cia402", "cia402", "canopen"),
+    ("mit", "mit", "mantracourt"),
+]
+
+
+def answers(actuator: str = "odrive", load: str = "odrive", sensor: str = "bota") -> dict[str, str]:
+    """Of a dynamometer with these devices."""
+    given = dict(COMMON)
+    for role, kind, needs in (
+        ("actuator", actuator, ACTUATORS[actuator]),
+        ("load", load, LOADS[load]),
+        ("torque_sensor", sensor, SENSORS[sensor]),
+    ):
+        given[f"{role}.driver"] = kind.partition(" ")[0]
+        given |= {f"{role}.{key}": value for key, value in needs.items()}
+    if sensor == "none":
+        del given["limits.torque"]
+    return given
