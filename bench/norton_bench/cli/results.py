@@ -232,7 +232,8 @@ def with_digits(value: float, std: float) -> tuple[str, str]:
         return "–", "–"
     if not isfinite(std) or std <= 0:
         return f"{value:.4g}", "–"
-    scale = floor(log10(max(abs(value), std)))
+    rounded = abs(round(value, 1 - floor(log10(std))))  # or 9.99996 would be shown as 10.0000 of a smaller power
+    scale = floor(log10(max(rounded, std)))
     exponent = 0 if -4 < scale < 5 else scale
     decimals = max(0, exponent - floor(log10(std)) + 1)
     suffix = f"e{exponent}" if exponent else ""
@@ -257,7 +258,7 @@ def validation_sentence(validation: Validation) -> str:
         )
         if isfinite(rms)
     ]
-    return f"Predicted where no fit has looked: {', '.join(predicted) or 'nothing'}."
+    return f"Predicted on data kept apart from the fit: {', '.join(predicted) or 'nothing'}."
 
 
 def prediction_sentence(prediction: PredictionError, command_unit: str) -> str:
