@@ -73,22 +73,26 @@ class Segment:
     def ticks(self) -> int:
         return len(self.command)
 
-    def continued(self, ticks: int, tick_s: float) -> "Segment":
-        """What follows where nobody says what comes next: the last commands, and the motion at its last velocity."""
-        moved_s = tick_s * np.arange(1, ticks + 1)
+    def continued(self, last: int, kept: int, ticks: int, tick_s: float) -> "Segment":
+        """What follows where nobody says what comes after tick ``last``, with which it ended.
+
+        A prescribed motion goes on at its velocity then; commands and torques stay for ``kept`` ticks, then are zero.
+        """
+        motion = _held(self.velocity_rad_s, last, ticks, ticks)
         return replace(
             self,
             name=f"after {self.name}",
             use=Use.PREPARE,
-            command=_last(self.command, ticks),
-            position_rad=_last(self.velocity_rad_s, ticks) * moved_s[: ticks if self.velocity_rad_s.size else 0],
-            velocity_rad_s=_last(self.velocity_rad_s, ticks),
-            acceleration_rad_s2=0.0 * _last(self.acceleration_rad_s2, ticks),
-            load_torque_nm=_last(self.load_torque_nm, ticks),
-            modulation=_last(self.modulation, ticks),
+            command=_held(self.command, last, kept, ticks),
+            position_rad=motion * tick_s * np.arange(1, len(motion) + 1),
+            velocity_rad_s=motion,
+            acceleration_rad_s2=0.0 * motion,
+            load_torque_nm=_held(self.load_torque_nm, last, kept, ticks),
+            modulation=_held(self.modulation, last, ticks, ticks),
             stop_at_velocity_rad_s=float("inf"),
         )
 
 
-def _last(values: FloatArray, ticks: int) -> FloatArray:
-    return np.repeat(values[-1:], ticks)
+def _held(values: FloatArray, last: int, kept: int, ticks: int) -> FloatArray:
+    """``values[last]`` for ``kept`` of the ticks, then zero; empty where there are none."""
+    return np.where(np.arange(ticks) < kept, values[last], 0.0) if len(values) else values

@@ -216,9 +216,9 @@ class Devices:
         return [*silent, *(f"{drive.role} drive's heartbeat" for drive in self.drives if self._beats_late(drive))]
 
     def _beats_late(self, drive: Amplifier) -> bool:
-        """Whether its last heartbeat is older than half of what would stop a segment."""
+        """Whether its last heartbeat is older than half of what stops a segment; enabling waits for a first one."""
         heartbeat_ns = drive.status().heartbeat_ns
-        return heartbeat_ns is None or self.clock.now_ns() - heartbeat_ns > drive.heartbeat_timeout_ns / 2
+        return heartbeat_ns is not None and self.clock.now_ns() - heartbeat_ns > drive.heartbeat_timeout_ns / 2
 
 
 def open_devices(rig: Rig, backend: Backend) -> Devices:

@@ -67,7 +67,8 @@ class Loop:
     _next_ns: int = field(default=0, init=False)
     _segments: int = field(default=0, init=False)
     _label: int = field(default=NO_SEGMENT, init=False)  # which of them the ticks belong to
-    _held: Segment = field(default=AT_REST, init=False)  # the last one
+    _last_segment: Segment = field(default=AT_REST, init=False)
+    _last_index: int = field(default=0, init=False)  # the tick of it that was the last
     _reference_rad: float | None = field(default=None, init=False)  # where the last imposed motion ended
     _begun: bool = field(default=False, init=False)  # whether the segment has had a tick
     _position_rad: float = field(default=nan, init=False)
@@ -152,7 +153,7 @@ class Loop:
         Raises SafetyStopError, OperatorStopError, ConnectionFailedError; :meth:`running` then idles the drives.
         """
         strategy = self._strategy(segment)
-        start_ns, self._label, self._held = self._next_ns, self._segments, segment
+        start_ns, self._label, self._last_segment = self._next_ns, self._segments, segment
         parts: list[Measured] = []
 
         def hand_on() -> None:
@@ -168,9 +169,12 @@ class Loop:
     def hold(self, ordered: Callable[[], bool]) -> None:
         """Go on as the last segment ended, guarded, until there is an order; these ticks belong to no segment.
 
+        The actuator's command stays for as long as the loop itself might stand still, and is zero from then on.
+
         Raises as :meth:`run` does, and SafetyStopError where no order comes within :data:`HELD_S`.
         """
-        segment = self._held.continued(round(HELD_S * 1e9 / self.tick_ns), self.tick_ns * 1e-9)
+        held, kept = round(HELD_S * 1e9 / self.tick_ns), self.guard.limits.stall_after_ns // self.tick_ns
+        segment = self._last_segment.continued(self._last_index, kept, held, self.tick_ns * 1e-9)
         self._label = NO_SEGMENT
         if not self._go_through(segment, self._strategy(segment), self.outbox.hand_on, ordered):
             raise self.guard.trip(
@@ -207,6 +211,8 @@ class Loop:
             self._troubles.look(begun_ns)
             if full:
                 hand_on()
+        if segment is self._last_segment:
+            self._last_index = max(index - 1, 0)
         rigid = segment.mode is LoadMode.ADMITTANCE and segment.admittance.rigid
         if index:
             self._reference_rad = strategy.target(index - 1).position_rad if rigid else None
@@ -222,7 +228,7 @@ class Loop:
         self.guard.begin(sample)
         self._troubles.begin(now_ns)
         self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
-        self._held = AT_REST
+        self._last_segment, self._last_index = AT_REST, 0
         self._next_ns = now_ns + self.tick_ns
 
     def _tick(

@@ -64,19 +64,33 @@ def turning(ticks: int, speed_rad_s: float) -> Segment:
 
 def test_a_late_session_finds_the_last_command_and_no_tick_missing() -> None:
     push = coasting("test", "push", Use.PREPARE, np.full(50, 0.03))
-    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
+    rig = load_rig(RIGS / "sim-odrive.toml")
+    with opened(rig) as bench, bench.loop.running():
         bench.loop.hold(Late(5))  # before the first segment: at rest
         bench.loop.run(push)
         bench.loop.hold(Late(300))
         second = bench.loop.run(push)
+    kept = rig.limits.stall_after_ns // rig.tick_ns
     ticks = join(bench.parts).ticks
     assert list(np.unique(ticks["segment"], return_counts=True)[1]) == [305, 50, 50]
     waited = ticks[ticks["segment"] == NO_SEGMENT]
     assert np.all(waited["command"][:5] == 0.0)
-    assert waited["command"][5:] == pytest.approx(0.03)
+    assert waited["command"][5 : 5 + kept] == pytest.approx(0.03)
+    assert np.all(waited["command"][5 + kept :] == 0.0)
     assert set(np.diff(ticks["tick_ns"])) == {bench.rig.tick_ns}
     assert [segment.index for segment in join(bench.parts).segments] == [0, 1]
     assert second.segments[0].start_ns == ticks["tick_ns"][ticks["segment"] == 1][0]
+
+
+def test_a_segment_that_ended_early_is_held_where_it_ended() -> None:
+    """Its array goes on to commands that were never given."""
+    ramp = coasting("test", "search", Use.PREPARE, np.linspace(0.0, 0.5, 3000), stop_at_velocity_rad_s=10.0)
+    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
+        ended = len(bench.loop.run(ramp).ticks)
+        bench.loop.hold(Late(3))
+    waited = join(bench.parts).ticks[-3:]
+    assert set(waited["segment"]) == {NO_SEGMENT}
+    assert waited["command"] == pytest.approx(ramp.command[ended - 1], abs=1e-6)
 
 
 def test_a_prescribed_motion_goes_on_at_its_last_velocity() -> None:

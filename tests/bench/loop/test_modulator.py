@@ -105,7 +105,7 @@ def test_its_watchdog_is_tried_with_the_others(bench):
 def test_a_unit_that_its_drive_does_not_take_is_refused():
     assert RIG.modulation is not None
     as_it_is = replace(RIG, modulation=replace(RIG.modulation, sent_as=None))
-    words = r'\[modulator.command\] unit = "N\*m/rad", but driver = "odrive"'
+    words = r'\[modulator.command\] unit: "N\*m/rad", but driver = "odrive"'
     with pytest.raises(RigError, match=words), opened(as_it_is):
         pass
 
