@@ -136,11 +136,14 @@ class LoopProcess:
     def running(self) -> Iterator[None]:
         self._enabled = True  # from the order on, whatever becomes of it
         try:
-            self._ask(Enable(), ENABLED_WITHIN_S)
+            self._send(Enable())
+            self._wait_for_answer(ENABLED_WITHIN_S)
         except BaseException:
             self._enabled = False
+            self._hand_on()
             raise
         try:
+            self._hand_on()  # the bench is held already: who stumbles over what was measured must idle the drives
             yield
         except BaseException as error:
             self._idle(error)

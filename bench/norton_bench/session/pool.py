@@ -1,12 +1,15 @@
 """Processes for many sessions at a time."""
 
 import multiprocessing
+import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from types import FrameType
 
 # A session that is told to end puts away what it has, its recorder and its folder, in less than this. It may not have
@@ -77,4 +80,6 @@ def _end_when_told() -> None:
 
 
 def _leave(_number: int, _frame: FrameType | None) -> None:
+    # The pool hands even this to its parent, and complains where that has closed its end by then.
+    sys.stderr = Path(os.devnull).open("w", encoding="utf-8")
     raise SystemExit

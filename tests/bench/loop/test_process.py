@@ -169,6 +169,26 @@ def test_a_session_that_stumbles_idles_the_drives_and_may_go_on(rig: Rig, witnes
             assert len(loop.run(push(0.1)).ticks) > 50
 
 
+def test_who_stumbles_over_what_the_held_bench_measured_idles_the_drives(rig: Rig, witness: Path) -> None:
+    def stumble(part: Measured) -> None:
+        if len(part.ticks):
+            raise ZeroDivisionError
+
+    with opened(rig) as (loop, _):
+        answered = loop._wait_for_answer
+
+        def late(within_s: float) -> object:
+            answer = answered(within_s)
+            time.sleep(0.05)  # ticks have been run by then
+            return answer
+
+        loop._wait_for_answer = late  # type: ignore[method-assign,assignment]
+        loop.subscribe(stumble)
+        with pytest.raises(ZeroDivisionError), loop.running():
+            pass
+        assert armed(witness) == ()
+
+
 def test_the_guard_trips_there_and_is_reset_from_here(tmp_path: Path) -> None:
     rig = rig_of_its_own(tmp_path, "239.74.163.66", **{'velocity = "80 rad/s"': 'velocity = "5 rad/s"'})
     with served(rig) as witness, opened(rig) as (loop, parts):
