@@ -81,5 +81,5 @@ def _end_when_told() -> None:
 
 def _leave(_number: int, _frame: FrameType | None) -> None:
     # The pool hands even this to its parent, and complains where that has closed its end by then.
-    sys.stderr = Path(os.devnull).open("w", encoding="utf-8")
+    sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  (until it ends)
     raise SystemExit
