@@ -37,7 +37,7 @@ ANSWERS = {
     "bus.can0.channel": "can0",
     "limits.torque": "1 N*m",
     "limits.velocity": "60 rad/s",
-    "simulated.twin": "yes",
+    "simulated.twin": "typical",
 }
 PROJECT = {
     "bench/__init__.py": "",
