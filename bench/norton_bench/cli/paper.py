@@ -51,7 +51,7 @@ def paper(
 
 def paper_data(proofs: Sequence["Proof"]) -> dict[str, Any]:
     """What ``--json`` prints."""
-    from norton_bench.gallery.repeated import LEVEL  # noqa: PLC0415
+    from norton_bench.gallery.claim import LEVEL  # noqa: PLC0415
 
     return {
         "passed": all(proof.passed for proof in proofs),

@@ -1,11 +1,16 @@
 """What a claim of the paper comes to: rows of expected beside found, and a picture."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
 from matplotlib.figure import Figure
+from scipy.stats import t as t_distribution
 
-from norton_bench.records import Measured
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.tables.means import velocity_of
+from norton_bench.records import Measured, SegmentInfo
 from norton_bench.rig.rig import Rig
 
 Interval = tuple[float, float]
@@ -13,7 +18,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class Estimated:
-    """A value with the interval that its own repetitions give it (:mod:`norton_bench.gallery.repeated`)."""
+    """A value with the interval that its own repetitions give it (:mod:`norton_bench.gallery.claim`)."""
 
     value: float
     interval: Interval
@@ -69,3 +74,106 @@ class Experiment:
     measured: Measured
     true: Mapping[str, float]
     torque_zero_nm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Look:
+    """``label`` is the segment's name, in words; torque as it was read, with whatever the sensor's zero adds."""
+
+    label: tuple[str, ...]
+    command: float
+    velocity_rad_s: float
+    torque_nm: float
+
+
+def looks(measured: Measured, procedure: str, look_s: float) -> Iterator[Look]:
+    """At the last ``look_s`` of every segment of ``procedure``. Raises ExperimentError where readings are missing."""
+    for segment in measured.segments:
+        if segment.procedure == procedure:
+            yield _look(measured, segment, look_s)
+
+
+def pairs(found: Iterable[Look]) -> Iterator[tuple[Look, Look]]:
+    """An experiment and its mirror image, which comes next."""
+    all_of_them = list(found)
+    yield from zip(all_of_them[::2], all_of_them[1::2], strict=True)
+
+
+def _look(measured: Measured, segment: SegmentInfo, look_s: float) -> Look:
+    end = measured.between(max(segment.start_ns, segment.end_ns - round(look_s * 1e9)), segment.end_ns)
+    if len(end.motion) < 3 or not len(end.torque) or not len(end.ticks):
+        raise ExperimentError(f'the end of "{segment.procedure}: {segment.name}" was hardly recorded; run it again')
+    return Look(
+        label=tuple(segment.name.split()),
+        command=float(np.mean(end.ticks["command"])),
+        velocity_rad_s=velocity_of(end.motion),
+        torque_nm=float(np.mean(end.torque["torque_nm"][end.torque["valid"]])),
+    )
+
+
+FloatArray = npt.NDArray[np.float64]
+
+# One interval in a thousand misses by chance: of a gallery of some thirty rows, one gallery in thirty-five.
+LEVEL = 0.999
+
+
+def mean(values: npt.ArrayLike) -> Estimated:
+    """Of independent repetitions (n,)."""
+    repetitions = np.asarray(values, dtype=float)
+    half = _student(repetitions.size - 1) * float(np.std(repetitions, ddof=1)) / np.sqrt(repetitions.size)
+    return _around(float(np.mean(repetitions)), half)
+
+
+def wider(found: Estimated, by: float) -> Estimated:
+    """With a tolerance that no repetition shows."""
+    low, high = found.interval
+    return Estimated(found.value, (low - by, high + by))
+
+
+class Line:
+    """A straight line through independent points (n,), by least squares."""
+
+    def __init__(self, x: npt.ArrayLike, y: npt.ArrayLike) -> None:
+        self._x = np.asarray(x, dtype=float)
+        values = np.asarray(y, dtype=float)
+        self._middle = float(np.mean(self._x))
+        self._spread = float(np.sum((self._x - self._middle) ** 2))
+        self._slope = float(np.sum((self._x - self._middle) * values)) / self._spread
+        self._mean = float(np.mean(values))
+        self._freedom = values.size - 2
+        left = values - self.at(self._x)
+        self._scatter = float(np.sqrt(np.sum(left**2) / self._freedom))
+
+    def at(self, x: npt.ArrayLike) -> FloatArray:
+        return self._mean + self._slope * (np.asarray(x, dtype=float) - self._middle)
+
+    @property
+    def slope(self) -> Estimated:
+        return _around(self._slope, _student(self._freedom) * self._scatter / np.sqrt(self._spread))
+
+    def value(self, x: float) -> Estimated:
+        """Of the line itself at ``x``."""
+        return _around(float(self.at(x)), _student(self._freedom) * self._deviation(x))
+
+    def zero(self) -> Estimated:
+        """Where the line crosses zero: Fieller's interval, of all places where zero lies in the line's own interval."""
+        zero = self._middle - self._mean / self._slope
+        t = _student(self._freedom)
+        g = (t * self._scatter / self._slope) ** 2 / self._spread
+        if g >= 1.0:
+            return Estimated(zero, (-np.inf, np.inf))
+        centre = self._middle + (zero - self._middle) / (1 - g)
+        half = t * self._scatter / abs(self._slope) / (1 - g)
+        half *= np.sqrt((1 - g) / self._x.size + (zero - self._middle) ** 2 / self._spread)
+        return Estimated(zero, (centre - float(half), centre + float(half)))
+
+    def _deviation(self, x: float) -> float:
+        return float(self._scatter * np.sqrt(1 / self._x.size + (x - self._middle) ** 2 / self._spread))
+
+
+def _student(freedom: int) -> float:
+    return float(t_distribution.ppf(0.5 + 0.5 * LEVEL, freedom))
+
+
+def _around(value: float, half: float) -> Estimated:
+    return Estimated(value, (value - float(half), value + float(half)))

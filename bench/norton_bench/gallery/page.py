@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from norton_bench.errors import ExperimentError
+from norton_bench.gallery.claim import LEVEL
 from norton_bench.gallery.paper import Proof
-from norton_bench.gallery.repeated import LEVEL
 from norton_bench.report.data import ReportData
 from norton_bench.report.render import Figure, fill, write_page
 from norton_bench.report.section import Facts, Picture, Section

@@ -1,14 +1,17 @@
-"""The whole gallery: every experiment at every seed, its claims, and their pictures."""
+"""What the paper claims of an actuator, shown on the shipped rigs: the experiments, and what they show."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.gallery.catalogue import CATALOGUE
+from norton_bench.gallery import gravity, in_situ, motor, muscle, spring
 from norton_bench.gallery.claim import Experiment, Row, Shown
+from norton_bench.gallery.gravity import TwoPorts
+from norton_bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
+from norton_bench.gallery.muscle import MuscleSweeps
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
 from norton_bench.procedures.tare import TareProcedure
@@ -19,6 +22,28 @@ from norton_bench.rig.simulators import true_parameters
 from norton_bench.session.engine import record_script
 from norton_bench.session.pool import process_pool
 from norton_bench.session.script import Script, SoFar
+
+
+@dataclass(frozen=True)
+class Entry:
+    """The shipped rig's name, what is done on it once it is calibrated, and the claims that follow."""
+
+    rig: str
+    procedures: tuple[Procedure | Adaptive, ...]
+    claims: Callable[[Experiment], tuple[Shown, ...]]
+
+
+CATALOGUE: Mapping[str, Entry] = {
+    "motor": Entry(
+        "sim-odrive",
+        (FreeLevels(), SteadySpeeds(), SlowStops()),
+        motor.claims,
+    ),
+    "muscle": Entry("sim-pneumatic", (MuscleSweeps(),), muscle.claims),
+    "arms": Entry("sim-gravity", (TwoPorts(),), gravity.claims),
+    "spring": Entry("sim-variable-stiffness", (spring.EXPERIMENT,), spring.claims),
+    "in situ": Entry("sim-odrive", (in_situ.EXPERIMENT,), in_situ.claims),
+}
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,11 @@
 """The gallery's experiments as they are run, at one seed, in fewer rounds."""
 
-from norton_bench.gallery.catalogue import CATALOGUE
 from norton_bench.gallery.claim import Experiment
-from norton_bench.gallery.gravity_experiments import TwoPorts
+from norton_bench.gallery.gravity import TwoPorts
 from norton_bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
-from norton_bench.gallery.muscle_experiments import MuscleSweeps
-from norton_bench.gallery.paper import measure
-from norton_bench.gallery.spring_claims import MODULATIONS, TABULATION
+from norton_bench.gallery.muscle import MuscleSweeps
+from norton_bench.gallery.paper import CATALOGUE, measure
+from norton_bench.gallery.spring import MODULATIONS, TABULATION
 from norton_bench.procedures.in_situ import InSituProcedure
 from norton_bench.procedures.modulated import ModulatedProcedure
 from norton_bench.procedures.options import InSituOptions

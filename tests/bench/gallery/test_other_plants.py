@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from norton_bench.gallery import spring_claims
-from norton_bench.gallery.catalogue import CATALOGUE
+from norton_bench.gallery import spring
+from norton_bench.gallery.paper import CATALOGUE
 from tests.bench.gallery.experiments import SPRING, measured
 
 SEED = 5
@@ -21,7 +21,7 @@ PLANTS = {
 @pytest.fixture(scope="module", params=sorted(PLANTS))
 def plant(request):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spring_claims, "EXPERIMENT", SPRING)
+        patch.setattr(spring, "EXPERIMENT", SPRING)
         yield request.param, measured(request.param, SEED)
 
 

@@ -9,9 +9,8 @@ import pytest
 
 from norton_bench.cli import app
 from norton_bench.gallery import paper
-from norton_bench.gallery.catalogue import CATALOGUE
 from norton_bench.gallery.page import write_gallery
-from norton_bench.gallery.paper import prove, rigs_in
+from norton_bench.gallery.paper import CATALOGUE, prove, rigs_in
 from tests.bench.gallery.experiments import measured
 
 ROOT = Path(__file__).parents[3]

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.gallery.claim import Estimated, Row
-from norton_bench.gallery.repeated import LEVEL, Line, mean, wider
+from norton_bench.gallery.claim import LEVEL, Estimated, Line, Row, mean, wider
 
 TRIALS = 4000
 

@@ -1,19 +1,21 @@
 """The claim of sections IV.B and VI about a second input: π sets the impedance and leaves the source alone."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from norton_bench.errors import ExperimentError
-from norton_bench.gallery import spring_figures as figures
-from norton_bench.gallery.claim import Experiment, Shown, row
-from norton_bench.gallery.repeated import mean, wider
+from norton_bench.gallery.claim import Experiment, Shown, mean, row, wider
 from norton_bench.identification.tables.exertion_table import ExertionTable, exertion_table
 from norton_bench.procedures.modulated import WAY, ModulatedProcedure
 from norton_bench.procedures.options import TabulateImpedanceOptions
 from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
+from norton_bench.report.figures_network import legend
+from norton_bench.report.svg import MEASURED, MUTED, PREDICTED, figure
 
 MODULATIONS = (0.0, 2.0, 4.0)  # in the rig's unit, N m/rad
 ROUNDS = 5
@@ -84,7 +86,28 @@ def one_source_many_springs(spring: VariableSpring) -> Shown:
         "IV.B, VI",
         "ż = Z_state(z, Δx, π), f = Z_output(z, Δx, π): π acts on the connection, and the source does not know of it.",
         tuple(rows),
-        partial(figures.one_source_many_springs, spring, MODULATIONS),
+        partial(draw_one_source_many_springs, spring, MODULATIONS),
         "Torque of the port held beside its source, under one command and three modulations, in the first round; lines "
         "are the closed forms, which all cross zero at the source.",
     )
+
+
+def draw_one_source_many_springs(spring: "VariableSpring", modulations: Sequence[float]) -> Figure:
+    picture = figure(3.6)
+    axes = picture.subplots()
+    for place, modulation in enumerate(modulations):
+        table = spring.of(modulation)[0]
+        away, torque_nm, _ = table.curve(table.settings[0])
+        reach = np.array([away[0], away[-1]])
+        closed = -spring.stiffness_nm_rad(modulation) * reach
+        axes.plot(reach, closed, color=PREDICTED, label="closed form" if place == 0 else None)
+        label = "measured, mean of both directions" if place == 0 else None
+        axes.plot(away, torque_nm, linestyle="none", marker="o", markersize=4, color=MEASURED, label=label)
+        axes.annotate(f"π = {modulation:g} N·m/rad", (reach[0], closed[0]), color=MUTED, va="bottom")
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    axes.axvline(0.0, color=MUTED, linewidth=0.6)
+    axes.margins(y=0.12)  # room for the highest label
+    axes.set_xlabel("displacement from the source, θ − θ_N [rad]")
+    axes.set_ylabel("exertion [N·m]")
+    legend(axes)
+    return picture

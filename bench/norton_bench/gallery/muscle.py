@@ -1,17 +1,81 @@
-"""The claims of section IV.C.2, from the experiments with a pneumatic muscle against a spring."""
+"""What is done with the pneumatic muscle: let go from either side of its source, and swept slowly across it."""
 
 from dataclasses import dataclass
 from functools import cached_property, partial
 from math import pi, sqrt
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 
-from norton_bench.gallery import muscle_figures as figures
-from norton_bench.gallery.claim import Experiment, Shown, row
-from norton_bench.gallery.muscle_experiments import LOOK_S, REACH_RAD, MuscleSweeps
-from norton_bench.gallery.repeated import Line, mean
+from norton_bench.gallery.claim import Experiment, Line, Shown, mean, row
+from norton_bench.gallery.moves import place_rad, swept
+from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
+from norton_bench.procedures.makers import zero_torque
+from norton_bench.procedures.waves import hold, ramp
 from norton_bench.records import Measured, SegmentInfo
+from norton_bench.report.figures_network import legend
+from norton_bench.report.svg import ACCENT, MEASURED, MUTED, PREDICTED, figure
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Use
+
+# Commands as shares of the greatest; both ends of a sweep, and its speed.
+LEVELS = (0.5, 1.0)
+REACH_RAD, SPEED_RAD_S = 0.45, 0.4
+SETTLE_S, LOOK_S, LEAVE_S = 1.2, 0.3, 0.5
+REFERENCES, REFERENCE_RAD = 4, 0.15
+
+
+@dataclass(frozen=True)
+class MuscleSweeps:
+    """Under each command: the free port's place, reached from either side, and the torque along slow sweeps."""
+
+    rounds: int = 5
+    name: ClassVar[str] = "gallery muscle"
+
+    def require(self, rig: Rig) -> None:
+        require_load(rig, self.name, "to move the port")
+
+    def duration_s(self, rig: Rig) -> float:
+        each_s = 2 * (2 * REACH_RAD / SPEED_RAD_S + REACH_RAD / SPEED_RAD_S + SETTLE_S + 0.6)
+        reference_s = SETTLE_S + 2 * REFERENCES * (2 * REFERENCE_RAD / SPEED_RAD_S + 0.2)
+        return self.rounds * len(LEVELS) * (each_s + LEAVE_S + SETTLE_S) + reference_s
+
+    def plan(self, known: Knowledge) -> Plan:
+        rig, tick_s, before = known.rig, known.tick_s, 0.0
+        for _ in range(self.rounds):
+            for share in LEVELS:
+                command = share * rig.command.limit
+                yield zero_torque(self.name, "change", Use.PREPARE, ramp(before, command, LEAVE_S, tick_s), rig)
+                held = hold(command, SETTLE_S, tick_s)
+                rested = yield zero_torque(self.name, "settle", Use.PREPARE, held, rig)
+                centre_rad = here_rad = place_rad(rested)
+                for side, name in ((-1.0, "up"), (1.0, "down")):
+                    away_rad = centre_rad + side * REACH_RAD - here_rad
+                    yield swept(self.name, "away", command, away_rad, SPEED_RAD_S, tick_s)
+                    across_rad = -2 * side * REACH_RAD
+                    yield swept(self.name, f"sweep {name} {share:g}", command, across_rad, SPEED_RAD_S, tick_s)
+                    rested = yield zero_torque(self.name, f"free {name} {share:g}", Use.PREPARE, held, rig)
+                    here_rad = place_rad(rested)
+                before = command
+        yield zero_torque(self.name, "leave", Use.PREPARE, ramp(before, 0.0, LEAVE_S, tick_s), rig)
+        yield from self._reference(known)
+
+    def _reference(self, known: Knowledge) -> Plan:
+        """Where the tare was taken, without a command: what the torque sensor reads there now has drifted since."""
+        rig, tick_s = known.rig, known.tick_s
+        rested = yield zero_torque(self.name, "settle", Use.PREPARE, hold(0.0, SETTLE_S, tick_s), rig)
+        away_rad = -REFERENCE_RAD - place_rad(rested)
+        yield swept(self.name, "away", 0.0, away_rad, SPEED_RAD_S, tick_s)
+        for _ in range(REFERENCES):
+            for name, across_rad in (("up", 2 * REFERENCE_RAD), ("down", -2 * REFERENCE_RAD)):
+                yield swept(self.name, f"reference {name} 0", 0.0, across_rad, SPEED_RAD_S, tick_s)
+        yield zero_torque(self.name, "leave", Use.PREPARE, hold(0.0, LEAVE_S, tick_s), rig)
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        return known
+
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -160,7 +224,7 @@ def nonlinear_connection(muscle: Muscle) -> Shown:
         "IV.C.2",
         "Its exertion is no function of the displacement from the source alone, and yet it vanishes at the source.",
         tuple(rows),
-        partial(figures.nonlinear_connection, muscle, REACH_RAD),
+        partial(draw_nonlinear_connection, muscle, REACH_RAD),
         "Exertion along slow sweeps (mean of both directions) under two commands, closed form, and the straight line "
         "that a linear connection would have. Crosses: where the free port rested.",
     )
@@ -173,3 +237,29 @@ def _share(segment: SegmentInfo) -> float:
 def _end_rad(measured: Measured, segment: SegmentInfo) -> float:
     end = measured.between(segment.end_ns - round(LOOK_S * 1e9), segment.end_ns)
     return float(np.mean(end.motion["position_rad"]))
+
+
+def draw_nonlinear_connection(muscle: "Muscle", reach_rad: float) -> Figure:
+    picture = figure(3.6)
+    axes = picture.subplots()
+    for place, share in enumerate(muscle.shares):
+        curve, first = muscle.of(share)[0], place == 0
+        source = muscle.source_rad(curve.command)
+        reach = source + np.linspace(-reach_rad, reach_rad, 61)
+        linear = -muscle.stiffness_nm_rad(curve.command) * (reach - source)
+        axes.plot(reach, linear, color=MUTED, linestyle=(0, (4, 3)), label="a linear connection" if first else None)
+        axes.plot(
+            curve.place_rad[::12], curve.exertion_nm[::12], linestyle="none", marker="o", markersize=3.5,
+            color=MEASURED, label="measured" if first else None,
+        )  # fmt: skip
+        label = "K (θ_N (π − θ)²/(π − θ_N)² − θ)" if first else None
+        axes.plot(reach, muscle.exertion_nm(curve.command, reach), color=PREDICTED, label=label)
+        free = muscle.free_rad(share)
+        label = "the free port's place" if first else None
+        axes.plot(free, 0.0 * free, linestyle="none", marker="x", markersize=7, color=ACCENT, label=label, zorder=4)
+        axes.annotate(f"c = {curve.command:.3g} N·m/rad", (reach[-1], linear[-1]), color=MUTED, ha="right", va="top")
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    axes.set_xlabel("place of the port θ [rad]")
+    axes.set_ylabel("exertion [N·m]")
+    legend(axes)
+    return picture

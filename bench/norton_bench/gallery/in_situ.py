@@ -8,17 +8,18 @@ from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 
 from norton_bench.errors import ExperimentError
-from norton_bench.gallery import in_situ_figures as figures
-from norton_bench.gallery.claim import Experiment, Shown, row
-from norton_bench.gallery.repeated import mean, wider
+from norton_bench.gallery.claim import Experiment, Shown, mean, row, wider
 from norton_bench.identification.in_situ import in_band_motion
 from norton_bench.identification.trials import TRIAL, in_band, seen
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.in_situ import InSituProcedure
 from norton_bench.procedures.options import InSituOptions
 from norton_bench.records import SegmentInfo
+from norton_bench.report.figures_network import legend
+from norton_bench.report.svg import MEASURED, MUTED, PREDICTED, figure
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -125,7 +126,7 @@ def in_situ(assembled: Assembled) -> Shown:
         "The actuator stays assembled to its load; torque is applied to the load until the actuator exerts none. Its "
         "motion is then its source.",
         rows,
-        partial(figures.in_situ, assembled),
+        partial(draw_in_situ, assembled),
         "Left: torque between actuator and load in each trial, as the torque sensor saw it and the method did not. "
         "Right: velocity in the first trial, in the last driven one, and of the true actuator alone.",
     )
@@ -133,3 +134,30 @@ def in_situ(assembled: Assembled) -> Shown:
 
 def _share(of: FloatArray, whole: FloatArray) -> float:
     return float(of @ whole / (whole @ whole))
+
+
+SIDES = {True: "load given what it needs", False: "load left alone"}
+
+
+def draw_in_situ(assembled: "Assembled") -> Figure:
+    picture = figure(3.4)
+    trials, motion = picture.subplots(1, 2)
+    numbers = np.arange(1, len(assembled.movements) + 1)
+    rms_mnm = np.array([1e3 * np.sqrt(np.mean(each.torque_nm**2)) for each in assembled.movements])
+    driven = np.array([each.driven for each in assembled.movements])
+    for side, name in SIDES.items():
+        chosen, face = driven == side, MEASURED if side else "none"
+        trials.semilogy(
+            numbers[chosen], rms_mnm[chosen], "o", color=MEASURED, markerfacecolor=face, markersize=4.5, label=name
+        )
+    trials.set_xlabel("trial")
+    trials.set_ylabel("port torque, rms [mN·m]")
+    legend(trials)
+    time_s = np.arange(len(assembled.command)) * assembled.experiment.rig.tick_s
+    motion.plot(time_s, assembled.alone.velocity_rad_s, color=MUTED, linewidth=0.8, label="load left alone")
+    motion.plot(time_s, assembled.learnt[-1].velocity_rad_s, color=MEASURED, linewidth=1.4, label="last driven trial")
+    motion.plot(time_s, assembled.source_rad_s, color=PREDICTED, linewidth=0.8, label="actuator alone")
+    motion.set_xlabel("time [s]")
+    motion.set_ylabel("velocity [rad/s]")
+    legend(motion)
+    return picture
