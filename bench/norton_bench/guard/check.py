@@ -3,11 +3,18 @@
 from typing import Protocol
 
 from norton_bench.guard.commands import Commands
-from norton_bench.guard.known import Known
+from norton_bench.guard.model import GuardModel
 from norton_bench.sample import Sample
 
 # A reading that is wrong once is a glitch; wrong as often as this, one after the other, it is a fault.
 STRIKES = 3
+# A position that stays where it was for so long, while it should move, is stuck.
+PATIENCE_NS = 100_000_000
+# An older reading of an encoder tells nothing: it is the business of [limits] stale_after.
+FRESH_NS = 30_000_000
+# Two positions may differ by so many steps of their resolution, and by this angle.
+STEPS = 4
+LEAST_RAD = 0.05
 
 
 class Check(Protocol):
@@ -20,8 +27,8 @@ class Check(Protocol):
         """The drives were just enabled at zero."""
         ...
 
-    def know(self, known: Known) -> None:
-        """From now on, lean on this."""
+    def learn(self, model: GuardModel) -> None:
+        """From now on, use what was measured."""
         ...
 
     def fault(self, sample: Sample, sent: Commands) -> str | None:

@@ -4,17 +4,10 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from math import inf, isfinite
 
-from norton_bench.guard.balance import TorqueBalance
 from norton_bench.guard.check import Check
-from norton_bench.guard.coupling import Coupling
-from norton_bench.guard.current import CurrentAgreement
-from norton_bench.guard.encoder import EncoderAgreement
-from norton_bench.guard.frozen import FrozenTorque
-from norton_bench.guard.held import HeldShaft
-from norton_bench.guard.jump import TorqueJump
-from norton_bench.guard.modulator import StuckModulator
-from norton_bench.guard.saturation import Saturation
-from norton_bench.guard.standstill import Standstill
+from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
+from norton_bench.guard.motion_checks import Coupling, EncoderAgreement, HeldShaft, Standstill
+from norton_bench.guard.torque_checks import FrozenTorque, Saturation, TorqueBalance, TorqueJump
 from norton_bench.rig.rig import Command, Limits
 from norton_bench.units import conversion, same_dimension
 

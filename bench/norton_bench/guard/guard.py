@@ -7,7 +7,7 @@ from math import inf, isfinite
 from norton_bench.errors import SafetyStopError, UsageError
 from norton_bench.guard.check import Check
 from norton_bench.guard.commands import NOTHING, Commands, DriveHealth, Limited
-from norton_bench.guard.known import Known
+from norton_bench.guard.model import GuardModel
 from norton_bench.rig.rig import Limits
 from norton_bench.sample import Sample
 from norton_drivers.readings import DriveState
@@ -56,10 +56,10 @@ class Guard:
             raise UsageError("a guard that tripped is reset by an operator's word: say who looked, and what was done")
         self.tripped = None
 
-    def know(self, known: Known) -> None:
-        """Lean on what the bench has measured of itself. Call it with the drives idle."""
+    def learn(self, model: GuardModel) -> None:
+        """Use what the bench has measured of itself. Call it with the drives idle."""
         for check in self.checks:
-            check.know(known)
+            check.learn(model)
 
     def begin(self, sample: Sample) -> None:
         """The drives were just enabled at zero. The position window is centred where the shaft first stood."""

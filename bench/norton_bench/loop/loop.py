@@ -115,7 +115,7 @@ class Loop:
 
         Raises ExperimentError where no controller can be made for this load.
         """
-        self.guard.know(learned.guard)
+        self.guard.learn(learned.guard)
         calibration, bias_nm = learned.calibration, learned.torque_bias_nm
         if bias_nm is not None:
             self.alignment.torque_bias_nm = bias_nm

@@ -1,8 +1,14 @@
 """What loop and guard are told as the session learns."""
 
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.guard.known import NOTHING_KNOWN, Known, Machine
-from norton_bench.guard.learning import amperes_per_command, still_swing_nm, torque_habits
+from norton_bench.guard.model import (
+    EMPTY_MODEL,
+    GuardModel,
+    Machine,
+    amperes_per_command,
+    still_swing_nm,
+    torque_readings,
+)
 from norton_bench.identification.results import FitResult
 from norton_bench.loop.learned import Learned
 from norton_bench.procedures.calibrate import told_well_enough
@@ -20,14 +26,14 @@ def learned(known: Knowledge) -> Learned:
     return Learned(told_to_guard(known), bias_nm, calibration)
 
 
-def told_to_guard(known: Knowledge) -> Known:
+def told_to_guard(known: Knowledge) -> GuardModel:
     """What the session knows by now, in the guard's terms."""
     tare, calibration = known.tare, known.calibration
     tared, shaken = _record(known, Use.TARE), _record(known, Use.CALIBRATE)
     if tare is None or tared is None:
-        return NOTHING_KNOWN
-    return Known(
-        torque=torque_habits(_stretch(tared, "rest"), shaken),
+        return EMPTY_MODEL
+    return GuardModel(
+        torque=torque_readings(_stretch(tared, "rest"), shaken),
         moving_command=tare.moving_command,
         amperes_per_command=amperes_per_command(tared.ticks, "command", tared.current),
         load_amperes_per_nm=amperes_per_command(tared.ticks, "load_torque_nm", tared.load_current),

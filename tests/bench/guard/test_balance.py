@@ -5,22 +5,22 @@ from math import copysign, cos, pi, sin
 
 import pytest
 
-from norton_bench.guard.balance import TorqueBalance
 from norton_bench.guard.commands import Commands
-from norton_bench.guard.known import Known, Machine, TorqueHabits
+from norton_bench.guard.model import GuardModel, Machine, TorqueReadings
+from norton_bench.guard.torque_checks import TorqueBalance
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import NOTHING, TICK_NS, ask, from_tick, resting, turning
 
 ACTUATOR = Machine(0.9, 5e-5, 1e-3, 0.02)
 LOAD = Machine(0.95, 1.2e-4, 3e-4, 0.008)
-HABITS = TorqueHabits(0.0, 1e-3, 1e-3, 1, 0.03)
-KNOWN = Known(torque=HABITS, actuator=ACTUATOR, load=LOAD)
+HABITS = TorqueReadings(0.0, 1e-3, 1e-3, 1, 0.03)
+KNOWN = GuardModel(torque=HABITS, actuator=ACTUATOR, load=LOAD)
 RATE_RAD_S, SPEED_RAD_S = 15.0, 20.0
 
 
-def check(known: Known = KNOWN) -> TorqueBalance:
+def check(known: GuardModel = KNOWN) -> TorqueBalance:
     made = TorqueBalance(1.0)
-    made.know(known)
+    made.learn(known)
     return made
 
 
@@ -102,7 +102,7 @@ def test_old_readings_are_a_pause(age: str) -> None:
 
 
 def test_a_slow_sensor_is_given_more_time() -> None:
-    slow = Known(torque=TorqueHabits(0.0, 1e-3, 0.01, 1, 0.03), actuator=ACTUATOR, load=LOAD)
+    slow = GuardModel(torque=TorqueReadings(0.0, 1e-3, 0.01, 1, 0.03), actuator=ACTUATOR, load=LOAD)
     wrong = from_tick(0, lambda s: s._replace(torque_nm=0.5), resting, 3000)
     verdict = ask(check(slow), wrong)
     assert verdict.tick is not None
@@ -111,7 +111,7 @@ def test_a_slow_sensor_is_given_more_time() -> None:
 
 # ---- the load alone, where no law of the actuator is known ----------------------------------------------------------
 
-LOAD_ALONE = Known(torque=HABITS, load=LOAD)
+LOAD_ALONE = GuardModel(torque=HABITS, load=LOAD)
 
 
 def test_a_load_that_obeys_newton_passes_whatever_drives_the_other_side() -> None:
@@ -154,7 +154,7 @@ def test_a_command_counts_from_when_it_shows_in_the_readings() -> None:
 
     def found(machine: Machine) -> int | None:
         looked = TorqueBalance(0.1)
-        looked.know(Known(torque=HABITS, load=machine))
+        looked.learn(GuardModel(torque=HABITS, load=machine))
         return ask(looked, map(swinging, range(1000)), swung).tick
 
     assert found(free) is not None
@@ -162,7 +162,7 @@ def test_a_command_counts_from_when_it_shows_in_the_readings() -> None:
 
 
 def test_an_arm_that_hangs_on_the_load_is_carried() -> None:
-    hanging = Known(torque=HABITS, load=replace(LOAD, weight_nm=0.3))
+    hanging = GuardModel(torque=HABITS, load=replace(LOAD, weight_nm=0.3))
 
     def carried(tick: int) -> Commands:
         return Commands(0.0, 0.3)
@@ -172,14 +172,14 @@ def test_an_arm_that_hangs_on_the_load_is_carried() -> None:
     assert ask(check(hanging), map(resting, range(1000)), lambda _: Commands(0.0, 0.6)).tick is not None
 
 
-@pytest.mark.parametrize("known", [Known(), Known(torque=HABITS), Known(actuator=ACTUATOR)])
-def test_nothing_is_said_before_the_load_is_known(known: Known) -> None:
+@pytest.mark.parametrize("known", [GuardModel(), GuardModel(torque=HABITS), GuardModel(actuator=ACTUATOR)])
+def test_nothing_is_said_before_the_load_is_known(known: GuardModel) -> None:
     assert ask(check(known), from_tick(0, lambda s: s._replace(torque_nm=0.9), resting)).tick is None
 
 
 def test_without_habits_the_common_low_pass_serves() -> None:
     wrong = from_tick(0, lambda s: s._replace(torque_nm=0.5), resting, 300)
-    assert ask(check(Known(actuator=ACTUATOR, load=LOAD)), wrong).tick is not None
+    assert ask(check(GuardModel(actuator=ACTUATOR, load=LOAD)), wrong).tick is not None
 
 
 def test_the_next_time_begins_afresh() -> None:

@@ -4,17 +4,17 @@ from math import inf
 
 import pytest
 
-from norton_bench.guard.coupling import Coupling
-from norton_bench.guard.known import NOTHING_KNOWN, Known
+from norton_bench.guard.model import EMPTY_MODEL, GuardModel
+from norton_bench.guard.motion_checks import Coupling
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, from_tick, resting, turning
 
-STIFF = Known(sensor_stiffness_nm_rad=200.0)
+STIFF = GuardModel(sensor_stiffness_nm_rad=200.0)
 
 
-def check(twist_rad: float = 0.5, resolution_rad: float = 1e-4, known: Known = NOTHING_KNOWN) -> Coupling:
+def check(twist_rad: float = 0.5, resolution_rad: float = 1e-4, known: GuardModel = EMPTY_MODEL) -> Coupling:
     made = Coupling(twist_rad, 1.0, resolution_rad, 1e-3)
-    made.know(known)
+    made.learn(known)
     return made
 
 
@@ -22,8 +22,8 @@ def offset(by_rad: float):
     return lambda sample: sample._replace(load_position_rad=sample.load_position_rad + by_rad)
 
 
-@pytest.mark.parametrize("known", [NOTHING_KNOWN, STIFF])
-def test_a_shaft_that_swings_passes_wherever_its_encoders_begin(known: Known) -> None:
+@pytest.mark.parametrize("known", [EMPTY_MODEL, STIFF])
+def test_a_shaft_that_swings_passes_wherever_its_encoders_begin(known: GuardModel) -> None:
     assert ask(check(known=known), map(offset(7.0), map(turning, range(2000)))).tick is None
 
 
@@ -40,18 +40,18 @@ def test_readings_that_travel_for_different_times_pass() -> None:
 @pytest.mark.parametrize(
     ("twist_rad", "known", "by_rad", "found"),
     [
-        (0.5, NOTHING_KNOWN, 0.45, False),
-        (0.5, NOTHING_KNOWN, 0.55, True),
+        (0.5, EMPTY_MODEL, 0.45, False),
+        (0.5, EMPTY_MODEL, 0.55, True),
         (0.5, STIFF, 0.04, False),
         (0.5, STIFF, 0.06, True),  # 1 N m twists 200 N m/rad by 5 mrad
-        (0.5, Known(sensor_stiffness_nm_rad=20.0), 0.15, False),
-        (0.5, Known(sensor_stiffness_nm_rad=20.0), 0.25, True),
+        (0.5, GuardModel(sensor_stiffness_nm_rad=20.0), 0.15, False),
+        (0.5, GuardModel(sensor_stiffness_nm_rad=20.0), 0.25, True),
         (0.03, STIFF, 0.04, True),  # the rig's own limit is never widened
-        (0.5, Known(sensor_stiffness_nm_rad=0.1), 0.55, True),
+        (0.5, GuardModel(sensor_stiffness_nm_rad=0.1), 0.55, True),
         (inf, STIFF, 100.0, False),
     ],
 )
-def test_how_far_apart_is_too_far(twist_rad: float, known: Known, by_rad: float, found: bool) -> None:
+def test_how_far_apart_is_too_far(twist_rad: float, known: GuardModel, by_rad: float, found: bool) -> None:
     verdict = ask(check(twist_rad, known=known), from_tick(300, offset(by_rad), resting))
     assert (verdict.tick == 302) is found
     assert ("an encoder jumped" in verdict.said) is found

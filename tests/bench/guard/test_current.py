@@ -5,12 +5,12 @@ from math import nan, sin
 import pytest
 
 from norton_bench.guard.commands import Commands
-from norton_bench.guard.current import CurrentAgreement
-from norton_bench.guard.known import NOTHING_KNOWN, Known
+from norton_bench.guard.drive_checks import CurrentAgreement
+from norton_bench.guard.model import EMPTY_MODEL, GuardModel
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, turning
 
-KNOWN = Known(amperes_per_command=18.0, load_amperes_per_nm=-5.0)
+KNOWN = GuardModel(amperes_per_command=18.0, load_amperes_per_nm=-5.0)
 LAG_TICKS = 8
 
 
@@ -30,15 +30,15 @@ def honest(tick: int) -> Sample:
     return sample(tick, 18.0 * acting.command, -5.0 * acting.load_torque_nm)
 
 
-def actuator(known: Known = KNOWN, unit: str = "N*m", amperes: float | None = None) -> CurrentAgreement:
+def actuator(known: GuardModel = KNOWN, unit: str = "N*m", amperes: float | None = None) -> CurrentAgreement:
     made = CurrentAgreement("actuator", 0.5, unit, amperes)
-    made.know(known)
+    made.learn(known)
     return made
 
 
-def load(known: Known = KNOWN) -> CurrentAgreement:
+def load(known: GuardModel = KNOWN) -> CurrentAgreement:
     made = CurrentAgreement("load", 1.0, "N*m")
-    made.know(known)
+    made.learn(known)
     return made
 
 
@@ -97,11 +97,11 @@ def test_one_wrong_reading_passes() -> None:
 @pytest.mark.parametrize("made", [actuator, load])
 def test_nothing_is_said_before_it_is_known_what_a_command_makes(made) -> None:
     samples = [sample(tick, 50.0, 50.0) for tick in range(500)]
-    assert ask(made(NOTHING_KNOWN), samples).tick is None
+    assert ask(made(EMPTY_MODEL), samples).tick is None
 
 
 def test_a_command_in_amperes_needs_no_learning() -> None:
-    looked = actuator(NOTHING_KNOWN, "mA", 1e-3)
-    looked.know(NOTHING_KNOWN)
+    looked = actuator(EMPTY_MODEL, "mA", 1e-3)
+    looked.learn(EMPTY_MODEL)
     assert ask(looked, [sample(tick, 0.5) for tick in range(500)], lambda _: Commands(500.0, 0.0)).tick is None
     assert ask(looked, [sample(tick, 2.0) for tick in range(500)], lambda _: Commands(500.0, 0.0)).tick is not None

@@ -2,8 +2,8 @@
 
 import pytest
 
-from norton_bench.guard.encoder import EncoderAgreement
-from norton_bench.guard.known import NOTHING_KNOWN
+from norton_bench.guard.model import EMPTY_MODEL
+from norton_bench.guard.motion_checks import EncoderAgreement
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import TICK_NS, ask, from_tick, resting, turning
 
@@ -18,7 +18,7 @@ BOTH = pytest.mark.parametrize(
 
 def check(which: str = "actuator encoder", resolution_rad: float = 1e-4) -> EncoderAgreement:
     made = EncoderAgreement(which, resolution_rad)
-    made.know(NOTHING_KNOWN)
+    made.learn(EMPTY_MODEL)
     return made
 
 

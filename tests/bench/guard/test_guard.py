@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from norton_bench.errors import SafetyStopError, UsageError
 from norton_bench.guard.commands import Commands, DriveHealth, Limited
 from norton_bench.guard.guard import Guard
-from norton_bench.guard.known import Known
+from norton_bench.guard.model import GuardModel
 from norton_bench.rig.rig import Limits
 from norton_bench.sample import Sample
 from norton_drivers.readings import DriveState, DriveStatus
@@ -135,7 +135,7 @@ class Doubt:
     def begin(self, sample: Sample) -> None:
         self.told.append(sample)
 
-    def know(self, known: Known) -> None:
+    def learn(self, known: GuardModel) -> None:
         self.told.append(known)
 
     def fault(self, sample: Sample, sent: Commands) -> str | None:
@@ -144,9 +144,9 @@ class Doubt:
 
 
 def test_a_check_is_told_what_was_sent_and_its_word_stops_the_bench() -> None:
-    doubt, known = Doubt(), Known(moving_command=0.1)
+    doubt, known = Doubt(), GuardModel(moving_command=0.1)
     gate = Guard(LIMITS, 0.5, 1e-3, True, True, (doubt,))
-    gate.know(known)
+    gate.learn(known)
     gate.begin(SAMPLE)
     assert doubt.told == [known, SAMPLE]
     assert gate.limit(WISH, SAMPLE, (ACTUATOR, LOAD)) == WISH

@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import pytest
 
-from norton_bench.guard.held import HeldShaft
-from norton_bench.guard.known import NOTHING_KNOWN, Known
+from norton_bench.guard.model import EMPTY_MODEL, GuardModel
+from norton_bench.guard.motion_checks import HeldShaft
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import TICK_NS, ask, resting, turning
 
-KNOWN = Known(sensor_stiffness_nm_rad=200.0, still_swing_nm=0.02)
+KNOWN = GuardModel(sensor_stiffness_nm_rad=200.0, still_swing_nm=0.02)
 COUNT_RAD = 5e-5
 
 
-def check(known: Known = KNOWN, resolution_rad: float = COUNT_RAD) -> HeldShaft:
+def check(known: GuardModel = KNOWN, resolution_rad: float = COUNT_RAD) -> HeldShaft:
     made = HeldShaft(1.0, resolution_rad)
-    made.know(known)
+    made.learn(known)
     return made
 
 
@@ -46,10 +46,10 @@ def test_a_slow_torque_is_given_its_time() -> None:
         (KNOWN, 2e-3, False),
         (replace(KNOWN, still_swing_nm=None), COUNT_RAD, False),
         (replace(KNOWN, sensor_stiffness_nm_rad=None), COUNT_RAD, False),
-        (NOTHING_KNOWN, COUNT_RAD, False),
+        (EMPTY_MODEL, COUNT_RAD, False),
     ],
 )
-def test_by_how_much_the_torque_may_change(known: Known, resolution_rad: float, found: bool) -> None:
+def test_by_how_much_the_torque_may_change(known: GuardModel, resolution_rad: float, found: bool) -> None:
     held = (rising(k, 0.9) for k in range(1000))
     assert (ask(check(known, resolution_rad), held).tick is not None) is found
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.guard.learning import amperes_per_command, still_swing_nm, torque_habits
+from norton_bench.guard.model import amperes_per_command, still_swing_nm, torque_readings
 from norton_bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured
 
 TICK_NS = 1_000_000
@@ -23,7 +23,7 @@ def torque(values: np.ndarray, period_ns: int = TICK_NS, valid: np.ndarray | Non
 def test_habits_of_a_noisy_sensor() -> None:
     values = np.random.default_rng(1).normal(0.003, 0.001, 2000)
     shaken = np.array([0.0, 0.1, 0.15, 0.05, 0.06])
-    found = torque_habits(torque(values), torque(shaken))
+    found = torque_readings(torque(values), torque(shaken))
     assert found is not None
     assert found.bias_nm == pytest.approx(0.003, abs=1e-4)
     assert found.noise_nm == pytest.approx(0.001, rel=0.1)
@@ -36,14 +36,14 @@ def test_habits_of_a_noisy_sensor() -> None:
     [([1, 1, 1, 2, 2, 3], 3), ([1, 3, 2, 2, 2, 2], 4), ([1, 2], 1), ([1, 1, 2, 3, 3, 3, 4], 3)],
 )
 def test_the_longest_run_of_equal_readings(values: list[float], longest: int) -> None:
-    found = torque_habits(torque(np.array(values, float)), None)
+    found = torque_readings(torque(np.array(values, float)), None)
     assert found is not None
     assert (found.longest_repeat, found.greatest_step_nm) == (longest, None)
 
 
 @pytest.mark.parametrize("values", [[5, 5, 5, 5, 5], [1] * 50 + [2] + [1] * 50])
 def test_a_sensor_coarser_than_its_noise_may_stand_still_for_ever(values: list[float]) -> None:
-    found = torque_habits(torque(np.array(values, float)), None)
+    found = torque_readings(torque(np.array(values, float)), None)
     assert found is not None
     assert found.longest_repeat is None
 
@@ -52,14 +52,14 @@ def test_readings_that_are_invalid_or_apart_are_no_neighbours() -> None:
     rest = torque(np.random.default_rng(2).normal(size=100))
     shaken = torque(np.array([0.0, 9.0, 0.1, 0.2, 5.0]), valid=np.array([True, False, True, True, True]))
     shaken.torque["arrival_ns"][4:] += 5 * TICK_NS
-    found = torque_habits(rest, shaken)
+    found = torque_readings(rest, shaken)
     assert found is not None
     assert found.greatest_step_nm == pytest.approx(0.1)
 
 
 def test_without_readings_there_are_no_habits() -> None:
-    assert torque_habits(Measured(), None) is None
-    found = torque_habits(torque(np.arange(5.0)), Measured())
+    assert torque_readings(Measured(), None) is None
+    found = torque_readings(torque(np.arange(5.0)), Measured())
     assert found is not None
     assert found.greatest_step_nm is None
 

@@ -6,18 +6,16 @@ from math import inf
 import pytest
 
 from norton_bench.guard.commands import Commands
-from norton_bench.guard.frozen import FrozenTorque
-from norton_bench.guard.jump import TorqueJump
-from norton_bench.guard.known import NOTHING_KNOWN, Known, Machine, TorqueHabits
-from norton_bench.guard.saturation import Saturation
-from norton_bench.guard.standstill import Standstill
+from norton_bench.guard.model import EMPTY_MODEL, GuardModel, Machine, TorqueReadings
+from norton_bench.guard.motion_checks import Standstill
+from norton_bench.guard.torque_checks import FrozenTorque, Saturation, TorqueJump
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, from_tick, resting, turning
 
 
-def habits(longest_repeat: int | None = 2, period_s: float = 1e-3, greatest_step_nm: float | None = 0.02) -> Known:
-    return Known(
-        torque=TorqueHabits(0.03, 1e-3, period_s, longest_repeat, greatest_step_nm),
+def habits(longest_repeat: int | None = 2, period_s: float = 1e-3, greatest_step_nm: float | None = 0.02) -> GuardModel:
+    return GuardModel(
+        torque=TorqueReadings(0.03, 1e-3, period_s, longest_repeat, greatest_step_nm),
         actuator=Machine(0.9, 5e-5, 1e-3, 0.02),
         load=Machine(0.95, 1.2e-4, 3e-4, 0.008),
     )
@@ -30,9 +28,9 @@ def shows(torque_nm: float):
 # ---- frozen ---------------------------------------------------------------------------------------------------------
 
 
-def frozen(known: Known) -> FrozenTorque:
+def frozen(known: GuardModel) -> FrozenTorque:
     made = FrozenTorque()
-    made.know(known)
+    made.learn(known)
     return made
 
 
@@ -61,15 +59,15 @@ def test_of_a_coarse_sensor_nothing_is_said() -> None:
 
 
 def test_before_the_tare_nothing_is_said_of_standing_still() -> None:
-    assert ask(frozen(NOTHING_KNOWN), from_tick(0, shows(0.25))).tick is None
+    assert ask(frozen(EMPTY_MODEL), from_tick(0, shows(0.25))).tick is None
 
 
 # ---- at the end of the range ----------------------------------------------------------------------------------------
 
 
-def at_end(known: Known = NOTHING_KNOWN) -> Saturation:
+def at_end(known: GuardModel = EMPTY_MODEL) -> Saturation:
     made = Saturation(2.0)
-    made.know(known)
+    made.learn(known)
     return made
 
 
@@ -96,9 +94,9 @@ def test_one_reading_at_the_end_passes_and_repeats_are_none() -> None:
 # ---- jumps ----------------------------------------------------------------------------------------------------------
 
 
-def jump(known: Known) -> TorqueJump:
+def jump(known: GuardModel) -> TorqueJump:
     made = TorqueJump(1.0, 1e-3)
-    made.know(known)
+    made.learn(known)
     return made
 
 
@@ -115,12 +113,12 @@ def test_a_step_that_stays_is_found_with_its_third_reading() -> None:
         (habits(greatest_step_nm=0.3), 0.8, False),
         (habits(greatest_step_nm=0.3), 0.95, True),
         (habits(greatest_step_nm=None), 0.95, False),
-        (NOTHING_KNOWN, 0.95, False),
+        (EMPTY_MODEL, 0.95, False),
         (replace(habits(), load=None), 0.95, False),
         (replace(habits(), actuator=None), 0.95, False),
     ],
 )
-def test_how_great_a_step_is_too_great(known: Known, step_nm: float, found: bool) -> None:
+def test_how_great_a_step_is_too_great(known: GuardModel, step_nm: float, found: bool) -> None:
     assert (ask(jump(known), from_tick(300, shows(step_nm), resting)).tick is not None) is found
 
 
@@ -161,7 +159,7 @@ def test_after_a_pause_the_torque_may_be_another() -> None:
 
 def free(moving_command: float | None = -0.02) -> Standstill:
     made = Standstill("N*m")
-    made.know(Known(moving_command=moving_command))
+    made.learn(GuardModel(moving_command=moving_command))
     return made
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import SafetyStopError
-from norton_bench.guard.known import Known, Machine, TorqueHabits
+from norton_bench.guard.model import GuardModel, Machine, TorqueReadings
 from norton_bench.procedures.makers import coasting, pushed
 from norton_bench.records import Measured
 from norton_bench.rig.load import load_rig
@@ -28,8 +28,8 @@ FREE = load_rig(RIGS / "sim-free-shaft.toml")
 IN_SITU = load_rig(RIGS / "sim-in-situ.toml")
 ELASTIC = load_rig(RIGS / "sim-series-elastic.toml")
 # The rig's true values, which its own steps measure within a percent.
-KNOWN = Known(
-    torque=TorqueHabits(bias_nm=0.0, noise_nm=1e-3, period_s=1e-3, longest_repeat=1, greatest_step_nm=0.03),
+KNOWN = GuardModel(
+    torque=TorqueReadings(bias_nm=0.0, noise_nm=1e-3, period_s=1e-3, longest_repeat=1, greatest_step_nm=0.03),
     moving_command=0.03,
     amperes_per_command=18.0,
     load_amperes_per_nm=19.0,
@@ -38,7 +38,7 @@ KNOWN = Known(
     load=Machine(0.95, 1.2e-4, 3e-4, 0.008),
 )
 # What tare tells without a torque sensor.
-TARED = Known(moving_command=0.03, amperes_per_command=18.0, load_amperes_per_nm=19.0)
+TARED = GuardModel(moving_command=0.03, amperes_per_command=18.0, load_amperes_per_nm=19.0)
 # Of the position-driven actuator behind a spring no law is known.
 ELASTIC_KNOWN = replace(KNOWN, moving_command=0.01, amperes_per_command=10.0, actuator=None, still_swing_nm=0.01)
 BEGINS_S = 0.75  # of which enabling takes a quarter
@@ -56,7 +56,7 @@ class Matching(str):
 @pytest.fixture
 def bench() -> Iterator[Bench]:
     with opened(RIG) as made:
-        made.loop.guard.know(KNOWN)
+        made.loop.guard.learn(KNOWN)
         yield made
 
 
@@ -204,7 +204,7 @@ def test_a_sensor_at_its_end_though_the_limit_allows_for_it() -> None:
 
 def test_an_encoder_that_is_stuck_on_a_free_shaft() -> None:
     with opened(FREE) as bench:
-        bench.loop.guard.know(KNOWN)
+        bench.loop.guard.learn(KNOWN)
         command = np.concatenate([np.zeros(800), np.full(1000, 0.08)])
         stop, after_s = stopped(
             bench, lambda b: b.axis("actuator").freeze(), coasting("test", "push", Use.PREPARE, command)
@@ -228,7 +228,7 @@ def test_an_encoder_that_sticks_while_a_free_shaft_turns() -> None:
 @pytest.fixture
 def elastic() -> Iterator[Bench]:
     with opened(ELASTIC) as made:
-        made.loop.guard.know(ELASTIC_KNOWN)
+        made.loop.guard.learn(ELASTIC_KNOWN)
         yield made
 
 
@@ -261,7 +261,7 @@ def test_a_spring_on_a_free_shaft_may_stand_still_under_its_greatest_command() -
     alone = replace(ELASTIC.wiring, load=None, torque_sensor=None)
     actuator = {key: value for key, value in ELASTIC.simulated.items() if key not in ("load", "torque_sensor")}
     with opened(replace(ELASTIC, wiring=alone, simulated=actuator)) as bench:
-        bench.loop.guard.know(ELASTIC_KNOWN)
+        bench.loop.guard.learn(ELASTIC_KNOWN)
         measured = run(bench, coasting("test", "hold", Use.PREPARE, np.minimum(np.linspace(0.0, 0.4, 1500), 0.2)))
     assert len(measured.ticks) == 1500
     assert len(np.unique(measured.ticks["position_rad"][-200:])) == 1
@@ -273,7 +273,7 @@ def test_a_spring_on_a_free_shaft_may_stand_still_under_its_greatest_command() -
 @pytest.fixture
 def in_situ() -> Iterator[Bench]:
     with opened(IN_SITU) as made:
-        made.loop.guard.know(TARED)
+        made.loop.guard.learn(TARED)
         yield made
 
 

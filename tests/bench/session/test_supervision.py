@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from norton_bench.errors import SafetyStopError
-from norton_bench.guard.known import NOTHING_KNOWN
+from norton_bench.guard.model import EMPTY_MODEL
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.recording.reader import read_recording
@@ -116,4 +116,4 @@ def test_of_a_lone_actuator_it_is_told_what_there_is(tmp_path: Path) -> None:
 
 
 def test_before_the_tare_nothing_is_known() -> None:
-    assert told_to_guard(Knowledge(RIG)) == NOTHING_KNOWN
+    assert told_to_guard(Knowledge(RIG)) == EMPTY_MODEL

@@ -1,10 +1,68 @@
-"""What the guard leans on, read from what was measured while all was well."""
+"""What the bench has measured of itself while all was well, as far as the guard relies on it."""
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from norton_bench.guard.known import TorqueHabits
 from norton_bench.records import Measured, Table
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the bench has measured of itself, as far as the guard leans on it.
+
+    One of the two machines at the port, as it was identified. Torques are at the shaft.
+
+    ``weight_nm`` is the greatest torque of an arm that hangs on it, ``lag_s`` how long a command takes to show in
+    the readings: on its way, in the amplifier, and back.
+    """
+
+    torque_gain: float  # N m per unit of its command
+    inertia_kgm2: float
+    viscous_damping_nms_rad: float
+    coulomb_torque_nm: float
+    weight_nm: float = 0.0
+    lag_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class TorqueReadings:
+    """How the torque sensor's readings come and differ.
+
+    ``longest_repeat`` counts the readings in a row, at rest, that were the same bit for bit (1: no two were); None
+    where the noise is less than half a step of the reading, so that they may stay the same for ever.
+    ``greatest_step_nm`` is the greatest difference of neighbours while the bench was shaken; None before it was.
+    """
+
+    bias_nm: float
+    noise_nm: float
+    period_s: float
+    longest_repeat: int | None
+    greatest_step_nm: float | None = None
+
+
+@dataclass(frozen=True)
+class GuardModel:
+    """None stands for what nobody has measured yet, or cannot be on this rig.
+
+    ``moving_command`` is the command at which the free actuator began to turn. Amperes are per unit of the command of
+    each drive; of either sign. ``still_swing_nm`` is the greatest swing of the port torque under which the actuator's
+    encoder stayed where it was.
+    """
+
+    torque: TorqueReadings | None = None
+    moving_command: float | None = None
+    amperes_per_command: float | None = None
+    load_amperes_per_nm: float | None = None
+    sensor_stiffness_nm_rad: float | None = None
+    still_swing_nm: float | None = None
+    actuator: Machine | None = None
+    load: Machine | None = None
+
+
+EMPTY_MODEL = GuardModel()
+
 
 # A slope counts as seen where it is so many of its own deviations.
 SEEN = 10.0
@@ -13,14 +71,17 @@ NEIGHBOURS = 1.5
 HALF_STEP = 0.5
 
 
-def torque_habits(at_rest: Measured, shaken: Measured | None) -> TorqueHabits | None:
-    """How the torque sensor behaves with the drives at zero, and by how much it changes at most; None without one."""
+def torque_readings(at_rest: Measured, shaken: Measured | None) -> TorqueReadings | None:
+    """What the guard leans on, read from what was measured while all was well.
+
+    How the torque sensor behaves with the drives at zero, and by how much it changes at most; None without one.
+    """
     torque = at_rest.torque[at_rest.torque["valid"]]
     if len(torque) < 2:
         return None
     torque_nm = torque["torque_nm"]
     period_s = float(np.median(np.diff(torque["arrival_ns"]))) * 1e-9
-    return TorqueHabits(
+    return TorqueReadings(
         bias_nm=float(np.mean(torque_nm)),
         noise_nm=float(np.std(torque_nm)),
         period_s=period_s,
