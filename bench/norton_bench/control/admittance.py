@@ -6,7 +6,7 @@ Zero torque and prescribed motion are its two ends. See ``docs/control.md``.
 """
 
 from dataclasses import dataclass, field, replace
-from math import floor, nan
+from math import exp, floor, nan
 
 import numpy as np
 
@@ -14,14 +14,10 @@ from norton_bench.control import core
 from norton_bench.control.anticipation import Anticipation, design_anticipation
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.design import TorqueGains, design_torque_loop, design_tracking
-from norton_bench.control.dynamics import AMPLIFIER, POSITION, VELOCITY
-from norton_bench.control.estimator import Estimator
-from norton_bench.control.feed_forward import FeedForward
-from norton_bench.control.observer import FREE_RATE
-from norton_bench.control.reference import Reference, continued
+from norton_bench.control.dynamics import AMPLIFIER, POSITION, VELOCITY, FloatArray
+from norton_bench.control.observer import FREE_RATE, Estimator
 from norton_bench.control.regulator import FREE, LOAD
 from norton_bench.control.torque_loop import TorqueLoop, settles_s
-from norton_bench.control.virtual import VirtualBody
 from norton_bench.sample import Sample, Target
 from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance
 
@@ -240,3 +236,95 @@ class AdmittanceController:
         if ahead is not None:
             return ahead
         return continued(target, target if begins else self._last_target, self.lead_ticks, self.tick_s)
+
+
+@dataclass
+class Reference:
+    """The reference a little ahead of time, for when a command sent now has taken effect.
+
+    What is remembered of it; inertia and the friction of a contact are carried along its path.
+
+    The instant is ``between`` (a share of a tick) beyond one tick before the newest that is known. ``path`` holds
+    the contact's force [N m], and velocity [rad/s] and acceleration [rad/s²] of the newest instant.
+    """
+
+    inertia_kgm2: float
+    between: float
+
+    def __post_init__(self) -> None:
+        self.path: FloatArray = np.zeros(3)
+
+    def begin(self, ahead: Target, contact_nm: float) -> None:
+        """The contact starts out as the load's own."""
+        self.path[:] = contact_nm, ahead.velocity_rad_s, ahead.acceleration_rad_s2
+
+
+def continued(target: Target, before: Target, ticks: int, tick_s: float) -> Target:
+    """The reference ``ticks`` from now where nobody says: along the last slope of its acceleration."""
+    slope = target.acceleration_rad_s2 - before.acceleration_rad_s2
+    duration_s = ticks * tick_s
+    velocity = target.velocity_rad_s + duration_s * (target.acceleration_rad_s2 + 0.5 * slope * ticks)
+    return Target(target.position_rad, velocity, target.acceleration_rad_s2 + slope * ticks)
+
+
+@dataclass
+class VirtualBody:
+    """Everything between the two ends of the law: a virtual body pulled by the port torque, for the load to follow.
+
+    M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port
+
+    Integrates the law (implicit in damping and stiffness: stable for any of them).
+    """
+
+    admittance: Admittance
+    tick_s: float
+    position_rad: float = field(default=0.0, init=False)
+    velocity_rad_s: float = field(default=0.0, init=False)
+
+    def begin(self, position_rad: float, velocity_rad_s: float) -> None:
+        self.position_rad, self.velocity_rad_s = position_rad, velocity_rad_s
+
+    def step(self, torque_nm: float, reference: Target) -> Target:
+        """Where the body is one tick on, under ``torque_nm``."""
+        a, h = self.admittance, self.tick_s
+        pull = (
+            torque_nm
+            - a.damping_nms_rad * (self.velocity_rad_s - reference.velocity_rad_s)
+            - a.stiffness_nm_rad * (self.position_rad + h * self.velocity_rad_s - reference.position_rad)
+        )
+        acceleration = pull / (a.mass_kgm2 + h * a.damping_nms_rad + h * h * a.stiffness_nm_rad)
+        self.velocity_rad_s += h * acceleration
+        self.position_rad += h * self.velocity_rad_s
+        return Target(self.position_rad, self.velocity_rad_s, acceleration)
+
+
+@dataclass
+class FeedForward:
+    """The command that makes the load's amplifier deliver a given torque, one arrival ahead.
+
+    Inverts the amplifier's lag exactly at the instants at which commands arrive.
+
+    ``shares`` holds the commands asked for, this tick's first; ``delivered`` is what they alone make the amplifier
+    deliver at this tick, and when the next command arrives.
+    """
+
+    gain: float
+    bandwidth_rad_s: float
+    tick_s: float
+    fraction_s: float  # how far into a tick commands arrive
+    whole: int
+    limit_nm: float
+
+    def __post_init__(self) -> None:
+        self.shares: FloatArray = np.zeros(self.whole + 2)
+        self.delivered: FloatArray = np.zeros(2)
+        # What stays of a difference over a tick, over its part before a command arrives, and over that after.
+        stays, stays_before, stays_after = (
+            exp(-self.bandwidth_rad_s * lasts_s)
+            for lasts_s in (self.tick_s, self.fraction_s, self.tick_s - self.fraction_s)
+        )
+        self.lag: FloatArray = np.array([self.gain, self.limit_nm, stays, stays_before, stays_after])
+
+    def advance(self) -> None:
+        """Let one tick pass."""
+        core.pass_on(self.shares, self.delivered, self.lag)

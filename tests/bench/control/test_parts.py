@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from norton_bench.control import core
+from norton_bench.control.admittance import FeedForward, VirtualBody, continued
 from norton_bench.control.design import TorqueGains, nominal_bench
 from norton_bench.control.dynamics import COMMAND, FloatArray, look_back, sampled
-from norton_bench.control.feed_forward import FeedForward
 from norton_bench.control.preview import (
     LONGEST_STEP_S,
     delayed,
@@ -22,9 +22,7 @@ from norton_bench.control.preview import (
     trusted,
     with_preview,
 )
-from norton_bench.control.reference import continued
 from norton_bench.control.torque_loop import TorqueLoop, settles_s
-from norton_bench.control.virtual import VirtualBody
 from norton_bench.errors import ExperimentError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.sample import Target

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
-from norton_bench.control.riccati import solve_riccati
+from norton_bench.control.regulator import solve_riccati
 from norton_bench.errors import ExperimentError
 
 
