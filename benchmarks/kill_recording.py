@@ -39,7 +39,7 @@ from norton_bench.errors import BenchError, ExperimentError
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.recording import wire
-from norton_bench.recording.candump import log_name
+from norton_bench.recording.frames import log_name
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recover import recover
 from norton_bench.recording.streams import STREAMS

@@ -19,8 +19,8 @@ import numpy as np
 from norton_bench.recording import wire
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
-from norton_bench.recording.recording_file import RecordingFile
 from norton_bench.recording.recover import recover
+from norton_bench.recording.writer import RecordingFile
 from norton_bench.records import CURRENT, MOTION, TICK, TORQUE, Measured, Table
 from norton_drivers.readings import RawFrame
 

@@ -1,10 +1,13 @@
 """What a recording says when it is read back."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from norton_bench.models.parameters import Estimate
+from norton_bench.recording.streams import STREAMS
 from norton_bench.records import Measured
 
 
@@ -42,3 +45,40 @@ class Recording:
     complete: bool
     live: tuple[RecordedEstimates, ...] = ()
     part_ends_ns: tuple[int, ...] = ()
+
+
+def parts_of(recording: Recording) -> Iterator[Measured]:
+    """A recording taken apart again into the parts in which the session handed it on.
+
+    Part by part, without frames: the ticks until each of ``part_ends_ns``, and what had arrived by the last of
+    them.
+
+    A segment is told by its last end in every part that it reaches into.
+    """
+    ticks = recording.measured.ticks
+    begun_ns = ticks["tick_ns"] + ticks["lateness_ns"]
+    first, seen_ns = 0, 0
+    for end_ns in recording.part_ends_ns:
+        last = int(np.searchsorted(ticks["tick_ns"], end_ns))
+        if last > first:
+            until_ns = int(begun_ns[last - 1]) + 1
+            yield _part(recording.measured, slice(first, last), seen_ns, until_ns)
+            first, seen_ns = last, until_ns
+
+
+def _part(measured: Measured, ticks: slice, start_ns: int, end_ns: int) -> Measured:
+    """These ticks, and the readings that arrived from ``start_ns`` until before ``end_ns``."""
+    rows = measured.ticks[ticks]
+    tables = {}
+    for stream in STREAMS[1:]:
+        table = getattr(measured, stream.table)
+        first, last = np.searchsorted(table[stream.stamp], [start_ns, end_ns])
+        tables[stream.table] = table[first:last]
+    first_ns, last_ns = (int(rows["tick_ns"][end]) for end in (0, -1))
+    return Measured(
+        ticks=rows,
+        **tables,
+        segments=tuple(each for each in measured.segments if each.start_ns <= last_ns and each.end_ns > first_ns),
+        events=tuple(each for each in measured.events if start_ns <= each.stamp_ns < end_ns),
+        chain=measured.chain,
+    )

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.extras import extra
-from norton_bench.recording.candump import log_lines, log_name
 from norton_bench.recording.contents import Recording
+from norton_bench.recording.frames import log_lines, log_name
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.streams import STREAMS
 from norton_bench.recording.wire import Frames

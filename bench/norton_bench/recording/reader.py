@@ -14,7 +14,6 @@ from norton_bench.recording import frames
 from norton_bench.recording.contents import RecordedEstimates, Recording
 from norton_bench.recording.layout import HEADER, Rows, table_from
 from norton_bench.recording.scan import KeepChannel, Scan, scan
-from norton_bench.recording.schemas import layout_in, message_class
 from norton_bench.recording.streams import (
     ESTIMATES,
     EVENTS,
@@ -26,6 +25,8 @@ from norton_bench.recording.streams import (
     SEGMENTS,
     STREAMS,
     Stream,
+    layout_in,
+    message_class,
 )
 from norton_bench.records import Chain, Event, Measured, SegmentInfo, Table
 from norton_bench.segments import Use

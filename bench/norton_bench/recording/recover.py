@@ -5,7 +5,7 @@ from io import FileIO
 from pathlib import Path
 
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.recording.candump import log_lines, log_name
+from norton_bench.recording.frames import log_lines, log_name
 from norton_bench.recording.mcap_file import McapFile
 from norton_bench.recording.reader import frames_in
 from norton_bench.recording.scan import Scan, scan

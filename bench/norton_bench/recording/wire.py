@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from norton_bench.recording.contents import EstimatesLike, RecordedEstimates
-from norton_bench.recording.reserve import RESERVE_BYTES
+from norton_bench.recording.disk import RESERVE_BYTES
 from norton_bench.recording.streams import STREAMS
 from norton_bench.records import Event, Measured, SegmentInfo
 from norton_drivers.readings import RawFrame

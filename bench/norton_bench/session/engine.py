@@ -12,9 +12,9 @@ from norton_bench.loop.in_process import loop_in_process
 from norton_bench.loop.process import LoopProcess
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure
 from norton_bench.recording.contents import RecordedEstimates
+from norton_bench.recording.disk import Need
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
-from norton_bench.recording.room import Need
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.session.answers import NO_ANSWERS, Answers

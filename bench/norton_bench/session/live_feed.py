@@ -11,8 +11,7 @@ from typing import Protocol
 
 from norton_bench.identification.live.identifier import LiveIdentifier
 from norton_bench.identification.results import LiveEstimate
-from norton_bench.recording.contents import Recording
-from norton_bench.recording.parts import parts_of
+from norton_bench.recording.contents import Recording, parts_of
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from norton_bench.recording import frames
 from norton_bench.recording.layout import HEADER, Layout, fields_of, table_from, varint
-from norton_bench.recording.schemas import layout_in, message_class, schema_bytes
-from norton_bench.recording.streams import RAW_MESSAGE, STREAMS, raw_fields
+from norton_bench.recording.streams import RAW_MESSAGE, STREAMS, layout_in, message_class, raw_fields, schema_bytes
 from norton_bench.recording.wire import Frames
 from norton_bench.records import TICK
 from norton_drivers.readings import RawFrame

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from norton_bench.recording.parts import parts_of
+from norton_bench.recording.contents import parts_of
 from norton_bench.recording.reader import read_recording, read_so_far
 from norton_bench.recording.recorder import Recorder
 from norton_bench.recording.streams import STREAMS

@@ -13,10 +13,10 @@ import pytest
 from norton_bench.errors import BenchError, ExperimentError, UsageError
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.recording import recorder as recorder_module
-from norton_bench.recording import room
+from norton_bench.recording import disk
+from norton_bench.recording.disk import Need
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
-from norton_bench.recording.room import Need
 from norton_bench.records import Measured, join
 from norton_bench.rig.load import load_rig
 from norton_bench.session import engine
@@ -87,7 +87,7 @@ def test_a_disk_that_fills_up_ends_the_recording_in_good_order(small: Path, part
 
 
 def test_a_session_whose_disk_fills_up_is_stopped_with_the_drives_idle(small: Path, monkeypatch) -> None:
-    monkeypatch.setattr(room, "BYTES_A_TICK", 1.0)  # or it would be refused
+    monkeypatch.setattr(disk, "BYTES_A_TICK", 1.0)  # or it would be refused
     with pytest.raises(ExperimentError, match="the disk is full; what was measured until then is whole"):
         engine.run_session(RIG, SESSION, out=small, seed=1)
     measured = read_recording(small / "sim-odrive.mcap").measured

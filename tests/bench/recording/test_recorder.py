@@ -18,10 +18,10 @@ from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.recording import recorder as recorder_module
 from norton_bench.recording.contents import RecordedEstimates
+from norton_bench.recording.disk import Syncing
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
 from norton_bench.recording.recover import recover
-from norton_bench.recording.syncing import Syncing
 from norton_bench.records import Measured, join
 from norton_drivers.punctual import LOOP_PRIORITY, permitted_priority
 
