@@ -12,9 +12,8 @@ from norton_bench.networks.checks import check
 from norton_bench.networks.equations import Equations
 from norton_bench.networks.family import converted, coupled, exertion
 from norton_bench.networks.files import load, save
-from norton_bench.networks.kinds import Form, Kind, NoConversionError
+from norton_bench.networks.kinds import Form, Kind, Load, Motion, NoConversionError
 from norton_bench.networks.linear import LinearNetwork
-from norton_bench.networks.motion import Load, Motion
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import Operator
 from norton_bench.networks.settled import static_source

@@ -22,8 +22,7 @@ from norton_bench.identification.sensor_zero import SensorZero
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.validation import free_runs
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import Estimate, Status
-from norton_bench.models.prediction import NAN, PredictionError
+from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 

@@ -18,8 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.errors import UsageError
-from norton_bench.models.parameters import BY_NAME
-from norton_bench.models.prediction import PredictionError
+from norton_bench.models.parameters import BY_NAME, PredictionError
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -7,10 +7,9 @@ import numpy.typing as npt
 
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
-from norton_bench.networks import simulate_linear, simulate_nonlinear
-from norton_bench.networks.kinds import Form, Kind, NoConversionError
+from norton_bench.networks import linear, nonlinear
+from norton_bench.networks.kinds import Form, Kind, Load, Motion, NoConversionError
 from norton_bench.networks.linear import LinearNetwork
-from norton_bench.networks.motion import Load, Motion
 from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import FloatArray
@@ -62,9 +61,9 @@ def exertion(network: Network, command: npt.ArrayLike, motion: Motion, tick_s: f
         case NortonNetwork():
             return network.torque(commands[:, 0], motion.position_rad, tick_s)
         case LinearNetwork():
-            return simulate_linear.respond(simulate_linear.joint(network), commands, motion.derivatives(), tick_s)
+            return linear.respond(linear.joint(network), commands, motion.derivatives(), tick_s)
     port = dict(zip(("x", "v", "a"), motion.derivatives(), strict=True))
-    return simulate_nonlinear.respond(network, commands, port, tick_s)["f"]
+    return nonlinear.respond(network, commands, port, tick_s)["f"]
 
 
 def motion(network: Network, command: npt.ArrayLike, exertion_nm: npt.ArrayLike, tick_s: float) -> FloatArray:
@@ -77,17 +76,17 @@ def motion(network: Network, command: npt.ArrayLike, exertion_nm: npt.ArrayLike,
         raise UsageError("an impedance form takes motion in and puts exertion out; convert it, or call exertion()")
     commands = _commands(network, command, given.size)
     if isinstance(network, LinearNetwork):
-        return simulate_linear.respond(simulate_linear.joint(network), commands, given[None, :], tick_s)
-    return simulate_nonlinear.respond(network, commands, {"f": given}, tick_s)["x"]
+        return linear.respond(linear.joint(network), commands, given[None, :], tick_s)
+    return nonlinear.respond(network, commands, {"f": given}, tick_s)["x"]
 
 
 def coupled(network: Network, command: npt.ArrayLike, load: Load, tick_s: float) -> Coupled:
     """The port with a load on it, from rest. Raises UsageError, in a sentence, where no motion follows."""
     commands = _commands(network, command, None)
     if isinstance(network, LinearNetwork):
-        return Coupled(*simulate_linear.coupled(network, commands, load, tick_s))
+        return Coupled(*linear.coupled(network, commands, load, tick_s))
     written = as_equations(network) if isinstance(network, NortonNetwork) else network
-    found = simulate_nonlinear.coupled(written, commands, load, tick_s)
+    found = nonlinear.coupled(written, commands, load, tick_s)
     return Coupled(found["x"], found["f"])
 
 
@@ -107,7 +106,7 @@ def converted(network: Network, kind: Kind, form: Form) -> Network:
 
 
 def _commands(network: Network, command: npt.ArrayLike, ticks: int | None) -> FloatArray:
-    commands = simulate_linear.as_commands(command, len(commands_of(network)))
+    commands = linear.as_commands(command, len(commands_of(network)))
     if not len(commands) or (ticks is not None and len(commands) != ticks):
         raise UsageError(f"{len(commands)} commands for {ticks or 'no'} ticks; give one for each tick")
     return commands

@@ -9,13 +9,12 @@ from typing import Any, TypeVar
 from norton_bench.errors import UsageError
 from norton_bench.models.network import FORMAT as MOTOR_FORMAT
 from norton_bench.models.network import NortonNetwork
-from norton_bench.networks.equations import Equations
+from norton_bench.networks.equations import Equations, Table
 from norton_bench.networks.family import Network
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import Operator
-from norton_bench.networks.tables import Table
 
 FORMAT = "equivalent-network"
 VERSION = 1

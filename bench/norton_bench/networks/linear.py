@@ -13,8 +13,13 @@ Z = Y⁻¹ and f_T = Z x_N. Exertion f is a torque [N m] and motion x an angle [
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from norton_bench.networks.kinds import Form, Kind, NoConversionError
-from norton_bench.networks.operator import ComplexArray, Operator, stable
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import expm
+
+from norton_bench.errors import UsageError
+from norton_bench.networks.kinds import Form, Kind, Load, NoConversionError
+from norton_bench.networks.operator import ComplexArray, FloatArray, Operator, stable
 
 
 @dataclass(frozen=True)
@@ -103,3 +108,110 @@ def _bounded(source: Operator, why: Callable[[str], str]) -> Operator:
     worst = poles[poles.real.argmax()]
     place = f"{worst.real:.4g}" + (f" ± {abs(worst.imag):.4g}i" if abs(worst.imag) > 1e-9 * abs(worst.real) else "")
     raise NoConversionError(f"{why(f'a mode at s = {place} rad/s')}; keep the type that it has")
+
+
+def joint(network: LinearNetwork) -> Operator:
+    """Linear networks in time: exact for commands that are held from tick to tick and port signals linear in between.
+
+    The network as one operator: commands and, last, the port's input (x or f); out comes the other (f or x).
+    """
+    source, connection = network.source, network.connection
+    if (network.kind is Kind.NORTON) == (network.form is Form.IMPEDANCE):
+        deviation = _widened(source, after=1) + _widened(Operator.gains(-1.0), before=source.inputs)
+        return connection.after(deviation)
+    return _widened(source, after=1) + _widened(-connection, before=source.inputs)
+
+
+def respond(operator: Operator, commands: FloatArray, port: FloatArray, tick_s: float) -> FloatArray:
+    """Output at the ticks (n,) from rest: ``commands`` (n, m) held, ``port`` (k, n) a signal and its derivatives.
+
+    Raises UsageError, in a sentence, where the output contains derivatives that neither has.
+    """
+    m, ticks = commands.shape[1], len(commands)
+    check_derivatives(operator, m, len(port))
+    rows = operator.direct.shape[0]
+    output = commands @ operator.direct[0, :m]
+    if operator.inputs > m:
+        output = output + operator.direct[:, m] @ port[:rows]
+    if not operator.order:
+        return np.asarray(output)
+    step = _steps(operator, m, tick_s)
+    slope = np.diff(port[0], append=port[0, -1]) / tick_s if operator.inputs > m else np.zeros(ticks)
+    signal = port[0] if operator.inputs > m else np.zeros(ticks)
+    state = np.zeros(operator.order)
+    for k in range(ticks):
+        output[k] += operator.exit @ state
+        state = step @ np.concatenate([state, commands[k], [signal[k], slope[k]]])
+    return np.asarray(output)
+
+
+def coupled(
+    network: LinearNetwork, commands: FloatArray, load: Load, tick_s: float
+) -> tuple[FloatArray, FloatArray | None]:
+    """Angle [rad] and exertion [N m] at the ticks, from rest, with the load at the port; ``commands`` is (n, m).
+
+    No exertion is given where it answers to the command's derivative: a step of the command would be a blow.
+    """
+    beyond = Operator.polynomial(load.stiffness_nm_rad, load.damping_nms_rad, load.inertia_kgm2)
+    angle = closed_loop(network, beyond)
+    exertion = beyond.after(angle).minimal()
+    none = np.zeros((1, len(commands)))
+    position = respond(angle, commands, none, tick_s)
+    return position, None if exertion.derivatives else respond(exertion, commands, none, tick_s)
+
+
+def closed_loop(network: LinearNetwork, load: Operator) -> Operator:
+    """Commands to the angle of the port with ``load`` (an impedance) on it, by the network's own type and form."""
+    source = network.source
+    if (network.kind is Kind.NORTON) == (network.form is Form.IMPEDANCE):
+        source = network.connection.after(source)
+    loop = (
+        network.connection + load
+        if network.form is Form.IMPEDANCE
+        else Operator.gains(1.0) + network.connection.after(load)
+    )
+    try:
+        return loop.inverse().after(source).minimal()
+    except ZeroDivisionError:
+        raise UsageError(
+            "the load cancels the network's impedance: no motion is determined; give another load"
+        ) from None
+
+
+def as_commands(command: npt.ArrayLike, inputs: int) -> FloatArray:
+    """Commands (n, m) from (n,) or (n, m). Raises UsageError where the number of inputs is another."""
+    commands = np.asarray(command, dtype=float)
+    commands = commands[:, None] if commands.ndim == 1 else commands
+    if commands.ndim != 2 or commands.shape[1] != inputs:
+        raise UsageError(f"the network has {inputs} command inputs, but commands of shape {commands.shape} were given")
+    return commands
+
+
+def check_derivatives(operator: Operator, m: int, known: int) -> None:
+    """Raises UsageError where the output contains derivatives beyond the ``known`` signals, or any of a command."""
+    if operator.direct[1:, :m].any():
+        raise UsageError(
+            "this type of network answers to the command's derivative, which a command held from tick to tick has not; "
+            "convert it to the other type"
+        )
+    if operator.inputs > m and operator.direct[known:, m].any():
+        raise UsageError(
+            f"this form answers to derivative {operator.derivatives} of what goes in at the port, and "
+            f"{known - 1} are known; convert it to the other form"
+        )
+
+
+def _steps(operator: Operator, m: int, tick_s: float) -> FloatArray:
+    """(n, n + m + 2): state, held commands, port and its slope to the state a tick later."""
+    n, width = operator.order, operator.order + m + 2
+    flow = np.zeros((width, width))
+    flow[:n, :n] = operator.state
+    flow[:n, n : n + operator.inputs] = operator.entry
+    flow[n + m, n + m + 1] = 1.0
+    return np.asarray(expm(flow * tick_s)[:n])
+
+
+def _widened(operator: Operator, before: int = 0, after: int = 0) -> Operator:
+    """The same operator with inputs beside its own that it does not mind."""
+    sides = ((0, 0), (before, after))
+    return Operator(operator.state, np.pad(operator.entry, sides), operator.exit, np.pad(operator.direct, sides))

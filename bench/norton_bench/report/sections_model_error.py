@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from norton_bench.models.prediction import UNITS
+from norton_bench.models.parameters import UNITS
 from norton_bench.report.data import ReportData
 from norton_bench.report.section import Section
 from norton_bench.report.words import number, percent, pretty_unit

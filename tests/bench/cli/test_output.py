@@ -20,8 +20,7 @@ from norton_bench.identification.residuals.departures import STRIBECK, Departure
 from norton_bench.identification.results import FitResult, Trace, Validation
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import Estimate, Status
-from norton_bench.models.prediction import PredictionError
+from norton_bench.models.parameters import Estimate, PredictionError, Status
 from norton_bench.report.words import Units
 from norton_bench.session.conclusion import Conclusion
 from norton_bench.session.summary import in_situ_sentence, trials_sentence

@@ -12,8 +12,7 @@ from scipy.integrate import solve_ivp
 from norton_bench.datasheet.derived import DERIVED, DRAWS, Figure, OperatingPoint, derived, interval_of
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import Status
-from norton_bench.models.prediction import PredictionError
+from norton_bench.models.parameters import PredictionError, Status
 
 KM_KA, BETA, IM, B, TAU_C, SIGMA_0, SIGMA_1 = 0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01
 NAMES = (

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import UsageError
-from norton_bench.networks.equations import Equations
+from norton_bench.networks.equations import Equations, Table
 from norton_bench.networks.export.c_code import header, prefix_of
 from norton_bench.networks.family import commands_of, converted, exertion, form_of, motion
-from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.kinds import Form, Kind, Motion
 from norton_bench.networks.linear import LinearNetwork
-from norton_bench.networks.motion import Motion
 from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import Operator
-from norton_bench.networks.tables import Table
 from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, VARIABLE, series_elastic
 
 CC = shutil.which("cc")

@@ -9,9 +9,8 @@ import pytest
 from norton_bench.errors import UsageError
 from norton_bench.networks.export.mjcf import export_mjcf
 from norton_bench.networks.family import coupled
-from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.kinds import Form, Kind, Load
 from norton_bench.networks.linear import LinearNetwork
-from norton_bench.networks.motion import Load
 from norton_bench.networks.operator import Operator
 from tests.bench.networks.some import MOTOR, PNEUMATIC
 

@@ -8,12 +8,11 @@ from hypothesis import given, settings
 from matplotlib import image
 
 from norton_bench.errors import UsageError
-from norton_bench.networks.equations import Equations
+from norton_bench.networks.equations import Equations, Table
 from norton_bench.networks.files import load, save
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.plots import plot, save_plot
-from norton_bench.networks.tables import Table
 from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, VARIABLE, linear_networks, series_elastic
 
 MEASURED = NonlinearNetwork(

@@ -10,11 +10,9 @@ from scipy import signal
 
 from norton_bench.errors import UsageError
 from norton_bench.networks.family import converted, coupled, exertion, motion
-from norton_bench.networks.kinds import Form, Kind, NoConversionError
-from norton_bench.networks.linear import LinearNetwork
-from norton_bench.networks.motion import Load, Motion
+from norton_bench.networks.kinds import Form, Kind, Load, Motion, NoConversionError
+from norton_bench.networks.linear import LinearNetwork, closed_loop
 from norton_bench.networks.operator import Operator
-from norton_bench.networks.simulate_linear import closed_loop
 from tests.bench.networks.some import linear_networks, minimum_phase
 
 SHAPES = tuple(product(Kind, Form))

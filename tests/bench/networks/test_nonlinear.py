@@ -13,8 +13,7 @@ from norton_bench.errors import UsageError
 from norton_bench.networks.checks import check
 from norton_bench.networks.equations import Equations
 from norton_bench.networks.family import converted, coupled, exertion, motion
-from norton_bench.networks.kinds import Form, Kind, NoConversionError
-from norton_bench.networks.motion import Load, Motion
+from norton_bench.networks.kinds import Form, Kind, Load, Motion, NoConversionError
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.settled import linearised, static_exertion, static_source
 from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, SPRING, VARIABLE, series_elastic

@@ -12,8 +12,8 @@ import pytest
 
 from norton_bench.errors import BenchError, ExperimentError, UsageError
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
-from norton_bench.recording import recorder as recorder_module
 from norton_bench.recording import disk
+from norton_bench.recording import recorder as recorder_module
 from norton_bench.recording.disk import Need
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder

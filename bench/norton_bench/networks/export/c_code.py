@@ -8,16 +8,14 @@ import numpy as np
 
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
-from norton_bench.networks.equations import Equations
+from norton_bench.networks.equations import Equations, Table
 from norton_bench.networks.expressions import Expression
 from norton_bench.networks.family import Network, commands_of, form_of
 from norton_bench.networks.kinds import Form, Kind
-from norton_bench.networks.linear import LinearNetwork
+from norton_bench.networks.linear import LinearNetwork, check_derivatives, joint
 from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import MOTIONS, NonlinearNetwork
 from norton_bench.networks.operator import Operator
-from norton_bench.networks.simulate_linear import check_derivatives, joint
-from norton_bench.networks.tables import Table
 
 UNITS = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "f": "N m"}
 # A Runge-Kutta step of this part of the fastest pole's time leaves an error of 1e-8 in it.
