@@ -27,13 +27,12 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.information import KNOWN, Linearised, Slopes, without
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.regression import Rows
 from norton_bench.identification.signals import FINE, Signals
-
-FloatArray = npt.NDArray[np.float64]
 
 # The bound counts what the fit's own low-pass leaves out.
 WIDE_BAND = Kernel(cutoff=0.30, half_width=8.0)

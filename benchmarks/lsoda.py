@@ -9,15 +9,13 @@ import time
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy.integrate import solve_ivp
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals
-
-FloatArray = npt.NDArray[np.float64]
 
 USUAL_RAD_S = 10.0
 

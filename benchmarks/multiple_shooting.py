@@ -12,14 +12,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import FINE, Signals
-
-FloatArray = npt.NDArray[np.float64]
 
 INTERVAL_TICKS = 5
 SUBSTEPS = 4

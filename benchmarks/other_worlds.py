@@ -27,9 +27,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import verdicts
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.models.network import NortonNetwork
@@ -42,8 +42,6 @@ from norton_bench.session.engine import record_session
 from norton_bench.session.schema import standard_session
 from norton_sim.plant import Plant
 from norton_sim.truth import Truth, read_truth
-
-FloatArray = npt.NDArray[np.float64]
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 CONTROL = "control"

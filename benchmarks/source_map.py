@@ -20,9 +20,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import numpy.typing as npt
 import verdicts
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.model_free.branches import TAILS
 from norton_bench.identification.model_free.dwells import SKIPPED_SHARE
@@ -38,8 +38,6 @@ from norton_bench.session.schema import standard_session
 from norton_drivers.registry import load_backend
 from norton_sim.backend import SimulatedBackend
 from norton_sim.truth import read_truth
-
-FloatArray = npt.NDArray[np.float64]
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 QUICK_SEED = "1"

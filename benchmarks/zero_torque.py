@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import foreseeing, with_preview
@@ -46,7 +47,7 @@ from norton_bench.records import Measured
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.sample import Sample, Target
-from norton_bench.segments import ZERO_TORQUE, FloatArray, LoadMode, Segment, Use
+from norton_bench.segments import ZERO_TORQUE, LoadMode, Segment, Use
 from norton_drivers.registry import load_backend
 from norton_sim.backend import SimulatedBackend
 from norton_sim.truth import read_truth

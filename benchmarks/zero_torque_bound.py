@@ -11,9 +11,9 @@ from math import log10
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.waves import multisine
-from norton_bench.segments import FloatArray
 
 ACTUATOR = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")
 LOAD = NortonNetwork(0.95, 1000.0, 1.2e-4, 3e-4, 8e-3, 8.0, 0.005, command_unit="N*m")

@@ -6,8 +6,8 @@ from statistics import median
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.check.survey import BusSurvey, Key
-from norton_bench.segments import FloatArray
 from norton_drivers.readings import RawFrame
 from norton_drivers.recognition import Answers
 

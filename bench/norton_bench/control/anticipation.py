@@ -18,6 +18,7 @@ from math import exp
 import numpy as np
 from scipy.linalg import expm
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.control.design import (
     TorqueGains,
@@ -29,7 +30,7 @@ from norton_bench.control.design import (
     of_inertias,
     walls,
 )
-from norton_bench.control.dynamics import POSITION, VELOCITY, Bench, FloatArray
+from norton_bench.control.dynamics import POSITION, VELOCITY, Bench
 from norton_bench.control.observer import FREE, FREE_RATE, WIDTH, Observer, holds_at_any_age
 from norton_bench.control.robustness import Control, corrected, margins, observing, sizes
 

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 from math import ceil, floor, sqrt
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import expm
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 POSITION, VELOCITY, TWIST, TWIST_RATE, AMPLIFIER = range(5)
 STATES = 5

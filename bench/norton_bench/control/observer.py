@@ -11,6 +11,7 @@ from math import isfinite
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control import core
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.dynamics import (
@@ -20,7 +21,6 @@ from norton_bench.control.dynamics import (
     TWIST_RATE,
     VELOCITY,
     Bench,
-    FloatArray,
     Sampled,
     look_back,
     sampled,

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.models.network import NortonNetwork
-from norton_bench.segments import ZERO_TORQUE, FloatArray, LoadMode, Segment
+from norton_bench.segments import ZERO_TORQUE, LoadMode, Segment
 
 # Predicted while the drives are enabled and wait: coarse steps, for the network is known to a per cent at most.
 LONGEST_STEP_S = 5e-4

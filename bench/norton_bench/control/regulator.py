@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from norton_bench.control.dynamics import POSITION, STATES, VELOCITY, Bench, FloatArray, sampled
+from norton_bench.arrays import FloatArray
+from norton_bench.control.dynamics import POSITION, STATES, VELOCITY, Bench, sampled
 from norton_bench.errors import ExperimentError
 
 FREE, FREE_RATE, LOAD = STATES, STATES + 1, STATES + 2

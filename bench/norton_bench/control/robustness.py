@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
-from norton_bench.control.dynamics import STATES, VELOCITY, Bench, FloatArray, look_back, sampled
+from norton_bench.arrays import ComplexArray, FloatArray
+from norton_bench.control.dynamics import STATES, VELOCITY, Bench, look_back, sampled
 from norton_bench.control.observer import WIDTH, Observer
 from norton_bench.control.regulator import Regulator
-
-ComplexArray = npt.NDArray[np.complex128]
 
 FREQUENCIES = np.geomspace(0.02, np.pi, 80)  # rad per tick
 # The sensor's resonance lies near or beyond half the loop's rate, where it is a sharp peak at a frequency that no

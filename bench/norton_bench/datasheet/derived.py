@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from math import inf, isfinite, log
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
 from norton_bench.models.parameters import Status
 
-FloatArray = npt.NDArray[np.float64]
 Interval = tuple[float, float]
 
 # Half of them mirror the others, so that the interval of a linear figure lies evenly about its value. The share of

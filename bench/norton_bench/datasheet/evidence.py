@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.datasheet.ripple import LEVEL, Folded, Order, Samples, folded, orders
 from norton_bench.datasheet.spectra import Piece, Spectra, spectra
 from norton_bench.identification import cogging
@@ -21,9 +21,6 @@ from norton_bench.identification.validation import is_free, network_trace
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.report.loops import Loop, bench_time_s, presliding_loops, sliding_samples
 from norton_bench.segments import Use
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # A drive tells its temperature about so exactly; a span no wider says nothing of what warmth does.
 TOLD_K = 1.0
@@ -132,7 +129,7 @@ def _samples(fit: FitResult, aligned: Sequence[Aligned], stretches: tuple[Signal
     trace = network_trace(fit, stretches)
 
     def joined(values: Sequence[FloatArray]) -> FloatArray:
-        return cast(FloatArray, np.concatenate(values))
+        return cast("FloatArray", np.concatenate(values))
 
     residual = trace.measured - trace.predicted
     known = np.isfinite(residual)

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import NullFormatter
 
+from norton_bench.arrays import FloatArray
 from norton_bench.datasheet.derived import Motor, backdriving_nm, drawn, estimate_of, interval_of, seen_to
 from norton_bench.datasheet.sheet import Sheet
 from norton_bench.datasheet.spectra import Transfer, contact_line, impedance_line, torque_line
@@ -21,7 +22,6 @@ from norton_bench.report import svg
 from norton_bench.report.decimate import thinned
 from norton_bench.report.words import pretty_unit
 
-FloatArray = npt.NDArray[np.float64]
 Part = Figure | SubFigure
 
 POINTS = 161

@@ -8,13 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.residuals.position_lines import HIGHEST_CYCLES
-
-FloatArray = npt.NDArray[np.float64]
 
 CHANCE = 0.01
 LEVEL = 1.96

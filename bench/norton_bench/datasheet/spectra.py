@@ -18,10 +18,8 @@ from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
 from scipy.stats import f as f_distribution
 
+from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.models.network import NortonNetwork
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 PIECE_S = 1.0
 # Where the signals stand.

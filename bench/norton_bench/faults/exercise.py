@@ -5,13 +5,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.makers import back, imposed
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Use
+from norton_bench.segments import Use
 
 DURATION_S = 1.5
 MOTION_SHARE = 0.3

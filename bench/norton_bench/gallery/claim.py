@@ -8,6 +8,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from scipy.stats import t as t_distribution
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.tables.means import velocity_of
 from norton_bench.records import Measured, SegmentInfo
@@ -110,8 +111,6 @@ def _look(measured: Measured, segment: SegmentInfo, look_s: float) -> Look:
         torque_nm=float(np.mean(end.torque["torque_nm"][end.torque["valid"]])),
     )
 
-
-FloatArray = npt.NDArray[np.float64]
 
 # One interval in a thousand misses by chance: of a gallery of some thirty rows, one gallery in thirty-five.
 LEVEL = 0.999

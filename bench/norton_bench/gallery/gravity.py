@@ -6,9 +6,9 @@ from math import asin
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from norton_bench.arrays import FloatArray
 from norton_bench.gallery.claim import Experiment, Shown, mean, row
 from norton_bench.gallery.moves import let_go, place_rad, swept
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
@@ -78,9 +78,6 @@ class TwoPorts:
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known
-
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

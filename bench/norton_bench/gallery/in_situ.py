@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.gallery.claim import Experiment, Shown, mean, row, wider
 from norton_bench.identification.in_situ import in_band_motion
@@ -20,8 +20,6 @@ from norton_bench.procedures.options import InSituOptions
 from norton_bench.records import SegmentInfo
 from norton_bench.report.figures_network import legend
 from norton_bench.report.svg import MEASURED, MUTED, PREDICTED, figure
-
-FloatArray = npt.NDArray[np.float64]
 
 # Four driven trials, for an interval; the first of them is still to be learnt from.
 EXPERIMENT = InSituProcedure(InSituOptions(trials=8, duration_s=4.0))

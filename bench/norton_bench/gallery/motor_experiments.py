@@ -11,13 +11,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.makers import imposed, pushed, zero_torque
 from norton_bench.procedures.waves import Motion, from_velocity, hold, ramp
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Use
+from norton_bench.segments import Use
 
 SIDES = (1.0, -1.0)
 MOVE_S, REST_S = 0.1, 0.3

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.procedures.makers import imposed, pushed
 from norton_bench.procedures.waves import hold, ramp, sweep
 from norton_bench.records import Measured
-from norton_bench.segments import FloatArray, Segment, Use
+from norton_bench.segments import Segment, Use
 
 
 def place_rad(measured: Measured) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from norton_bench.arrays import FloatArray
 from norton_bench.gallery.claim import Experiment, Line, Shown, mean, row
 from norton_bench.gallery.moves import place_rad, swept
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
@@ -76,8 +77,6 @@ class MuscleSweeps:
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known
 
-
-FloatArray = npt.NDArray[np.float64]
 
 # The exertion is read where the sweep passes through this much of the way on either side of a place.
 WINDOW_RAD = 0.05

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.regression import Rows
 from norton_bench.identification.signals import FINE, Signals
-
-FloatArray = npt.NDArray[np.float64]
 
 # As a bandwidth, this makes no lag: the command as it is held.
 NO_LAG_RAD_S = 1e9

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import fit_machine, weight_of
@@ -23,7 +24,7 @@ from norton_bench.identification.signals import INTERPOLATION, Port, positions_o
 from norton_bench.identification.soundness.recording import sound
 from norton_bench.models.parameters import HALF_INTERVAL, Status
 from norton_bench.records import NO_DEVICE_TIME, TORQUE, Measured, Table
-from norton_bench.segments import FloatArray, Use
+from norton_bench.segments import Use
 
 # Any number will do; with this one the numbers look like torques.
 TWIST_NM_RAD = 100.0

@@ -7,8 +7,8 @@ friction. It stands on the low band, in which what is left of the delays is harm
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction.asymmetric import Asymmetric
 from norton_bench.identification.friction.equation import Equation, blocked_folds
 from norton_bench.identification.friction.family import family_for
@@ -18,8 +18,6 @@ from norton_bench.identification.regression import Regression, Shape
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.separable import LOW_BAND
 from norton_bench.identification.signals import FINE, Signals
-
-FloatArray = npt.NDArray[np.float64]
 
 # Ticks from row to row: twice the band's edge, and no more, for every model passes through here many times.
 STRIDE = 10

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.stats import t as student
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops, noise
 from norton_bench.identification.coupling import Coupling, likeliest
 from norton_bench.identification.kernels import Kernel
@@ -37,7 +38,6 @@ from norton_bench.identification.verdict import LOOSE_BEYOND
 from norton_bench.records import Measured, Table
 from norton_bench.segments import Use
 
-FloatArray = npt.NDArray[np.float64]
 Spectrum = npt.NDArray[np.complex128]
 # Values and their covariance from a solution and the instants of its rows: (p,), (p, p).
 Physical = Callable[[Solution, FloatArray], tuple[FloatArray, FloatArray]]

@@ -4,9 +4,8 @@ Magnets and teeth give integers; a gear train gives any number, so the search is
 """
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 BINS_A_TURN = 2048
 MOST_PERIODS = 400.0

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005

@@ -5,9 +5,8 @@ block), for several lengths of block; the widest answer counts.
 """
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 BLOCKS_S = (0.1, 0.5, 2.0)
 

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.signals import Signals
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-
-FloatArray = npt.NDArray[np.float64]
 
 DELAY_STEPS = 6
 LEAST_READINGS = 50

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.information import Linearised
 from norton_bench.identification.kernels import Kernel
@@ -19,9 +20,6 @@ from norton_bench.identification.regression import COULOMB, DAMPING, GAIN, INERT
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.sensor_zero import SensorZero
 from norton_bench.identification.signals import Signals
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # Sums over stretches this long are taken as independent of each other, as in the residual's other tests.
 BLOCK_S = 0.5

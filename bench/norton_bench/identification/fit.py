@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.coupling import Coupling
@@ -27,8 +27,6 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.records import Measured
 from norton_bench.segments import Use
-
-FloatArray = npt.NDArray[np.float64]
 
 PHYSICAL = (
     "torque_gain",

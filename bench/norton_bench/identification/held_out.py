@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 # A richer model has to leave this much less, relative.
 LEAST_GAIN = 0.01

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.load_taken import LoadTaken, load_taken
 from norton_bench.identification.trials import (
     Seen,
@@ -21,7 +22,6 @@ from norton_bench.identification.trials import (
     trial_segments,
 )
 from norton_bench.records import Measured, SegmentInfo
-from norton_bench.segments import FloatArray
 
 # What its steps, and the segments of its trials, are called.
 IN_SITU = "in_situ"

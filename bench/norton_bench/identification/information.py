@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.quantisation import moving
@@ -19,8 +19,6 @@ from norton_bench.identification.regression import COULOMB, DAMPING, GAIN, INERT
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.models.network import NortonNetwork
-
-FloatArray = npt.NDArray[np.float64]
 
 # The order of rows and columns. The parameters count relative to themselves, the delays in seconds.
 KNOWN = (*PHYSICAL, "command_delay", "motion_delay")

@@ -9,10 +9,9 @@ from functools import cache
 from math import factorial
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BSpline, make_interp_spline
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 TABLE_PER_UNIT = 512
 KAISER_BETA = 4.0

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.friction.equation import Equation, blocked_folds
 from norton_bench.identification.friction.fit import FrictionFit, Problem, fit_friction
@@ -13,10 +13,6 @@ from norton_bench.identification.friction.model import FrictionModel
 from norton_bench.identification.held_out import held_out_rms, simplest_as_good
 
 __all__ = ["Equation", "FrictionFit", "Rung", "blocked_folds", "fit_friction", "ladder", "selected"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

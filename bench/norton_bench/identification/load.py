@@ -7,9 +7,9 @@ is the opposite of what the sensor reads. With both encoders the sensor itself i
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import norm as normal
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.covariance import sandwich
@@ -23,8 +23,6 @@ from norton_bench.identification.signals import Port, Signals, sent_at_s, signal
 from norton_bench.identification.soundness.recording import NOTHING_FOUND, Findings, sound
 from norton_bench.records import Measured
 from norton_bench.segments import Use
-
-FloatArray = npt.NDArray[np.float64]
 
 LOAD_COMMAND_UNIT = "N*m"
 DELAY_STEPS = 8

@@ -3,12 +3,9 @@
 from math import exp
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-
+from norton_bench.arrays import FloatArray, IntArray
 
 # A sum that may be taken in any order takes several terms at a time; NaN and infinity stay what they are.
 SUM_IN_ANY_ORDER = {"reassoc", "contract"}

@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import delayed
 from norton_bench.identification.results import FitResult
 from norton_bench.models.network import NortonNetwork
-from norton_bench.segments import FloatArray
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import Simulation
 from norton_bench.identification.expansion import Expansion, Sums
@@ -25,8 +26,6 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status
 from norton_bench.records import Measured
 from norton_bench.segments import Use
-
-FloatArray = npt.NDArray[np.float64]
 
 # Predictions are judged over stretches of this length, and over what is left of a segment down to the shorter one.
 PIECE_S = 2.0

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 # Motion and torque change too slowly to show in an eighth difference; of independent errors it has C(16, 8) times the
 # variance.

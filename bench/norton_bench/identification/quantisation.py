@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.kernels import Kernel
-
-FloatArray = npt.NDArray[np.float64]
 
 # From the gentlest to the heaviest; cutoffs in cycles a reading.
 LEVELS = (

@@ -10,11 +10,10 @@ Deviations far greater than the scatter hold an error that all sessions share: n
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq, minimize_scalar
 from scipy.stats import chi2, t
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 NORMAL_95 = 1.96
 NODES = 200

@@ -10,13 +10,11 @@ bias: of the right sign, and mostly within half of its size).
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.quantisation import REACH, unquantised
 from norton_bench.identification.signals import FINE, Signals, Stream
-
-FloatArray = npt.NDArray[np.float64]
 
 DRAWS = 2
 # The zero of such an encoder wanders at about this rate, now faster, now slower, so that what is slow meets all phases

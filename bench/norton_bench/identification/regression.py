@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.friction.additive import hats
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.recounting import friction_error
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.identification.turns import Turns, Whitening
-
-FloatArray = npt.NDArray[np.float64]
 
 LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)

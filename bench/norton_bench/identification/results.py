@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.model_free import branches
@@ -18,8 +19,6 @@ from norton_bench.models.parameters import Estimate, Status
 
 if TYPE_CHECKING:
     from norton_bench.identification.bootstrap import Simulation
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,12 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
 from norton_bench.identification.bootstrap import Ringing, Simulation, inertia_of
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.information import Linearised
 from norton_bench.identification.residuals.departures import Candidate, Kind
 from norton_bench.identification.results import FitResult
-
-FloatArray = npt.NDArray[np.float64]
 
 # Shares of critical damping: from a single piece of steel's to that of a joint that rubs (Bachmann et al., Vibration
 # Problems in Structures, 1995, app. C); what lies between is a sum of some.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,12 @@ from functools import cached_property
 from itertools import islice
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.cogging import strongest_period
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.regression import COULOMB, INERTIA, MOTION_DELAY, Memory, Regression, Shape
 from norton_bench.identification.signals import Signals
-
-FloatArray = npt.NDArray[np.float64]
 
 # In cycles a tick. The low band leaves delays of some ticks within the reach of Gauss-Newton.
 LOW_BAND = Kernel(cutoff=0.05, half_width=24.0)

@@ -4,16 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.fit import PHYSICAL, network_of
 from norton_bench.identification.random_effects import Combined, combine
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.verdict import LOOSE_BEYOND
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import PARAMETERS, Estimate, Status
-
-FloatArray = npt.NDArray[np.float64]
 
 # What chance may name, of all parameters together, as different between sessions where nothing is.
 ALARM = 0.05

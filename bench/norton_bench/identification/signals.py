@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification import noise
 from norton_bench.identification.kernels import TABLE_PER_UNIT, Kernel
@@ -17,10 +17,6 @@ from norton_bench.identification.quantisation import moving, resolution_rad, unq
 from norton_bench.identification.timing import nominal_period_s, sampled_at_s, taken_late_s
 from norton_bench.records import NO_DEVICE_TIME, Measured, Table
 from norton_bench.segments import Use
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 # The motion is known this many times a tick: between its samples the friction's path is taken as straight.
 FINE = 4

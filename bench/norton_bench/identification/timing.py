@@ -12,10 +12,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.identification import noise
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # Two clocks drift apart by parts in a million, and the drift itself changes over tens of seconds.
 KNOT_S = 20.0

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from math import hypot, log10, sqrt
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification import noise
 from norton_bench.identification.quantisation import resolution_rad, unquantised
 from norton_bench.identification.signals import INTERPOLATION, stream_of
 from norton_bench.records import Measured, SegmentInfo, Table
-
-FloatArray = npt.NDArray[np.float64]
 
 TAUGHT_HZ = 30.0  # everything below, nothing above twice that
 # How segments that are trials are called; their number follows.

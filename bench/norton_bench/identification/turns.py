@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.signals import FINE, Signals
-
-FloatArray = npt.NDArray[np.float64]
 
 # How far within its counts a turn may lie from where the smoothed path has it; the likeliest is taken.
 UNKNOWN_COUNTS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)

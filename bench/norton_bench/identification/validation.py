@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.fit import trace
 from norton_bench.identification.kernels import FULL_BAND
@@ -16,8 +16,6 @@ from norton_bench.identification.separable import LOW_BAND, linear_solution
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use
-
-FloatArray = npt.NDArray[np.float64]
 
 NAN = float("nan")
 # What happened this long before a free segment, friction and amplifier may still remember.

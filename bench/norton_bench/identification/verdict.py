@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.models.parameters import Estimate, Status
-
-FloatArray = npt.NDArray[np.float64]
 
 # A combination of parameters less certain than this, relative, is not known.
 LOOSE_BEYOND = 0.5

@@ -6,14 +6,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.filters import Filters, integral, slope
 from norton_bench.logs.grid import Stretch
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError
 from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.separable import linear_solution
@@ -20,8 +20,6 @@ from norton_bench.logs.filters import Filters, slope
 from norton_bench.logs.grid import Stretch
 from norton_bench.logs.log import Log
 from norton_bench.logs.results import ErrorFigures
-
-FloatArray = npt.NDArray[np.float64]
 
 # Beyond these many deviations a sign is no accident.
 SIGNIFICANT = 3.0

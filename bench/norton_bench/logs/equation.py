@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.friction import additive
 from norton_bench.identification.friction.path import Path
@@ -15,10 +15,6 @@ from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.columns import Terms
 from norton_bench.logs.filters import Filters
 from norton_bench.logs.grid import Stretch
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 LEAST_ROWS = 30
 

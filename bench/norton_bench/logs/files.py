@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.extras import extra
 from norton_bench.logs.schema import LogSection
 from norton_bench.rig.mistakes import nearest
-
-FloatArray = npt.NDArray[np.float64]
 
 SUFFIXES = {
     ".csv": "csv",

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 from scipy.interpolate import make_interp_spline
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from norton_bench.arrays import FloatArray
 
 # Where the map says nothing: the low-pass of the position, and the rows' rate, as shares of the sampling rate.
 CUTOFF = 0.1

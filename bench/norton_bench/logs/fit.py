@@ -4,9 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
+from norton_bench.arrays import BoolArray
 from norton_bench.errors import UsageError
 from norton_bench.identification.friction.family import family_for
 from norton_bench.identification.friction.family import model as friction_model
@@ -30,8 +28,6 @@ from norton_bench.logs.outcome import Judged, outcome, refined
 from norton_bench.logs.results import LogFit
 from norton_bench.logs.rows import usable_rows
 from norton_bench.logs.split import Selection, extra_files, parse_selection, train_and_test
-
-BoolArray = npt.NDArray[np.bool_]
 
 BEST = "best"
 # What a refinement begins with.

@@ -5,17 +5,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.identification.soundness.standstill import resolution
 from norton_bench.logs.log import Log
 from norton_bench.logs.sensors import untrustworthy
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Intervals this much longer than the usual one are gaps; shorter ones are bridged.
 GAP = 5.0

@@ -5,15 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.files import Content, read_file
 from norton_bench.logs.schema import ColumnSection, Given
 from norton_bench.units import conversion
-
-FloatArray = npt.NDArray[np.float64]
 
 # Fewer rows than this tell nothing of a machine.
 LEAST_ROWS = 50

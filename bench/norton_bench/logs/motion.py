@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction.model import Dimension, FrictionModel
 from norton_bench.identification.friction.path import Path
 from norton_bench.identification.ladder import FrictionFit
@@ -14,9 +14,6 @@ from norton_bench.logs.equation import Problem
 from norton_bench.logs.grid import Stretch
 from norton_bench.logs.results import ErrorFigures
 from norton_bench.logs.steps import Axis, Inputs, Load, Motor, Table, simulate
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 SPEEDS = 400
 FASTEST = 4.0  # of the table of friction, over the fastest logged

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.ladder import FrictionFit, Rung
 from norton_bench.identification.results import Trace
 from norton_bench.identification.verdict import words
@@ -15,9 +15,6 @@ from norton_bench.logs.equation import Problem
 from norton_bench.logs.estimates import doubted, estimates_of, loose, with_back_emf, without_scale
 from norton_bench.logs.results import ErrorFigures, Errors, LogFit, Step
 from norton_bench.models.parameters import Estimate, Status
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.friction.fit import FrictionFit
 from norton_bench.logs.column_map import ColumnMap, Units
@@ -22,8 +22,6 @@ from norton_bench.logs.servo_ladder import Beginning, ServoRung, boxes_of, servo
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.rig.mistakes import nearest
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Splits = Sequence[tuple[BoolArray, BoolArray]]
 
 # Of its usual size: a parameter known to be smaller is known to be next to nothing.

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.results import Trace
 from norton_bench.models.parameters import Estimate
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

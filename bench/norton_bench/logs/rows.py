@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray
 from norton_bench.errors import UsageError
 from norton_bench.logs.log import LEAST_ROWS, Log
 from norton_bench.logs.sensors import check_constant, held_rows
-
-BoolArray = npt.NDArray[np.bool_]
 
 # More rows than this without a number, or with the stamp of the row before, and the log is not what it is taken for.
 MOST_MISSING = 0.5

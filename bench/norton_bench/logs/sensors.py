@@ -1,15 +1,12 @@
 """Columns that do not tell what they should: constant, at the end of their range, or frozen on one value."""
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.identification.soundness import standstill
 from norton_bench.identification.soundness.standstill import FROZEN_ROWS, flat_tops, rows_of
 from norton_bench.logs.log import Log
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 MEASURED = ("position", "velocity", "exertion", "command")
 FLAT_LEAST = 0.001

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.logs.driven import inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
 from norton_bench.logs.steps import Axis, Friction, Inputs, Load, Loop, Motor, simulate
-
-FloatArray = npt.NDArray[np.float64]
 
 # Of one step: half of it changes no result by more than an encoder's tick.
 LONGEST_S = 1e-3

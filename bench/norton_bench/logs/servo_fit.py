@@ -8,14 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import OptimizeResult, least_squares
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.covariance import sandwich
 from norton_bench.logs.servo import ServoLog, ServoModel, joined_time, simulate_motion
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Of the scaled parameters: steps for derivatives, wide enough to pass over the roughness of sticking and slipping.
 STEP = 1e-2

@@ -4,15 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray
 from norton_bench.identification.held_out import held_out_rms, simplest_as_good
 from norton_bench.logs.servo import LADDER, ServoModel
 from norton_bench.logs.servo_fit import Box, ServoFit, Trial, fit_servo
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Resistance between the supply and the switches that is reckoned with, over the winding's.
 SOURCE_SHARE = 0.3

@@ -7,13 +7,10 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.units import NUMBER, parse_quantity
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)\s*")
 

@@ -17,11 +17,9 @@ from math import ceil, cos, exp, sin
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from norton_bench.arrays import BoolArray, FloatArray
 
 
 class Motor(NamedTuple):

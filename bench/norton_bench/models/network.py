@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import BY_NAME, PredictionError
-
-FloatArray = npt.NDArray[np.float64]
 
 FORMAT = "norton-network"
 VERSION = 1

@@ -9,10 +9,9 @@ has exactly one root and the step is stable and dissipative at any length.
 from math import exp
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 NEWTON_STEPS = 30
 # A root is good enough when the mean velocity of a step is known to this [rad/s].

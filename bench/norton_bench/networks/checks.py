@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.networks.family import Network, form_of, kind_of
 from norton_bench.networks.kinds import Form, Kind, NoConversionError
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork
-from norton_bench.networks.operator import FloatArray, stable
+from norton_bench.networks.operator import stable
 from norton_bench.networks.settled import SETTLE_S, linearised, settled
 
 PLACES = 21

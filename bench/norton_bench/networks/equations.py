@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.networks.expressions import CONSTANTS, FUNCTIONS, Expression, read_expression
 
 
@@ -112,6 +113,3 @@ class Equations:
         """The states' time derivatives, likewise."""
         known = {**self.parameters, **values}
         return {name: expression.work(known) for name, expression in self.read_rates.items()}
-
-
-FloatArray = npt.NDArray[np.float64]

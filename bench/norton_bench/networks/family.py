@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.networks import linear, nonlinear
@@ -12,7 +13,6 @@ from norton_bench.networks.kinds import Form, Kind, Load, Motion, NoConversionEr
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import NonlinearNetwork
-from norton_bench.networks.operator import FloatArray
 
 Network = LinearNetwork | NonlinearNetwork | NortonNetwork
 

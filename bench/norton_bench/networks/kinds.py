@@ -6,6 +6,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 
 
@@ -25,9 +26,6 @@ class Form(Enum):
 
 class NoConversionError(UsageError):
     """The network has no equivalent of the kind and form that was asked for; the sentence says why."""
-
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
 
+from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.networks.kinds import Form, Kind, Load, NoConversionError
-from norton_bench.networks.operator import ComplexArray, FloatArray, Operator, stable
+from norton_bench.networks.operator import Operator, stable
 
 
 @dataclass(frozen=True)

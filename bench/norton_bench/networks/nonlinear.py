@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.networks.equations import Equations
 from norton_bench.networks.kinds import Form, Kind, Load
-from norton_bench.networks.operator import FloatArray
 
 MOTIONS = ("x", "v", "a")
 EXERTIONS = ("f",)

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag, matrix_balance, null_space
 
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from norton_bench.arrays import ComplexArray, FloatArray
 
 # A sum is taken for zero where its terms cancel to this part of their size.
 CANCELLED = 1e-10

@@ -7,13 +7,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.networks.family import Network, commands_of, form_of, kind_of
 from norton_bench.networks.kinds import Form
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork
-from norton_bench.networks.operator import FloatArray, Operator
+from norton_bench.networks.operator import Operator
 from norton_bench.networks.settled import SETTLE_S, linearised, middle, static_exertion, static_source
 
 SYMBOLS = {"x_N": "x_N", "v_N": "ω_N", "f_T": "f_T"}

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.networks.family import Network, commands_of, form_of, kind_of
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork, advance, steps_in
-from norton_bench.networks.operator import FloatArray, Operator, driven
+from norton_bench.networks.operator import Operator, driven
 
 SETTLE_S = 1.0
 # Relative step of the differences that linearise.

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.coupling import least_damping_nms_rad
@@ -21,7 +22,7 @@ from norton_bench.procedures.tare import greatest_load_torque
 from norton_bench.procedures.waves import growth, highest_hz, hold, multisine
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Use
+from norton_bench.segments import Use
 
 SEARCH_S = 4.0
 REST_S = 0.4

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.identification.information import Excitation
 from norton_bench.models.network import NortonNetwork
@@ -21,7 +22,6 @@ from norton_bench.procedures.waves import (
     velocity_steps,
 )
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray
 
 DURATION_S = 2.0
 # What is planned may reach this share of any limit: the shaft overshoots a little, and the network is an estimate.

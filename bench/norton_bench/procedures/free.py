@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.procedures.knowledge import Knowledge, Plan
 from norton_bench.procedures.makers import zero_torque
@@ -14,7 +15,7 @@ from norton_bench.procedures.waves import growth, highest_hz, hold, multisine, r
 from norton_bench.procedures.within import bounds_of, free_within
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Use
+from norton_bench.segments import Use
 
 SEARCH_S = 6.0
 REST_S = 0.4

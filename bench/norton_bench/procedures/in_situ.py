@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.identification.assembly import actuator_behind, load_by_twist
 from norton_bench.identification.in_situ import IN_SITU, Exerted, Trial, figures, why_not_settled
@@ -27,7 +28,7 @@ from norton_bench.procedures.options import CalibrateOptions, InSituOptions
 from norton_bench.procedures.waves import hold, multisine, ramp
 from norton_bench.records import LOAD_TAKEN, Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Use
+from norton_bench.segments import Use
 
 REST_S = 0.3
 # Before each trial the load is pushed so much harder than friction holds, up and down in so long each.

@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.machine import Machine
 from norton_bench.identification.trials import TRIAL, figures_of, seen
 from norton_bench.procedures.free import command_multisine
@@ -21,7 +22,7 @@ from norton_bench.procedures.options import IterateOptions
 from norton_bench.procedures.waves import Motion, from_velocity, hold
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Use
+from norton_bench.segments import Use
 
 REST_S = 0.3  # before and after the movement, and to see where the shaft stands
 # The way back: at this share of the velocity limit, and its last piece, which is longer than any friction contact.

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, replace
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.trials import TrialFigures, averaged, diverge, settled
 from norton_bench.procedures.learning import Lesson
-from norton_bench.segments import FloatArray
 
 # Lessons are averaged until their noise has a quarter of the power that one has: the next would take off a twentieth.
 AVERAGED = 4

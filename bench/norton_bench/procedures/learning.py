@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
 from norton_bench.identification.machine import Machine
 from norton_bench.identification.trials import Seen, in_band
-from norton_bench.segments import FloatArray
 
 # The spectrum is averaged over so many lines to tell what is noise.
 LINES = 41

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.procedures.waves import Motion, hold, ramp
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, FloatArray, LoadMode, Segment, Use
+from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, LoadMode, Segment, Use
 
 UNENDING = float("inf")
 SLOWLY = 3.0  # times as long as the rest that follows

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.fit import fit
 from norton_bench.identification.information import (
     Linearised,
@@ -41,7 +42,7 @@ from norton_bench.procedures.waves import hold
 from norton_bench.procedures.within import travel_left_rad
 from norton_bench.records import Measured, SegmentInfo, join
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Use
+from norton_bench.segments import Use
 
 REST_S = 0.3
 # A round takes this share of what was recorded before: each fit takes longer than the last, and so each round pays.

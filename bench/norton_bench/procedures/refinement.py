@@ -4,9 +4,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite, log
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.information import KNOWN
 from norton_bench.models.parameters import HALF_INTERVAL, Estimate, Status
-from norton_bench.segments import FloatArray
 
 # Estimates that more excitation can better. The others are no numbers at all, and the fit says why.
 IMPROVABLE = (Status.VALID, Status.UNEXCITED)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.information import deviations
-from norton_bench.segments import FloatArray
 
 # A pick that narrows the widest interval by less than this share would change nothing that anybody could see.
 LEAST_GAIN = 0.002

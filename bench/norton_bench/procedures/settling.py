@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.tables.means import velocity_of
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.waves import hold, ramp
 from norton_bench.records import Measured
-from norton_bench.segments import FloatArray, Segment, Use
+from norton_bench.segments import Segment, Use
 
 MOVE_S = 0.5
 PIECE_S = 0.25

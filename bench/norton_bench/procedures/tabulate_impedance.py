@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.tables.exertion_table import HOLD, PROCEDURE, READ, SHAKE, SWEEP, shake_lines
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.makers import imposed
@@ -16,7 +17,7 @@ from norton_bench.procedures.tabulate_source import at_zero_torque, levels_betwe
 from norton_bench.procedures.waves import EDGE_S, Motion, displaced, hold, ramp, sines_motion, sweep, ticks_in
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Segment, Use
+from norton_bench.segments import Segment, Use
 
 STEP_S = 0.2
 SHAKE_S = 2.6

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import RigError
 from norton_bench.identification.tables.source_table import LEAVE, PROCEDURE, READ
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
@@ -15,7 +16,7 @@ from norton_bench.procedures.settling import MOVE_S, Maker, Patience, settle
 from norton_bench.procedures.waves import hold, ramp
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Segment, Use
+from norton_bench.segments import Segment, Use
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_model
@@ -15,7 +16,7 @@ from norton_bench.procedures.waves import hold, ramp, sine_motion, velocity_step
 from norton_bench.procedures.within import Sized, bounds_of, free_within, imposed_within, words_for
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray, Use
+from norton_bench.segments import Use
 
 REST_S = 0.4
 IMPOSED_AMPLITUDE = 0.4

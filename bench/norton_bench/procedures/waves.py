@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from norton_bench.segments import FloatArray
+from norton_bench.arrays import FloatArray
 
 # Of the peak; clipping far below it does best from random phases.
 CLIP_AT = 0.6

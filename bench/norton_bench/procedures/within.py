@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.procedures.calibrate import first_inertia_kgm2
 from norton_bench.procedures.excitations import SHARE, Bounds
 from norton_bench.procedures.knowledge import Knowledge, why_no_basis
 from norton_bench.procedures.waves import Motion
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import FloatArray
 
 # A plan of which less than this is left tells nothing any more; the guard is there for what it does then.
 LEAST = 0.05

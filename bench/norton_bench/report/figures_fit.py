@@ -7,14 +7,13 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.results import FitResult, LiveEstimate, Trace
 from norton_bench.models.parameters import BY_NAME, PARAMETERS, Estimate, Status
 from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.report.decimate import envelope
 from norton_bench.report.svg import ACCENT, INK, MEASURED, PREDICTED, figure
 from norton_bench.report.words import in_prefixed_unit, power, pretty_unit, scale_of
-
-FloatArray = npt.NDArray[np.float64]
 
 ZOOM_SAMPLES = 600
 _COLUMNS = 4

@@ -5,6 +5,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.model_free.branches import TAILS
 from norton_bench.identification.results import BlockedMap, SourceMap
 from norton_bench.models.network import NortonNetwork
@@ -12,8 +13,6 @@ from norton_bench.report.decimate import thinned
 from norton_bench.report.loops import Loop
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
 from norton_bench.report.words import pretty_unit
-
-FloatArray = npt.NDArray[np.float64]
 
 _SIDES = (("▲ rising", "^", True), ("▼ falling", "v", False))
 

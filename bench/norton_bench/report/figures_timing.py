@@ -1,14 +1,12 @@
 """Whether the bench kept time."""
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from norton_bench.arrays import FloatArray
 from norton_bench.records import Table
 from norton_bench.report.svg import MEASURED, figure
-
-FloatArray = npt.NDArray[np.float64]
 
 _AGES = (("port torque", "torque_age_ns"), ("actuator motion", "motion_age_ns"), ("load motion", "load_motion_age_ns"))
 

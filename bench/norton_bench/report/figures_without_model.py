@@ -1,10 +1,10 @@
 """The impedance without a model, in pictures: the table's curves, the operator's loops and what it is made of."""
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
 from norton_bench.identification.model_free.stop_operator import StopOperator
 from norton_bench.models.network import NortonNetwork
@@ -13,8 +13,6 @@ from norton_bench.report.figures_network import legend
 from norton_bench.report.loops import Loop
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
 from norton_bench.report.words import number, pretty_unit
-
-FloatArray = npt.NDArray[np.float64]
 
 _MARKERS = ("o", "s", "^", "v", "D")
 # Of the widest span of velocities, between the bars of neighbouring commands.

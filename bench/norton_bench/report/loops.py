@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.results import Trace
 from norton_bench.records import Measured, SegmentInfo
-
-FloatArray = npt.NDArray[np.float64]
 
 _LOOP = "loop"  # names of the imposed procedure's segments
 _GRID = "grid"

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import IntArray
 from norton_bench.records import Measured, SegmentInfo, Table
-
-IntArray = npt.NDArray[np.int64]
 
 # Longer than any stall that the loop lives through.
 LEAST_PAUSE_NS = 60_000_000

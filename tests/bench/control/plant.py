@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.sample import Sample
 
-FloatArray = npt.NDArray[np.float64]
 SUBSTEPS = 100
 
 

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.waves import Motion, multisine
 from norton_bench.sample import Target
-from norton_bench.segments import ZERO_TORQUE, Admittance, FloatArray
+from norton_bench.segments import ZERO_TORQUE, Admittance
 from tests.bench.control.plant import ACTUATOR, LOAD, Plant, PlantSettings
 
 TICK_S = 1e-3

@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from norton_bench.arrays import FloatArray
 from norton_bench.control import core
 from norton_bench.control.admittance import FeedForward, VirtualBody, continued
 from norton_bench.control.design import TorqueGains, nominal_bench
-from norton_bench.control.dynamics import COMMAND, FloatArray, look_back, sampled
+from norton_bench.control.dynamics import COMMAND, look_back, sampled
 from norton_bench.control.preview import (
     LONGEST_STEP_S,
     delayed,

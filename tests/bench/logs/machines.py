@@ -5,14 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.logs.column_map import ColumnMap, parse_map
 from norton_bench.logs.fit import Request, fit_logs
 from norton_bench.logs.results import LogFit
 from norton_bench.models.parameters import Estimate
 
-FloatArray = npt.NDArray[np.float64]
 Columns = dict[str, FloatArray]
 
 AMPLITUDES = np.array([1.0, 0.4, 0.15])

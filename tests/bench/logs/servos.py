@@ -1,12 +1,9 @@
 """Servos whose truth is known, on a pendulum, in their own loop."""
 
 import numpy as np
-import numpy.typing as npt
 
 from norton_bench.logs.servo import ServoLog, simulate_motion
 from norton_bench.logs.steps import Inputs, Load, Loop
-
-FloatArray = npt.NDArray[np.float64]
 
 TRUTH = {
     "torque_constant": 0.4,

@@ -3,16 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from norton_bench.arrays import FloatArray
 from norton_bench.logs.servo import ServoLog, simulate_motion
 from norton_bench.logs.steps import Inputs, Load, Loop, Motor, electric
 from tests.bench.logs.servos import TICK_RAD, TRUTH, pendulum
-
-FloatArray = npt.NDArray[np.float64]
 
 SMOOTH = {name: TRUTH[name] for name in ("torque_constant", "winding_resistance", "inertia", "viscous_damping")}
 

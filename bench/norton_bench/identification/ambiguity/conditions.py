@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as t_distribution
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.aligned import align
 from norton_bench.identification.ambiguity.settling import Settling, settling
 from norton_bench.identification.ambiguity.zero_range import ZeroRange, zero_range
@@ -21,7 +21,6 @@ from norton_bench.identification.signals import Signals
 from norton_bench.networks.checks import VERDICTS
 from norton_bench.records import Measured
 
-FloatArray = npt.NDArray[np.float64]
 Interval = tuple[float, float]
 
 # The impedance form is usable where motion and command leave no more than this share of an unseen torque, and is not

@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.model_free.dwells import PIECES, pieces_of
 from norton_bench.identification.model_free.source_map import LEAST_READINGS, dwells, is_staircase
 from norton_bench.records import Measured
 
-FloatArray = npt.NDArray[np.float64]
 Interval = tuple[float, float]
 
 # The time constant may be this share of a dwell, from what shows in one piece to what hardly bends over all of them.

@@ -1,14 +1,12 @@
 """The paper's three conditions (IV.B, VI) where no model was fitted: asked of the tables of source and exertion."""
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.ambiguity.conditions import Interval, Judgement, share_left, usable
 from norton_bench.identification.tables.exertion_table import ExertionTable, Zeros
 from norton_bench.identification.tables.means import Setting
 from norton_bench.identification.tables.source_table import SourceTable
-
-FloatArray = npt.NDArray[np.float64]
 
 # Pieces of a sweep that are drawn together, for an interval.
 BLOCK = 5

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as t_distribution
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.aligned import Aligned
 from norton_bench.records import SegmentInfo
-
-FloatArray = npt.NDArray[np.float64]
 
 # Torque within this many deviations of its noise, or this share of the loop's greatest, counts as next to none.
 DEVIATIONS, SHARE = 3.0, 0.02

@@ -4,9 +4,8 @@ Every column has the sign of what it takes off the exertion, and is on the path'
 """
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 
 def cogging(position: FloatArray, period: float) -> dict[str, FloatArray]:

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction.model import COULOMB, FrictionModel, Term, Unknown
 from norton_bench.identification.friction.path import Path
-
-FloatArray = npt.NDArray[np.float64]
 
 # The equation's constant exertion, or the first knot of one that drifts: what is left is then a drift from there.
 CONSTANT = ("offset", "offset_1")

@@ -1,12 +1,10 @@
 """Linear least squares from its normal equations, some of the coefficients held at or above zero."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from norton_bench.arrays import BoolArray, FloatArray
 
 # Directions that carry less than this share of the strongest say nothing.
 WEAKEST = 1e-9

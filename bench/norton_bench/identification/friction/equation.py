@@ -4,14 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.friction.path import Path
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Of blocks: enough that every fold meets every slow condition.
 ROUNDS = 6

@@ -7,18 +7,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.friction.bounded import bounded_solution
 from norton_bench.identification.friction.equation import Equation
 from norton_bench.identification.friction.model import Dimension, FrictionModel
 from norton_bench.identification.separable import linear_solution
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 POINTS_PER_DECADE = 2
 ROUNDS = 2

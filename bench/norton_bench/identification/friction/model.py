@@ -4,12 +4,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction.path import Path
-
-FloatArray = npt.NDArray[np.float64]
 
 # A contact that yields within a small part of one sample's travel cannot be told from one that does not yield.
 SHORTEST_TRAVEL = 1e-3

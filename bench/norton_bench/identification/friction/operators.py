@@ -7,10 +7,9 @@ it would come into full use. ``begin`` holds the share at which a stretch begins
 from math import exp, isnan, log, pi, sin
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 # Of the elasto-plastic flow: nodes of its table, in the logarithm of what is left to full sliding.
 NODE = 0.02

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction.model import (
     COULOMB,
     PRESLIDING,
@@ -17,8 +17,6 @@ from norton_bench.identification.friction.model import (
 )
 from norton_bench.identification.friction.path import Path
 from norton_bench.identification.friction.static import STICTION, bump
-
-FloatArray = npt.NDArray[np.float64]
 
 # Fs/Fc − 1, the excess of stiction over Coulomb friction. Below a tenth it is Dahl's.
 EXCESS = Unknown("stiction_excess", Dimension.RATIO, 0.1, 5.0)

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.identification.friction.model import COULOMB, STRIBECK, VISCOUS, Dimension, Term, Unknown
 from norton_bench.identification.friction.path import Path
-
-FloatArray = npt.NDArray[np.float64]
 
 STICTION = Term("stribeck_torque", Dimension.FRICTION)
 

@@ -1,11 +1,9 @@
 """Normal equations over parts of the rows, compiled: they are summed for every shape that is tried."""
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from norton_bench.arrays import FloatArray, IntArray
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})

@@ -8,14 +8,12 @@ others are estimated along with it, as constants.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from filterpy.kalman import KalmanFilter
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.regression import COULOMB, DAMPING, GAIN, VISCOUS
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.soundness.blocks import Blocks
-
-FloatArray = npt.NDArray[np.float64]
 
 # Oil warms and wears, and magnets with it; a rotor does not grow heavier.
 MAY_MOVE = (GAIN, VISCOUS, COULOMB, DAMPING)

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import Readings
@@ -28,8 +27,6 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import Measured, SegmentInfo, join
 from norton_bench.segments import Use
-
-FloatArray = npt.NDArray[np.float64]
 
 LEARNT_FROM = (Use.CALIBRATE, Use.IDENTIFY)
 # The first fit. Half as much tells next to nothing of friction.

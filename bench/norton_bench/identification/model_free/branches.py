@@ -7,7 +7,8 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
+
 Interval = tuple[float, float]
 
 # Slower than this share of the fastest level counts as rest.

@@ -12,10 +12,9 @@ disturbs the shaft unseen, and the torque sensor's noise. Unlike the velocity it
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 # Each dwell's velocity is looked at in this many pieces, beginning after the command's own transient.
 PIECES = 16

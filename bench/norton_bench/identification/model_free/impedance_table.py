@@ -7,11 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as t_distribution
 
+from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.identification.aligned import Aligned, usable_of
 from norton_bench.records import SegmentInfo
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 GRID_PROCEDURE, GRID_NAME = "imposed", "grid"
 # A velocity is steady while its mean over this long changes by less than this share of the greatest: ripple may stay.

@@ -8,14 +8,11 @@ imposed grid has measured there, on the same side of rest; where there was no gr
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.sensor_zero import SensorZero
 from norton_bench.models.parameters import Status
-
-FloatArray = npt.NDArray[np.float64]
 
 # A slope is one to divide by where it is so many of its deviations above zero: the quotient's error is then a fifth of
 # its size at most, and as good as linear.

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.model_free.branches import resting
 from norton_bench.identification.model_free.dwells import PIECES, RESAMPLES, SKIPPED_SHARE, pieces_of, settled
@@ -13,8 +13,6 @@ from norton_bench.identification.model_free.port_torque import PortTorque
 from norton_bench.identification.noise import deviation
 from norton_bench.identification.results import BlockedMap, SourceMap
 from norton_bench.records import Measured, SegmentInfo, Table
-
-FloatArray = npt.NDArray[np.float64]
 
 # The last part of a hold counts: before it the shaft still settles.
 SETTLED_SHARE = 0.5

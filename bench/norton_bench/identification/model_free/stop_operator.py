@@ -13,16 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.aligned import Aligned, usable_of
 from norton_bench.identification.friction import operators
 from norton_bench.identification.friction.bounded import bounded_solution
 from norton_bench.identification.separable import S_PER_RAD
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Yield displacements of each kind, evenly spread in the logarithm over what the fit of the network searches too.
 ELEMENTS = 20

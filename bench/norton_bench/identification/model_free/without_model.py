@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.aligned import Aligned, align, usable_of
 from norton_bench.identification.fit import trace
 from norton_bench.identification.kernels import FULL_BAND
@@ -16,8 +16,6 @@ from norton_bench.identification.results import FitResult, Trace
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.signals import Signals
 from norton_bench.records import SegmentInfo
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

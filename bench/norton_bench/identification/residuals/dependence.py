@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from norton_bench.arrays import FloatArray, IntArray
 
 INPUT_LAGS = range(-4, 9)
 # Sums over blocks this long are taken as independent of each other.

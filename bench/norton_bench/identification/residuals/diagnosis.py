@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.aligned import Aligned, align
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.residuals.dependence import Dependence, dependence
@@ -19,8 +19,6 @@ from norton_bench.identification.residuals.whiteness import MEMORY_LAGS, ORDER, 
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.validation import network_trace
-
-FloatArray = npt.NDArray[np.float64]
 
 # Thinned by this, the samples are as many as the band holds.
 STRIDE = 3

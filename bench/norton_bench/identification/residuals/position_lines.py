@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification import cogging
 from norton_bench.identification.residuals.dependence import SIGNIFICANCE, blocks_of, chance_of_sum
-
-FloatArray = npt.NDArray[np.float64]
 
 # Position is drawn with up to so many periods a turn; at most so many lines of it are named.
 MOST_PERIODS = 256

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.kernels import Kernel
-
-FloatArray = npt.NDArray[np.float64]
 
 # Order of the filter that takes the band's own colour away.
 ORDER = 6

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.regression import INERTIA, LINEAR, VISCOUS
 from norton_bench.identification.separable import Solution
-
-FloatArray = npt.NDArray[np.float64]
 
 BLOCK_ROWS = 500
 # A change that fewer blocks tell has no deviation that their scatter could give.

@@ -1,12 +1,9 @@
 """Rows in the order in which they came, and where the clocks that stamped them jumped."""
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.records import NO_DEVICE_TIME, Table
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 # A stamp this much before another is no matter of order: the clock was set back.
 SET_BACK_NS = 100_000_000

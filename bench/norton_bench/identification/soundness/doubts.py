@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.regression import GAIN, INERTIA
 from norton_bench.identification.separable import DELAY_TICKS, Solution
 from norton_bench.identification.soundness.blocks import Blocks, loud
 from norton_bench.models.parameters import Status
-
-FloatArray = npt.NDArray[np.float64]
 
 # Beyond these many deviations a sign is no accident.
 SIGNIFICANT = 3.0

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.quantisation import SMALLEST_STEP_RAD
 from norton_bench.identification.soundness import clocks, standstill
@@ -17,9 +18,6 @@ from norton_bench.identification.soundness.redundancy import contradictions
 from norton_bench.identification.soundness.stray import spikes
 from norton_bench.identification.timing import nominal_period_s, sampled_at_s
 from norton_bench.records import NO_DEVICE_TIME, Measured, Table
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 FLAT_LEAST = 0.001
 # A step of the position that changes the speed by so many times what is usual, and by so many counts, is no motion.
@@ -93,7 +91,7 @@ def sound(measured: Measured) -> Sound:
     for stream in MOTIONS:
         if stream.field in tables:
             tables[stream.field] = _motion(stream, tables, origin_ns, remarks)
-    kept = replace(measured, **cast(dict[str, Any], tables))
+    kept = replace(measured, **cast("dict[str, Any]", tables))
     return Sound(kept, Findings(tuple(remarks), tuple(contradictions(kept))))
 
 

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.separable import linear_solution
 from norton_bench.records import Measured, Table
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 BIN_S = 0.05
 FEWEST_BINS = 20

@@ -3,11 +3,8 @@
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
+from norton_bench.arrays import BoolArray, FloatArray, IntArray
 
 # A flat top is this many equal values at the extreme, met at speed: what turns round by itself slows down first.
 FLAT_ROWS = 5

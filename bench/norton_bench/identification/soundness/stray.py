@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-BoolArray = npt.NDArray[np.bool_]
+from norton_bench.arrays import BoolArray
 
 # A reading that leaves both neighbours behind by so many times what readings usually change is no reading.
 SPIKE = 20.0

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as t_distribution
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.load import LoadFit, fit_load
 from norton_bench.identification.quantisation import resolution_rad
@@ -24,8 +24,6 @@ from norton_bench.identification.tables.sines import line_amplitudes
 from norton_bench.identification.tables.sweeps import Branch, Sweep, Swept, both_ways, swept
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use
-
-FloatArray = npt.NDArray[np.float64]
 
 # The names of the procedure that measures it, and of its segments: "hold rising", "hold falling", likewise "sweep".
 PROCEDURE, READ, HOLD, SHAKE, SWEEP = "tabulate_impedance", "read", "hold", "shake", "sweep"

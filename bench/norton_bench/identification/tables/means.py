@@ -6,12 +6,10 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as t_distribution
 
+from norton_bench.arrays import FloatArray
 from norton_bench.records import Measured, SegmentInfo, Table
-
-FloatArray = npt.NDArray[np.float64]
 
 # The scatter of the means of so many blocks is that of noise that lasts: control, drift, friction.
 BLOCKS = 6

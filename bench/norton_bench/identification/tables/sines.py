@@ -1,10 +1,8 @@
 """Amplitudes of sines of known frequencies in readings that come at any times."""
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from norton_bench.arrays import ComplexArray, FloatArray
 
 
 def line_amplitudes(time_s: FloatArray, values: FloatArray, omega_rad_s: FloatArray) -> tuple[ComplexArray, float]:

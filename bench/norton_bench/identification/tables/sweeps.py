@@ -7,13 +7,12 @@ Half of what lies between both directions is its friction at that speed; in the 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as t_distribution
 
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.tables.means import UNKNOWN, Mean, Setting, mean_of
 from norton_bench.records import Table
 
-FloatArray = npt.NDArray[np.float64]
 # Displacement [rad], torque [N m] and its half-width in one direction: (places,) each.
 Branch = tuple[FloatArray, FloatArray, FloatArray]
 

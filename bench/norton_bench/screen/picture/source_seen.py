@@ -3,11 +3,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.records import Measured, SegmentInfo, Table
-
-FloatArray = npt.NDArray[np.float64]
 
 PROCEDURE, STAIRCASE, SWEEP = "free", "staircase", "search"
 # The velocity of a level is that of the end of its dwell.

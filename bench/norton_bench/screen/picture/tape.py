@@ -1,11 +1,8 @@
 """The last stretch of the ticks, in columns that can be drawn without copying."""
 
 import numpy as np
-import numpy.typing as npt
 
 from norton_bench.records import TICK, Table
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Tape:

@@ -3,11 +3,10 @@
 from math import ceil, floor, isfinite, log10
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.report.words import pretty_unit
 
-FloatArray = npt.NDArray[np.float64]
 Range = tuple[float, float]
 
 MARGIN = 0.06

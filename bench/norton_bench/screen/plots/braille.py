@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
+
 Dots = npt.NDArray[np.bool_]
 
 COLUMNS, ROWS = 2, 4  # dots in a cell

@@ -2,10 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
-FloatArray = npt.NDArray[np.float64]
+from norton_bench.arrays import FloatArray
 
 NOTHING_YET = "nothing measured yet"
 
