@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from norton_bench.faults.witness_file import last_state, read_witness
+from norton_bench.faults.host_loss import last_state, read_witness
 from norton_drivers.link import Link
 from norton_drivers.odrive import open_amplifier
 from norton_drivers.wiring import Wiring

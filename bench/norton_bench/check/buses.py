@@ -1,15 +1,168 @@
 """One bus judged: how busy it is, who is heard, who shares an address."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
+from typing import Any, NamedTuple
 
-from norton_bench.check.doubles import answered_twice, two_rhythms
-from norton_bench.check.findings import BusCheck, Problem
-from norton_bench.check.senders import Claim, Claims, by_sender, claims_of, claims_on, in_words, senders_on
-from norton_bench.check.survey import BusSurvey, HeardId
+import numpy as np
+
+from norton_bench.arrays import FloatArray
+from norton_bench.check.findings import BusCheck, Problem, Sender
+from norton_bench.check.survey import BusSurvey, HeardId, Key, message_of
 from norton_bench.errors import ExperimentError
-from norton_drivers.recognition import Recognition, answers_remotely
+from norton_bench.rig.files import toml
+from norton_drivers.readings import RawFrame
+from norton_drivers.recognition import Answers, Recognised, Recognition, answers_remotely
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
+
+
+class Claim(NamedTuple):
+    """Who is heard on a bus: the frames shown to every driver that offers to recognise them.
+
+    Which driver takes a frame for what, and the role of the rig's device that then sent it, if any did.
+    """
+
+    driver: str
+    claim: Recognised
+    role: str | None
+
+    @property
+    def who(self) -> tuple[Any, ...]:
+        """The sender, by its driver and how it is reached."""
+        return (self.driver, *sorted(self.claim.options.items()))
+
+
+Claims = dict[Key, list[Claim]]  # by identifier
+
+
+def claims_on(survey: BusSurvey, recognition: Mapping[str, Recognition], devices: Sequence[DeviceSettings]) -> Claims:
+    """What each driver takes each identifier for; claims that are not sure stand only beside one that is."""
+    claims: Claims = {}
+    for key, heard in survey.heard.items():
+        each = (claim for frame in heard.samples.values() for claim in claims_of(frame, recognition, devices))
+        claims[key] = list({(claim.who, claim.claim.says): claim for claim in each}.values())
+    sure = [claim for claimed in claims.values() for claim in claimed if claim.claim.sure]
+    # A frame that does not tell which of its kind sent it belongs to any of them.
+    present = {claim.who for claim in sure} | {(claim.driver,) for claim in sure}
+    return {key: [each for each in claimed if each.who in present] for key, claimed in claims.items()}
+
+
+def by_sender(
+    heard: HeardId, claims: Sequence[Claim], recognition: Mapping[str, Recognition], devices: Sequence[DeviceSettings]
+) -> Iterator[tuple[list[Claim], list[int]]]:
+    """The arrivals [ns] of one identifier's frames, parted by who sent them as far as ``claims`` tell: several devices
+    may answer under one identifier, each in its own rhythm."""
+    standing = {claim.who for claim in claims}
+    claimed = {
+        begins: [claim for claim in claims_of(frame, recognition, devices) if claim.who in standing]
+        for begins, frame in heard.samples.items()
+    }
+    parts: dict[frozenset[tuple[Any, ...]], tuple[list[Claim], list[int]]] = {}
+    for begins, arrival_ns in zip(heard.begun, heard.arrivals_ns, strict=True):
+        said = claimed.get(begins, [])
+        parts.setdefault(frozenset(claim.who for claim in said), (said, []))[1].append(arrival_ns)
+    yield from parts.values()
+
+
+def claims_of(
+    frame: RawFrame, recognition: Mapping[str, Recognition], devices: Sequence[DeviceSettings]
+) -> Iterator[Claim]:
+    """What each driver takes one frame for."""
+    options = {device.driver: device.options for device in devices}
+    message = message_of(frame)
+    for driver, offered in recognition.items():
+        claim = offered.recognise(message, options.get(driver, {})) if offered.recognise is not None else None
+        if claim is not None:
+            yield Claim(driver, claim, owner(driver, claim, devices))
+
+
+def senders_on(survey: BusSurvey, claims: Claims) -> tuple[Sender, ...]:
+    """One for each device that is heard. What a device of the rig sends is not taken for a stranger's as well."""
+    found: dict[tuple[Any, ...], list[tuple[Claim, int]]] = defaultdict(list)
+    for key, claimed in claims.items():
+        ours = any(each.role is not None for each in claimed)
+        for each in claimed:
+            anybodys = not (each.claim.sure or each.claim.options)
+            if not (each.claim.from_host or anybodys) and (not ours or each.role is not None):
+                found[each.who].append((each, survey.heard[key].count))
+    return tuple(_sender(said) for _, said in sorted(found.items(), key=str))
+
+
+def in_words(options: Mapping[str, Any]) -> str:
+    """Options as a rig file has them."""
+    return ", ".join(f"{name} = {toml(value)}" for name, value in options.items())
+
+
+def owner(driver: str, claim: Recognised, devices: Sequence[DeviceSettings]) -> str | None:
+    """The role of the rig's device that sends this, by its driver and its options."""
+    return next((each.role for each in devices if each.driver == driver and _matches(claim.options, each)), None)
+
+
+def _matches(options: Mapping[str, Any], settings: DeviceSettings) -> bool:
+    return all(settings.options.get(name) == value for name, value in options.items())
+
+
+def _sender(said: Sequence[tuple[Claim, int]]) -> Sender:
+    surest = sorted(said, key=lambda each: (not each[0].claim.sure, each[0].claim.says))
+    first = surest[0][0]
+    says = dict.fromkeys(each.claim.says for each, _ in surest)
+    frames = sum(count for _, count in said)
+    return Sender(first.driver, first.claim.device, dict(first.claim.options), tuple(says), frames, first.role)
+
+
+_READINGS_MIN = 40
+# A rhythm is judged where the period is long against what an adapter and the host may hold frames up.
+_SLOWEST_SEEN_NS = 20_000_000
+_GAPS_MIN = 8
+_STEADY = 0.15  # of the period
+_APART = 0.15
+_MOST = 0.8  # of the gaps: the host may be late now and then
+
+
+def answered_twice(survey: BusSurvey, answers: Sequence[Answers]) -> list[RawFrame]:
+    """Two devices that share one address: two answers to one question, two rhythms in one stream, values that
+    contradict each other.
+
+    An answer of each device whose every question had two.
+    """
+    counts: dict[tuple[Key, bytes], list[int]] = {}
+    example: dict[tuple[Key, bytes], RawFrame] = {}
+    for question, found in survey.answered(answers):
+        asked = ((question.arbitration_id, question.extended), b"" if question.remote else question.data)
+        counts.setdefault(asked, []).append(len(found))
+        example[asked] = found[0]
+    return [example[asked] for asked, each in counts.items() if min(each) >= 2 and median(each) == 2]
+
+
+def two_rhythms(arrivals_ns: Sequence[int]) -> bool:
+    """Whether every other arrival belongs to one steady stream, and those between to another.
+
+    Not to be seen where the second falls into the middle of the first's period.
+    """
+    gaps = np.diff(np.asarray(arrivals_ns, float))
+    if len(gaps) < _GAPS_MIN:
+        return False
+    periods, changes = gaps[:-1] + gaps[1:], np.diff(gaps)
+    period = float(np.median(periods))
+    steady = np.mean(np.abs(periods - period) < _STEADY * period)
+    # Of one device, a gap is followed by one of its like; of two, by what is left of the period.
+    alternating = np.mean((changes[:-1] * changes[1:] < 0) & (np.abs(changes[1:]) > _APART * period))
+    return bool(period >= _SLOWEST_SEEN_NS and steady > _MOST and alternating > _MOST)
+
+
+def contradictory(values: Sequence[float]) -> bool:
+    """Whether readings at rest jump to and fro between two values, as those of two devices do."""
+    readings: FloatArray = np.asarray(values, float)
+    readings = readings[np.isfinite(readings)]
+    if len(readings) < _READINGS_MIN:
+        return False
+    # Means, for a reading that flickers by its last bit has medians of anything.
+    to_next = float(np.mean(np.abs(np.diff(readings))))
+    to_after_next = float(np.mean(np.abs(readings[2:] - readings[:-2])))
+    return to_next > 5 * to_after_next
+
 
 # A bus as busy as this holds frames back now and then.
 BUSY = 0.7

@@ -55,8 +55,11 @@ def faults(
 
 def _trial(path: Path, quick: bool, only: str | None, losses: bool) -> "Trial":
     """``losses``: the host is lost there too, which takes wall time."""
-    from norton_bench.faults.campaign import Trial  # noqa: PLC0415
-    from norton_bench.faults.matrix import cases, host_losses  # noqa: PLC0415
+    from norton_bench.faults.campaign import (  # noqa: PLC0415
+        Trial,
+        cases,
+        host_losses,
+    )
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
 
     rig = load_rig(path, backend="simulated")

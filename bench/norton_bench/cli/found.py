@@ -66,7 +66,7 @@ def _bus_line(each: "BusCheck") -> str:
 
 
 def _sender_line(each: "Sender") -> str:
-    from norton_bench.check.senders import in_words  # noqa: PLC0415
+    from norton_bench.check.buses import in_words  # noqa: PLC0415
 
     who = f"[{each.role}]" if each.role is not None else "not of this rig"
     address = f" at {in_words(each.options)}" if each.options else ""

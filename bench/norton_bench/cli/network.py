@@ -113,7 +113,7 @@ def _into_rig(network: "Network", rig_file: Path | None, file: Path, path: Path)
     """The same for a rig file; the rig is the network's own where none is named."""
     from norton_bench.models.network import NortonNetwork  # noqa: PLC0415
     from norton_bench.rig.load import load_rig, parse_rig  # noqa: PLC0415
-    from norton_bench.rig.with_network import rig_with_network  # noqa: PLC0415
+    from norton_bench.rig.simulators import rig_with_network  # noqa: PLC0415
 
     if not isinstance(network, NortonNetwork):
         raise UsageError(f"{file}: is no identified motor, and the simulated plants know no other network yet")

@@ -238,7 +238,7 @@ def _proposed(path: Path | None) -> dict[str, str]:
 def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
     """Every value by its dotted key, as it would be typed; a command by its limit, whose unit is the command's, and by
     what else it says."""
-    from norton_bench.rig.mistakes import toml  # noqa: PLC0415
+    from norton_bench.rig.files import toml  # noqa: PLC0415
 
     for key, value in tables.items():
         if key == "command" and isinstance(value, dict) and "limit" in value:

@@ -15,8 +15,7 @@ from norton_bench.errors import ExitCode, UsageError
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from norton_bench.sweep.summary import Spread
-    from norton_bench.sweep.task import Outcome, Recorded, Simulated
+    from norton_bench.sweep.task import Outcome, Recorded, Simulated, Spread
 
 RECORDING_SUFFIX = ".mcap"
 
@@ -43,10 +42,9 @@ def sweep(
 ) -> int:
     """Fit the same experiment at many seeds, or all recordings of a fleet; what is done already is not done again."""
     from norton_bench.cli.progress import counting  # noqa: PLC0415
-    from norton_bench.sweep.run import executor_of  # noqa: PLC0415
+    from norton_bench.sweep.run import Store, executor_of  # noqa: PLC0415
     from norton_bench.sweep.run import sweep as run_sweep  # noqa: PLC0415
-    from norton_bench.sweep.store import Store  # noqa: PLC0415
-    from norton_bench.sweep.summary import summary  # noqa: PLC0415
+    from norton_bench.sweep.task import summary  # noqa: PLC0415
 
     sources, output = (first, *others), Output(json, quiet)
     folder = out or RUNS / f"sweep-{first.stem}"

@@ -5,27 +5,73 @@ from dataclasses import dataclass, field, replace
 from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import ClassVar
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError, UsageError
-from norton_bench.faults.case import Case, Outcome, Verdict
-from norton_bench.faults.exercise import Exercise
-from norton_bench.faults.judge import Detection, allowed_ns, judge
+from norton_bench.faults.case import Case, Detection, Outcome, Verdict, allowed_ns, judge
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.loop.devices import open_devices
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.free import command_multisine
+from norton_bench.procedures.imposed import imposed_multisine
+from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
+from norton_bench.procedures.makers import back, imposed
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
+from norton_bench.segments import Use
 from norton_bench.session.engine import record_procedures
 from norton_bench.session.progress import Silent
 from norton_bench.session.schema import Session, WrittenFault
 from norton_drivers.errors import DeviceError
 from norton_drivers.registry import load_backend
 from norton_drivers.rehearsal import Rehearsal, TrueState
+
+DURATION_S = 1.5
+MOTION_SHARE = 0.3
+COMMAND_SHARE = 0.5
+SWINGS = 2  # of a modulator
+REST_S = 0.2
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """What the bench is doing when a fault strikes: motion imposed by one drive, a changing command on the other.
+
+    A second and a half of it; then both drives let go, slowly where the actuator may be a spring.
+    """
+
+    name: ClassVar[str] = "exercise"
+
+    def require(self, rig: Rig) -> None:
+        require_load(rig, "faults", "so that there is motion to be disturbed")
+
+    def duration_s(self, rig: Rig) -> float:
+        return DURATION_S + REST_S
+
+    def plan(self, known: Knowledge) -> Plan:
+        limit = COMMAND_SHARE * known.rig.command.limit
+        motion = imposed_multisine(known, MOTION_SHARE, DURATION_S, seed=3)
+        command = command_multisine(known, (-limit, limit), DURATION_S, seed=4)
+        moving = imposed(self.name, "motion and command", Use.PREPARE, command, motion)
+        moved = yield replace(moving, modulation=_modulation(known.rig, moving.ticks))
+        yield back(self.name, "rest", known.rig, moved, REST_S)
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        return known
+
+
+def _modulation(rig: Rig, ticks: int) -> FloatArray:
+    """To and fro from zero; none where nothing is modulated."""
+    if rig.modulation is None:
+        return np.empty(0)
+    phase = 2 * np.pi * SWINGS * np.arange(ticks) / ticks
+    return np.asarray(0.5 * COMMAND_SHARE * rig.modulation.limit * (1 - np.cos(phase)))
+
 
 # Just enough to impose motion.
 BEFORE = (TareProcedure(TareOptions(0.5)), CalibrateProcedure(CalibrateOptions(2.0)))

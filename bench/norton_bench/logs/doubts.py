@@ -16,8 +16,7 @@ from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.soundness.redundancy import AGREEMENT, SLOPE, agreement
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem
-from norton_bench.logs.filters import Filters, slope
-from norton_bench.logs.grid import Stretch
+from norton_bench.logs.grid import Filters, Stretch, slope
 from norton_bench.logs.log import Log
 from norton_bench.logs.results import ErrorFigures
 

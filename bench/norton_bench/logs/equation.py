@@ -13,8 +13,7 @@ from norton_bench.identification.friction.path import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.columns import Terms
-from norton_bench.logs.filters import Filters
-from norton_bench.logs.grid import Stretch
+from norton_bench.logs.grid import Filters, Stretch
 
 LEAST_ROWS = 30
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.logs.column_map import ColumnMap
+from norton_bench.logs.column_map import ColumnMap, ColumnSection, Given
 from norton_bench.logs.files import Content, read_file
-from norton_bench.logs.schema import ColumnSection, Given
 from norton_bench.units import conversion
 
 # Fewer rows than this tell nothing of a machine.

@@ -1,12 +1,17 @@
 """What the fit of a foreign log says."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification.friction.model import Dimension
+from norton_bench.identification.ladder import FrictionFit
 from norton_bench.identification.results import Trace
-from norton_bench.models.parameters import Estimate
+from norton_bench.identification.verdict import Direction, loose_directions
+from norton_bench.logs.column_map import Units
+from norton_bench.models.parameters import Estimate, Status
 
 
 @dataclass(frozen=True)
@@ -63,3 +68,114 @@ class LogFit:
     test: Errors
     ladder: tuple[Step, ...]
     exertion: Trace
+
+
+# An estimate less certain than this, relative to itself, is none.
+UNEXCITED_BEYOND = 0.5
+# These may be nothing at all, and then have a deviation beyond their value.
+MAY_VANISH = ("offset", "cogging_", "stribeck_torque")
+PER_DEGREE = "_per_degree"
+# One of many elements of a contact, of which most may have no strength.
+ELEMENT = "slip_torque"
+SIGNED = ("coulomb_torque_",)
+
+
+def unit_of(name: str, fit: FrictionFit, units: Units) -> str:
+    """The values of a fit as estimates: each with a unit, a deviation and a status.
+
+    The unit of a value of the fit.
+    """
+    dimension = fit.dimension(name)
+    if dimension is not None:
+        return dimension.unit(rotation=units.motion == "rad")
+    if name.endswith(PER_DEGREE):
+        dimension = Dimension.DAMPING if name.startswith("viscous") else Dimension.FRICTION
+        return f"{dimension.unit(rotation=units.motion == 'rad')}/K"
+    known = {"torque_gain": units.gain, "inertia": units.inertia}
+    return known.get(name, units.exertion)
+
+
+def estimates_of(fit: FrictionFit, units: Units, exertion_rms: float, *, doubtful: bool) -> tuple[Estimate, ...]:
+    """In the order of the fit, without what its model makes superfluous."""
+    return tuple(
+        Estimate(name, float(value), float(std), unit_of(name, fit, units), status)
+        for name, value, std in zip(fit.names, fit.values, fit.deviations, strict=True)
+        if name not in fit.model.replaces
+        for status in (_status(name, float(value), float(std), fit, exertion_rms, doubtful=doubtful),)
+    )
+
+
+def _status(name: str, value: float, std: float, fit: FrictionFit, exertion_rms: float, *, doubtful: bool) -> Status:
+    if doubtful:
+        return Status.DOUBTFUL
+    if not fit.converged:
+        return Status.NOT_CONVERGED
+    element = name.startswith(ELEMENT)
+    if (name in fit.at_bound and not element) or (name == "inertia" and value <= 0):
+        return Status.AT_BOUND
+    scale = max(abs(value), 0.1 * exertion_rms) if element or name.startswith((*MAY_VANISH, *SIGNED)) else abs(value)
+    return Status.VALID if std <= UNEXCITED_BEYOND * scale else Status.UNEXCITED
+
+
+def doubted(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+    """The same, none of them to be believed."""
+    return tuple(replace(estimate, status=Status.DOUBTFUL) for estimate in estimates)
+
+
+def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction, ...]:
+    """Directions in which what should not vanish is known to no better than half of itself."""
+    known = {each.name for each in estimates if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0}
+    names = [name for name in fit.names if name in known and not name.startswith((*MAY_VANISH, *SIGNED, ELEMENT))]
+    at = [fit.names.index(name) for name in names]
+    return loose_directions(names, fit.covariance[np.ix_(at, at)] / np.outer(fit.values[at], fit.values[at]))
+
+
+def without_scale(estimates: tuple[Estimate, ...], units: Units) -> tuple[tuple[Estimate, ...], str]:
+    """No number where only ratios to the torque gain are known, and the sentence that tells the ratios."""
+    fixed = ("rad", "m", "rad/s", "m/s", "1")
+    known = [estimate for estimate in estimates if estimate.unit not in fixed]
+    ratios = ", ".join(
+        f"{estimate.name.replace('_', ' ')} / torque gain = {estimate.value:.5g} ± {estimate.half_interval:.2g}"
+        for estimate in known
+        if estimate.status is Status.VALID
+    )
+    nan = float("nan")
+    blank = tuple(
+        replace(estimate, value=nan, std=nan, status=Status.RATIO_ONLY)
+        if estimate in known and estimate.status is Status.VALID
+        else estimate
+        for estimate in (Estimate("torque_gain", 1.0, 0.0, units.gain, Status.VALID), *estimates)
+    )
+    gain = replace(blank[0], value=nan, std=nan, status=Status.RATIO_ONLY)
+    sentence = (
+        "No torque was measured and no gain or load is known: torque gain, inertia, damping and friction are known "
+        f"only up to a common factor; give [actuator] torque_gain, or a known [load], to fix it. Known are {ratios} "
+        f"(per {units.drive or 'unit of command'})."
+    )
+    return (gain, *blank[1:]), sentence
+
+
+def with_back_emf(
+    estimates: tuple[Estimate, ...], resistance_ohm: float | None, known_gain: float | None
+) -> tuple[tuple[Estimate, ...], str]:
+    """A voltage-driven motor's damping holds its back-EMF; where the resistance is known, the two are told apart.
+
+    From the gain Km/R, the constant is Km = gain · R and the back-EMF's damping Km²/R.
+    """
+    by_name: Mapping[str, Estimate] = {estimate.name: estimate for estimate in estimates}
+    gain = by_name.get("torque_gain", Estimate("torque_gain", known_gain or float("nan"), 0.0, "", Status.VALID))
+    if resistance_ohm is None or not np.isfinite(gain.value):
+        return estimates, (
+            "Driven by voltage: the viscous damping holds the back-EMF's; [actuator] resistance would tell them apart."
+        )
+    braking = gain.value**2 * resistance_ohm
+    braking_std = 2 * abs(gain.value) * resistance_ohm * gain.std
+    lessened = tuple(
+        replace(each, value=each.value - braking, std=float(np.hypot(each.std, braking_std)))
+        if each.name.startswith("viscous_damping")
+        else each
+        for each in estimates
+    )
+    constant = Estimate("torque_constant", gain.value * resistance_ohm, gain.std * resistance_ohm, "N*m/A", gain.status)
+    sentence = f"The back-EMF's damping, {braking:.4g}, is taken out of the viscous damping."
+    return (*lessened, constant), sentence

@@ -8,9 +8,8 @@ from typing import Any
 
 from norton_bench.errors import RigError
 from norton_bench.pytest_plugin.checks import Outcome
-from norton_bench.rig.files import parse_toml, read_text
+from norton_bench.rig.files import parse_toml, read_text, toml
 from norton_bench.rig.load import parse_rig
-from norton_bench.rig.mistakes import toml
 from norton_bench.rig.rig import Rig
 from norton_bench.session.answers import Answers
 from norton_bench.session.engine import run_session

@@ -1,9 +1,17 @@
-"""TOML files as users write them: read, with a sentence for every way in which that can fail."""
+"""Files that a user wrote: read, with every mistake in one sentence, its place and the mend."""
 
+import json
+import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from norton_bench.errors import UsageError
 
@@ -17,7 +25,10 @@ MENDS = {
 
 
 def read_text(path: Path, kind: str, error: type[UsageError] = UsageError) -> str:
-    """The content of the file; ``kind`` ("rig file") names it. Raises ``error`` in one sentence."""
+    """TOML files as users write them: read, with a sentence for every way in which that can fail.
+
+    The content of the file; ``kind`` ("rig file") names it. Raises ``error`` in one sentence.
+    """
     try:
         return path.read_text(encoding="utf-8-sig")  # Windows' editors put a mark at the beginning
     except FileNotFoundError:
@@ -67,3 +78,168 @@ def _neighbours(path: Path) -> str:
     if found:
         return f"there are: {', '.join(found)}"
     return f"there is none in {path.parent}; check the path, or copy the shipped ones: norton-bench examples ."
+
+
+Section = TypeVar("Section", bound=BaseModel)
+
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+KINDS = {
+    "string_type": "a text in quotes",
+    "string_too_short": "a text",
+    "string_pattern_mismatch": 'a plain name of letters, digits, ".", "_" and "-"',
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "bool_type": "true or false",
+    "dict_type": "a table { key = value }",
+    "model_type": "a table { key = value }",
+    "list_type": "a list [ ... ]",
+    "tuple_type": "a list [ ... ]",
+}
+BOUNDS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
+@dataclass
+class Mistakes:
+    """What is wrong in a file that a user wrote: every mistake in one sentence, with its place and the mend.
+
+    The mistakes found so far in the file ``place``.
+    """
+
+    place: str
+    sentences: list[str] = field(default_factory=list)
+
+    def add(self, where: str, text: str) -> None:
+        """Note a mistake at ``where``, e.g. ``[limits] torque``."""
+        self.sentences.append(": ".join(filter(None, (self.place, where, text))))
+
+    def raise_as(self, error: type[UsageError]) -> None:
+        """Raise all of them at once, one a line, where there are any."""
+        if self.sentences:
+            raise error("\n".join(self.sentences))
+
+    def read(
+        self,
+        model: type[Section],
+        table: object,
+        where: str,
+        context: Mapping[str, Any] | None = None,
+        also_known: Iterable[str] = (),
+    ) -> Section | None:
+        """``table`` as a ``model``; None, with every mistake noted, where it is not one.
+
+        ``also_known`` are keys that may stand there too, and are read elsewhere.
+        """
+        if not isinstance(table, dict):
+            self.add(f"[{where}]", f"is a section, not {toml(table)}; write [{where}] on a line of its own")
+            return None
+        try:
+            return model.model_validate(table, context=dict(context or {}))
+        except ValidationError as error:
+            for details in error.errors():
+                self._add_details(details, model, table, where, also_known)
+            return None
+
+    def _add_details(
+        self, details: ErrorDetails, model: type[BaseModel], table: object, where: str, also_known: Iterable[str]
+    ) -> None:
+        path = [str(step) for step in details["loc"] if step != "[key]"]
+        tables, key = path[:-1], path[-1] if path else ""
+        inner = _model_at(model, tables)
+        section = ".".join(filter(None, [where, *tables]))
+        written = _dig(table, path)
+        text = sentence(details, inner, key, written, () if tables else also_known)
+        self.add(" ".join(filter(None, [section and f"[{section}]", key])), text)
+
+
+def sentence(
+    details: ErrorDetails, model: type[BaseModel], key: str, written: object, also_known: Iterable[str] = ()
+) -> str:
+    """One mistake that pydantic found, in words, with the mend; ``written`` is what the file says there.
+
+    ``also_known`` are keys that may stand there beside those of the model.
+    """
+    keys = keys_of(model)
+    example = example_of(keys[key]) if key in keys else ""
+    kind = details["type"]
+    if kind == "missing":
+        return f"is missing; add {key} = {example}"
+    if kind == "extra_forbidden":
+        return f"unknown key; {nearest(key, (*keys, *also_known))}"
+    if kind == "value_error":
+        return str(details["ctx"]["error"])
+    if kind == "literal_error":
+        return f"{toml(written)} is not allowed; write {details['ctx']['expected'].replace(chr(39), chr(34))}"
+    if kind in BOUNDS:
+        bound, words = BOUNDS[kind]
+        return f"{toml(written)} must be {words} {details['ctx'][bound]:g}" + _like(example)
+    return f"expected {KINDS.get(kind, details['msg'])}, not {toml(written)}" + _like(example)
+
+
+def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The keys of a section as a user writes them."""
+    return {info.alias or name: info for name, info in model.model_fields.items()}
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The mend for a word that is not ``known``: the one that was meant, or all there are."""
+    choices = sorted(known)
+    close = get_close_matches(word.lower(), choices, n=1, cutoff=0.6)
+    if close:
+        return f'did you mean "{close[0]}"?'
+    return "known: " + (", ".join(choices) or "none")
+
+
+def toml(value: object) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)  # whose escapes are TOML's too
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{_key(key)} = {toml(inner)}" for key, inner in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(toml(inner) for inner in value) + "]"
+    return str(value)
+
+
+def _key(key: str) -> str:
+    return key if BARE_KEY.fullmatch(key) else toml(key)
+
+
+def example_of(info: FieldInfo) -> str:
+    """What could stand there: the field's own example, or else its description."""
+    if info.examples:
+        return toml(info.examples[0])
+    return f"... ({info.description})" if info.description else "..."
+
+
+def _like(example: str) -> str:
+    return f"; write it like {example}" if example else ""
+
+
+def _model_at(model: type[BaseModel], tables: list[str]) -> type[BaseModel]:
+    for table in tables:
+        info = keys_of(model).get(table)
+        model = (info and _model_in(info.annotation)) or model
+    return model
+
+
+def _model_in(annotation: object) -> type[BaseModel] | None:
+    """The model that a field is declared as, also where it may be None or has validators."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(_model_in, get_args(annotation))), None)
+
+
+def _dig(table: object, path: list[str]) -> object:
+    for step in path:
+        table = table.get(step) if isinstance(table, dict) else table
+    return table

@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from norton_bench.errors import RigError
-from norton_bench.rig.checks import check
-from norton_bench.rig.draft import Draft, read_draft
+from norton_bench.rig.draft import Draft, check, read_draft
 from norton_bench.rig.driver_options import amplifier_options
-from norton_bench.rig.files import check_kind, parse_toml, read_text
-from norton_bench.rig.mistakes import Mistakes
+from norton_bench.rig.files import Mistakes, check_kind, parse_toml, read_text
 from norton_bench.rig.rig import Command, Limits, Rig, Supervision
 from norton_bench.rig.schema import ActuatorSection, CommandSection, DeviceSection, LimitsSection, RigSection
 from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring

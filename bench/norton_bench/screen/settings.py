@@ -11,8 +11,7 @@ from platformdirs import user_config_path
 from pydantic import BaseModel, ConfigDict, Field
 
 from norton_bench.errors import UsageError
-from norton_bench.rig.files import parse_toml, read_text
-from norton_bench.rig.mistakes import Mistakes, nearest, toml
+from norton_bench.rig.files import Mistakes, nearest, parse_toml, read_text, toml
 
 PLACE = "NORTON_BENCH_CONFIG"
 STOP_KEY, STOP = "space", "stop"

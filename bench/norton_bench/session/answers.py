@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from norton_bench.errors import UsageError
-from norton_bench.rig.mistakes import nearest
+from norton_bench.rig.files import nearest
 from norton_bench.session.progress import Prompt
 
 YES = "yes"

@@ -5,7 +5,7 @@ from math import inf, isfinite, nan
 
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import BY_NAME, HALF_INTERVAL, Estimate, Status
-from norton_bench.rig.mistakes import nearest
+from norton_bench.rig.files import nearest
 from norton_bench.session.progress import Judged
 from norton_bench.units import parse_quantity
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 
-from norton_bench.rig.mistakes import toml
+from norton_bench.rig.files import toml
 from norton_bench.rig.rig import Rig
 from norton_bench.session.schema import Session
 from norton_drivers.readings import DeviceIdentity

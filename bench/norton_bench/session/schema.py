@@ -18,8 +18,7 @@ from norton_bench.procedures.options import (
     ValidateOptions,
 )
 from norton_bench.procedures.refine import RefineProcedure
-from norton_bench.rig.files import check_kind, parse_toml, read_text
-from norton_bench.rig.mistakes import Mistakes, nearest, toml
+from norton_bench.rig.files import Mistakes, check_kind, nearest, parse_toml, read_text, toml
 from norton_bench.rig.rig import Command, Rig
 from norton_bench.session.items import Expectation, Session, Step, WrittenFault, flat
 from norton_bench.session.step_models import STEPS, ExpectModel

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from norton_bench.rig.mistakes import Mistakes, nearest, toml
+from norton_bench.rig.files import Mistakes, nearest, toml
 from norton_bench.session.conditions import Condition
 from norton_bench.session.items import Block, Item, Step
 from norton_bench.session.step_models import ASK, CONTROL, GROUP, MODELS, STEPS, ControlModel

@@ -8,7 +8,7 @@ from itertools import product
 from typing import Any
 
 from norton_bench.errors import UsageError
-from norton_bench.rig.mistakes import nearest, toml
+from norton_bench.rig.files import nearest, toml
 from norton_bench.units import RANGE
 
 NAMED = re.compile(r"\$(\$|[A-Za-z_]\w*)")

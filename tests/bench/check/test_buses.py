@@ -2,8 +2,7 @@
 
 import pytest
 
-from norton_bench.check.buses import check_bus
-from norton_bench.check.doubles import two_rhythms
+from norton_bench.check.buses import check_bus, two_rhythms
 from norton_bench.check.survey import BusSurvey
 from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs.vesc import Packet

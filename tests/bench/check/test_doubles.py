@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.check.doubles import answered_twice, contradictory, two_rhythms
+from norton_bench.check.buses import answered_twice, contradictory, two_rhythms
 from norton_bench.check.survey import BusSurvey, Survey
 from norton_drivers.readings import ERROR_FRAME, RawFrame
 from norton_drivers.recognition import answers_remotely

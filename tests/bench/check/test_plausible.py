@@ -5,7 +5,7 @@ from math import nan
 import numpy as np
 import pytest
 
-from norton_bench.check.plausible import (
+from norton_bench.check.moving import (
     Push,
     TorqueScales,
     Turned,

@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from norton_bench.errors import RigError
-from norton_bench.faults.campaign import Trial, run_campaign
+from norton_bench.faults.campaign import Trial, cases, run_campaign
 from norton_bench.faults.case import Outcome, Verdict
-from norton_bench.faults.matrix import cases
 from norton_bench.rig.load import load_rig
 
 RIGS = Path(__file__).parents[3] / "rigs"

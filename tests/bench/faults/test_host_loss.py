@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from norton_bench.faults import host_loss
+from norton_bench.faults.campaign import host_losses
 from norton_bench.faults.case import Verdict
 from norton_bench.faults.host_loss import lose_host
-from norton_bench.faults.matrix import host_losses
 from norton_bench.faults.rehearse import longest_watchdog_s
 from tests.bench.served import rig_of_its_own
 

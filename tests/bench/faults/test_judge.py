@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from norton_bench.faults.case import Expected, Verdict
-from norton_bench.faults.judge import Detection, Judgement, allowed_ns, judge
+from norton_bench.faults.case import Detection, Expected, Judgement, Verdict, allowed_ns, judge
 from norton_bench.rig.rig import Limits
 from norton_drivers.rehearsal import TrueState
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from norton_bench.faults.campaign import cases, host_losses
 from norton_bench.faults.case import Expected
 from norton_bench.faults.host_loss import SIGNALS
-from norton_bench.faults.matrix import cases, host_losses
 from norton_bench.rig.load import load_rig
 from norton_sim.faults.reading import read_faults
 from norton_sim.faults.schema import KINDS

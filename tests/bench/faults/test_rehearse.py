@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from norton_bench.errors import RigError
+from norton_bench.faults.campaign import cases
 from norton_bench.faults.case import Case, Expected, Outcome, Verdict
-from norton_bench.faults.matrix import cases
 from norton_bench.faults.rehearse import Prepared, prepare, rehearse
 from norton_bench.loop.alignment import Alignment
 from norton_bench.rig.load import load_rig

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from norton_bench.errors import UsageError
-from norton_bench.logs.column_map import load_map, parse_map
-from norton_bench.logs.schema import (
+from norton_bench.logs.column_map import (
     ActuatorSection,
     ColumnSection,
     ColumnsSection,
@@ -18,8 +17,10 @@ from norton_bench.logs.schema import (
     LoopSection,
     ModelSection,
     SplitSection,
+    load_map,
+    parse_map,
 )
-from norton_bench.rig.mistakes import keys_of
+from norton_bench.rig.files import keys_of
 
 ROOT = Path(__file__).parents[3]
 RIGHT = """\

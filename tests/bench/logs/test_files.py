@@ -12,9 +12,9 @@ import pytest
 from scipy.io import savemat
 
 from norton_bench.errors import UsageError
+from norton_bench.logs.column_map import LogSection
 from norton_bench.logs.files import read_file
 from norton_bench.logs.log import read_log
-from norton_bench.logs.schema import LogSection
 from tests.bench.logs.machines import FREE, Columns, Machine, column_map, write_csv
 
 SHORT = Machine(rate_hz=50.0, duration_s=4.0)

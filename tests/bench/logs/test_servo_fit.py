@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.logs.servo import LADDER
-from norton_bench.logs.servo_fit import Trial, spread_of_equals
-from norton_bench.logs.servo_ladder import Beginning, ServoRung, held_out, servo_ladder
+from norton_bench.logs.refine import Beginning, ServoRung, held_out, servo_ladder
+from norton_bench.logs.servo import LADDER, Trial, spread_of_equals
 from tests.bench.logs.servos import TRUTH, measured, pendulum
 
 # As an equation of motion would say it that knows nothing of the load's friction: up to a third wrong.

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError, OperatorStopError, SafetyStopError, UsageError
-from norton_bench.faults.witness_file import last_state, read_witness
+from norton_bench.faults.host_loss import last_state, read_witness
 from norton_bench.loop import process as process_module
 from norton_bench.loop.process import LoopProcess
 from norton_bench.loop.session_watch import SILENT_NS

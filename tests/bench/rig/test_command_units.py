@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from norton_bench.errors import RigError
-from norton_bench.rig.command_units import in_words, options_for
-from norton_bench.rig.driver_options import amplifier_options
+from norton_bench.rig.driver_options import amplifier_options, in_words, options_for
 from norton_bench.rig.load import parse_rig
 from norton_drivers import registry
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from norton_bench.rig.driver_options import declared_by
+from norton_bench.rig.files import keys_of
 from norton_bench.rig.load import parse_rig
-from norton_bench.rig.mistakes import keys_of
 from norton_bench.rig.schema import PLAUSIBILITY, BusSection, GuardSection, LimitsSection, RecordingSection, RigSection
 from norton_bench.session.schema import STEPS, parse_session
 from norton_drivers import registry

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from norton_bench.errors import ExitCode, RigError
+from norton_bench.rig.files import toml
 from norton_bench.rig.load import load_rig, parse_rig
-from norton_bench.rig.mistakes import toml
 from norton_bench.rig.rig import Command, Supervision
 from norton_drivers.dbc_sensor import SHIPPED
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from norton_bench.faults.witness_file import last_state, read_witness
+from norton_bench.faults.host_loss import last_state, read_witness
 
 ROOT = Path(__file__).parents[3]
 BENCH = [sys.executable, "-m", "norton_bench"]

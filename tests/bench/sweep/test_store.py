@@ -6,9 +6,8 @@ import pytest
 
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.sweep.store import RESULTS, Store
-from norton_bench.sweep.summary import summary
-from norton_bench.sweep.task import Outcome
+from norton_bench.sweep.run import RESULTS, Store
+from norton_bench.sweep.task import Outcome, summary
 
 ABOUT = {"kind": "simulations", "rig": "abc"}
 

@@ -11,8 +11,7 @@ import pytest
 
 from norton_bench.cli import app
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.sweep.run import executor_of, sweep
-from norton_bench.sweep.store import Store
+from norton_bench.sweep.run import Store, executor_of, sweep
 from norton_bench.sweep.task import Outcome, Recorded, carry_out
 from tests.bench.half_rate import half_rate_text
 

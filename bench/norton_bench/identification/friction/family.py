@@ -6,7 +6,7 @@ from norton_bench.identification.friction.model import FrictionModel
 from norton_bench.identification.friction.path import Path
 from norton_bench.identification.friction.presliding import Dahl, ElastoPlastic, LuGre, MaxwellSlip
 from norton_bench.identification.friction.static import CoulombViscous, LoadDependent, Stribeck
-from norton_bench.rig.mistakes import nearest
+from norton_bench.rig.files import nearest
 
 FAMILY: tuple[FrictionModel, ...] = (
     CoulombViscous(),
