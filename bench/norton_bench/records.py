@@ -73,7 +73,7 @@ class SegmentInfo:
     preview: bool = False
 
 
-# What an in-situ experiment takes its load for (norton_bench.identification.load_taken).
+# What an in-situ experiment takes its load for (norton_bench.identification.in_situ).
 LOAD_TAKEN = "load"
 # Kinds of events that are for programs: people are told the same in other places.
 FOR_PROGRAMS = ("segment", LOAD_TAKEN)

@@ -6,8 +6,7 @@ import numpy as np
 
 from norton_bench.identification.model_free.branches import TAILS, DeadZone, Hysteresis
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
-from norton_bench.identification.model_free.stop_operator import StopOperator
-from norton_bench.identification.model_free.without_model import Prediction, WithoutModel
+from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.identification.results import SourceMap
 

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from norton_bench.cli.output import plain_table
 from norton_bench.cli.results import file_table, parameter, parameter_table
-from norton_bench.identification.random_effects import Combined
+from norton_bench.identification.statistics import Combined
 from norton_bench.session.several import OneOf, Several
 
 

@@ -9,8 +9,7 @@ from norton_bench.cli.output import plain_table
 from norton_bench.identification.results import BlockedMap
 from norton_bench.identification.tables.exertion_table import ExertionTable
 from norton_bench.identification.tables.means import Mean, Setting
-from norton_bench.identification.tables.modulation import Modulated, modulated
-from norton_bench.identification.tables.modulator import ModulatorPlaces
+from norton_bench.identification.tables.modulation import Modulated, ModulatorPlaces, modulated
 from norton_bench.identification.tables.source_table import SourceTable
 from norton_bench.identification.tables.sweeps import Branch
 from norton_bench.identification.tables.two_ports import two_ports

@@ -11,12 +11,12 @@ from norton_bench.datasheet.ripple import LEVEL, Folded, Order, Samples, folded,
 from norton_bench.datasheet.spectra import Piece, Spectra, spectra
 from norton_bench.identification import cogging
 from norton_bench.identification.aligned import Aligned, align
-from norton_bench.identification.ambiguity.zero_range import ZeroRange, zero_range
-from norton_bench.identification.covariance import sandwich
+from norton_bench.identification.ambiguity.conditions import ZeroRange, zero_range
 from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.soundness.recording import sound
+from norton_bench.identification.statistics import sandwich
 from norton_bench.identification.validation import is_free, network_trace
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.report.loops import Loop, bench_time_s, presliding_loops, sliding_samples

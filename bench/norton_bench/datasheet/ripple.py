@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.residuals.position_lines import HIGHEST_CYCLES
+from norton_bench.identification.statistics import sandwich
 
 CHANCE = 0.01
 LEVEL = 1.96

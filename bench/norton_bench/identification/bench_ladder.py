@@ -10,9 +10,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction.asymmetric import Asymmetric
-from norton_bench.identification.friction.equation import Equation, blocked_folds
 from norton_bench.identification.friction.family import family_for
-from norton_bench.identification.friction.path import Path
+from norton_bench.identification.friction.model import Equation, Path, blocked_folds
 from norton_bench.identification.ladder import Rung, ladder
 from norton_bench.identification.regression import Regression, Shape
 from norton_bench.identification.results import FitResult

@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.signals import Signals
+from norton_bench.identification.statistics import sandwich
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 
 DELAY_STEPS = 6

@@ -17,8 +17,7 @@ from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.information import Linearised
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Memory, Regression
-from norton_bench.identification.results import FitResult
-from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.results import FitResult, SensorZero
 from norton_bench.identification.signals import Signals
 
 # Sums over stretches this long are taken as independent of each other, as in the residual's other tests.

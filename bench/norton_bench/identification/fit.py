@@ -13,15 +13,14 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.coupling import Coupling
-from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.current import fit_current
 from norton_bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
-from norton_bench.identification.results import Cogging, FitResult, Simulated, Trace
-from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.results import Cogging, FitResult, SensorZero, Simulated, Trace
 from norton_bench.identification.separable import Solution, limits, linear_solution, solve
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.soundness.doubts import Doubt, doubts, status_of
 from norton_bench.identification.soundness.recording import NOTHING_FOUND, Findings, sound
+from norton_bench.identification.statistics import sandwich
 from norton_bench.identification.verdict import LOOSE_BEYOND, loose_directions, verdict
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status

@@ -3,13 +3,22 @@
 All of it follows from the recording: the experiment itself judges its trials by the same functions.
 """
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.load_taken import LoadTaken, load_taken
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.control.preview import delayed
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.fit import fit_signals
+from norton_bench.identification.load import fit_machine, weight_of
+from norton_bench.identification.results import FitResult
+from norton_bench.identification.signals import INTERPOLATION, Port, positions_of, signals
+from norton_bench.identification.soundness.recording import sound
 from norton_bench.identification.trials import (
     Seen,
     TrialFigures,
@@ -21,7 +30,103 @@ from norton_bench.identification.trials import (
     settled,
     trial_segments,
 )
-from norton_bench.records import Measured, SegmentInfo
+from norton_bench.models.network import REQUIRED, NortonNetwork
+from norton_bench.models.parameters import HALF_INTERVAL, Status
+from norton_bench.records import LOAD_TAKEN, NO_DEVICE_TIME, TORQUE, Event, Measured, SegmentInfo, Table
+from norton_bench.segments import Use
+
+
+@dataclass(frozen=True)
+class Machine:
+    """One machine as its model sees it at the ticks: from what was sent and what arrived to the torque at its port.
+
+    A network, and the delays of its command and its motion; both count from the arrivals of the same readings.
+    """
+
+    network: NortonNetwork
+    command_delay_s: float
+    motion_delay_s: float
+
+    @classmethod
+    def of_fit(cls, fit: FitResult) -> "Machine":
+        return cls(fit.network, fit.command_delay_s, fit.motion_delay_s)
+
+    @classmethod
+    def of_load(cls, load: LoadCalibration) -> "Machine":
+        motion_s = load.measurement_delay_s if load.motion_delay_s is None else load.motion_delay_s
+        return cls(load.network, load.command_delay_s, motion_s)
+
+    def in_drive_units(self) -> "Machine":
+        """The same in newton metres as its own drive counts them: with a torque gain of 1."""
+        network, gain = self.network, self.network.torque_gain
+        scaled = replace(
+            network,
+            torque_gain=1.0,
+            inertia_kgm2=network.inertia_kgm2 / gain,
+            viscous_damping_nms_rad=network.viscous_damping_nms_rad / gain,
+            coulomb_torque_nm=network.coulomb_torque_nm / gain,
+            presliding_stiffness_nm_rad=network.presliding_stiffness_nm_rad / gain,
+            presliding_damping_nms_rad=max(network.presliding_damping_nms_rad / gain, 0.0),
+            covariance_names=(),
+            covariance=(),
+        )
+        return replace(self, network=scaled)
+
+    def torque_nm(self, command: FloatArray, position_rad: FloatArray, tick_s: float) -> FloatArray:
+        """What it exerts at its port, (ticks,), by what was sent to it and what arrived of its position."""
+        held = delayed(command, tick_s, self.command_delay_s)
+        return self.network.torque(held, delayed(position_rad, tick_s, -self.motion_delay_s), tick_s)
+
+    def command_for(self, motor_nm: FloatArray, tick_s: float) -> FloatArray:
+        """The commands, (ticks,), that give this motor torque at the instants at which they arrive."""
+        stays = np.exp(-self.network.amplifier_bandwidth_rad_s * tick_s)
+        wanted = delayed(motor_nm, tick_s, -self.command_delay_s)
+        following = np.append(wanted[1:], wanted[-1])
+        return np.asarray((following - stays * wanted) / (1.0 - stays) / self.network.torque_gain)
+
+
+@dataclass(frozen=True)
+class LoadTaken:
+    """What an in-situ experiment took its load for: the one thing in its recording that its trials alone do not tell.
+
+    The load's values, in sentences where they come from, and how many ticks a trial is to have.
+    """
+
+    machine: Machine
+    said: tuple[str, ...]
+    ticks: int
+
+    def as_text(self) -> str:
+        """For an event; :meth:`of_text` reads it to the last digit."""
+        network = self.machine.network
+        return json.dumps(
+            {
+                "network": {name: getattr(network, name) for name in (*REQUIRED, "command_unit")},
+                "command_delay_s": self.machine.command_delay_s,
+                "motion_delay_s": self.machine.motion_delay_s,
+                "said": self.said,
+                "ticks": self.ticks,
+            },
+            ensure_ascii=False,
+        )
+
+    @classmethod
+    def of_text(cls, text: str) -> "LoadTaken":
+        """Raises ExperimentError for what :meth:`as_text` has not written."""
+        try:
+            data: dict[str, Any] = json.loads(text)
+            network = NortonNetwork(**data["network"])
+            machine = Machine(network, data["command_delay_s"], data["motion_delay_s"])
+            return cls(machine, tuple(data["said"]), int(data["ticks"]))
+        except (ValueError, KeyError, TypeError) as error:
+            raise ExperimentError(f"what the load was taken for cannot be read: {error!r}") from error
+
+
+def load_taken(events: Sequence[Event]) -> LoadTaken | None:
+    """What was said last; None where nothing was."""
+    said = [event.text for event in events if event.kind == LOAD_TAKEN]
+    return LoadTaken.of_text(said[-1]) if said else None
+
 
 # What its steps, and the segments of its trials, are called.
 IN_SITU = "in_situ"
@@ -152,3 +257,93 @@ def _scatter(repeated: Sequence[FloatArray]) -> float:
     if len(repeated) < 2:
         return 0.0
     return float(np.sqrt(np.mean(np.var(np.stack(repeated), axis=0, ddof=1))))
+
+
+# Any number will do; with this one the numbers look like torques.
+TWIST_NM_RAD = 100.0
+# A load's inertia that is not told better than this is not told.
+LOOSEST = 0.05
+
+
+@dataclass(frozen=True)
+class LoadByTwist:
+    """An actuator that stays assembled to its load, without a torque sensor: both machines from their two encoders.
+
+    The shaft between them twists in proportion to the torque. How stiff it is nobody knows, and the load's values
+    need not know: its own command sets the scale. So the twist, times any number, is fitted as the load's port
+    torque, and all is divided by the torque gain that comes out: the load's values in newton metres *as its drive
+    counts them*.
+
+    Viscous damping is the exception. A twist that goes with velocity is also what two encoders show that are read
+    half a microsecond apart, so that one must be known from elsewhere.
+
+    With the load known, the port torque follows from its motion and its command, and the actuator is fitted to
+    that.
+
+    The load in newton metres as its drive counts them, the relative deviation of its inertia there, and what the
+    weight of an arm on it gives at most, 0 where none hangs there: ``machine`` is the load without it.
+    """
+
+    machine: Machine
+    inertia_deviation: float
+    weight_nm: float = 0.0
+
+
+def load_by_twist(measured: Measured, tick_s: float) -> LoadByTwist:
+    """The load, from segments in which both machines were shaken (Use.CALIBRATE), each in its own way.
+
+    Raises ExperimentError where the shaft twists too little to tell the load's inertia from the actuator's.
+    """
+    twisted = signals(with_twist(sound(measured).measured), tick_s, Use.CALIBRATE, Port.LOAD)
+    fit = fit_machine(twisted)
+    gain, inertia = fit.estimate("torque_gain"), fit.estimate("inertia")
+    if not fit.converged or gain.status is not Status.VALID or inertia.status is not Status.VALID:
+        raise ExperimentError("the twist between the encoders does not tell the load's inertia from the actuator's")
+    deviation = float(np.hypot(gain.std / gain.value, inertia.std / inertia.value))
+    if not deviation < LOOSEST:
+        raise ExperimentError(
+            f"the twist between the encoders tells the load's inertia to ±{HALF_INTERVAL * deviation:.0%} only"
+        )
+    return LoadByTwist(Machine.of_fit(fit).in_drive_units(), deviation, weight_of(fit) / gain.value)
+
+
+def actuator_behind(measured: Measured, load: Machine, tick_s: float, command_unit: str) -> FitResult:
+    """The actuator, from the same segments, with the torque at its port as the load's motion and command tell it.
+
+    Raises ExperimentError where there is nothing to fit.
+    """
+    believed = with_torque_of(sound(measured).measured, load, tick_s)
+    return fit_signals(signals(believed, tick_s, Use.CALIBRATE, Port.ACTUATOR), command_unit=command_unit)
+
+
+def with_twist(measured: Measured) -> Measured:
+    """With TWIST_NM_RAD times the twist in place of the torque readings, whenever the load's position was read."""
+    origin_ns = int(measured.ticks["tick_ns"][0])
+    load = positions_of(measured.load_motion, origin_ns)
+    actuator = positions_of(measured.motion, origin_ns)
+    reach_s = INTERPOLATION.half_width * actuator.period_s
+    within = (load.time_s > actuator.time_s[0] + reach_s) & (load.time_s < actuator.time_s[-1] - reach_s)
+    at_s = load.time_s[within]
+    twist_rad = actuator.at(at_s) - load.value[within]
+    return replace(measured, torque=_readings(at_s, TWIST_NM_RAD * twist_rad, origin_ns))
+
+
+def with_torque_of(measured: Measured, load: Machine, tick_s: float) -> Measured:
+    """With the port torque as the load tells it in place of the torque readings, once a tick."""
+    origin_ns = int(measured.ticks["tick_ns"][0])
+    position = positions_of(measured.load_motion, origin_ns)
+    reach_s = INTERPOLATION.half_width * position.period_s
+    ticks_s = (measured.ticks["tick_ns"] - origin_ns) * 1e-9
+    within = (ticks_s > position.time_s[0] + reach_s) & (ticks_s < position.time_s[-1] - reach_s)
+    at_s, sent_nm = ticks_s[within], measured.ticks["load_torque_nm"][within]
+    torque_nm = -load.torque_nm(sent_nm, position.at(at_s), tick_s)
+    return replace(measured, torque=_readings(at_s, torque_nm, origin_ns))
+
+
+def _readings(at_s: FloatArray, torque_nm: FloatArray, origin_ns: int) -> Table:
+    table = np.zeros(len(at_s), TORQUE)
+    table["arrival_ns"] = origin_ns + np.round(at_s * 1e9).astype(np.int64)
+    table["device_ns"] = NO_DEVICE_TIME
+    table["sequence"] = np.arange(len(at_s))
+    table["torque_nm"], table["valid"] = torque_nm, True
+    return table

@@ -7,10 +7,9 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.friction.equation import Equation, blocked_folds
 from norton_bench.identification.friction.fit import FrictionFit, Problem, fit_friction
-from norton_bench.identification.friction.model import FrictionModel
-from norton_bench.identification.held_out import held_out_rms, simplest_as_good
+from norton_bench.identification.friction.model import Equation, FrictionModel, blocked_folds
+from norton_bench.identification.statistics import held_out_rms, simplest_as_good
 
 __all__ = ["Equation", "FrictionFit", "Rung", "blocked_folds", "fit_friction", "ladder", "selected"]
 

@@ -17,9 +17,8 @@ from norton_bench.identification.expansion import Expansion, Sums
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.ladder import Rung, selected
 from norton_bench.identification.residuals.departures import CHANGE, Departure, departures, greatest_share
-from norton_bench.identification.results import FitResult
+from norton_bench.identification.results import FitResult, SensorZero
 from norton_bench.identification.ringing import folded_ringing
-from norton_bench.identification.sensor_zero import SensorZero
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.validation import free_runs
 from norton_bench.models.network import NortonNetwork

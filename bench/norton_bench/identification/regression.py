@@ -17,11 +17,10 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
+from norton_bench.identification.counts import Turns, Whitening, friction_error
 from norton_bench.identification.friction.additive import hats
 from norton_bench.identification.kernels import Kernel
-from norton_bench.identification.recounting import friction_error
 from norton_bench.identification.signals import FINE, Signals
-from norton_bench.identification.turns import Turns, Whitening
 
 LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)

@@ -10,8 +10,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.fit import trace
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.regression import INERTIA, Regression, Rows, Shape
-from norton_bench.identification.results import FitResult, Trace, Validation
-from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.results import FitResult, SensorZero, Trace, Validation
 from norton_bench.identification.separable import LOW_BAND, linear_solution
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.records import Measured, SegmentInfo

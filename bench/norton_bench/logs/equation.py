@@ -9,7 +9,7 @@ import numpy as np
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.friction import additive
-from norton_bench.identification.friction.path import Path
+from norton_bench.identification.friction.model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.columns import Terms

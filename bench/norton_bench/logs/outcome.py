@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.identification.friction.model import Dimension, FrictionModel
-from norton_bench.identification.friction.path import Path
+from norton_bench.identification.friction.model import Dimension, FrictionModel, Path
 from norton_bench.identification.ladder import FrictionFit, Rung
 from norton_bench.identification.results import Trace
 from norton_bench.identification.verdict import words

@@ -13,9 +13,16 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
-from norton_bench.identification.assembly import actuator_behind, load_by_twist
-from norton_bench.identification.in_situ import IN_SITU, Exerted, Trial, figures, why_not_settled
-from norton_bench.identification.machine import Machine
+from norton_bench.identification.in_situ import (
+    IN_SITU,
+    Exerted,
+    Machine,
+    Trial,
+    actuator_behind,
+    figures,
+    load_by_twist,
+    why_not_settled,
+)
 from norton_bench.identification.trials import TRIAL, diverge, settled
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import HALF_INTERVAL

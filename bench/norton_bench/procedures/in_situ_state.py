@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.in_situ import Exerted
-from norton_bench.identification.load_taken import LoadTaken
+from norton_bench.identification.in_situ import Exerted, LoadTaken
 from norton_bench.procedures.learning import Lesson, Models
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
-from norton_bench.identification.machine import Machine
+from norton_bench.identification.in_situ import Machine
 from norton_bench.identification.trials import Seen, in_band
 
 # The spectrum is averaged over so many lines to tell what is noise.

@@ -11,7 +11,7 @@ from norton_bench.identification.model_free.without_model import WithoutModel
 from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from norton_bench.identification.tables.exertion_table import ExertionTable
-from norton_bench.identification.tables.modulator import ModulatorPlaces
+from norton_bench.identification.tables.modulation import ModulatorPlaces
 from norton_bench.identification.tables.source_table import SourceTable
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork

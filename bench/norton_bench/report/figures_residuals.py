@@ -4,9 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from norton_bench.identification.residuals.dependence import Dependence
+from norton_bench.identification.residuals.dependence import Dependence, Memory
 from norton_bench.identification.residuals.diagnosis import ResidualTests
-from norton_bench.identification.residuals.whiteness import Memory
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure
 from norton_bench.report.words import in_prefixed_unit
 

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
-from norton_bench.identification.model_free.stop_operator import StopOperator
+from norton_bench.identification.model_free.without_model import StopOperator
 from norton_bench.models.network import NortonNetwork
 from norton_bench.report.decimate import thinned
 from norton_bench.report.figures_network import legend

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from norton_bench.identification.friction.fit import ROUGHNESS
-from norton_bench.identification.friction.presliding import EXCESS
+from norton_bench.identification.friction.laws import EXCESS
 from norton_bench.report.data import ReportData
 from norton_bench.report.section import Facts, Section
 from norton_bench.report.words import number

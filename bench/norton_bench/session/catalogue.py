@@ -12,7 +12,7 @@ from scipy.stats import norm, t
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.random_effects import NORMAL_95, Combined, combine
+from norton_bench.identification.statistics import NORMAL_95, Combined, combine
 from norton_bench.models.network import STATUS, NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.recording.reader import read_happenings

@@ -12,20 +12,18 @@ from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
 from norton_bench.identification.ambiguity.tabulated import tabulated_conditions
 from norton_bench.identification.bench_ladder import bench_ladder
-from norton_bench.identification.bounds import beyond_bounds
 from norton_bench.identification.in_situ import InSituResult, in_situ_result
-from norton_bench.identification.judged_fit import fit_judged
+from norton_bench.identification.judged_fit import beyond_bounds, fit_judged
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.live.moved import with_what_moved
 from norton_bench.identification.model_error import ModelError, of_ladder
-from norton_bench.identification.model_free.port_torque import PortTorque
-from norton_bench.identification.model_free.source_map import blocked_map, source_map
+from norton_bench.identification.model_free.source_map import PortTorque, blocked_map, source_map
 from norton_bench.identification.model_free.without_model import WithoutModel, without_model
 from norton_bench.identification.residuals.diagnosis import ResidualTests, diagnose
 from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
 from norton_bench.identification.soundness.recording import Sound, sound
 from norton_bench.identification.tables.exertion_table import ExertionTable, exertion_table
-from norton_bench.identification.tables.modulator import ModulatorPlaces, modulator_places
+from norton_bench.identification.tables.modulation import ModulatorPlaces, modulator_places
 from norton_bench.identification.tables.source_table import SourceTable, source_table
 from norton_bench.identification.trials import TrialFigures, trials
 from norton_bench.identification.validation import validate_signals

@@ -8,7 +8,7 @@ from norton_bench.control.admittance import AdmittanceController
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.identification.current import fit_current
 from norton_bench.identification.friction.family import family_for
-from norton_bench.identification.friction.path import Path
+from norton_bench.identification.friction.model import Path
 from norton_bench.identification.friction.sums import part_sums
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.regression import Regression, Shape

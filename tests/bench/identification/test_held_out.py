@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.held_out import held_out_rms, simplest_as_good
+from norton_bench.identification.statistics import held_out_rms, simplest_as_good
 
 FOLDS = np.array([1.0, 4.0, 2.0, 8.0, 3.0])
 UNEVEN = np.array([1.0, -1.0, 1.0, -1.0, 0.5])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.machine import Machine
+from norton_bench.identification.in_situ import Machine
 from norton_bench.models.network import NortonNetwork
 
 GAIN, TICK_S = 0.95, 1e-3

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.bounds import beyond_bounds, possible
 from norton_bench.identification.fit import PHYSICAL
-from norton_bench.identification.judged_fit import fit_judged
+from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, possible
 from norton_bench.identification.model_error import LEVEL, bound, expanded, judged, model_error
 from norton_bench.identification.residuals.departures import CHANGE, DRAG, Departure
 from norton_bench.identification.signals import signals

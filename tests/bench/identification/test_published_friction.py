@@ -9,9 +9,8 @@ import pytest
 from scipy.io import loadmat
 from scipy.signal import butter, decimate, filtfilt
 
-from norton_bench.identification.friction.equation import Equation, blocked_folds
 from norton_bench.identification.friction.family import model
-from norton_bench.identification.friction.path import Path
+from norton_bench.identification.friction.model import Equation, Path, blocked_folds
 from norton_bench.identification.ladder import fit_friction, ladder, selected
 from tests.bench.real_data import data_file
 

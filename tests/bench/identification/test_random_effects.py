@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.random_effects import NORMAL_95, Combined, between_limit, combine
+from norton_bench.identification.statistics import NORMAL_95, Combined, between_limit, combine
 
 # Thirteen trials of the BCG vaccine, cases and others with it, cases and others without (Colditz et al. 1994, as in
 # the R package metadat, dat.bcg): the example on which programs for such analyses are compared.

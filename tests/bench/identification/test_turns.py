@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_bench.identification import loops
+from norton_bench.identification.counts import UNKNOWN_COUNTS, Turns, Whitening
 from norton_bench.identification.information import Excitation, planned_signals
 from norton_bench.identification.separable import solve
 from norton_bench.identification.signals import signals
-from norton_bench.identification.turns import UNKNOWN_COUNTS, Turns, Whitening
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench

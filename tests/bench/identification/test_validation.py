@@ -7,7 +7,7 @@ import pytest
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.model_free.source_map import blocked_map, source_map
-from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.results import SensorZero
 from norton_bench.identification.signals import signals
 from norton_bench.identification.validation import validate, validate_signals
 from norton_bench.segments import Use

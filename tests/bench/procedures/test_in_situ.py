@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError, RigError
-from norton_bench.identification.in_situ import Exerted, InSituResult, figures, in_band_motion, in_situ_result
-from norton_bench.identification.load_taken import LoadTaken
+from norton_bench.identification.in_situ import (
+    Exerted,
+    InSituResult,
+    LoadTaken,
+    figures,
+    in_band_motion,
+    in_situ_result,
+)
 from norton_bench.identification.trials import settled
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.calibrate import CalibrateProcedure

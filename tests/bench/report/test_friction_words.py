@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from norton_bench.identification.friction.equation import Equation, blocked_folds
 from norton_bench.identification.friction.family import FAMILY, model
 from norton_bench.identification.friction.fit import fit_friction
-from norton_bench.identification.friction.path import Path
+from norton_bench.identification.friction.model import Equation, Path, blocked_folds
 from norton_bench.report.sections_friction import ASSUMES, CONTAINS, worse_though_richer
 
 DT_S, DEFLECTION_RAD, COULOMB_NM = 1e-3, 2e-3, 0.02

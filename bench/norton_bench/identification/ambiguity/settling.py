@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.model_free.dwells import PIECES, pieces_of
+from norton_bench.identification.model_free.branches import PIECES, pieces_of
 from norton_bench.identification.model_free.source_map import LEAST_READINGS, dwells, is_staircase
 from norton_bench.records import Measured
 

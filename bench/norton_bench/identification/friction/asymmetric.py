@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.friction.model import COULOMB, FrictionModel, Term, Unknown
-from norton_bench.identification.friction.path import Path
+from norton_bench.identification.friction.model import COULOMB, FrictionModel, Path, Term, Unknown
 
 # The equation's constant exertion, or the first knot of one that drifts: what is left is then a drift from there.
 CONSTANT = ("offset", "offset_1")

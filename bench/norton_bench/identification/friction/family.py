@@ -2,10 +2,16 @@
 
 from norton_bench.errors import UsageError
 from norton_bench.identification.friction.asymmetric import Asymmetric
-from norton_bench.identification.friction.model import FrictionModel
-from norton_bench.identification.friction.path import Path
-from norton_bench.identification.friction.presliding import Dahl, ElastoPlastic, LuGre, MaxwellSlip
-from norton_bench.identification.friction.static import CoulombViscous, LoadDependent, Stribeck
+from norton_bench.identification.friction.laws import (
+    CoulombViscous,
+    Dahl,
+    ElastoPlastic,
+    LoadDependent,
+    LuGre,
+    MaxwellSlip,
+    Stribeck,
+)
+from norton_bench.identification.friction.model import FrictionModel, Path
 from norton_bench.rig.files import nearest
 
 FAMILY: tuple[FrictionModel, ...] = (

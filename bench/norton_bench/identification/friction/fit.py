@@ -10,11 +10,10 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.friction.bounded import bounded_solution
-from norton_bench.identification.friction.equation import Equation
-from norton_bench.identification.friction.model import Dimension, FrictionModel
+from norton_bench.identification.friction.model import Dimension, Equation, FrictionModel
 from norton_bench.identification.separable import linear_solution
+from norton_bench.identification.statistics import sandwich
 
 POINTS_PER_DECADE = 2
 ROUNDS = 2

@@ -17,16 +17,47 @@ from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fit import PHYSICAL, network_of, physical, result_of, solution_of
 from norton_bench.identification.live.drift import Drift, drift_of
-from norton_bench.identification.live.sanity import sound
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import signals
 from norton_bench.identification.soundness import recording
+from norton_bench.identification.soundness.stray import rising, spikes
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.records import Measured, SegmentInfo, join
+from norton_bench.records import Measured, SegmentInfo, Table, join
 from norton_bench.segments import Use
+
+# Readings arrive within so long of the ticks of their part.
+STRAY_NS = 1_000_000_000
+
+
+def sound(part: Measured) -> Measured:
+    """What of a part may be believed at all, before anything is learned from it.
+
+    A final fit can look at everything twice; what runs live digests each reading once and must not be poisoned by
+    it.
+
+    The part without readings that are not finite, stand alone far off, or bear an impossible time.
+    """
+    ticks = part.ticks[np.isfinite(part.ticks["command"])]
+    if not len(ticks):
+        return replace(part, ticks=ticks, motion=part.motion[:0], torque=part.torque[:0])
+    ticks = ticks[rising(ticks["tick_ns"])]
+    span_ns = int(ticks["tick_ns"][0]) - STRAY_NS, int(ticks["tick_ns"][-1]) + STRAY_NS
+    return replace(
+        part,
+        ticks=ticks,
+        motion=_readings(part.motion, "position_rad", span_ns),
+        torque=_readings(part.torque[part.torque["valid"]], "torque_nm", span_ns),
+    )
+
+
+def _readings(table: Table, column: str, span_ns: tuple[int, int]) -> Table:
+    arrival_ns = table["arrival_ns"]
+    table = table[np.isfinite(table[column]) & (arrival_ns >= span_ns[0]) & (arrival_ns <= span_ns[1])]
+    return table[~spikes(table[column])]
+
 
 LEARNT_FROM = (Use.CALIBRATE, Use.IDENTIFY)
 # The first fit. Half as much tells next to nothing of friction.

@@ -12,10 +12,10 @@ from numpy.polynomial import hermite_e
 
 from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.identification.expansion import Expansion, Sums
-from norton_bench.identification.held_out import LEAST_GAIN
 from norton_bench.identification.regression import GAIN, INERTIA
 from norton_bench.identification.residuals.dependence import chance_of_sum
 from norton_bench.identification.soundness.doubts import SPLITS
+from norton_bench.identification.statistics import LEAST_GAIN
 
 # Chance of naming anything where nothing is wrong; shared out among all kinds and periods that are looked at.
 FALSE_ALARM = 0.05

@@ -4,9 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from norton_bench.arrays import FloatArray, IntArray
+from norton_bench.identification.kernels import Kernel
 
 INPUT_LAGS = range(-4, 9)
 # Sums over blocks this long are taken as independent of each other.
@@ -113,3 +117,62 @@ def _peak_hz(values: FloatArray, step_s: float) -> float:
         return float("nan")
     power = np.mean(np.abs(np.fft.rfft(pieces * np.hanning(PEAK_LENGTH), axis=1)) ** 2, axis=0)
     return float(np.fft.rfftfreq(PEAK_LENGTH, step_s)[int(np.argmax(power))])
+
+
+# Order of the filter that takes the band's own colour away.
+ORDER = 6
+MEMORY_LAGS = 25
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Whether a sequence with gaps remembers itself, once the colour of a known low-pass is taken away.
+
+    Autocorrelation at ``lags_s`` (lags,), the half width of its 95 % band for a white residual, and the sum of all:
+    a portmanteau test that allows for changing variance (``p_value`` is its chance where nothing is remembered).
+    """
+
+    lags_s: FloatArray
+    correlation: FloatArray
+    band: FloatArray
+    statistic: float
+    p_value: float
+
+    @property
+    def greatest(self) -> float:
+        """The greatest correlation, either way."""
+        return float(np.max(np.abs(self.correlation)))
+
+
+def whiten(values: FloatArray, band: Kernel, stride: int) -> FloatArray:
+    """Thinned ``values`` without the colour that ``band`` gives to white noise; NaN within ORDER of a gap."""
+    reach = int(np.ceil(band.half_width))
+    taps = band.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
+    covariance = np.correlate(taps, taps, mode="full")[taps.size - 1 :: stride]
+    known = np.zeros(ORDER + 1)
+    known[: covariance.size] = covariance[: ORDER + 1]
+    prediction = solve_toeplitz(known[:-1], known[1:])
+    output = np.asarray(lfilter(np.concatenate([[1.0], -prediction]), [1.0], np.nan_to_num(values)))
+    missing = np.convolve(np.isnan(values), np.ones(ORDER + 1))[: values.size] > 0.5
+    missing[:ORDER] = True
+    output[missing] = np.nan
+    return output
+
+
+def memory(whitened: FloatArray, step_s: float) -> Memory:
+    """Of a sequence with gaps as NaN. The variance of each lag is its own, so that bursts of noise are no alarm."""
+    known = np.isfinite(whitened)
+    centred = np.where(known, whitened - np.mean(whitened[known]), 0.0)
+    power = centred**2
+    total = float(np.sum(power))
+    lags = range(1, MEMORY_LAGS + 1)
+    products = np.array([centred[lag:] @ centred[:-lag] for lag in lags])
+    variance = np.array([power[lag:] @ power[:-lag] for lag in lags])
+    statistic = float(np.sum(products**2 / np.maximum(variance, 1e-300)))
+    return Memory(
+        np.array(lags) * step_s,
+        products / max(total, 1e-300),
+        1.96 * np.sqrt(variance) / max(total, 1e-300),
+        statistic,
+        float(chi2.sf(statistic, MEMORY_LAGS)),
+    )

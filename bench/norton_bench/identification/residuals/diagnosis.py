@@ -13,9 +13,16 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.aligned import Aligned, align
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.residuals.dependence import Dependence, dependence
+from norton_bench.identification.residuals.dependence import (
+    MEMORY_LAGS,
+    ORDER,
+    Dependence,
+    Memory,
+    dependence,
+    memory,
+    whiten,
+)
 from norton_bench.identification.residuals.position_lines import Harmonic, position_harmonics
-from norton_bench.identification.residuals.whiteness import MEMORY_LAGS, ORDER, Memory, memory, whiten
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.validation import network_trace

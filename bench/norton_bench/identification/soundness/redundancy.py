@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.identification.covariance import sandwich
 from norton_bench.identification.separable import linear_solution
+from norton_bench.identification.statistics import sandwich
 from norton_bench.records import Measured, Table
 
 BIN_S = 0.05

@@ -15,12 +15,12 @@ from norton_bench.identification.tables.means import (
     Mean,
     Setting,
     inside,
+    line_amplitudes,
     mean_of,
     modulations_of,
     setting_in,
     torque_in,
 )
-from norton_bench.identification.tables.sines import line_amplitudes
 from norton_bench.identification.tables.sweeps import Branch, Sweep, Swept, both_ways, swept
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use

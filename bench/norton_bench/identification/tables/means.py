@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as t_distribution
 
-from norton_bench.arrays import FloatArray
+from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.records import Measured, SegmentInfo, Table
 
 # The scatter of the means of so many blocks is that of noise that lasts: control, drift, friction.
@@ -80,3 +80,21 @@ def torque_in(measured: Measured, segment: SegmentInfo, resolution_nm: float = 0
     """Port torque in a segment, less the sensor's zero as the bench knew it then."""
     torque_nm = inside(measured.ticks, segment, "tick_ns")["torque_nm"]
     return mean_of(torque_nm[np.isfinite(torque_nm)], resolution_nm)
+
+
+def line_amplitudes(time_s: FloatArray, values: FloatArray, omega_rad_s: FloatArray) -> tuple[ComplexArray, float]:
+    """Amplitudes of sines of known frequencies in readings that come at any times.
+
+    Complex amplitudes (lines,) of the real parts A exp(jωt) in ``values``, and the deviation of either part of
+    each.
+
+    Least squares together with a constant and a slope. The deviation is that of what is left, taken as white.
+    """
+    angle = np.outer(omega_rad_s, time_s)
+    columns = np.vstack([np.cos(angle), -np.sin(angle), np.ones_like(time_s), time_s - np.mean(time_s)])
+    solution, *_ = np.linalg.lstsq(columns.T, values, rcond=None)
+    rest = values - solution @ columns
+    lines = len(omega_rad_s)
+    free = max(len(values) - len(solution), 1)
+    deviation = float(np.sqrt(2 * np.sum(rest**2) / free / len(values)))
+    return solution[:lines] + 1j * solution[lines : 2 * lines], deviation

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from norton_bench.identification.friction.equation import Equation, blocked_folds
-from norton_bench.identification.friction.path import Path
+from norton_bench.identification.friction.model import Equation, Path, blocked_folds
 
 DT_S = 1e-3
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
-from norton_bench.identification.model_free.port_torque import PortTorque
-from norton_bench.identification.model_free.source_map import source_map
-from norton_bench.identification.sensor_zero import SensorZero
+from norton_bench.identification.model_free.source_map import PortTorque, source_map
+from norton_bench.identification.results import SensorZero
 from norton_bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo
 from norton_bench.segments import Use
 from tests.bench.identification.synthetic import Bench

@@ -8,14 +8,14 @@ from scipy.optimize import lsq_linear
 
 from norton_bench.identification.aligned import align, usable_of
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable, impedance_table
-from norton_bench.identification.model_free.stop_operator import (
+from norton_bench.identification.model_free.without_model import (
     COMMAND_TICKS,
     ELEMENTS,
     Normal,
     fit_operator,
     operator_columns,
+    without_model,
 )
-from norton_bench.identification.model_free.without_model import without_model
 from norton_bench.identification.signals import FINE, Signals, signals
 from norton_bench.identification.validation import validate
 from norton_bench.segments import Use

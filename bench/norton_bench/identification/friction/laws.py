@@ -1,10 +1,11 @@
-"""Friction that remembers the path: contacts that deflect before they slide."""
+"""The laws of friction: of velocity alone, and of the path that the shaft went."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.errors import UsageError
 from norton_bench.identification.friction.model import (
     COULOMB,
     PRESLIDING,
@@ -12,12 +13,12 @@ from norton_bench.identification.friction.model import (
     STRIBECK,
     VISCOUS,
     Dimension,
+    Path,
     Term,
     Unknown,
 )
-from norton_bench.identification.friction.path import Path
-from norton_bench.identification.friction.static import STICTION, bump
 
+STICTION = Term("stribeck_torque", Dimension.FRICTION)
 # Fs/Fc − 1, the excess of stiction over Coulomb friction. Below a tenth it is Dahl's.
 EXCESS = Unknown("stiction_excess", Dimension.RATIO, 0.1, 5.0)
 BREAKAWAY = Unknown("breakaway_share", Dimension.RATIO, 0.05, 0.98)
@@ -27,9 +28,62 @@ ELEMENTS = 12
 AROUND = (0.03, 3.0)
 
 
+def bump(velocity: FloatArray, stribeck_velocity: float) -> FloatArray:
+    """The share of stiction left at ``velocity`` (Stribeck's curve, exponent 2)."""
+    # Not less than e⁻⁶⁰: numbers near the smallest there are make everything slow.
+    return np.asarray(np.exp(-np.minimum(np.square(velocity / stribeck_velocity), 60.0)))
+
+
+@dataclass(frozen=True)
+class CoulombViscous:
+    """``Fv v + Fc sgn v``."""
+
+    name: str = "coulomb-viscous"
+    unknowns: tuple[Unknown, ...] = ()
+    terms: tuple[Term, ...] = (VISCOUS, COULOMB)
+    replaces: tuple[str, ...] = ()
+
+    def columns(self, path: Path, shape: FloatArray) -> FloatArray:
+        return np.stack([path.velocity, np.sign(path.velocity)])
+
+
+@dataclass(frozen=True)
+class Stribeck:
+    """``Fv v + [Fc + (Fs − Fc) exp(−(v/vs)²)] sgn v``; the stribeck_torque is Fs − Fc."""
+
+    name: str = "stribeck"
+    unknowns: tuple[Unknown, ...] = (STRIBECK,)
+    terms: tuple[Term, ...] = (VISCOUS, COULOMB, STICTION)
+    replaces: tuple[str, ...] = ()
+
+    def columns(self, path: Path, shape: FloatArray) -> FloatArray:
+        side = np.sign(path.velocity)
+        return np.stack([path.velocity, side, side * bump(path.velocity, shape[0])])
+
+
+@dataclass(frozen=True)
+class LoadDependent:
+    """``Fv v + (Fc + μ |load|) sgn v``: as gears and screws do."""
+
+    name: str = "load-dependent"
+    unknowns: tuple[Unknown, ...] = ()
+    terms: tuple[Term, ...] = (VISCOUS, COULOMB, Term("load_coefficient", Dimension.RATIO))
+    replaces: tuple[str, ...] = ()
+
+    def columns(self, path: Path, shape: FloatArray) -> FloatArray:
+        """Raises UsageError where the load is not known."""
+        if path.load is None:
+            raise UsageError('friction "load-dependent" needs the load that is transmitted: map a column to it')
+        side = np.sign(path.velocity)
+        return np.stack([path.velocity, side, side * np.abs(path.load)])
+
+
 @dataclass(frozen=True)
 class Dahl:
-    """``dh/dx = (1 − s h)/d``: one contact that yields gradually over the presliding displacement d = Fc/σ0."""
+    """Friction that remembers the path: contacts that deflect before they slide.
+
+    ``dh/dx = (1 − s h)/d``: one contact that yields gradually over the presliding displacement d = Fc/σ0.
+    """
 
     name: str = "dahl"
     unknowns: tuple[Unknown, ...] = (PRESLIDING,)

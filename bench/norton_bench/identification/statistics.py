@@ -1,0 +1,211 @@
+"""Deviations that can be believed, a choice between models by unseen data, one value out of several."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+from scipy.stats import chi2, t
+
+from norton_bench.arrays import FloatArray
+
+BLOCKS_S = (0.1, 0.5, 2.0)
+
+
+def sandwich(
+    jacobian: FloatArray,
+    residual: FloatArray,
+    time_s: FloatArray,
+    contamination: FloatArray | None = None,
+    linear: FloatArray | None = None,
+) -> FloatArray:
+    """Deviations that can be believed: residuals are coloured, and part of them is not noise but the model's fault.
+
+    Neighbouring residuals are summed in blocks of time before they are squared (a sandwich estimate clustered by
+    block), for several lengths of block; the widest answer counts.
+
+    Covariance of least squares parameters, shape (parameters, parameters).
+
+    ``jacobian`` (samples, parameters), ``residual`` and ``time_s`` (samples,). ``contamination`` (parameters,) is
+    what errors in the columns add to their squares, ``linear`` the values of those parameters, the first, that
+    stand in the equation as factors. The correlations are those of the middle length of block, the deviations the
+    largest of all.
+    """
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    information = (jacobian / scale).T @ (jacobian / scale)
+    scores = jacobian / scale * residual[:, None]
+    if contamination is not None and linear is not None:
+        at = np.arange(len(contamination))
+        information[at, at] -= contamination / scale[at] ** 2
+        linearly = slice(len(linear))
+        scores[:, linearly] += contamination[linearly] * linear / len(residual) / scale[linearly]
+    bread = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
+    candidates = [bread @ _meat(scores, time_s, block_s) @ bread for block_s in BLOCKS_S]
+    widest = np.sqrt(np.max([np.diag(candidate) for candidate in candidates], axis=0))
+    middle = candidates[len(candidates) // 2]
+    deviation = np.sqrt(np.maximum(np.diag(middle), 1e-300))
+    return np.asarray(middle / np.outer(deviation, deviation) * np.outer(widest, widest) / np.outer(scale, scale))
+
+
+def _meat(scores: FloatArray, time_s: FloatArray, block_s: float) -> FloatArray:
+    block = np.unique(((time_s - time_s[0]) / block_s).astype(np.int64), return_inverse=True)[1]
+    count = int(block.max()) + 1
+    sums = np.stack([np.bincount(block, column, count) for column in scores.T], axis=1)
+    # The usual correction for few clusters and spent degrees of freedom.
+    correction = count / max(count - 1, 1) * len(scores) / max(len(scores) - scores.shape[1], 1)
+    return np.asarray(correction * sums.T @ sums)
+
+
+# A richer model has to leave this much less, relative.
+LEAST_GAIN = 0.01
+
+
+def held_out_rms(mean_squares: Sequence[float]) -> tuple[float, float]:
+    """Choosing between models by what each errs on data that it has not seen.
+
+    The error over all folds and its standard error, from each fold's mean square (folds,).
+    """
+    rms = float(np.sqrt(np.mean(mean_squares)))
+    return rms, _standard_error(np.array(mean_squares)) / (2 * rms) if rms > 0 else 0.0
+
+
+def simplest_as_good(mean_squares: Sequence[Sequence[float]], unknowns: Sequence[int]) -> int:
+    """Which model to use, from the mean squares of each on the same folds, (models, folds), and their sizes.
+
+    The simplest that is not worse than the best by more than one standard error of the difference between them. It is
+    taken fold by fold: folds differ far more than models do. A gain too small to matter is none, however sure it is:
+    no model is quite what a machine does.
+    """
+    squares = np.array(mean_squares)
+    means = squares.mean(axis=1)
+    best = int(np.argmin(means))
+    matters = (LEAST_GAIN**2 + 2 * LEAST_GAIN) * float(means[best])
+
+    def as_good(model: int) -> bool:
+        excess = squares[model] - squares[best]
+        return bool(np.mean(excess) <= max(_standard_error(excess), matters))
+
+    return min(filter(as_good, range(len(squares))), key=lambda model: (unknowns[model], means[model]))
+
+
+def _standard_error(values: FloatArray) -> float:
+    """Of the mean of independent values."""
+    return float(np.std(values, ddof=1) / np.sqrt(values.size))
+
+
+NORMAL_95 = 1.96
+NODES = 200
+# Between which the spread is looked for, in units of the values' range.
+LEAST_SPREAD, GREATEST_SPREAD = 1e-4, 2.0
+
+
+@dataclass(frozen=True)
+class Combined:
+    """One value out of several that disagree: each has its own deviation, and the sessions differ by more than that.
+
+    The random-effects model: session i gives y_i = value + b_i + e_i with e_i ~ N(0, std_i²), known, and b_i ~ N(0,
+    τ²), what differs between the sessions. τ is found by restricted maximum likelihood (Viechtbauer 2005, J. Educ.
+    Behav. Stat. 30:261); the value's interval is that of Knapp and Hartung (2003, Stat. Med. 22:2693), Student's t
+    over the scatter itself, but never narrower than that of normal errors (Wiksten, Rücker, Schwarzer 2016, Stat.
+    Med. 35:2503). Deviations far greater than the scatter hold an error that all sessions share: no average makes
+    that smaller.
+
+    ``value`` ± 1.96 ``std`` covers 95 %: ``std`` holds within, between, and how little few sessions tell of both.
+
+    ``within_std`` is that of one typical session, ``shared_std`` what of it is common to all sessions,
+    ``between_std`` the spread between sessions, with 95 % confidence no more than ``between_std_upper``. ``q`` is
+    Cochran's, ``p`` how often chance alone gives so much where nothing differs. ``weights`` (sessions,) sum to one.
+    """
+
+    value: float
+    std: float
+    within_std: float
+    shared_std: float
+    between_std: float
+    between_std_upper: float
+    q: float
+    p: float
+    weights: FloatArray
+
+
+def combine(values: FloatArray, stds: FloatArray, known_shared_std: float = 0.0) -> Combined:
+    """Of two sessions or more, shapes (sessions,). ``known_shared_std`` is what of these is known to be common.
+
+    Raises ValueError for fewer sessions, or a deviation that is not positive.
+    """
+    count = len(values)
+    if count < 2 or not (np.isfinite(values).all() and np.isfinite(stds).all() and (stds > 0).all()):
+        raise ValueError("needs two finite values or more, each with a positive deviation")
+    variances = stds**2
+    between = between_variance(values, variances)
+    weights = 1.0 / (variances + between)
+    value = float(weights @ values / weights.sum())
+    scatter = float(weights @ (values - value) ** 2) / (count - 1)
+    half_width = max(float(t.ppf(0.975, count - 1)) * np.sqrt(scatter), NORMAL_95) / np.sqrt(weights.sum())
+    q = float(cochran(values, variances))
+    within = float(np.sqrt(count / np.sum(1.0 / variances)))
+    shared = max(known_shared_std, within * shared_share(q, count))
+    return Combined(
+        value=value,
+        std=float(np.hypot(half_width / NORMAL_95, shared)),
+        within_std=within,
+        shared_std=shared,
+        between_std=float(np.sqrt(between)),
+        between_std_upper=between_limit(values, variances * min(1.0, q / (count - 1))),
+        q=q,
+        p=float(chi2.sf(q, count - 1)),
+        weights=weights / weights.sum(),
+    )
+
+
+def shared_share(q: float, count: int) -> float:
+    """How much of the sessions' own deviations their scatter does not bear out, with 95 % confidence; 0 to 1.
+
+    Independent errors scatter by at most sqrt(Q / its 5 % quantile) of their deviations.
+    """
+    return float(np.sqrt(max(0.0, 1.0 - q / chi2.ppf(0.05, count - 1))))
+
+
+def between_variance(values: FloatArray, variances: FloatArray) -> float:
+    """τ² by restricted maximum likelihood: the best of a scan, then refined; 0 where nothing is more likely."""
+    reach = float(np.ptp(values))
+    if reach == 0.0:
+        return 0.0
+    scaled, own = (values - values.mean()) / reach, variances / reach**2
+
+    nodes = np.linspace(np.log(LEAST_SPREAD), np.log(GREATEST_SPREAD), NODES)
+    best = int(np.argmin(_restricted_doubt(scaled, own + np.exp(2.0 * nodes)[:, None])))
+    found = minimize_scalar(
+        lambda log_spread: float(_restricted_doubt(scaled, own + np.exp(2.0 * log_spread))),
+        bounds=(nodes[max(best - 1, 0)], nodes[min(best + 1, NODES - 1)]),
+        method="bounded",
+    )
+    if not found.fun < _restricted_doubt(scaled, own):
+        return 0.0
+    return float(np.exp(2.0 * found.x) * reach**2)
+
+
+def _restricted_doubt(values: FloatArray, totals: FloatArray) -> FloatArray:
+    """Twice the negative logarithm of the restricted likelihood, but for a constant; ``totals`` (..., sessions)."""
+    weights = 1.0 / totals
+    return np.asarray(np.log(totals).sum(-1) + np.log(weights.sum(-1)) + cochran(values, totals))
+
+
+def cochran(values: FloatArray, variances: FloatArray) -> FloatArray:
+    """Q: squared distances from the weighted mean, each over its variance; ``variances`` (..., sessions)."""
+    weights = 1.0 / variances
+    mean = weights @ values / weights.sum(-1)
+    return np.asarray((weights * (values - mean[..., None]) ** 2).sum(-1))
+
+
+def between_limit(values: FloatArray, variances: FloatArray, confidence: float = 0.95) -> float:
+    """The τ that is not exceeded with this confidence: at it, Q would seldom be as small (Viechtbauer 2007, Stat. Med.
+    26:37). 0 where Q is that small already."""
+    allowed = float(chi2.ppf(1.0 - confidence, len(values) - 1))
+    reach = float(np.ptp(values))
+    if reach == 0.0 or cochran(values, np.maximum(variances, 1e-300)) <= allowed:
+        return 0.0
+    # With equal weights Q is at most n·reach²/4τ²: beyond this τ it is below what is allowed.
+    highest = reach * np.sqrt(len(values) / allowed)
+    return float(brentq(lambda spread: float(cochran(values, variances + spread**2)) - allowed, 1e-9 * reach, highest))
