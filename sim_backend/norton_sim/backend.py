@@ -12,14 +12,12 @@ from norton_drivers.rehearsal import TrueState
 from norton_drivers.wiring import CanBusSettings, Wiring
 from norton_sim.assembly import build_world, mount
 from norton_sim.buses import SimulatedBus, SimulatedCanWire, SimulatedLine, SimulatedSerialWire
-from norton_sim.faults.injection import inject
-from norton_sim.faults.reading import read_faults
+from norton_sim.faults.injection import inject, read_faults
 from norton_sim.faults.schema import Fault
 from norton_sim.faults.stage import Injected, Stage
 from norton_sim.firmware.site import Wires
 from norton_sim.plugs import CanPlug, SerialPlug
-from norton_sim.transport import Delay
-from norton_sim.trouble import HostEnd
+from norton_sim.transport import Delay, HostEnd
 from norton_sim.truth import FAULTS, Truth, read_truth
 from norton_sim.witness import watch
 from norton_sim.world import World

@@ -9,8 +9,16 @@ import can
 from can.typechecking import CanFilters
 
 from norton_sim.plugs import CanPlug, SerialPlug
-from norton_sim.transport import BITS_PER_BYTE, ByteStream, Delay
-from norton_sim.trouble import CAN_ERR_BUS_OFF, Trouble, TroubledAdapter, lost_line, unwritable_line
+from norton_sim.transport import (
+    BITS_PER_BYTE,
+    CAN_ERR_BUS_OFF,
+    ByteStream,
+    Delay,
+    Trouble,
+    TroubledAdapter,
+    lost_line,
+    unwritable_line,
+)
 from norton_sim.world import World
 
 Inbox = deque[tuple[int, can.Message]]
@@ -32,7 +40,7 @@ class SimulatedCanWire:
         self._plugs.append(plug)
 
     def suffer(self, trouble: Trouble | None) -> None:
-        """See :class:`norton_sim.trouble.HostEnd`."""
+        """See :class:`norton_sim.transport.HostEnd`."""
         if trouble is Trouble.BUS_OFF:
             self.report_error(CAN_ERR_BUS_OFF)
         self.troubled = None if trouble is None else TroubledAdapter(trouble)
@@ -144,7 +152,7 @@ class SimulatedSerialWire:
         self._plug = plug
 
     def suffer(self, trouble: Trouble | None) -> None:
-        """See :class:`norton_sim.trouble.HostEnd`; a line that is not unplugged is well."""
+        """See :class:`norton_sim.transport.HostEnd`; a line that is not unplugged is well."""
         self.unplugged = trouble is Trouble.UNPLUGGED
 
     def report_error(self, error_class: int) -> None:

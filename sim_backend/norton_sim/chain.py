@@ -30,9 +30,7 @@ from norton_sim.integrator import (
     own_damping,
     track,
 )
-from norton_sim.plants.arm import TARGET, begin_reach, place, stiffness
-from norton_sim.plants.gear_train import stretch
-from norton_sim.plants.link import (
+from norton_sim.plants.assembled import (
     COMMAND_PER_AMPERE,
     DAMPER,
     DRIVE,
@@ -48,8 +46,8 @@ from norton_sim.plants.link import (
     SPRING,
     STIFFENING,
 )
-from norton_sim.plants.pneumatic_muscle import pull
-from norton_sim.plants.variable_stiffness import modulate, pulled
+from norton_sim.plants.motor_behind import modulate, pulled, stretch
+from norton_sim.plants.muscles import TARGET, begin_reach, place, pull, stiffness
 
 SOURCE, MODULATOR = 2, 3
 

@@ -27,7 +27,7 @@ from norton_sim.integrator import (
     motor_torque,
     track,
 )
-from norton_sim.quantities import Current, Number, QuadraticDrag, Rate, Seconds, Table
+from norton_sim.tables import Current, Number, QuadraticDrag, Rate, Seconds, Table
 
 # Columns of a row of departures.
 DROP = 0  # share of the Coulomb torque that fast sliding loses

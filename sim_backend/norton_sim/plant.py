@@ -28,8 +28,8 @@ from norton_sim.integrator import (
     VELOCITY,
 )
 from norton_sim.packing import pack
-from norton_sim.plants.arm import BEGAN, REACH_COLUMNS
-from norton_sim.plants.link import MODULATOR_BANDWIDTH
+from norton_sim.plants.assembled import MODULATOR_BANDWIDTH
+from norton_sim.plants.muscles import BEGAN, REACH_COLUMNS
 from norton_sim.truth import Truth
 
 Machine = Literal["actuator", "load", "modulator"]

@@ -27,13 +27,12 @@ from norton_drivers.ports import CanPort
 from norton_drivers.punctual import SERVER_PRIORITY, punctual
 from norton_drivers.wiring import CanBusSettings, Wiring
 from norton_sim.assembly import build_world, mount
-from norton_sim.faults.injection import inject
-from norton_sim.faults.reading import read_faults
+from norton_sim.faults.injection import inject, read_faults
 from norton_sim.faults.stage import Stage
 from norton_sim.firmware.site import Wires
 from norton_sim.plugs import CanPlug, SerialPlug
 from norton_sim.pseudo_terminals import ServedPort
-from norton_sim.trouble import CAN_ERR_BUS_OFF, HostEnd, Trouble
+from norton_sim.transport import CAN_ERR_BUS_OFF, HostEnd, Trouble
 from norton_sim.truth import FAULTS, read_truth
 from norton_sim.witness import WitnessFile
 from norton_sim.world import World

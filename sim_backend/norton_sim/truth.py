@@ -16,13 +16,10 @@ from norton_bench.units import parse_quantity
 from norton_drivers.errors import WiringError
 from norton_sim.departures import Departures
 from norton_sim.machines import Commanded, Drive, Machine
-from norton_sim.plants.arm import ArmTruth
 from norton_sim.plants.assembled import Assembled
-from norton_sim.plants.gear_train import GearTrainTruth
-from norton_sim.plants.pneumatic_muscle import PneumaticMuscleTruth
-from norton_sim.plants.series_elastic import SeriesElasticTruth
-from norton_sim.plants.variable_stiffness import VariableStiffnessTruth
-from norton_sim.quantities import (
+from norton_sim.plants.motor_behind import GearTrainTruth, SeriesElasticTruth, VariableStiffnessTruth
+from norton_sim.plants.muscles import ArmTruth, PneumaticMuscleTruth
+from norton_sim.tables import (
     Damping,
     Device,
     Nanoseconds,
@@ -35,8 +32,8 @@ from norton_sim.quantities import (
     TorqueConstant,
     TorqueDrift,
     Unit,
+    complaints,
 )
-from norton_sim.tables import complaints
 
 FAULTS = "fault"  # the key of the table's faults, which say what becomes of the truth; norton_sim.faults reads them
 

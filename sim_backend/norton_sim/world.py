@@ -3,15 +3,22 @@
 from collections.abc import Callable
 from heapq import heappop, heappush, heapreplace
 from itertools import count
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from norton_sim.firmware.site import Firmware
     from norton_sim.plant import Plant
     from norton_sim.plugs import CanPlug, SerialPlug
 
 # Called with the instant [ns] at which it happens; the plant stands at that instant.
 Action = Callable[[int], None]
+
+
+class Firmware(Protocol):
+    """An emulated device. It speaks only through its plug; the bench's tests can break it."""
+
+    def freeze(self) -> None:
+        """From now on report the values of this instant, in ever new messages."""
+        ...
 
 
 class World:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_sim.uart import heard_at
+from norton_sim.hookup import heard_at
 
 
 @given(st.binary(max_size=80), st.floats(0.96, 1.04))

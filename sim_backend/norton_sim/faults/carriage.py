@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 from norton_sim.faults.schema import Carriage, Corrupt, Delay, Drop, Duplicate, Reorder
 from norton_sim.faults.stage import Injected, Stage, Undo
-from norton_sim.tampering import Piece, Tamper
-from norton_sim.trouble import CAN_ERR_PROTOCOL
+from norton_sim.plugs import Piece, Tamper
+from norton_sim.transport import CAN_ERR_PROTOCOL
 from norton_sim.world import World
 
 # A classic frame of eight bytes with all the stuff bits that it can have, and the error frame before it is sent again.

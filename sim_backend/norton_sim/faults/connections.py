@@ -7,9 +7,8 @@ import can
 from norton_sim.faults.carriage import FRAME_BITS, Queue, everywhere
 from norton_sim.faults.schema import BabblingNode, BusOff, Dropout, Unplugged
 from norton_sim.faults.stage import Injected, Stage, Undo
-from norton_sim.plugs import CanPlug
-from norton_sim.tampering import Piece, Tamper
-from norton_sim.trouble import TRANSMIT_QUEUE, Trouble
+from norton_sim.plugs import CanPlug, Piece, Tamper
+from norton_sim.transport import TRANSMIT_QUEUE, Trouble
 
 # Frames that would have to wait longer find their sender's mailboxes full.
 LONGEST_WAIT_NS = 10_000_000

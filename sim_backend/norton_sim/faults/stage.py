@@ -9,7 +9,7 @@ from norton_drivers.wiring import Wiring
 from norton_sim.faults.schema import Fault
 from norton_sim.firmware.site import DriveFirmware
 from norton_sim.plugs import CanPlug, SerialPlug
-from norton_sim.trouble import HostEnd
+from norton_sim.transport import HostEnd
 from norton_sim.world import World
 
 Undo = Callable[[], None]

@@ -14,8 +14,9 @@ from norton_sim.firmware.mantracourt import MantracourtSensor
 from norton_sim.firmware.mit import MitMotor
 from norton_sim.firmware.odrive import ODriveAxis
 from norton_sim.firmware.odrive_05 import ODrive05Axis
-from norton_sim.firmware.site import Firmware, Site
+from norton_sim.firmware.site import Site
 from norton_sim.firmware.vesc import VescController
+from norton_sim.world import Firmware
 
 
 def _odrive(site: Site) -> Firmware:

@@ -4,8 +4,7 @@ from norton_drivers.ascii_lines import AsciiOptions
 from norton_drivers.codecs.errors import CodecError
 from norton_drivers.codecs.lines import signed_text
 from norton_drivers.options import parse_options
-from norton_sim.firmware.site import Site
-from norton_sim.firmware.torque_signal import TorqueSignal
+from norton_sim.firmware.site import Site, TorqueSignal
 
 LINE_PERIOD_NS = 2_000_000
 DIGITS_BEFORE, DIGITS_AFTER = 3, 4

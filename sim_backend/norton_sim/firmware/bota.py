@@ -3,8 +3,7 @@
 from norton_drivers.bota import BotaOptions
 from norton_drivers.codecs.bota import BotaFrame
 from norton_drivers.options import parse_options
-from norton_sim.firmware.site import Site
-from norton_sim.firmware.torque_signal import TorqueSignal
+from norton_sim.firmware.site import Site, TorqueSignal
 
 SAMPLE_PERIOD_NS = 1_000_000
 TEMPERATURE_C = 31.5

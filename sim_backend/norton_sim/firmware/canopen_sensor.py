@@ -13,8 +13,7 @@ from norton_drivers.codecs.canopen_torque import TorqueField
 from norton_drivers.options import parse_options
 from norton_sim.firmware.canopen.node import CanopenNode
 from norton_sim.firmware.canopen.objects import I16, I32, U8, U16, U32, Entry
-from norton_sim.firmware.site import Site
-from norton_sim.firmware.torque_signal import TorqueSignal
+from norton_sim.firmware.site import Site, TorqueSignal
 
 DEVICE_TYPE = 0x00020194  # a measuring device of profile 404
 ERROR_NO_VALUE = 0x5000

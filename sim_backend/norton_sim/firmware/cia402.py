@@ -16,10 +16,8 @@ from norton_drivers.codecs.cia402 import REMOTE, VOLTAGE_ENABLED, Mode, Object, 
 from norton_drivers.options import parse_options
 from norton_sim.firmware.canopen.node import ERROR_HEARTBEAT_LOST, CanopenNode
 from norton_sim.firmware.canopen.objects import I8, I16, I32, U8, U16, U32, AbortError, Entry
-from norton_sim.firmware.canopen.process_data import SentPdo
-from norton_sim.firmware.canopen.timer import Timer
-from norton_sim.firmware.heating import Heating
-from norton_sim.firmware.site import DriveFault, Site
+from norton_sim.firmware.canopen.process_data import SentPdo, Timer
+from norton_sim.firmware.site import DriveFault, Heating, Site
 from norton_sim.plant import Machine
 
 DEVICE_TYPE = 0x00020192  # a servo drive of profile 402

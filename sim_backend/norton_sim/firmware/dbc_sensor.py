@@ -7,8 +7,7 @@ from cantools.database.can.signal import Signal
 
 from norton_drivers.dbc_sensor import DbcOptions, load_message
 from norton_drivers.options import parse_options
-from norton_sim.firmware.site import Site
-from norton_sim.firmware.torque_signal import TorqueSignal
+from norton_sim.firmware.site import Site, TorqueSignal
 
 SAMPLE_PERIOD_NS = 1_000_000
 

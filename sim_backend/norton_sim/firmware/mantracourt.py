@@ -13,8 +13,7 @@ from norton_drivers.codecs.lines import LineStream, signed_text
 from norton_drivers.codecs.mantracourt import NOT_UNDERSTOOD, question_in
 from norton_drivers.mantracourt import MantracourtOptions
 from norton_drivers.options import parse_options
-from norton_sim.firmware.site import Site
-from norton_sim.firmware.torque_signal import TorqueSignal
+from norton_sim.firmware.site import Site, TorqueSignal
 
 SAMPLE_PERIOD_NS = 2_000_000
 PROCESSING_NS = 300_000

@@ -16,8 +16,7 @@ from norton_drivers.codecs.errors import CodecError
 from norton_drivers.codecs.mit import Reply, Special
 from norton_drivers.mit import MitOptions
 from norton_drivers.options import parse_options
-from norton_sim.firmware.heating import Heating
-from norton_sim.firmware.site import DriveFault, Site
+from norton_sim.firmware.site import DriveFault, Heating, Site
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000

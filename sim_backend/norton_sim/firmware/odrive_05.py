@@ -19,8 +19,7 @@ from norton_drivers.codecs.odrive_05 import Command05
 from norton_drivers.odrive import ODriveOptions
 from norton_drivers.options import parse_options
 from norton_sim.firmware.odrive_motor import SUPPLY_V, Motor
-from norton_sim.firmware.site import DriveFault, Site
-from norton_sim.firmware.watchdog import Watchdog
+from norton_sim.firmware.site import DriveFault, Site, Watchdog
 
 ESTIMATES_PERIOD_NS = 1_000_000
 IQ_PERIOD_NS = 10_000_000

@@ -4,8 +4,7 @@ from math import inf, tau
 from typing import cast
 
 from norton_drivers.codecs.odrive import ControlMode, InputMode
-from norton_sim.firmware.heating import Heating
-from norton_sim.firmware.site import Site
+from norton_sim.firmware.site import Heating, Site
 from norton_sim.plant import Machine
 
 SUPPLY_V = 24.0

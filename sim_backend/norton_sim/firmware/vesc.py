@@ -23,8 +23,7 @@ from norton_drivers.codecs.errors import CodecError
 from norton_drivers.codecs.vesc import Packet
 from norton_drivers.options import parse_options
 from norton_drivers.vesc import VescOptions
-from norton_sim.firmware.heating import Heating
-from norton_sim.firmware.site import DriveFault, Site
+from norton_sim.firmware.site import DriveFault, Heating, Site
 from norton_sim.plant import Machine
 
 FAST_PERIOD_NS = 1_000_000

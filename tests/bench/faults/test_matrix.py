@@ -8,7 +8,7 @@ from norton_bench.faults.campaign import cases, host_losses
 from norton_bench.faults.case import Expected
 from norton_bench.faults.host_loss import SIGNALS
 from norton_bench.rig.load import load_rig
-from norton_sim.faults.reading import read_faults
+from norton_sim.faults.injection import read_faults
 from norton_sim.faults.schema import KINDS
 
 RIGS = Path(__file__).parents[3] / "rigs"

@@ -10,7 +10,7 @@ import serial
 
 from norton_drivers.errors import ConnectionFailedError
 from norton_sim.faults.schema import BabblingNode, BusOff, Dropout, Unplugged
-from norton_sim.trouble import CAN_ERR_BUS_OFF, TRANSMIT_QUEUE
+from norton_sim.transport import CAN_ERR_BUS_OFF, TRANSMIT_QUEUE
 from tests.sim_backend.faults.conftest import MS, Host
 
 MakeHost = Callable[..., Host]

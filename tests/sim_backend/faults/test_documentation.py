@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from norton_drivers.wiring import Wiring
-from norton_sim.faults.reading import read_faults
+from norton_sim.faults.injection import read_faults
 from norton_sim.faults.schema import KINDS, Carriage, Fault
 from norton_sim.tables import keys_of
 

@@ -8,8 +8,7 @@ import pytest
 
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import Wiring
-from norton_sim.faults.injection import COUNTED_EFFECTS, EFFECTS
-from norton_sim.faults.reading import read_faults
+from norton_sim.faults.injection import COUNTED_EFFECTS, EFFECTS, read_faults
 from norton_sim.faults.schema import KINDS, Delay, FalseReading, Fault, HostStall
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from norton_drivers.errors import WiringError
 from norton_sim.plant import Plant
-from norton_sim.plants.arm import BEGAN, REACH_COLUMNS, begin_reach, place
+from norton_sim.plants.muscles import BEGAN, REACH_COLUMNS, begin_reach, place
 from norton_sim.truth import read_truth, true_parameters
 from tests.sim_backend.plants.actuators import ACTUATORS, LOAD, MODULATOR, MOTOR, table_of, truth_of
 

@@ -1,13 +1,6 @@
-"""A neuromuscular arm (paper, section V): a motion source that reaches with least jerk, and a spring-damper around it.
+"""Muscles: a pneumatic one against a spring (paper, section IV.C.2), and the neuromuscular arm of section V."""
 
-    J dω/dt = k(t) (x_N − θ) + d (v_N − ω) − friction(θ) − τ.
-
-The command is where the hand is to be [rad]. Each time it changes, a reach begins from where the source is and how it
-moves: the path of least jerk that is there, at rest, after ``movement`` (Flash and Hogan, J. Neurosci. 5(7), 1985).
-While it is on its way the arm is stiffer: k(t) = stiffness + moving_stiffness · 16 p² (1 − p)², p from 0 to 1 over the
-reach. Where nothing has power any more the arm stays where it was going.
-"""
-
+import math
 from typing import Literal
 
 import numpy as np
@@ -15,9 +8,47 @@ from numba import njit
 from numpy.typing import NDArray
 from pydantic import Field
 
-from norton_sim.plants.assembled import Assembled
-from norton_sim.plants.link import MOVEMENT, MOVING_SPRING, REACH, SPRING, Link, row_of
-from norton_sim.quantities import Damping, Seconds, Stiffness
+from norton_sim.plants.assembled import MOVEMENT, MOVING_SPRING, MUSCLE, REACH, SPRING, Assembled, Link, row_of
+from norton_sim.tables import Damping, Seconds, Stiffness
+
+
+@njit(cache=True, nogil=True, inline="always")
+def pull(angle: float, command: float, link: NDArray[np.float64]) -> float:
+    """A pneumatic muscle against a spring (paper, section IV.C.2): I dω/dt = (π − θ)² c − K θ − B ω − friction − τ.
+
+    The command c [N m/rad] is the muscle's pressure; it cannot push (c ≥ 0), and is slack beyond θ = π.
+
+    What muscle and spring turn the port's body with [N m].
+    """
+    length = max(math.pi - angle, 0.0)
+    return float(length * length * max(command, 0.0) - link[SPRING] * angle)
+
+
+class PneumaticMuscleTruth(Assembled):
+    """``spring`` is K, ``output`` the inertia I with its friction."""
+
+    model: Literal["pneumatic_muscle"]
+    spring_nm_rad: Stiffness = Field(alias="spring", gt=0, examples=["0.2 N*m/rad"])
+
+    @property
+    def link(self) -> Link:
+        return Link(row_of(drive=MUSCLE, command_per_ampere=self.command_per_ampere, spring=self.spring_nm_rad))
+
+    @property
+    def torque_constant_nm_a(self) -> float:
+        return math.pi**2 / self.amplifier_gain
+
+    def source_rad(self, command: float) -> float:
+        """Where the free port rests: 0 = (π − θ_N)² c − K θ_N, the root between 0 and π."""
+        if command <= 0.0:
+            return 0.0
+        half = math.pi + self.spring_nm_rad / (2 * command)
+        return half - math.sqrt(half * half - math.pi**2)
+
+    def exertion_nm(self, command: float, angle_rad: float) -> float:
+        """What the port exerts, held at an angle: K (θ_N (π − θ)² / (π − θ_N)² − θ), less friction."""
+        return (math.pi - angle_rad) ** 2 * command - self.spring_nm_rad * angle_rad
+
 
 # What an arm remembers of its reach: the six coefficients of its path over the time since it began, then these.
 BEGAN, TARGET = 6, 7  # s; rad
@@ -26,7 +57,18 @@ REACH_COLUMNS = 8
 
 @njit(cache=True, nogil=True)
 def place(reach: NDArray[np.float64], now_s: float, movement_s: float) -> tuple[float, float, float]:
-    """Position [rad], velocity [rad/s] and acceleration [rad/s²] of the source."""
+    """A neuromuscular arm (paper, section V): a motion source that reaches with least jerk, and a spring-damper around
+    it.
+
+    J dω/dt = k(t) (x_N − θ) + d (v_N − ω) − friction(θ) − τ.
+
+    The command is where the hand is to be [rad]. Each time it changes, a reach begins from where the source is and
+    how it moves: the path of least jerk that is there, at rest, after ``movement`` (Flash and Hogan, J. Neurosci.
+    5(7), 1985). While it is on its way the arm is stiffer: k(t) = stiffness + moving_stiffness · 16 p² (1 − p)², p
+    from 0 to 1 over the reach. Where nothing has power any more the arm stays where it was going.
+
+    Position [rad], velocity [rad/s] and acceleration [rad/s²] of the source.
+    """
     t = now_s - reach[BEGAN]
     if t >= movement_s:
         return float(reach[TARGET]), 0.0, 0.0
