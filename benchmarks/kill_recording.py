@@ -53,7 +53,9 @@ from norton_drivers.readings import RawFrame
 
 ROOT = Path(__file__).parents[1]
 GROUP = "239.74.163.63"
-SESSION = Session((Step("tare", TareOptions(0.5)), Step("calibrate", CalibrateOptions(4.0))), place="kills")
+SESSION = Session(
+    (Step("tare", TareOptions(duration_s=0.5)), Step("calibrate", CalibrateOptions(duration_s=4.0))), place="kills"
+)
 LATEST_S = 4.0  # after the first part, at which a kill comes
 ALLOWED_MS = 150.0
 # A host that is no real-time machine may stand still for tens of milliseconds.

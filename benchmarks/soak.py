@@ -38,7 +38,7 @@ Stamps = npt.NDArray[np.int64]
 
 ROOT = Path(__file__).parents[1]
 RIG = ROOT / "rigs" / "sim-odrive.toml"
-BEGIN = (Step("tare", TareOptions(0.5)), Step("calibrate", CalibrateOptions(4.0)))
+BEGIN = (Step("tare", TareOptions(duration_s=0.5)), Step("calibrate", CalibrateOptions(duration_s=4.0)))
 TURN = (
     Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=10.0)),
     Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=10.0)),

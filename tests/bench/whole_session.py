@@ -16,8 +16,8 @@ from tests.bench.once import once
 
 RIG = load_rig(Path(__file__).parents[2] / "rigs" / "sim-odrive.toml")
 SEED = 5
-TARE = Step("tare", TareOptions(0.5))
-CALIBRATE = Step("calibrate", CalibrateOptions(4.0))
+TARE = Step("tare", TareOptions(duration_s=0.5))
+CALIBRATE = Step("calibrate", CalibrateOptions(duration_s=4.0))
 SESSION = Session(
     (
         TARE,

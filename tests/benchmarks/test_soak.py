@@ -29,7 +29,7 @@ def test_a_session_is_planned_for_at_least_the_ticks_asked(ticks: int) -> None:
 
 
 def test_a_short_soak_reads_what_grows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.soak.TURN", (Step("rest", RestOptions(20.0)),))
+    monkeypatch.setattr("benchmarks.soak.TURN", (Step("rest", RestOptions(duration_s=20.0)),))
     found = soak(20_000, looks=2)
     assert [look["readable"] for look in found["looks"]] == [look["ticks"] for look in found["looks"]]
     assert found["lost_ticks"] == found["clocks"]["ticks_off_the_grid"] == 0

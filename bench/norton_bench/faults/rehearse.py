@@ -74,7 +74,7 @@ def _modulation(rig: Rig, ticks: int) -> FloatArray:
 
 
 # Just enough to impose motion.
-BEFORE = (TareProcedure(TareOptions(0.5)), CalibrateProcedure(CalibrateOptions(2.0)))
+BEFORE = (TareProcedure(TareOptions(duration_s=0.5)), CalibrateProcedure(CalibrateOptions(duration_s=2.0)))
 # After the drives are armed, which is up to a heartbeat before the exercise begins.
 STRIKES = {"after": "armed", "at": "600 ms"}
 # How long the world is watched after the session has ended, beyond what the drives may take.

@@ -1,149 +1,209 @@
-"""What may be asked of each procedure. Amplitudes are fractions of the rig's velocity limit."""
+"""The options of each step: read from a session file, or given by a program; what the procedure takes.
 
-from dataclasses import dataclass
-from typing import Literal
+A session file writes quantities with their units ("400 ms"), under the alias of the field (``dwell``). A program gives
+numbers in SI, under the field's name (``dwell_s=0.4``). Amplitudes are fractions of the rig's velocity limit. Bounds
+hold for both. Examples are the defaults as a file writes them: the table in ``docs/session-file.md`` repeats them.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+
+from norton_bench.units import MOST_IN_RANGE, parse_quantity, parse_range
 
 History = Literal["slow", "fast", "rest"]
+MOST_LEVELS = MOST_IN_RANGE  # as many as can be written as a range
 
 
-@dataclass(frozen=True)
-class TareOptions:
+def _quantity(unit: str) -> BeforeValidator:
+    """A number in ``unit`` where a program gives it; a file, which is read in a context, writes the unit."""
+
+    def read(given: object, info: ValidationInfo) -> object:
+        return given if info.context is None else parse_quantity(given, unit)
+
+    return BeforeValidator(read)
+
+
+def _velocities(given: object, info: ValidationInfo) -> object:
+    """A range "-40:8:40 rad/s" or a list of quantities, in rad/s."""
+    if info.context is None:
+        return given
+    if given == []:
+        raise ValueError('names no velocity; write "-40:8:40 rad/s", or leave the key out')
+    if isinstance(given, list):
+        return tuple(parse_quantity(each, "rad/s") for each in given)
+    return parse_range(given, "rad/s")
+
+
+def _texts(written: object) -> object:
+    return tuple(written) if isinstance(written, list) else written
+
+
+Seconds = Annotated[float, _quantity("s")]
+Hertz = Annotated[float, _quantity("Hz")]
+Radians = Annotated[float, _quantity("rad")]
+RadiansPerSecond = Annotated[float, _quantity("rad/s")]
+Damping = Annotated[float, _quantity("N*m*s/rad")]
+Inertia = Annotated[float, _quantity("kg*m^2")]
+Fraction = Annotated[float, _quantity("")]
+Texts = BeforeValidator(_texts)
+
+
+class Options(BaseModel):
+    """Base of every step's options. Raises pydantic's ValidationError for values beyond their bounds."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True)
+
+
+class TareOptions(Options):
     """Bias and noise at rest."""
 
-    duration_s: float = 2.0
+    duration_s: Seconds = Field(2.0, alias="duration", ge=0.5, examples=["2 s"])
 
 
-@dataclass(frozen=True)
-class CalibrateOptions:
+class CalibrateOptions(Options):
     """The load drive's own dynamics."""
 
-    duration_s: float = 8.0
+    duration_s: Seconds = Field(8.0, alias="duration", ge=2, examples=["8 s"])
 
 
-@dataclass(frozen=True)
-class FreeOptions:
-    """Zero torque at the port: a staircase of ``levels`` commands from both sides, then a multisine command."""
+class FreeOptions(Options):
+    """Zero torque at the port: a staircase of ``levels`` commands from both sides, then a multisine command.
 
-    amplitude: float = 0.6
-    levels: int = 11
-    dwell_s: float = 0.4  # on each level of the staircase
-    duration_s: float = 12.0  # of the multisine
+    ``dwell_s`` is spent on each level of the staircase, ``duration_s`` on the multisine.
+    """
+
+    amplitude: Fraction = Field(0.6, gt=0, le=1, examples=["60 %"])
+    levels: int = Field(11, ge=3, le=MOST_LEVELS, examples=[11])
+    dwell_s: Seconds = Field(0.4, alias="dwell", ge=0.1, examples=["400 ms"])
+    duration_s: Seconds = Field(12.0, alias="duration", ge=1, examples=["12 s"])
 
 
-@dataclass(frozen=True)
-class BlockedOptions:
+class BlockedOptions(Options):
     """The shaft held: torque against command, by how standstill was reached.
 
     ``histories``: "slow" and "fast" approach each level from both sides; "rest" does not move at all.
     """
 
-    levels: int = 5
-    hold_s: float = 0.5
-    histories: tuple[History, ...] = ("slow",)
+    levels: int = Field(5, ge=2, le=MOST_LEVELS, examples=[5])
+    hold_s: Seconds = Field(0.5, alias="hold", ge=0.1, examples=["500 ms"])
+    histories: Annotated[tuple[History, ...], Texts] = Field(
+        ("slow",), min_length=1, examples=[["slow", "fast", "rest"]]
+    )
 
 
-@dataclass(frozen=True)
-class ImposedOptions:
-    """Imposed motion: a grid of velocities and commands, then a multisine motion under a multisine command."""
+class ImposedOptions(Options):
+    """Imposed motion: a grid of velocities and commands, then a multisine motion under a multisine command.
 
-    amplitude: float = 0.5
-    velocities_rad_s: tuple[float, ...] = ()  # of the grid; empty: chosen from ``amplitude``
-    commands: int = 3  # levels of the grid
-    duration_s: float = 20.0  # of the multisines
-
-
-@dataclass(frozen=True)
-class ValidateOptions:
-    """Command and motion that no fit has seen."""
-
-    duration_s: float = 8.0
-    seed: int = 7
-
-
-@dataclass(frozen=True)
-class RefineOptions:
-    """Excitations chosen as it goes, until every 95 % interval is within ± ``until`` of its value."""
-
-    until: float = 0.01
-    at_most_s: float = 300.0
-
-
-@dataclass(frozen=True)
-class IterateOptions:
-    """One movement again and again: a multisine command up to ``highest_hz`` that fills the span found free."""
-
-    trials: int = 10  # at most
-    duration_s: float = 8.0
-    highest_hz: float = 3.0
-    seed: int = 5
-
-
-@dataclass(frozen=True)
-class InSituOptions:
-    """One movement again and again while the actuator stays assembled to its load; no torque sensor is looked at.
-
-    Of the load, ``viscous_damping_nms_rad`` and ``inertia_kgm2`` are what is believed beforehand, None where nothing
-    is; both count newton metres as the load drive does. ``amplitude`` is that of the motion source, as foreseen.
+    ``velocities_rad_s`` are those of the grid; empty: chosen from ``amplitude``. ``commands`` counts its levels.
     """
 
-    trials: int = 12  # at most, those that are left alone among them
-    duration_s: float = 8.0
-    shake_s: float = 24.0  # before the first trial, to tell load and actuator apart
-    highest_hz: float = 3.0
-    amplitude: float = 0.5
-    left_alone: float = 0.25  # the share of trials in which the load is not driven, at random
-    viscous_damping_nms_rad: float | None = None
-    inertia_kgm2: float | None = None
-    seed: int = 6
+    amplitude: Fraction = Field(0.5, gt=0, le=1, examples=["50 %"])
+    velocities_rad_s: Annotated[tuple[float, ...], BeforeValidator(_velocities)] = Field(
+        (), alias="velocities", examples=["-40:8:40 rad/s"]
+    )
+    commands: int = Field(3, ge=1, le=MOST_LEVELS, examples=[3])
+    duration_s: Seconds = Field(20.0, alias="duration", ge=1, examples=["20 s"])
 
 
-@dataclass(frozen=True)
-class RestOptions:
+class RefineOptions(Options):
+    """Excitations chosen as it goes, until every 95 % interval is within ± ``until`` of its value."""
+
+    until: Fraction = Field(0.01, gt=0, lt=1, examples=["1 %"])
+    at_most_s: Seconds = Field(300.0, alias="at_most", gt=0, examples=["5 min"])
+
+
+class IterateOptions(Options):
+    """One movement again and again: a multisine command up to ``highest_hz`` that fills the span found free.
+
+    ``trials`` is the greatest number of them.
+    """
+
+    trials: int = Field(10, ge=4, le=100, examples=[10])
+    duration_s: Seconds = Field(8.0, alias="duration", ge=2, examples=["8 s"])
+    highest_hz: Hertz = Field(3.0, alias="highest", gt=0.2, le=20, examples=["3 Hz"])
+    seed: int = Field(5, ge=0, examples=[5])
+
+
+class InSituOptions(Options):
+    """One movement again and again while the actuator stays assembled to its load; no torque sensor is looked at.
+
+    ``trials`` is the greatest number of them, ``left_alone`` the share in which the load is not driven, at random.
+    ``shake_s`` is spent before the first trial, to tell load and actuator apart. Of the load,
+    ``viscous_damping_nms_rad`` and ``inertia_kgm2`` are what is believed beforehand, None where nothing is; both count
+    newton metres as the load drive does. ``amplitude`` is that of the motion source, as foreseen.
+    """
+
+    trials: int = Field(12, ge=4, le=100, examples=[12])
+    duration_s: Seconds = Field(8.0, alias="duration", ge=2, examples=["8 s"])
+    shake_s: Seconds = Field(24.0, alias="shake", ge=4, examples=["24 s"])
+    highest_hz: Hertz = Field(3.0, alias="highest", gt=0.2, le=20, examples=["3 Hz"])
+    amplitude: Fraction = Field(0.5, gt=0, le=1, examples=["50 %"])
+    left_alone: Fraction = Field(0.25, ge=0, lt=1, examples=["25 %"])
+    viscous_damping_nms_rad: Damping | None = Field(None, alias="viscous_damping", ge=0, examples=["3e-4 N*m*s/rad"])
+    inertia_kgm2: Inertia | None = Field(None, alias="inertia", gt=0, examples=["1.2e-4 kg*m^2"])
+    seed: int = Field(6, ge=0, examples=[6])
+
+
+class RestOptions(Options):
     """Nothing commanded, everything watched."""
 
-    duration_s: float = 10.0
+    duration_s: Seconds = Field(10.0, alias="duration", ge=0.1, le=3600, examples=["10 s"])
 
 
-@dataclass(frozen=True)
-class TabulateSourceOptions:
-    """Where the free port rests, by command. Commands are shares of the greatest; ``port``: "actuator", "external"."""
+class _TabulateOptions(Options):
+    """What both tabulations share: slower than ``settled_rad_s`` is at rest, which is waited for ``at_most_s``."""
 
-    levels: int = 7
-    lowest: float = -1.0
-    highest: float = 1.0
-    port: str = "actuator"
-    settled_rad_s: float = 2e-3  # slower than this is at rest
-    at_most_s: float = 3.0  # waited for that, at each level
-    read_s: float = 0.5
+    settled_rad_s: RadiansPerSecond = Field(2e-3, alias="settled", gt=0, examples=["2 mrad/s"])
+    at_most_s: Seconds = Field(3.0, alias="at_most", gt=0, examples=["3 s"])
 
 
-@dataclass(frozen=True)
-class TabulateImpedanceOptions:
-    """What the port exerts away from its source, at some commands (shares of the greatest)."""
+class TabulateSourceOptions(_TabulateOptions):
+    """Where the free port rests, by command. Commands are shares of the greatest."""
 
-    commands: int = 3
-    lowest: float = -0.5
-    highest: float = 0.5
-    displacement_rad: float = 0.05  # to either side
-    steps: int = 4  # on the way there
-    hold_s: float = 0.4
-    shake_rad: float = 5e-3  # peak; 0: not at all
-    sweep_rad_s: float = 0.05  # from end to end and back, so fast; 0: not at all
-    settled_rad_s: float = 2e-3
-    at_most_s: float = 3.0
+    levels: int = Field(7, ge=2, le=MOST_LEVELS, examples=[7])
+    lowest: Fraction = Field(-1.0, ge=-1, le=1, examples=["-100 %"])
+    highest: Fraction = Field(1.0, ge=-1, le=1, examples=["100 %"])
+    port: Literal["actuator", "external"] = Field("actuator", examples=["external"])
+    read_s: Seconds = Field(0.5, alias="read", ge=0.1, examples=["500 ms"])
 
 
-Options = (
-    TareOptions
-    | CalibrateOptions
-    | FreeOptions
-    | BlockedOptions
-    | ImposedOptions
-    | RefineOptions
-    | IterateOptions
-    | InSituOptions
-    | RestOptions
-    | TabulateImpedanceOptions
-    | TabulateSourceOptions
-    | ValidateOptions
-)
+class TabulateImpedanceOptions(_TabulateOptions):
+    """What the port exerts away from its source, at some commands (shares of the greatest).
+
+    ``displacement_rad`` lies to either side and is reached in ``steps``. ``shake_rad`` is a peak value, and
+    ``sweep_rad_s`` the speed from end to end and back; 0 leaves either out.
+    """
+
+    commands: int = Field(3, ge=1, le=MOST_LEVELS, examples=[3])
+    lowest: Fraction = Field(-0.5, ge=-1, le=1, examples=["-50 %"])
+    highest: Fraction = Field(0.5, ge=-1, le=1, examples=["50 %"])
+    displacement_rad: Radians = Field(0.05, alias="displacement", gt=0, examples=["50 mrad"])
+    steps: int = Field(4, ge=1, examples=[4])
+    hold_s: Seconds = Field(0.4, alias="hold", ge=0.2, examples=["400 ms"])
+    shake_rad: Radians = Field(5e-3, alias="shake", ge=0, examples=["5 mrad"])
+    sweep_rad_s: RadiansPerSecond = Field(0.05, alias="sweep", ge=0, examples=["50 mrad/s"])
+
+
+class ValidateOptions(Options):
+    """Command and motion that no fit has seen."""
+
+    duration_s: Seconds = Field(8.0, alias="duration", ge=1, examples=["8 s"])
+    seed: int = Field(7, ge=0, examples=[7])
+
+
+STEPS: Mapping[str, type[Options]] = {
+    "tare": TareOptions,
+    "calibrate": CalibrateOptions,
+    "free": FreeOptions,
+    "blocked": BlockedOptions,
+    "imposed": ImposedOptions,
+    "refine": RefineOptions,
+    "iterate_zero_torque": IterateOptions,
+    "in_situ": InSituOptions,
+    "rest": RestOptions,
+    "tabulate_source": TabulateSourceOptions,
+    "tabulate_impedance": TabulateImpedanceOptions,
+    "validate": ValidateOptions,
+}

@@ -141,7 +141,8 @@ class Mistakes:
             self.add(f"[{where}]", f"is a section, not {toml(table)}; write [{where}] on a line of its own")
             return None
         try:
-            return model.model_validate(table, context=dict(context or {}))
+            # Keys as users write them: a model that programs fill, too, has names with units for the same fields.
+            return model.model_validate(table, context=dict(context or {}), by_alias=True, by_name=False)
         except ValidationError as error:
             for details in error.errors():
                 self._add_details(details, model, table, where, also_known)

@@ -3,19 +3,20 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from norton_bench.procedures.options import Options
+from pydantic import Field
+
+from norton_bench.procedures.options import Options, Texts
 from norton_bench.session.conditions import Condition
 
 
-@dataclass(frozen=True)
-class AskOptions:
+class AskOptions(Options):
     """A prompt: what it is called, what is asked, and the answers allowed (none: any)."""
 
-    name: str
-    text: str
-    choices: tuple[str, ...] = ()
+    name: str = Field(pattern=r"^[\w.-]+$", examples=["fixture"])
+    text: str = Field(min_length=1, examples=["Which fixture is mounted?"])
+    choices: Annotated[tuple[str, ...], Texts] = Field((), examples=[["A", "B"]])
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Step:
     """
 
     do: str
-    options: Options | AskOptions
+    options: Options
     when: Condition | None = None
     label: str = ""
     where: str = ""

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from norton_bench.errors import UsageError
 from norton_bench.procedures.catalogue import make_procedures
 from norton_bench.procedures.options import (
+    STEPS,
     CalibrateOptions,
     FreeOptions,
     ImposedOptions,
@@ -21,12 +22,11 @@ from norton_bench.procedures.refine import RefineProcedure
 from norton_bench.rig.files import Mistakes, check_kind, nearest, parse_toml, read_text, toml
 from norton_bench.rig.rig import Command, Rig
 from norton_bench.session.items import Expectation, Session, Step, WrittenFault, flat
-from norton_bench.session.step_models import STEPS, ExpectModel
+from norton_bench.session.step_models import ExpectModel
 from norton_bench.session.unroll import Unroller
 from norton_bench.session.values import Values, settled
 
 __all__ = [
-    "STEPS",
     "Session",
     "Step",
     "WrittenFault",
@@ -147,7 +147,7 @@ def standard_session(rig: Rig | None = None) -> Session:
         wanted = STANDARD if rig.modelled else TABLES
         able = tuple(name for name in (*wanted, "in_situ") if _performs(rig, name))
     modulations = () if rig is None or rig.modulation is None else _spread(rig.modulation)
-    steps = (Step(name, STEPS[name][1](), modulations=modulations if name in MODULATED else ()) for name in able)
+    steps = (Step(name, STEPS[name](), modulations=modulations if name in MODULATED else ()) for name in able)
     return Session(tuple(steps), "the standard session")
 
 
@@ -168,7 +168,7 @@ def refining_session(rig: Rig, until: float, at_most_s: float) -> Session:
         ("calibrate", CalibrateOptions()),
         ("free", SHORT_FREE),
         ("imposed", SHORT_IMPOSED),
-        ("refine", RefineOptions(until)),
+        ("refine", RefineOptions(until=until)),
         ("validate", ValidateOptions()),
     )
     place = "--until"
@@ -180,7 +180,7 @@ def refining_session(rig: Rig, until: float, at_most_s: float) -> Session:
             f"--at-most {at_most_s:g} s: the steps around the refinement take about {taken_s:.0f} s; "
             f'allow at least "{taken_s + LEAST_REFINING_S:.0f} s"'
         )
-    refine = RefineOptions(until, at_most_s - taken_s)
+    refine = RefineOptions(until=until, at_most_s=at_most_s - taken_s)
     steps = [Step(name, refine if name == "refine" else options) for name, options in around]
     return Session(tuple(steps), place, arguments=f'--until {100 * until:g}% --at-most "{at_most_s:g} s"')
 

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from norton_bench.procedures.options import STEPS
 from norton_bench.rig.files import Mistakes, nearest, toml
 from norton_bench.session.conditions import Condition
 from norton_bench.session.items import Block, Item, Step
-from norton_bench.session.step_models import ASK, CONTROL, GROUP, MODELS, STEPS, ControlModel
+from norton_bench.session.step_models import ASK, CONTROL, GROUP, MODELS, ControlModel
 from norton_bench.session.values import Values, sweeps
 
 MOST_STEPS = 10_000
@@ -103,12 +104,10 @@ class Unroller:
         if written is None:
             return []
         modulations = self._modulations(written.pop(MODULATION, []), where) if do in STEPS else ()
-        model, options = MODELS[do]
-        section = self.mistakes.read(model, written, where, also_known=(*CONTROL, MODULATION))
-        if section is None:
+        options = self.mistakes.read(MODELS[do], written, where, also_known=(*CONTROL, MODULATION))
+        if options is None:
             return []
-        made = options(**section.model_dump(exclude_unset=True))
-        return [Step(do, made, label=label, where=where, modulations=modulations)]
+        return [Step(do, options, label=label, where=where, modulations=modulations)]
 
     def _modulations(self, written: object, where: str) -> tuple[str, ...]:
         """Quantities whose unit only the rig knows."""

@@ -23,7 +23,9 @@ ROOT = Path(__file__).parents[3]
 RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"
 ALONE_FILE = ROOT / "rigs" / "sim-free-shaft.toml"
 PROGRAM = Path(sys.executable).with_name("norton-bench")
-SHORT = Session((Step("tare", TareOptions(0.5)), Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=2.0))), "")
+SHORT = Session(
+    (Step("tare", TareOptions(duration_s=0.5)), Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=2.0))), ""
+)
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def carried_out(
 ) -> Found:
     with opened(rig) as bench:
         watched = Watched(bench)
-        known = carry_out(TareProcedure(TareOptions(0.5)), Knowledge(rig), bench.loop)
+        known = carry_out(TareProcedure(TareOptions(duration_s=0.5)), Knowledge(rig), bench.loop)
         if before is not None:
             known = before(known, watched)
         step, said = InSituProcedure(options), []
@@ -84,7 +84,7 @@ def recorded(known: Knowledge) -> Measured:
 @pytest.fixture(scope="module")
 def found() -> Found:
     """The load's inertia is believed to be 20 % more than it is."""
-    return carried_out(RIG, replace(OPTIONS, inertia_kgm2=1.2 * TRUE_INERTIA_KGM2))
+    return carried_out(RIG, OPTIONS.model_copy(update={"inertia_kgm2": 1.2 * TRUE_INERTIA_KGM2}))
 
 
 def free_velocity(command: np.ndarray, delay_s: float) -> np.ndarray:
@@ -143,7 +143,7 @@ def test_no_torque_was_read(found: Found) -> None:
 
 def calibrated(known: Knowledge, watched: Watched) -> Knowledge:
     watched.loop.learn(learned(known))
-    return carry_out(CalibrateProcedure(CalibrateOptions(4.0)), known, watched.loop)
+    return carry_out(CalibrateProcedure(CalibrateOptions(duration_s=4.0)), known, watched.loop)
 
 
 def assembled_load(found: Found) -> NortonNetwork:
@@ -186,7 +186,7 @@ def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> 
 
 
 def test_the_viscous_damping_that_was_calibrated_counts_as_the_loads_drive_does() -> None:
-    options = InSituOptions(trials=3, duration_s=3.0, shake_s=8.0)
+    options = InSituOptions(trials=4, duration_s=3.0, shake_s=8.0)
     found = carried_out(load_rig(RIGS / "sim-odrive.toml"), options, calibrated)
     assert "by the twist between the encoders" in found.result.assembly[0]
     assert assembled_load(found).viscous_damping_nms_rad == pytest.approx(VISCOUS_NMS_RAD, rel=0.03)

@@ -52,9 +52,9 @@ def watched() -> Iterator[Watched]:
 
 @pytest.fixture(scope="module")
 def calibrated(watched: Watched) -> Knowledge:
-    known = carry_out(TareProcedure(TareOptions(0.5)), Knowledge(RIG), watched.loop)
+    known = carry_out(TareProcedure(TareOptions(duration_s=0.5)), Knowledge(RIG), watched.loop)
     watched.loop.learn(learned(known))
-    known = carry_out(CalibrateProcedure(CalibrateOptions(4.0)), known, watched.loop)
+    known = carry_out(CalibrateProcedure(CalibrateOptions(duration_s=4.0)), known, watched.loop)
     watched.loop.learn(learned(known))
     return replace(known, command_span=(-0.08, 0.08))
 
@@ -101,7 +101,7 @@ def test_what_is_read_does_not_flatter(iterated: Iterated) -> None:
 
 
 def test_a_model_that_is_wrong_is_made_up_for_by_learning(watched: Watched, calibrated: Knowledge) -> None:
-    step = IterateProcedure(replace(STEP.options, trials=4))
+    step = IterateProcedure(STEP.options.model_copy(update={"trials": 4}))
     found = carried_out(step, with_actuator_off(calibrated, 0.1), watched)
     print(found.said)
     assert found.below_db(2) < 25.0  # what the undriven trial taught
@@ -154,7 +154,7 @@ def test_it_stops_where_it_does_not_converge(iterated: Iterated) -> None:
 
 def test_noise_that_was_learnt_is_no_failure_to_learn(iterated: Iterated) -> None:
     """One lesson brings the noise of its trial to the port; four bring a quarter of its power, and that is enough."""
-    step = IterateProcedure(replace(STEP.options, trials=10))
+    step = IterateProcedure(STEP.options.model_copy(update={"trials": 10}))
 
     def after(count: int, torque_nm: float) -> str:
         noise_nm = 3e-4

@@ -50,7 +50,7 @@ def test_the_actuators_command_goes_back_to_zero_before_the_next_modulation():
 
 
 def test_it_takes_as_long_as_it_says():
-    inner = RestProcedure(RestOptions(2.0))
+    inner = RestProcedure(RestOptions(duration_s=2.0))
     procedure = ModulatedProcedure(inner, (0.0, 1.0, 2.0))
     ticks = sum(segment.ticks for segment in segments_of(procedure, Knowledge(RIG)))
     assert procedure.duration_s(RIG) == pytest.approx(ticks * 1e-3)

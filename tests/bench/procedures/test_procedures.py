@@ -133,7 +133,7 @@ def test_a_wrong_sign_in_the_rig_file_is_found_and_named(section: str, words: st
     device = getattr(RIG.wiring, section)
     wrong = replace(RIG, wiring=replace(RIG.wiring, **{section: replace(device, direction=-device.direction)}))
     with opened(wrong) as bench, pytest.raises(ExperimentError, match=words):
-        carry_out(TareProcedure(TareOptions(0.5)), Knowledge(wrong), bench.loop)
+        carry_out(TareProcedure(TareOptions(duration_s=0.5)), Knowledge(wrong), bench.loop)
 
 
 def with_sensor(**changes: str) -> Rig:
@@ -146,7 +146,7 @@ def test_a_push_that_noise_hides_is_made_again_and_faster() -> None:
     """The port feels 14 mN m of it: of 60 mN m of noise, one push of 1.2 s tells that to some four deviations."""
     noisy = with_sensor(noise="60 mN*m")
     with opened(noisy) as bench:
-        known = carry_out(TareProcedure(TareOptions(1.0)), Knowledge(noisy), bench.loop)
+        known = carry_out(TareProcedure(TareOptions(duration_s=1.0)), Knowledge(noisy), bench.loop)
     segments = known.records[-1].segments
     assert "load pushes again" in [segment.name for segment in segments]
     assert known.tare is not None
@@ -179,7 +179,7 @@ def test_what_is_felt_of_a_push_has_an_honest_deviation(seed: int) -> None:
 
 def test_tare_finds_bias_and_noise() -> None:
     with opened(RIG) as bench:
-        known = carry_out(TareProcedure(TareOptions(1.0)), Knowledge(RIG), bench.loop)
+        known = carry_out(TareProcedure(TareOptions(duration_s=1.0)), Knowledge(RIG), bench.loop)
     assert known.tare is not None
     # The rig's simulated sensor: 1 mN·m of noise; bias 3 mN·m; a thousand samples.
     assert known.tare.torque_noise_nm == pytest.approx(1e-3, rel=0.1)
@@ -193,7 +193,7 @@ def test_tare_finds_bias_and_noise() -> None:
 def test_tare_says_nothing_of_pushes_that_were_not_made() -> None:
     free = load_rig(RIGS / "sim-free-shaft.toml")
     with opened(free) as bench:
-        known = carry_out(TareProcedure(TareOptions(0.5)), Knowledge(free), bench.loop)
+        known = carry_out(TareProcedure(TareOptions(duration_s=0.5)), Knowledge(free), bench.loop)
     assert known.tare is not None
     assert (known.tare.moving_load_nm, known.tare.moving_command is None) == (None, False)
 
@@ -201,8 +201,8 @@ def test_tare_says_nothing_of_pushes_that_were_not_made() -> None:
 def test_a_loop_faster_than_its_devices_calibrates_as_well() -> None:
     fast = replace(RIG, wiring=replace(RIG.wiring, tick_ns=500_000))
     with opened(fast) as bench:
-        known = carry_out(TareProcedure(TareOptions(1.0)), Knowledge(fast), bench.loop)
-        calibration = carry_out(CalibrateProcedure(CalibrateOptions(2.0)), known, bench.loop).calibration
+        known = carry_out(TareProcedure(TareOptions(duration_s=1.0)), Knowledge(fast), bench.loop)
+        calibration = carry_out(CalibrateProcedure(CalibrateOptions(duration_s=2.0)), known, bench.loop).calibration
     assert calibration is not None
     assert calibration.inertia_kgm2 == pytest.approx(1.2e-4, rel=0.02)
 

@@ -23,7 +23,9 @@ from norton_bench.session import engine
 from norton_bench.session.schema import Session, Step
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
-SESSION = Session((Step("tare", TareOptions(0.5)), Step("calibrate", CalibrateOptions(4.0))), place="test")
+SESSION = Session(
+    (Step("tare", TareOptions(duration_s=0.5)), Step("calibrate", CalibrateOptions(duration_s=4.0))), place="test"
+)
 SMALL = "12m"  # the reserve, and two or three seconds of recording
 
 

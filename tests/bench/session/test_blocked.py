@@ -17,8 +17,8 @@ RIG = half_rate("sim-odrive")
 def test_friction_leaves_what_the_history_says(tmp_path):
     blocked = BlockedOptions(levels=2, hold_s=0.3, histories=("slow", "fast", "rest"))
     steps = (
-        Step("tare", TareOptions(0.5)),
-        Step("calibrate", CalibrateOptions(4.0)),
+        Step("tare", TareOptions(duration_s=0.5)),
+        Step("calibrate", CalibrateOptions(duration_s=4.0)),
         Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=1.0)),  # for commands of everyday size
         Step("blocked", blocked),
     )

@@ -19,8 +19,8 @@ GREATEST_DEVIATION_STD = 4.0
 SEED = 5
 SESSION = Session(
     (
-        Step("tare", TareOptions(0.5)),
-        Step("calibrate", CalibrateOptions(4.0)),
+        Step("tare", TareOptions(duration_s=0.5)),
+        Step("calibrate", CalibrateOptions(duration_s=4.0)),
         Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=3.0)),
         Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=4.0)),
     ),

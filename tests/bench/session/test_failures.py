@@ -30,7 +30,9 @@ ROOT = Path(__file__).parents[3]
 RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"
 RIG = load_rig(RIG_FILE)
 PROGRAM = Path(sys.executable).with_name("norton-bench")
-SESSION = Session((Step("tare", TareOptions(0.5)), Step("calibrate", CalibrateOptions(2.0))), place="test")
+SESSION = Session(
+    (Step("tare", TareOptions(duration_s=0.5)), Step("calibrate", CalibrateOptions(duration_s=2.0))), place="test"
+)
 
 
 class Listening(StopWord):

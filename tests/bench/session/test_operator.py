@@ -22,8 +22,8 @@ from norton_bench.session.script import Ask, Script, SoFar
 from tests.bench.half_rate import half_rate
 
 RIG = half_rate("sim-odrive")
-TARE = TareProcedure(TareOptions(0.5))
-REST = RestProcedure(RestOptions(0.2))
+TARE = TareProcedure(TareOptions(duration_s=0.5))
+REST = RestProcedure(RestOptions(duration_s=0.2))
 
 
 @dataclass

@@ -30,10 +30,10 @@ SEED = 3
 ASKED = 0.02
 AT_MOST_S = 40.0
 STEPS = (
-    Step("tare", TareOptions(0.5)),
-    Step("calibrate", CalibrateOptions(4.0)),
+    Step("tare", TareOptions(duration_s=0.5)),
+    Step("calibrate", CalibrateOptions(duration_s=4.0)),
     Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=1, duration_s=1.5)),
-    Step("refine", RefineOptions(ASKED, AT_MOST_S)),
+    Step("refine", RefineOptions(until=ASKED, at_most_s=AT_MOST_S)),
 )
 
 
@@ -133,7 +133,7 @@ def test_a_fit_that_does_not_converge_is_given_something_better(
     """The calibration's own fit of the actuator is there to choose by; without it there is nothing."""
     monkeypatch.setattr(refine, "fit", lambda *given, **more: replace(fit(*given, **more), converged=False))
     known = replace(refined.result.knowledge, refinement=None)
-    procedure = RefineProcedure(RefineOptions(0.001, 100.0))
+    procedure = RefineProcedure(RefineOptions(until=0.001, at_most_s=100.0))
     assert procedure.following(known).procedure is not None
     decision = procedure.following(replace(known, actuator=None))
     assert decision.procedure is None
@@ -143,7 +143,7 @@ def test_a_fit_that_does_not_converge_is_given_something_better(
 def test_nothing_is_offered_where_the_load_can_do_nothing(refined: Refined) -> None:
     rig = replace(RIG, limits=replace(RIG.limits, load_torque_nm=1e-3))
     known = replace(refined.result.knowledge, rig=rig, refinement=None)
-    decision = RefineProcedure(RefineOptions(0.001, 100.0)).following(known)
+    decision = RefineProcedure(RefineOptions(until=0.001, at_most_s=100.0)).following(known)
     assert decision.procedure is None
     assert "nothing that the rig's limits allow" in decision.said
 

@@ -3,16 +3,18 @@
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from norton_bench.errors import ExitCode, RigError, UsageError
 from norton_bench.procedures.catalogue import CATALOGUE
 from norton_bench.procedures.modulated import ModulatedProcedure
-from norton_bench.procedures.options import FreeOptions, ImposedOptions, RestOptions, TareOptions
+from norton_bench.procedures.options import STEPS, FreeOptions, ImposedOptions, RestOptions, TareOptions
 from norton_bench.procedures.rest import RestProcedure
+from norton_bench.rig.files import keys_of, toml
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.session.program import make_experiment
-from norton_bench.session.schema import STEPS, load_session, parse_session, standard_session
+from norton_bench.session.schema import load_session, parse_session, standard_session
 
 ROOT = Path(__file__).parents[3]
 SESSIONS = sorted((ROOT / "sessions").glob("*.toml"))
@@ -37,15 +39,33 @@ def test_steps_become_options_in_si() -> None:
 
 def test_velocities_may_be_listed() -> None:
     session = parse_session('[[step]]\ndo = "imposed"\nvelocities = ["60 rpm", "-1 rad/s"]\n', place="s")
-    assert session.steps[0].options == ImposedOptions(velocities_rad_s=(pytest.approx(6.283185307), -1))
+    (step,) = session.steps
+    assert isinstance(step.options, ImposedOptions)
+    assert step.options.velocities_rad_s == (pytest.approx(6.283185307), -1)
 
 
 @pytest.mark.parametrize("name", STEPS)
 def test_what_a_file_leaves_out_is_as_the_procedure_has_it(name: str) -> None:
     (step,) = parse_session(f'[[step]]\ndo = "{name}"\n', place="s").steps
-    model, options = STEPS[name]
-    assert step.options == options()
-    assert options(**model().model_dump()) == options()
+    assert step.options == STEPS[name]()
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_every_option_may_be_written_as_its_example_says(name: str) -> None:
+    keys = keys_of(STEPS[name])
+    lines = "".join(f"{key} = {toml(info.examples[0])}\n" for key, info in keys.items() if info.examples)
+    (step,) = parse_session(f'[[step]]\ndo = "{name}"\n{lines}', place="s").steps
+    assert set(step.options.model_fields_set) == set(STEPS[name].model_fields)
+
+
+def test_a_program_gives_numbers_and_a_file_quantities() -> None:
+    assert RestOptions(duration_s=2.5).duration_s == 2.5
+    with pytest.raises(UsageError, match=r'duration: "2.5" has no unit; write it like'):
+        parse_session('[[step]]\ndo = "rest"\nduration = 2.5\n', place="s")
+    with pytest.raises(UsageError, match=r'duration_s: unknown key; did you mean "duration"'):
+        parse_session('[[step]]\ndo = "rest"\nduration_s = "2.5 s"\n', place="s")
+    with pytest.raises(ValidationError, match="greater than or equal to"):
+        RestOptions(duration_s=0.0)
 
 
 def test_every_procedure_has_its_step() -> None:
@@ -67,7 +87,7 @@ REST = '[[step]]\ndo = "rest"\nduration = "2 s"\n'
 def test_a_step_may_run_under_modulations(written: str, modulations: tuple[float, ...]) -> None:
     session = parse_session(f"{REST}modulation = {written}\n", place="s.toml")
     (step,) = make_experiment(session, VARIABLE).plan
-    held = ModulatedProcedure(RestProcedure(RestOptions(2.0)), modulations)
+    held = ModulatedProcedure(RestProcedure(RestOptions(duration_s=2.0)), modulations)
     assert step.duration_s == (held.duration_s(VARIABLE) if modulations else 2.0)
     assert ("modulation" in step.label) == bool(modulations)
 

@@ -35,7 +35,7 @@ def test_parameters_go_where_they_are_named() -> None:
     )
     free, imposed, ask = options(read(text))
     assert (free, imposed) == (FreeOptions(levels=7), ImposedOptions(velocities_rad_s=(-20.0, 20.0)))
-    assert ask == AskOptions("x", "At 20 rad/s, for $5?")
+    assert ask == AskOptions(name="x", text="At 20 rad/s, for $5?")
     assert options(read(text, levels=5))[0] == FreeOptions(levels=5)
     assert read(text, levels=5).parameters == {"levels": 5, "speed": "20 rad/s"}
 

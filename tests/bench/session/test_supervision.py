@@ -24,7 +24,7 @@ from tests.bench.half_rate import half_rate
 RIGS = Path(__file__).parents[3] / "rigs"
 RIG = half_rate("sim-odrive")
 FREE = load_rig(RIGS / "sim-free-shaft.toml")
-TARE = Step("tare", TareOptions(0.5))
+TARE = Step("tare", TareOptions(duration_s=0.5))
 
 
 @dataclass
@@ -81,7 +81,7 @@ def test_the_guard_is_told_what_tare_and_calibrate_find(tmp_path: Path, monkeypa
         return lambda *given, **options: backends.append(made(*given, **options)) or backends[-1]
 
     monkeypatch.setattr(engine, "load_backend", load)
-    done = recorded(RIG, tmp_path, TARE, Step("calibrate", CalibrateOptions(4.0)))
+    done = recorded(RIG, tmp_path, TARE, Step("calibrate", CalibrateOptions(duration_s=4.0)))
     known = told_to_guard(done.knowledge)
     truth = backends[0]._truth
     assert known.torque is not None

@@ -26,7 +26,7 @@ from norton_sim.truth import Truth, read_truth
 from tests.bench.half_rate import half_rate
 
 RIGS = Path(__file__).parents[3] / "rigs"
-TARE = Step("tare", TareOptions(0.5))
+TARE = Step("tare", TareOptions(duration_s=0.5))
 SOURCE = TabulateSourceOptions(levels=3, lowest=-0.6, highest=0.6, read_s=0.3)
 IMPEDANCE = TabulateImpedanceOptions(commands=1, lowest=0.3, highest=0.3, steps=2, hold_s=0.3)
 STEPS = {
@@ -60,7 +60,7 @@ STEPS = {
 def result_of(name: str) -> SessionResult:
     # Through a gap the port jumps: half of the ticks would miss how.
     rig = load_rig(RIGS / f"{name}.toml") if name == "sim-gear-train" else half_rate(name)
-    calibrate = Step("calibrate", CalibrateOptions(8.0 if name == "sim-gravity" else 4.0))
+    calibrate = Step("calibrate", CalibrateOptions(duration_s=8.0 if name == "sim-gravity" else 4.0))
     return run_session(rig, Session((TARE, calibrate, *STEPS[name]), "short"), out=Path(mkdtemp()), seed=3)
 
 
@@ -184,7 +184,7 @@ def test_a_recording_tells_the_same_again_and_the_report_shows_it(tmp_path):
 
 def test_a_shaft_that_runs_is_told_from_one_that_rests(tmp_path):
     rig = half_rate("sim-odrive")
-    steps = (TARE, Step("calibrate", CalibrateOptions(4.0)), Step("tabulate_source", SOURCE))
+    steps = (TARE, Step("calibrate", CalibrateOptions(duration_s=4.0)), Step("tabulate_source", SOURCE))
     with pytest.raises(ExperimentError, match="its source may be a velocity, which the step 'free' measures"):
         run_session(rig, Session(steps, "short"), out=tmp_path, seed=3)
 

@@ -36,8 +36,8 @@ IMPEDANCE = TabulateImpedanceOptions(
     commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0, sweep_rad_s=0.0
 )
 STEPS = (
-    Step("tare", TareOptions(0.5)),
-    Step("calibrate", CalibrateOptions(4.0)),
+    Step("tare", TareOptions(duration_s=0.5)),
+    Step("calibrate", CalibrateOptions(duration_s=4.0)),
     Step("tabulate_impedance", IMPEDANCE, modulations=ENDS),
     Step("tabulate_source", SOURCE, modulations=ENDS),
 )
@@ -131,7 +131,7 @@ def test_its_second_drive_went_where_it_was_sent_and_the_result_says_so():
 def test_one_that_slips_on_its_way_is_named():
     """Its encoder jumps between two visits to one modulation, as that of a drive which has lost its place."""
     slip = WrittenFault({"kind": "encoder-jump", "on": "modulator", "at": "4 s", "by": "0.1 rad"}, "rest")
-    rest = ModulatedProcedure(RestProcedure(RestOptions(1.5)), (1.0, 3.0, 1.0))
+    rest = ModulatedProcedure(RestProcedure(RestOptions(duration_s=1.5)), (1.0, 3.0, 1.0))
     session = Session((), "slips", faults=(slip,))
     recorded = record_procedures(RIG, session, (rest,), out=Path(mkdtemp()), known=result().knowledge, seed=3)
     found = modulator_places(recorded.measured)
