@@ -11,7 +11,7 @@ from typing import Any
 import can
 import serial
 
-from norton_drivers.adapters.eager_line import EagerLine
+from norton_drivers.adapters.low_latency_serial import LowLatencySerial
 from norton_drivers.adapters.serial_mend import serial_mend
 from norton_drivers.adapters.table import open_bus
 from norton_drivers.clock import Clock, MonotonicClock
@@ -76,7 +76,7 @@ class HardwareBackend:
                 f"port {port}: cannot open it at {baud} baud ({reason_of(error)}); {serial_mend(error)}"
             ) from error
         eager = os.name == "posix" and "://" not in port
-        serial_port = SerialPort(port, EagerLine(line) if eager else line, self._clock)
+        serial_port = SerialPort(port, LowLatencySerial(line) if eager else line, self._clock)
         self._ports.append(serial_port)
         return serial_port
 

@@ -12,11 +12,11 @@ from norton_drivers.rehearsal import TrueState
 from norton_drivers.wiring import CanBusSettings, Wiring
 from norton_sim.assembly import build_world, mount
 from norton_sim.buses import SimulatedBus, SimulatedCanWire, SimulatedLine, SimulatedSerialWire
+from norton_sim.connectors import CanConnector, SerialConnector
 from norton_sim.faults.injection import inject, read_faults
 from norton_sim.faults.schema import Fault
 from norton_sim.faults.stage import Injected, Stage
 from norton_sim.firmware.site import Wires
-from norton_sim.plugs import CanPlug, SerialPlug
 from norton_sim.transport import Delay, HostEnd
 from norton_sim.truth import FAULTS, Truth, read_truth
 from norton_sim.witness import watch
@@ -111,17 +111,17 @@ class SimulatedBackend:
             self._can_wires[bus] = SimulatedCanWire(self.world, *delays)
         return self._can_wires[bus]
 
-    def _can_plug(self, bus: str) -> CanPlug:
-        return CanPlug(self._can_wire(bus))
+    def _can_plug(self, bus: str) -> CanConnector:
+        return CanConnector(self._can_wire(bus))
 
-    def _serial_plug(self, port: str) -> SerialPlug:
+    def _serial_plug(self, port: str) -> SerialConnector:
         transport = self._truth.transport
         delays = [
             Delay(transport.serial_delay_ns, transport.serial_jitter_ns, self._random(port, direction))
             for direction in ("to host", "to device")
         ]
         self._serial_wires[port] = SimulatedSerialWire(self.world, *delays)
-        return SerialPlug(self._serial_wires[port])
+        return SerialConnector(self._serial_wires[port])
 
     def _random(self, wire: str, direction: str) -> Random:
         return Random(f"{self._truth.seed} {wire} {direction}")

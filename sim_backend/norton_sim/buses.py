@@ -8,7 +8,7 @@ from collections import deque
 import can
 from can.typechecking import CanFilters
 
-from norton_sim.plugs import CanPlug, SerialPlug
+from norton_sim.connectors import CanConnector, SerialConnector
 from norton_sim.transport import (
     BITS_PER_BYTE,
     CAN_ERR_BUS_OFF,
@@ -31,12 +31,12 @@ class SimulatedCanWire:
         self._world = world
         self._to_host_delay = to_host
         self._to_devices_delay = to_devices
-        self._plugs: list[CanPlug] = []
+        self._plugs: list[CanConnector] = []
         self._inboxes: list[Inbox] = []
         self._underway: deque[can.Message] = deque()  # to the devices; nothing overtakes
         self.troubled: TroubledAdapter | None = None
 
-    def attach(self, plug: CanPlug) -> None:
+    def attach(self, plug: CanConnector) -> None:
         self._plugs.append(plug)
 
     def suffer(self, trouble: Trouble | None) -> None:
@@ -141,14 +141,14 @@ class SimulatedSerialWire:
         self._delay = to_host
         self._to_device_delay = to_device
         self._stream: ByteStream | None = None
-        self._plug: SerialPlug | None = None
+        self._plug: SerialConnector | None = None
         self._underway: deque[bytes] = deque()  # to the device; nothing overtakes
         self._free_ns = 0  # when the last byte on its way to the device has arrived
         self._byte_ns = 0.0
         self.host_baud: int | None = None
         self.unplugged = False
 
-    def attach(self, plug: SerialPlug) -> None:
+    def attach(self, plug: SerialConnector) -> None:
         self._plug = plug
 
     def suffer(self, trouble: Trouble | None) -> None:

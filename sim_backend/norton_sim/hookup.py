@@ -15,7 +15,7 @@ from norton_bench.units import parse_quantity
 from norton_drivers import registry
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import DeviceSettings, Wiring
-from norton_sim.plugs import CanPlug, Piece, SerialPlug
+from norton_sim.connectors import CanConnector, Piece, SerialConnector
 from norton_sim.transport import CAN_ERR_PROTOCOL
 
 _DATA_BITS = 8
@@ -79,7 +79,7 @@ class Hookup:
     bitrate_bit_s: int | None = None
     baud: int | None = None
 
-    def connect_can(self, plug: CanPlug, bus_bitrate_bit_s: int) -> None:
+    def connect_can(self, plug: CanConnector, bus_bitrate_bit_s: int) -> None:
         """Let ``plug`` pass only what a device set up like this understands."""
         if self.bitrate_bit_s not in (None, bus_bitrate_bit_s):
             # It hears others' frames as errors and says so; others hear its frames as errors.
@@ -90,7 +90,7 @@ class Hookup:
         if not self.plugged:
             plug.cut()
 
-    def connect_serial(self, plug: SerialPlug) -> None:
+    def connect_serial(self, plug: SerialConnector) -> None:
         """As :meth:`connect_can`, of a line whose other end listens at the rate that it was opened with."""
         if self.baud is not None:
             plug.tamper(
@@ -100,7 +100,7 @@ class Hookup:
         if not self.plugged:
             plug.cut()
 
-    def _garble(self, plug: SerialPlug, rates: Callable[[int, int], tuple[int, int]]) -> Callable[[Piece], None]:
+    def _garble(self, plug: SerialConnector, rates: Callable[[int, int], tuple[int, int]]) -> Callable[[Piece], None]:
         own = self.baud or 0
 
         def tamper(piece: Piece) -> None:

@@ -27,10 +27,10 @@ from norton_drivers.ports import CanPort
 from norton_drivers.punctual import SERVER_PRIORITY, punctual
 from norton_drivers.wiring import CanBusSettings, Wiring
 from norton_sim.assembly import build_world, mount
+from norton_sim.connectors import CanConnector, SerialConnector
 from norton_sim.faults.injection import inject, read_faults
 from norton_sim.faults.stage import Stage
 from norton_sim.firmware.site import Wires
-from norton_sim.plugs import CanPlug, SerialPlug
 from norton_sim.pseudo_terminals import ServedPort
 from norton_sim.transport import CAN_ERR_BUS_OFF, HostEnd, Trouble
 from norton_sim.truth import FAULTS, read_truth
@@ -90,11 +90,11 @@ class ServedBus:
     def __init__(self, settings: CanBusSettings, backend: Backend, wall: _WallTime) -> None:
         self._wall = wall
         self._port: CanPort = backend.open_can(settings)
-        self._plugs: list[CanPlug] = []
+        self._plugs: list[CanConnector] = []
         self._cut_off = False
         self._port.subscribe(self._deliver)
 
-    def attach(self, plug: CanPlug) -> None:
+    def attach(self, plug: CanConnector) -> None:
         self._plugs.append(plug)
 
     def suffer(self, trouble: Trouble | None) -> None:
@@ -126,7 +126,7 @@ class ServedSlcan:
         self._wall = wall
         self._port = ServedPort(settings.channel.partition("@")[0])
         self._stream = SlcanStream()
-        self._plugs: list[CanPlug] = []
+        self._plugs: list[CanConnector] = []
         self._off_bus = False
         self._flags = 0
 
@@ -143,7 +143,7 @@ class ServedSlcan:
         """The protocol has no error frames: the adapter says so in its status flags, when it is asked."""
         self._flags |= BUS_OFF_FLAG if error_class & CAN_ERR_BUS_OFF else BUS_ERROR_FLAG
 
-    def attach(self, plug: CanPlug) -> None:
+    def attach(self, plug: CanConnector) -> None:
         self._plugs.append(plug)
 
     def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
@@ -175,7 +175,7 @@ class ServedLine:
     def __init__(self, path: str, wall: _WallTime) -> None:
         self._wall = wall
         self._port = ServedPort(path)
-        self._plug: SerialPlug | None = None
+        self._plug: SerialConnector | None = None
 
     @property
     def lost(self) -> bool:
@@ -192,7 +192,7 @@ class ServedLine:
     def report_error(self, error_class: int) -> None:
         """Serial adapters do not tell."""
 
-    def attach(self, plug: SerialPlug) -> None:
+    def attach(self, plug: SerialConnector) -> None:
         self._plug = plug
 
     def to_host(self, data: bytes) -> None:
@@ -287,11 +287,11 @@ class _ServedWires:
         self._waking: list[_Waking] = []
         self._looked_at: list[_Served] = []
 
-    def can(self, bus: str) -> CanPlug:
+    def can(self, bus: str) -> CanConnector:
         if bus not in self._buses:
             self._buses[bus] = self._open(self._settings[bus])
             self._stack.callback(self._buses[bus].close)
-        return CanPlug(self._buses[bus])
+        return CanConnector(self._buses[bus])
 
     def _open(self, settings: CanBusSettings) -> ServedBus | ServedSlcan:
         if settings.interface == "slcan":
@@ -302,12 +302,12 @@ class _ServedWires:
         self._looked_at.append(bus)
         return bus
 
-    def serial(self, port: str) -> SerialPlug:
+    def serial(self, port: str) -> SerialConnector:
         wire = ServedLine(port, self._wall)
         self._stack.callback(wire.close)
         self._lines[port] = wire
         self._waking.append(wire)
-        return SerialPlug(wire)
+        return SerialConnector(wire)
 
     @property
     def ends(self) -> Mapping[str, HostEnd]:

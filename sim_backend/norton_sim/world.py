@@ -6,8 +6,8 @@ from itertools import count
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from norton_sim.connectors import CanConnector, SerialConnector
     from norton_sim.plant import Plant
-    from norton_sim.plugs import CanPlug, SerialPlug
 
 # Called with the instant [ns] at which it happens; the plant stands at that instant.
 Action = Callable[[int], None]
@@ -32,7 +32,7 @@ class World:
         self.now_ns = 0
         self.plant = plant
         self.devices: dict[str, Firmware] = {}
-        self.wires: dict[str, CanPlug | SerialPlug] = {}
+        self.wires: dict[str, CanConnector | SerialConnector] = {}
         self._events: list[tuple[int, int, Action, int]] = []
         self._order = count()
 

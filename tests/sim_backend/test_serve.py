@@ -232,13 +232,13 @@ def test_a_witness_that_cannot_be_written_is_said_so(
 def test_a_port_is_a_link_that_goes_away(tmp_path: Path) -> None:
     path = tmp_path / "new" / "port"
     port = ServedPort(str(path))
-    far_end = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    emulated = os.open(path, os.O_RDWR | os.O_NOCTTY)
     port.write(b"\x00\n\r\xff")
-    assert os.read(far_end, 10) == b"\x00\n\r\xff"
-    os.write(far_end, b"\x03\x04\r")
+    assert os.read(emulated, 10) == b"\x00\n\r\xff"
+    os.write(emulated, b"\x03\x04\r")
     assert port.read() == b"\x03\x04\r"
     assert port.read() == b""
-    os.close(far_end)
+    os.close(emulated)
     port.write(b"nobody listens")
     port.close()
     assert not path.is_symlink()

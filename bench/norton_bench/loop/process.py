@@ -71,16 +71,16 @@ class LoopProcess:
         self._begun = (-1, 0)  # the segment that runs, and its first tick [ns]
         self._shared = Shared(SharedMemory(rig), stop or StopWord(), Pulse())
         self._inbox, self._beat_ns = SharedInbox(self._shared.memory), self._shared.pulse.view()
-        self._orders, far_end = context.Pipe()
+        self._orders, emulated = context.Pipe()
         self._process = context.Process(
             target=serve_loop,
-            args=(rig, seed, self._shared, far_end),
+            args=(rig, seed, self._shared, emulated),
             name="loop",
             daemon=True,
         )
         with _environment(ONE_THREAD):
             self._process.start()
-        far_end.close()  # or the loop's end would never be seen
+        emulated.close()  # or the loop's end would never be seen
         self._with_it = ExitStack()
         try:
             self._settled: Settled = self._wait_for_answer()

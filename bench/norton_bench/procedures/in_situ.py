@@ -29,7 +29,7 @@ from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.in_situ_state import Assembly, InSitu
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, why_no_basis
-from norton_bench.procedures.learning import Models, lesson, next_load_torque
+from norton_bench.procedures.learning import Models, correction, next_load_torque
 from norton_bench.procedures.makers import coasting, pushed
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions
 from norton_bench.procedures.waves import hold, multisine, ramp
@@ -121,11 +121,11 @@ class Movement:
         before, tick_s = self.state, known.tick_s
         assert before.assembly is not None
         trial = Trial.of(measured, measured.segments[-1], before.load, tick_s)
-        taught = lesson(
+        taught = correction(
             before.assembly.models, before.command, trial.load_torque_nm, trial.seen, trial.torque_nm, tick_s
         )
         exerted = Exerted.of(self.number, self.driven, trial, tick_s)
-        after = replace(before, trials=(*before.trials, exerted), lessons=(*before.lessons, taught))
+        after = replace(before, trials=(*before.trials, exerted), corrections=(*before.corrections, taught))
         return replace(known, in_situ=after)
 
 
@@ -165,7 +165,7 @@ def _next(known: Knowledge, state: InSitu) -> Decision:
     load_torque_nm = np.zeros(len(state.command))
     if driven:
         models = state.assembly.models
-        load_torque_nm = next_load_torque(models, state.command, state.lessons, 0.0, known.tick_s)
+        load_torque_nm = next_load_torque(models, state.command, state.corrections, 0.0, known.tick_s)
     how = "with the load given what it needs" if driven else "with the load left alone"
     before = in_words(state) if state.trials else "; ".join(state.assembly.said)
     return Decision(known, Movement(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")

@@ -6,7 +6,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.in_situ import Exerted, LoadTaken
-from norton_bench.procedures.learning import Lesson, Models
+from norton_bench.procedures.learning import Correction, Models
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class InSitu:
     command: FloatArray = field(default_factory=lambda: np.empty(0))
     order: tuple[bool, ...] = ()
     trials: tuple[Exerted, ...] = ()
-    lessons: tuple[Lesson, ...] = ()
+    corrections: tuple[Correction, ...] = ()
     finished: bool = False
 
     @property

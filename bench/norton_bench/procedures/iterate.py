@@ -16,7 +16,7 @@ from norton_bench.identification.trials import TRIAL, figures_of, seen
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.iteration import Iteration
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
-from norton_bench.procedures.learning import Models, lesson, next_load_torque
+from norton_bench.procedures.learning import Models, correction, next_load_torque
 from norton_bench.procedures.makers import coasting, imposed, pushed
 from norton_bench.procedures.options import IterateOptions
 from norton_bench.procedures.waves import Motion, from_velocity, hold
@@ -62,7 +62,7 @@ class Trial:
         assert before is not None
         found = seen(measured, measured.segments[-1], len(self.command), tick_s)
         assert found.torque_nm is not None
-        taught = lesson(self.models, self.command, self.load_torque_nm, found, found.torque_nm, tick_s)
+        taught = correction(self.models, self.command, self.load_torque_nm, found, found.torque_nm, tick_s)
         figures = figures_of(self.number, found.torque_nm, found.torque_noise_nm, tick_s)
         return replace(known, iteration=before.after(figures, taught))
 
@@ -120,7 +120,7 @@ def _next(known: Knowledge, so_far: Iteration) -> Decision:
     load_torque_nm = np.zeros(len(so_far.command))
     if so_far.trials:
         noise_nm = known.calibration.torque_noise_nm
-        load_torque_nm = next_load_torque(models, so_far.command, so_far.lessons, noise_nm, known.tick_s)
+        load_torque_nm = next_load_torque(models, so_far.command, so_far.corrections, noise_nm, known.tick_s)
     trial = Trial(number, so_far.command, load_torque_nm, so_far.start_rad, models)
     return Decision(replace(known, iteration=so_far), trial, _said(so_far))
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.trials import TrialFigures, averaged, diverge, settled
-from norton_bench.procedures.learning import Lesson
+from norton_bench.procedures.learning import Correction
 
 # Lessons are averaged until their noise has a quarter of the power that one has: the next would take off a twentieth.
 AVERAGED = 4
@@ -21,12 +21,12 @@ class Iteration:
     command: FloatArray
     start_rad: float
     trials: tuple[TrialFigures, ...] = ()
-    lessons: tuple[Lesson, ...] = ()
+    corrections: tuple[Correction, ...] = ()
     finished: bool = False
     reasons: tuple[str, ...] = ()
 
-    def after(self, trial: TrialFigures, lesson: Lesson) -> "Iteration":
-        return replace(self, trials=(*self.trials, trial), lessons=(*self.lessons, lesson))
+    def after(self, trial: TrialFigures, correction: Correction) -> "Iteration":
+        return replace(self, trials=(*self.trials, trial), corrections=(*self.corrections, correction))
 
     @property
     def converged(self) -> bool:

@@ -1,16 +1,16 @@
-"""What one trial teaches the next: by how much the models of both machines miss what was measured, tick by tick.
+"""Iterative learning of the load torque: each trial corrects the models of both machines for the next one.
 
-On either side of the port a model says which torque belongs to the motion and the command that were measured:
+On either side of the port a model gives the torque that belongs to the measured motion and command. Its error is
 
-    lack_actuator = τ − τ̂_actuator(command, θ)          lack_load = −τ − τ̂_load(load torque, θ_load)
+    e_actuator = τ − τ̂_actuator(command, θ)          e_load = −τ − τ̂_load(load torque, θ_load)
 
-Along nearly the same movement a model lacks nearly the same. So the next trial is computed from the models with what
-they lack: the actuator's free motion, and the load torque that takes the load along with it, its friction, its
-amplifier's lag and its delay undone. What is learnt is filtered without delay; lessons are averaged, each the more the
-less torque there was when it was learnt, and frequencies that noise alone explains are left out.
+Along nearly the same movement the error is nearly the same. So the next trial is computed from the corrected models:
+the actuator's free motion, and the load torque that makes the load follow it, with the load's friction, its amplifier's
+lag and its delay undone. Errors are filtered without delay. The corrections of several trials are averaged; each counts
+the more, the less torque there was at the port in its trial. Frequencies that noise alone explains are left out.
 
-It converges where the true answer of torque to motion, over that of the models, is nearer to 1 than 1: gains may be off
-by almost their own size, and phases by 60°. Below the 30 Hz that are taught, half a tick is 5°.
+It converges where the ratio of the true response (torque to motion) to the models' is nearer to 1 than 1: gains may be
+off by almost their own size, and phases by 60°. Below the 30 Hz that are corrected, half a tick is 5°.
 """
 
 from collections.abc import Sequence
@@ -36,54 +36,54 @@ class Models:
 
 
 @dataclass(frozen=True, eq=False)
-class Lesson:
-    """What the models lacked in one trial [N m], (ticks,), and how much that counts."""
+class Correction:
+    """The errors of both models in one trial [N m], (ticks,), and the weight of that trial."""
 
     actuator_nm: FloatArray
     load_nm: FloatArray
     weight: float
 
 
-def lesson(
+def correction(
     models: Models, command: FloatArray, load_torque_nm: FloatArray, found: Seen, torque_nm: FloatArray, tick_s: float
-) -> Lesson:
+) -> Correction:
     """Of a trial with ``command`` and ``load_torque_nm`` sent, and the port torque ``torque_nm``, all (ticks,).
 
-    The load's mean lack is taken for the torque's bias since the load was calibrated.
+    The load's mean error is taken for the torque sensor's change of bias since the load was calibrated.
     """
     actuator = torque_nm - models.actuator.torque_nm(command, found.position_rad, tick_s)
     load = -torque_nm - models.load.torque_nm(load_torque_nm, found.load_position_rad, tick_s)
     bias_nm = -float(np.mean(load))
     near = in_band(torque_nm - bias_nm, tick_s)
     weight = 1.0 / max(float(np.mean(near**2)), 1e-18)
-    return Lesson(in_band(actuator - bias_nm, tick_s), in_band(load + bias_nm, tick_s), weight)
+    return Correction(in_band(actuator - bias_nm, tick_s), in_band(load + bias_nm, tick_s), weight)
 
 
 def next_load_torque(
-    models: Models, command: FloatArray, lessons: Sequence[Lesson], noise_nm: float, tick_s: float
+    models: Models, command: FloatArray, corrections: Sequence[Correction], noise_nm: float, tick_s: float
 ) -> FloatArray:
     """The load torque to send, (ticks,), that should leave the port without torque under ``command``.
 
     ``noise_nm`` is that of one torque reading.
     """
-    actuator_lacks, load_lacks = lacks(lessons, len(command), noise_nm)
+    actuator_nm, load_nm = mean_corrections(corrections, len(command), noise_nm)
     actuator, load = models.actuator, models.load
-    # As a command it passes the amplifier, which is undone: the lack then acts on the shaft itself.
-    position, _, _ = actuator.network.free_motion(command + actuator.command_for(actuator_lacks, tick_s), tick_s)
+    # As a command it passes the amplifier, which is undone: the correction then acts on the shaft itself.
+    position, _, _ = actuator.network.free_motion(command + actuator.command_for(actuator_nm, tick_s), tick_s)
     motion = delayed(position, tick_s, actuator.command_delay_s)
-    needed_nm = -load.network.torque(np.zeros(len(command)), motion, tick_s) - load_lacks
+    needed_nm = -load.network.torque(np.zeros(len(command)), motion, tick_s) - load_nm
     return load.command_for(needed_nm, tick_s)
 
 
-def lacks(lessons: Sequence[Lesson], ticks: int, noise_nm: float) -> tuple[FloatArray, FloatArray]:
-    """The weighted means of what the models lacked, without what noise alone may have made of them."""
-    if not lessons:
+def mean_corrections(corrections: Sequence[Correction], ticks: int, noise_nm: float) -> tuple[FloatArray, FloatArray]:
+    """The weighted means of the corrections of both models [N m], without what noise alone explains."""
+    if not corrections:
         return np.zeros(ticks), np.zeros(ticks)
-    weights = np.array([each.weight for each in lessons])
+    weights = np.array([each.weight for each in corrections])
     weights /= weights.sum()
     deviation_nm = noise_nm * float(np.linalg.norm(weights))
-    actuator = weights @ np.stack([each.actuator_nm for each in lessons])
-    load = weights @ np.stack([each.load_nm for each in lessons])
+    actuator = weights @ np.stack([each.actuator_nm for each in corrections])
+    load = weights @ np.stack([each.load_nm for each in corrections])
     return above_noise(actuator, deviation_nm), above_noise(load, deviation_nm)
 
 

@@ -16,10 +16,10 @@ class Refit:
 
     def __init__(self, recording: Path) -> None:
         context = multiprocessing.get_context("spawn")
-        self._pipe, far_end = context.Pipe(duplex=False)
-        self._process = context.Process(target=_refit, args=(recording, far_end), name="refit", daemon=True)
+        self._pipe, emulated = context.Pipe(duplex=False)
+        self._process = context.Process(target=_refit, args=(recording, emulated), name="refit", daemon=True)
         self._process.start()
-        far_end.close()
+        emulated.close()
         self._summary: Summary | None = None
         self._doing = READING
 

@@ -11,19 +11,19 @@ pytest.register_assert_rewrite(
 )
 
 from norton_bench.testing.amplifier import AmplifierContract
-from norton_bench.testing.far_end import AmplifierFarEnd, FarEnd, SetUp, TorqueSensorFarEnd
+from norton_bench.testing.emulated import EmulatedAmplifier, EmulatedDevice, EmulatedTorqueSensor, SetUp
 from norton_bench.testing.torque_sensor import TorqueSensorContract
 from norton_bench.testing.world import ScriptedBus, ScriptedClock, ScriptedLine, ScriptedWorld
 
 __all__ = [
     "AmplifierContract",
-    "AmplifierFarEnd",
-    "FarEnd",
+    "EmulatedAmplifier",
+    "EmulatedDevice",
+    "EmulatedTorqueSensor",
     "ScriptedBus",
     "ScriptedClock",
     "ScriptedLine",
     "ScriptedWorld",
     "SetUp",
     "TorqueSensorContract",
-    "TorqueSensorFarEnd",
 ]

@@ -6,7 +6,7 @@ from typing import ClassVar
 import pytest
 
 from norton_bench.testing.contract import GRACE_S, SHORT_S, DriverContract, Plug, Plugged
-from norton_bench.testing.far_end import AmplifierFarEnd, SetUp
+from norton_bench.testing.emulated import EmulatedAmplifier, SetUp
 from norton_bench.units import same_dimension
 from norton_drivers import registry
 from norton_drivers.devices import Amplifier
@@ -20,7 +20,7 @@ FRESH_NS = 100_000_000
 
 
 class AmplifierContract(DriverContract):
-    """Subclass it, and say in :meth:`set_up` which drive is tested; its far end is an :class:`AmplifierFarEnd`.
+    """Subclass it, and say in :meth:`set_up` which drive is tested; its far end is an :class:`EmulatedAmplifier`.
 
     ``some_command`` is one that the drive takes, in its own unit; it must arrive within ``command_resolution``. A drive
     that has no state "enabled" ``lets_go_at_zero``: its far end is armed by a command alone.
@@ -51,11 +51,11 @@ class AmplifierContract(DriverContract):
         assert plugged.device.status().state is not DriveState.ENABLED
         plugged.device.enable()
         assert plugged.device.status().state is DriveState.ENABLED
-        assert plugged.far_end.armed is not self.lets_go_at_zero
-        assert plugged.far_end.command == pytest.approx(0.0, abs=self.command_resolution)
+        assert plugged.emulated.armed is not self.lets_go_at_zero
+        assert plugged.emulated.command == pytest.approx(0.0, abs=self.command_resolution)
 
     def test_it_is_not_enabled_where_nobody_answers(self, plugged: Plugged) -> None:
-        plugged.far_end.vanish()
+        plugged.emulated.vanish()
         plugged.wait(0.05)
         begun_ns = plugged.now_ns
         with pytest.raises(DeviceError) as caught:
@@ -68,32 +68,32 @@ class AmplifierContract(DriverContract):
 
     def test_a_command_goes_out_at_once_and_acts(self, plugged: Plugged) -> None:
         plugged.device.enable()
-        begun_ns, sent = plugged.now_ns, plugged.meddler.sent
+        begun_ns, sent = plugged.now_ns, plugged.proxy.sent
         plugged.device.command(self.some_command)
         if plugged.set_up.backend.lock_step:
             assert plugged.now_ns == begun_ns, "it waited"
         plugged.link.poll()
-        assert plugged.meddler.sent > sent, "nothing was sent within a poll"
+        assert plugged.proxy.sent > sent, "nothing was sent within a poll"
         _keep(plugged, self.some_command, ARRIVED_S)
-        assert plugged.far_end.command == pytest.approx(self.some_command, abs=self.command_resolution)
+        assert plugged.emulated.command == pytest.approx(self.some_command, abs=self.command_resolution)
 
     @pytest.mark.parametrize("direction", [1, -1])
     def test_direction_turns_commands(self, plug: Plug, direction: int) -> None:
         plugged = plug(direction)
         plugged.device.enable()
         _keep(plugged, self.some_command, ARRIVED_S)
-        assert plugged.far_end.command == pytest.approx(direction * self.some_command, abs=self.command_resolution)
+        assert plugged.emulated.command == pytest.approx(direction * self.some_command, abs=self.command_resolution)
 
     @pytest.mark.parametrize("value", [nan, inf, -inf])
     def test_what_is_no_number_is_refused(self, plugged: Plugged, value: float) -> None:
         plugged.device.enable()
         _keep(plugged, self.some_command, ARRIVED_S)
-        sent = plugged.meddler.sent
+        sent = plugged.proxy.sent
         with pytest.raises(DeviceError) as caught:
             plugged.device.command(value)
         plugged.assert_told(caught.value)
-        assert plugged.meddler.sent == sent
-        assert plugged.far_end.command == pytest.approx(self.some_command, abs=self.command_resolution)
+        assert plugged.proxy.sent == sent
+        assert plugged.emulated.command == pytest.approx(self.some_command, abs=self.command_resolution)
 
     # ---- Reading -------------------------------------------------------------------------------------------------
 
@@ -119,12 +119,12 @@ class AmplifierContract(DriverContract):
     def test_direction_turns_readings(self, plug: Plug, direction: int) -> None:
         plugged = plug(direction)
         plugged.device.enable()
-        plugged.far_end.turn(0.0, 0.0)
+        plugged.emulated.turn(0.0, 0.0)
         before_rad = _position_rad(plugged)
-        plugged.far_end.turn(2.0, 0.0)
+        plugged.emulated.turn(2.0, 0.0)
         after_rad = _position_rad(plugged)
         assert after_rad - before_rad == pytest.approx(2.0 * direction, abs=self.position_tolerance_rad)
-        plugged.far_end.turn(2.0, 8.0)
+        plugged.emulated.turn(2.0, 8.0)
         _keep(plugged, 0.0, 0.01)
         assert plugged.device.take_motion()[-1].velocity_rad_s * direction > 0.5
 
@@ -134,7 +134,7 @@ class AmplifierContract(DriverContract):
         """Its state, or the age of its heartbeat, says so: the guard looks at both."""
         drive = plugged.device
         drive.enable()
-        plugged.far_end.vanish()
+        plugged.emulated.vanish()
         _keep(plugged, 0.0, drive.heartbeat_timeout_ns * 1e-9 + GRACE_S)
         status = drive.status()
         silent = status.heartbeat_ns is None or plugged.now_ns - status.heartbeat_ns > drive.heartbeat_timeout_ns
@@ -145,7 +145,7 @@ class AmplifierContract(DriverContract):
 
     def test_a_port_that_is_lost_is_told_and_does_not_keep_it_from_stopping(self, plugged: Plugged) -> None:
         plugged.device.enable()
-        plugged.meddler.unplugged = True
+        plugged.proxy.unplugged = True
         with pytest.raises(ConnectionFailedError):
             _keep(plugged, 0.0, ARRIVED_S)
         plugged.device.stop()
@@ -157,8 +157,8 @@ class AmplifierContract(DriverContract):
         _keep(plugged, self.some_command, ARRIVED_S)
         plugged.device.stop()
         plugged.wait(IDLE_S)
-        assert not plugged.far_end.armed
-        assert plugged.far_end.command == 0.0
+        assert not plugged.emulated.armed
+        assert plugged.emulated.command == 0.0
         assert plugged.device.status().state is DriveState.IDLE
 
     def test_it_can_be_enabled_again(self, plugged: Plugged) -> None:
@@ -167,7 +167,7 @@ class AmplifierContract(DriverContract):
         plugged.wait(IDLE_S)
         plugged.device.enable()
         _keep(plugged, self.some_command, ARRIVED_S)
-        assert plugged.far_end.armed
+        assert plugged.emulated.armed
 
     def test_its_watchdog_acts_as_it_says(self, plugged: Plugged) -> None:
         """And it can be enabled again afterwards. A drive that has none, or cannot show it, must say so."""
@@ -177,10 +177,10 @@ class AmplifierContract(DriverContract):
         begun_ns, limit_s = plugged.now_ns, drive.watchdog_s + drive.heartbeat_timeout_ns * 1e-9
         while not drive.made_itself_safe() and (plugged.now_ns - begun_ns) * 1e-9 < limit_s:
             plugged.link.wait()
-        far_end: AmplifierFarEnd = plugged.far_end
+        emulated: EmulatedAmplifier = plugged.emulated
         if drive.watchdog_s > 0:
             assert drive.made_itself_safe() in (True, None)
-            assert not far_end.armed or far_end.command == pytest.approx(0.0, abs=self.command_resolution)
+            assert not emulated.armed or emulated.command == pytest.approx(0.0, abs=self.command_resolution)
         drive.stop()
         plugged.wait(IDLE_S)
         drive.enable()

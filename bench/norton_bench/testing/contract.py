@@ -12,8 +12,8 @@ from typing import Any, ClassVar, Protocol
 import pytest
 
 from norton_bench.rig.driver_options import declared_by
-from norton_bench.testing.far_end import SetUp
-from norton_bench.testing.meddling import Meddler
+from norton_bench.testing.emulated import SetUp
+from norton_bench.testing.fault_proxy import FaultProxy
 from norton_drivers import registry
 from norton_drivers.errors import DeviceError, WiringError
 from norton_drivers.link import Link
@@ -43,11 +43,11 @@ class Plugged:
     set_up: SetUp
     device: Any
     link: Link
-    meddler: Meddler
+    proxy: FaultProxy
 
     @property
-    def far_end(self) -> Any:
-        return self.set_up.far_end
+    def emulated(self) -> Any:
+        return self.set_up.emulated
 
     @property
     def now_ns(self) -> int:
@@ -64,7 +64,7 @@ class Plugged:
         random = Random(1)
         for _ in range(ROUNDS_OF_JUNK):
             self.wait(0.002)
-            self.meddler.babble(random)
+            self.proxy.babble(random)
         self.wait(0.1)
 
     def assert_told(self, sentence: object) -> None:
@@ -99,11 +99,11 @@ class DriverContract:
 
             def plug(direction: int = 1) -> Plugged:
                 set_up = self.set_up(direction)
-                meddler = Meddler(set_up.backend)
-                stack.callback(meddler.close)
-                link = Link(meddler, set_up.buses)
+                proxy = FaultProxy(set_up.backend)
+                stack.callback(proxy.close)
+                link = Link(proxy, set_up.buses)
                 stack.callback(link.close)
-                return Plugged(set_up, self.open_driver(set_up, link), link, meddler)
+                return Plugged(set_up, self.open_driver(set_up, link), link, proxy)
 
             yield plug
 
@@ -156,7 +156,7 @@ class DriverContract:
         assert plugged.device.role == plugged.set_up.settings.role
 
     def test_that_nobody_is_there_is_told_in_time(self, plugged: Plugged) -> None:
-        plugged.far_end.vanish()
+        plugged.emulated.vanish()
         plugged.wait(0.05)  # what was on its way
         begun_ns = plugged.now_ns
         with pytest.raises(DeviceError) as caught:

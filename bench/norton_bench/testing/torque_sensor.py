@@ -6,7 +6,7 @@ from typing import ClassVar
 import pytest
 
 from norton_bench.testing.contract import DriverContract, Plug, Plugged
-from norton_bench.testing.far_end import SetUp
+from norton_bench.testing.emulated import SetUp
 from norton_drivers import registry
 from norton_drivers.devices import TorqueSensor
 from norton_drivers.errors import ConnectionFailedError
@@ -14,7 +14,7 @@ from norton_drivers.link import Link
 
 
 class TorqueSensorContract(DriverContract):
-    """Subclass it, and say in :meth:`set_up` which sensor is tested; its far end is a :class:`TorqueSensorFarEnd`.
+    """Subclass it, and say in :meth:`set_up` which sensor is tested; its far end is a :class:`EmulatedTorqueSensor`.
 
     ``some_torque_nm`` is one that the sensor can measure; it must be read within ``torque_tolerance_nm``.
     """
@@ -50,19 +50,19 @@ class TorqueSensorContract(DriverContract):
     def test_direction_turns_the_torque(self, plug: Plug, direction: int) -> None:
         plugged = plug(direction)
         plugged.device.identify()
-        plugged.far_end.twist(self.some_torque_nm)
+        plugged.emulated.twist(self.some_torque_nm)
         assert self._torque_nm(plugged) == pytest.approx(direction * self.some_torque_nm, abs=self.torque_tolerance_nm)
-        plugged.far_end.twist(-self.some_torque_nm)
+        plugged.emulated.twist(-self.some_torque_nm)
         assert self._torque_nm(plugged) == pytest.approx(-direction * self.some_torque_nm, abs=self.torque_tolerance_nm)
 
     def test_after_junk_it_reads_right_again(self, plugged: Plugged) -> None:
         plugged.endure_junk()
-        plugged.far_end.twist(self.some_torque_nm)
+        plugged.emulated.twist(self.some_torque_nm)
         assert self._torque_nm(plugged) == pytest.approx(self.some_torque_nm, abs=self.torque_tolerance_nm)
 
     def test_a_sensor_that_is_lost_gives_no_readings(self, plugged: Plugged) -> None:
         plugged.device.identify()
-        plugged.far_end.vanish()
+        plugged.emulated.vanish()
         plugged.wait(self.slowest_s)
         plugged.device.take_torque()
         plugged.wait(5 * self.slowest_s)
@@ -70,7 +70,7 @@ class TorqueSensorContract(DriverContract):
 
     def test_a_port_that_is_lost_is_told(self, plugged: Plugged) -> None:
         plugged.device.identify()
-        plugged.meddler.unplugged = True
+        plugged.proxy.unplugged = True
         with pytest.raises(ConnectionFailedError):
             plugged.wait(2 * self.slowest_s)
 

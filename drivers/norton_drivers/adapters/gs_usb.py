@@ -15,11 +15,11 @@ def _mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
 
 
 def _open(settings: CanBusSettings) -> can.BusABC:
-    from norton_drivers.adapters.patient import PatientBus  # noqa: PLC0415  (only this interface needs it)
+    from norton_drivers.adapters.threaded_bus import ThreadedBus  # noqa: PLC0415  (only this interface needs it)
 
     channel = int(settings.channel) if settings.channel.isdecimal() else settings.channel
     # Its reader waits a millisecond at least, and every frame that is sent comes back, marked as such.
-    return PatientBus(as_python_can_does(settings, channel=channel))
+    return ThreadedBus(as_python_can_does(settings, channel=channel))
 
 
 def _mend(_settings: CanBusSettings, error: Exception) -> str:

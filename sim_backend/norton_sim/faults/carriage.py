@@ -3,9 +3,9 @@
 from collections import deque
 from collections.abc import Callable
 
+from norton_sim.connectors import Piece, Tamper
 from norton_sim.faults.schema import Carriage, Corrupt, Delay, Drop, Duplicate, Reorder
 from norton_sim.faults.stage import Injected, Stage, Undo
-from norton_sim.plugs import Piece, Tamper
 from norton_sim.transport import CAN_ERR_PROTOCOL
 from norton_sim.world import World
 

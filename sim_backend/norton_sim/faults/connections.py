@@ -4,10 +4,10 @@ from math import inf
 
 import can
 
+from norton_sim.connectors import CanConnector, Piece, Tamper
 from norton_sim.faults.carriage import FRAME_BITS, Queue, everywhere
 from norton_sim.faults.schema import BabblingNode, BusOff, Dropout, Unplugged
 from norton_sim.faults.stage import Injected, Stage, Undo
-from norton_sim.plugs import CanPlug, Piece, Tamper
 from norton_sim.transport import TRANSMIT_QUEUE, Trouble
 
 # Frames that would have to wait longer find their sender's mailboxes full.
@@ -71,7 +71,7 @@ class _Babble:
 
     def __init__(self, fault: BabblingNode, stage: Stage) -> None:
         self._world = stage.world
-        self._plugs = [plug for plug in stage.plugs(fault.on) if isinstance(plug, CanPlug)]
+        self._plugs = [plug for plug in stage.plugs(fault.on) if isinstance(plug, CanConnector)]
         self._message = can.Message(arbitration_id=fault.arbitration_id, is_extended_id=False, data=bytes(8))
         self._period_ns = round(_frame_ns(fault, stage) / fault.load)
         self._going_on = True

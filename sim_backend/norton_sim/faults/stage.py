@@ -6,9 +6,9 @@ from random import Random
 from typing import cast
 
 from norton_drivers.wiring import Wiring
+from norton_sim.connectors import CanConnector, SerialConnector
 from norton_sim.faults.schema import Fault
 from norton_sim.firmware.site import DriveFirmware
-from norton_sim.plugs import CanPlug, SerialPlug
 from norton_sim.transport import HostEnd
 from norton_sim.world import World
 
@@ -26,7 +26,7 @@ class Stage:
     stall: Callable[[int], None] | None
     random: Random
 
-    def plugs(self, on: str) -> list[CanPlug | SerialPlug]:
+    def plugs(self, on: str) -> list[CanConnector | SerialConnector]:
         """That of a device, or all on a bus."""
         return [self.world.wires[role] for role in self._roles(on)]
 

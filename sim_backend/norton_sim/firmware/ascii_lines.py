@@ -18,7 +18,7 @@ class AsciiSensor:
     def __init__(self, site: Site) -> None:
         self.signal = TorqueSignal(site.world.plant)
         self._options = parse_options(AsciiOptions, site.settings)
-        self._plug = site.serial_plug()
+        self._plug = site.serial_connector()
         site.cyclic(LINE_PERIOD_NS, self._send)
 
     def freeze(self) -> None:

@@ -18,7 +18,7 @@ class BotaSensor:
         self._axis = "xyz".index(parse_options(BotaOptions, site.settings).axis)
         self._us_per_ns = 1e-3 / (1 + site.clock_ppm * 1e-6)
         self._epoch_us = site.random.randrange(1 << 32)
-        self._plug = site.serial_plug()
+        self._plug = site.serial_connector()
         site.cyclic(SAMPLE_PERIOD_NS, self._send)
 
     def freeze(self) -> None:

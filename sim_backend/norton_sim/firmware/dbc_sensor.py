@@ -27,7 +27,7 @@ class DbcSensor:
         self._count_span = 0
         if options.counter is not None:
             self._count_span = 1 << self._message.get_signal_by_name(options.counter).length
-        self._plug = site.can_plug()
+        self._plug = site.can_connector()
         site.cyclic(SAMPLE_PERIOD_NS, self._send)
 
     def freeze(self) -> None:

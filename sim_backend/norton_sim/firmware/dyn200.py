@@ -104,7 +104,7 @@ class Dyn200Sensor:
         self._world = site.world
         self._options = options
         self._digits = 0
-        self._plug = site.serial_plug()
+        self._plug = site.serial_connector()
         if options.mode == "push":
             site.cyclic(SAMPLE_PERIOD_NS, self._push)
         else:

@@ -35,7 +35,7 @@ class MantracourtSensor:
         self._values = {options.command: 0.0, "VER": VERSION, "SERH": SERIAL_HIGH, "SERL": SERIAL_LOW}
         self._output = options.command
         self._stream = LineStream(mid_line=False)
-        self._plug = site.serial_plug()
+        self._plug = site.serial_connector()
         self._plug.on_bytes(self._receive)
         site.cyclic(SAMPLE_PERIOD_NS, self._measure)
 

@@ -41,7 +41,7 @@ class MitMotor:
         self._command_nm = 0.0
         self._commanded_ns = site.world.now_ns
         self._frozen: tuple[float, float] | None = None
-        self._plug = site.can_plug()
+        self._plug = site.can_connector()
         self._plug.on_frame(self._receive)
         site.cyclic(LOOK_PERIOD_NS, self._look)
 

@@ -62,7 +62,7 @@ class ODriveAxis:
         self._estimates_id = self._ids[Command.ENCODER_ESTIMATES]
         self._handlers = self._message_handlers()
         self._getters = self._message_getters()
-        self._plug = site.can_plug()
+        self._plug = site.can_connector()
         self._plug.on_frame(self._receive)
         self._start(site)
 

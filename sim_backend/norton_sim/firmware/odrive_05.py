@@ -51,7 +51,7 @@ class ODrive05Axis:
         self._before_056 = options.ask
         self._handlers = self._message_handlers()
         self._getters = self._message_getters()
-        self._plug = site.can_plug()
+        self._plug = site.can_connector()
         self._plug.on_frame(self._receive)
         self._watchdog = Watchdog(site.world, self._starve)
         self._watchdog.configure(enabled=options.watchdog_s > 0, timeout_ns=round(options.watchdog_s * 1e9))

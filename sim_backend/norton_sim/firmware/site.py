@@ -9,9 +9,9 @@ from typing import Protocol
 
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_sim.connectors import CanConnector, SerialConnector
 from norton_sim.hookup import AS_WRITTEN, Hookup, bitrate_of
 from norton_sim.plant import Plant
-from norton_sim.plugs import CanPlug, SerialPlug
 from norton_sim.truth import Truth
 from norton_sim.world import Action, Firmware, World
 
@@ -44,8 +44,8 @@ class DriveFirmware(Firmware, Protocol):
 class Wires:
     """Makes the plug for a device: ``can(bus)`` and ``serial(port)``."""
 
-    can: Callable[[str], CanPlug]
-    serial: Callable[[str], SerialPlug]
+    can: Callable[[str], CanConnector]
+    serial: Callable[[str], SerialConnector]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Site:
         period_ns = round(period_ns * (1 + self.clock_ppm * 1e-6))
         self.world.every(period_ns, action, first_ns=self.world.now_ns + self.random.randrange(period_ns))
 
-    def can_plug(self) -> CanPlug:
+    def can_connector(self) -> CanConnector:
         """Connect the device to its bus. Raises WiringError where the rig has no such bus."""
         names = [bus.name for bus in self.wiring.buses]
         if self.settings.bus not in names:
@@ -79,7 +79,7 @@ class Site:
         self.hookup.connect_can(plug, bitrate_of(self.wiring, self.settings.bus))
         return plug
 
-    def serial_plug(self) -> SerialPlug:
+    def serial_connector(self) -> SerialConnector:
         """Connect the device to its port. Raises WiringError where the rig names none."""
         if self.settings.port is None:
             raise WiringError(

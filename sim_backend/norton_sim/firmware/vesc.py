@@ -63,7 +63,7 @@ class VescController:
         self._ignores_until_ns = 0
         self._frozen: tuple[float, float] | None = None
         self._assembler = packets.Assembler()
-        self._plug = site.can_plug()
+        self._plug = site.can_connector()
         self._plug.on_frame(self._receive)
         site.cyclic(FAST_PERIOD_NS, self._send_fast)
         site.cyclic(SLOW_PERIOD_NS, partial(self._send_status_5))

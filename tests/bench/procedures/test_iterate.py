@@ -15,7 +15,7 @@ from norton_bench.procedures.carry_out import carry_out
 from norton_bench.procedures.iterate import IterateProcedure, way
 from norton_bench.procedures.iteration import Iteration
 from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.procedures.learning import lacks
+from norton_bench.procedures.learning import mean_corrections
 from norton_bench.procedures.options import CalibrateOptions, IterateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.records import join
@@ -153,7 +153,7 @@ def test_it_stops_where_it_does_not_converge(iterated: Iterated) -> None:
 
 
 def test_noise_that_was_learnt_is_no_failure_to_learn(iterated: Iterated) -> None:
-    """One lesson brings the noise of its trial to the port; four bring a quarter of its power, and that is enough."""
+    """One correction brings the noise of its trial to the port; four bring a quarter of its power, and that is enough."""
     step = IterateProcedure(STEP.options.model_copy(update={"trials": 10}))
 
     def after(count: int, torque_nm: float) -> str:
@@ -163,7 +163,7 @@ def test_noise_that_was_learnt_is_no_failure_to_learn(iterated: Iterated) -> Non
             for n in range(3, count + 1)
         )
         trials = (TrialFigures(1, 1e-2, noise_nm, 1e-4, False), TrialFigures(2, 4e-4, noise_nm, 1e-4), *figures)
-        state = replace(iterated.state, trials=trials, lessons=iterated.state.lessons[:1], finished=False)
+        state = replace(iterated.state, trials=trials, corrections=iterated.state.corrections[:1], finished=False)
         return step.following(replace(iterated.known, iteration=state)).said
 
     assert "converged" not in after(5, 1.4e-4)
@@ -208,10 +208,10 @@ FAR_FROM_NOISE = (TrialFigures(1, 1e-2, 3e-4, 1e-4),)
 def test_what_noise_explains_is_not_learnt(iterated: Iterated) -> None:
     """Lessons of nothing but noise leave next to nothing of themselves; a torque well above it stays."""
     random, ticks = np.random.default_rng(4), len(iterated.state.command)
-    noise = [replace(each, actuator_nm=1e-3 * random.standard_normal(ticks)) for each in iterated.state.lessons[1:]]
+    noise = [replace(each, actuator_nm=1e-3 * random.standard_normal(ticks)) for each in iterated.state.corrections[1:]]
     mean = np.average([each.actuator_nm for each in noise], axis=0, weights=[each.weight for each in noise])
-    kept, _ = lacks(noise, ticks, 1e-3)
+    kept, _ = mean_corrections(noise, ticks, 1e-3)
     assert np.std(kept) < 0.35 * np.std(mean)
     wave = 5e-3 * np.sin(2 * np.pi * 3.0 * np.arange(ticks) * RIG.tick_s)
-    kept, _ = lacks([replace(each, actuator_nm=wave) for each in noise], ticks, 1e-3)
+    kept, _ = mean_corrections([replace(each, actuator_nm=wave) for each in noise], ticks, 1e-3)
     assert np.std(kept - wave) < 0.05 * np.std(wave)

@@ -145,10 +145,10 @@ def test_a_watchdog_that_does_not_act_is_caught(example: Any) -> None:
     contract = contract_of(example)
     with contract.plugging() as plug:
         plugged = plug()
-        tick, clock = plugged.far_end.tick, plugged.set_up.backend.clock
+        tick, clock = plugged.emulated.tick, plugged.set_up.backend.clock
 
         def fed(now_ns: int) -> None:
-            plugged.far_end.fed_ns = now_ns
+            plugged.emulated.fed_ns = now_ns
             tick(now_ns)
 
         clock.alarms[:] = [fed]

@@ -5,7 +5,7 @@ import time
 import can
 import pytest
 
-from norton_drivers.adapters.patient import PatientBus
+from norton_drivers.adapters.threaded_bus import ThreadedBus
 
 pytestmark = pytest.mark.wall_time
 
@@ -39,7 +39,7 @@ def slow():
 
 @pytest.fixture
 def bus(slow):
-    made = PatientBus(slow)
+    made = ThreadedBus(slow)
     yield made
     made.shutdown()
 
@@ -72,7 +72,7 @@ def test_a_failure_of_the_thread_is_told(bus, slow):
 
 
 def test_it_ends_with_the_bus(slow):
-    made = PatientBus(slow)
+    made = ThreadedBus(slow)
     made.shutdown()
     assert not made._thread.is_alive()
     assert slow._is_shutdown

@@ -39,66 +39,66 @@ class FarEnd:
 
 
 @pytest.fixture
-def far_end() -> Iterator[FarEnd]:
+def emulated() -> Iterator[FarEnd]:
     made = FarEnd()
     yield made
     os.close(made.fd)
 
 
 @pytest.fixture
-def port(far_end: FarEnd) -> Iterator[CanPort]:
+def port(emulated: FarEnd) -> Iterator[CanPort]:
     backend = HardwareBackend()
-    opened = backend.open_can(CanBusSettings("can0", "slcan", far_end.path, 500_000))
-    far_end.heard()
+    opened = backend.open_can(CanBusSettings("can0", "slcan", emulated.path, 500_000))
+    emulated.heard()
     yield opened
     backend.close()
 
 
-def test_the_adapter_is_opened_at_the_rigs_bitrate(far_end):
+def test_the_adapter_is_opened_at_the_rigs_bitrate(emulated):
     backend = HardwareBackend()
-    backend.open_can(CanBusSettings("can0", "slcan", far_end.path, 250_000))
-    assert b"C\rS5\r" in far_end.heard()
+    backend.open_can(CanBusSettings("can0", "slcan", emulated.path, 250_000))
+    assert b"C\rS5\r" in emulated.heard()
     backend.close()
 
 
-def test_flags_are_counted_as_they_rise(far_end, port):
+def test_flags_are_counted_as_they_rise(emulated, port):
     for answer in (b"F00\r", b"F08\r", b"F08\r", b"F00\r", b"F88\r"):
         port.ask()
-        assert far_end.heard() == b"F\r"
-        far_end.say(answer)
+        assert emulated.heard() == b"F\r"
+        emulated.say(answer)
         port.poll()
     assert port.troubles() == {"receive overrun": 2, "bus error": 1}
 
 
-def test_bus_off_is_a_lost_bus(far_end, port):
+def test_bus_off_is_a_lost_bus(emulated, port):
     port.ask()
-    far_end.say(b"F10\r")
+    emulated.say(b"F10\r")
     port.poll()
     with pytest.raises(ConnectionFailedError, match=r"has left the bus .*its status flags say bus-off"):
         port.ask()
 
 
 @pytest.mark.parametrize("answer", [b"", b"\a"])
-def test_an_adapter_that_knows_no_flags_is_left_alone(far_end, port, answer):
+def test_an_adapter_that_knows_no_flags_is_left_alone(emulated, port, answer):
     questions = b""
     for _ in range(6):
         port.ask()
-        heard = far_end.heard()
+        heard = emulated.heard()
         questions += heard
         if heard:
-            far_end.say(answer)
+            emulated.say(answer)
         port.poll()
     assert questions == b"F\r" * 3
     assert port.troubles() == {}
 
 
-def test_refused_commands_are_counted(far_end, port):
-    far_end.say(b"\a\a")
+def test_refused_commands_are_counted(emulated, port):
+    emulated.say(b"\a\a")
     port.poll()
     assert port.troubles() == {"commands refused by the adapter": 2}
 
 
-def test_an_adapter_that_takes_nothing_more_does_not_hold_up_the_loop(far_end, port):
+def test_an_adapter_that_takes_nothing_more_does_not_hold_up_the_loop(emulated, port):
     took_s = []
 
     def send() -> None:
@@ -113,6 +113,6 @@ def test_an_adapter_that_takes_nothing_more_does_not_hold_up_the_loop(far_end, p
     assert max(took_s) < 1.0
 
 
-def test_two_programs_on_one_adapter_are_refused(far_end, port):
+def test_two_programs_on_one_adapter_are_refused(emulated, port):
     with pytest.raises(ConnectionFailedError, match="another program has it open"):
-        HardwareBackend().open_can(CanBusSettings("can1", "slcan", far_end.path, 500_000))
+        HardwareBackend().open_can(CanBusSettings("can1", "slcan", emulated.path, 500_000))

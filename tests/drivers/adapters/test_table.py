@@ -10,10 +10,10 @@ from can.interfaces import BACKENDS
 
 from norton_drivers.adapters import socketcan, table
 from norton_drivers.adapters.kvaser import KvaserHealth
-from norton_drivers.adapters.patient import PatientBus
 from norton_drivers.adapters.pcan import PcanHealth
 from norton_drivers.adapters.slcan import BITRATES as SLCAN_BITRATES
 from norton_drivers.adapters.table import ADAPTERS, mistakes, open_bus
+from norton_drivers.adapters.threaded_bus import ThreadedBus
 from norton_drivers.errors import ConnectionFailedError
 from norton_drivers.wiring import CanBusSettings
 
@@ -177,7 +177,7 @@ def test_python_can_is_handed_what_the_rig_file_says(stand_in, no_obstacle, inte
     opened = open_bus(stand_in(interface))
     try:
         assert StandIn.opened_with == opened_with
-        assert isinstance(opened.bus, PatientBus if interface == "gs_usb" else StandIn)
+        assert isinstance(opened.bus, ThreadedBus if interface == "gs_usb" else StandIn)
         assert opened.adapter is ADAPTERS.get(interface, table.UNKNOWN)
         assert opened.health.off_bus is None
     finally:

@@ -41,7 +41,7 @@ class CanopenNode:
         self.id = node
         self._site = site
         self._world = site.world
-        self._plug = site.can_plug()
+        self._plug = site.can_connector()
         self._heartbeat = self._timer()
         self._boot = self._timer()
         self._received: list[ReceivedPdo] = []

@@ -9,21 +9,21 @@ from collections.abc import Iterator
 import pytest
 import serial
 
-from norton_drivers.adapters.eager_line import EagerLine
+from norton_drivers.adapters.low_latency_serial import LowLatencySerial
 
 
 @pytest.fixture
-def ends() -> Iterator[tuple[int, EagerLine]]:
+def ends() -> Iterator[tuple[int, LowLatencySerial]]:
     """The far end's descriptor, and the port."""
     far, near = pty.openpty()
     tty.setraw(near)
-    line = EagerLine(serial.Serial(os.ttyname(near), 115_200, timeout=0))
+    line = LowLatencySerial(serial.Serial(os.ttyname(near), 115_200, timeout=0))
     os.close(near)
     yield far, line
     line.close()
 
 
-def counted(line: EagerLine, size: int) -> bool:
+def counted(line: LowLatencySerial, size: int) -> bool:
     """Whether so many bytes are there, once the system has handed them over."""
     end_s = time.monotonic() + 5.0
     while line.in_waiting != size and time.monotonic() < end_s:
@@ -31,7 +31,7 @@ def counted(line: EagerLine, size: int) -> bool:
     return line.in_waiting == size
 
 
-def test_it_reads_what_is_there_and_never_waits(ends: tuple[int, EagerLine]) -> None:
+def test_it_reads_what_is_there_and_never_waits(ends: tuple[int, LowLatencySerial]) -> None:
     far, line = ends
     assert line.in_waiting == 0
     assert line.read(10) == b""
@@ -46,14 +46,14 @@ def test_it_reads_what_is_there_and_never_waits(ends: tuple[int, EagerLine]) -> 
     os.close(far)
 
 
-def test_it_writes(ends: tuple[int, EagerLine]) -> None:
+def test_it_writes(ends: tuple[int, LowLatencySerial]) -> None:
     far, line = ends
     assert line.write(b"xyz") == 3
     assert os.read(far, 10) == b"xyz"
     os.close(far)
 
 
-def test_a_port_whose_far_end_is_gone_is_lost(ends: tuple[int, EagerLine]) -> None:
+def test_a_port_whose_far_end_is_gone_is_lost(ends: tuple[int, LowLatencySerial]) -> None:
     far, line = ends
     os.close(far)
     with pytest.raises(OSError, match="Input/output error"):

@@ -9,7 +9,7 @@ import can
 _LOOK_S = 0.1
 
 
-class PatientBus(can.BusABC):
+class ThreadedBus(can.BusABC):
     """Owns ``slow``, whose ``recv`` blocks however short its timeout; here ``recv(0)`` returns at once.
 
     What arrives is stamped with the time at which the thread had it. A failure of the thread is raised by the next

@@ -10,7 +10,7 @@ import os
 import serial
 
 
-class EagerLine:
+class LowLatencySerial:
     """An open port of pyserial's for POSIX, without a timeout."""
 
     def __init__(self, line: serial.Serial) -> None:

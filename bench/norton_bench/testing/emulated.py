@@ -10,7 +10,7 @@ from norton_drivers.backend import Backend
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 
-class FarEnd(Protocol):
+class EmulatedDevice(Protocol):
     """Any device."""
 
     def vanish(self) -> None:
@@ -18,7 +18,7 @@ class FarEnd(Protocol):
         ...
 
 
-class AmplifierFarEnd(FarEnd, Protocol):
+class EmulatedAmplifier(EmulatedDevice, Protocol):
     """A drive."""
 
     @property
@@ -36,7 +36,7 @@ class AmplifierFarEnd(FarEnd, Protocol):
         ...
 
 
-class TorqueSensorFarEnd(FarEnd, Protocol):
+class EmulatedTorqueSensor(EmulatedDevice, Protocol):
     """A torque sensor."""
 
     def twist(self, torque_nm: float) -> None:
@@ -44,19 +44,19 @@ class TorqueSensorFarEnd(FarEnd, Protocol):
         ...
 
 
-Device = AmplifierFarEnd | TorqueSensorFarEnd
+Device = EmulatedAmplifier | EmulatedTorqueSensor
 
 
 @dataclass(frozen=True)
 class SetUp:
-    """A device at the far end of a backend's wire, and how a rig file would name it.
+    """An emulated device at the end of a backend's wire, and how a rig file would name it.
 
     ``backend`` may be a :class:`ScriptedWorld`, the simulated backend, or the hardware's.
     """
 
     backend: Backend
     settings: DeviceSettings
-    far_end: Device
+    emulated: Device
     buses: tuple[CanBusSettings, ...] = ()
 
     @property

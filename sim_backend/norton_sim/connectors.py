@@ -102,7 +102,7 @@ class CanWire(Protocol):
         """Put a data frame on the bus."""
         ...
 
-    def attach(self, plug: "CanPlug") -> None:
+    def attach(self, plug: "CanConnector") -> None:
         """Deliver every frame from the host to ``plug``."""
         ...
 
@@ -118,7 +118,7 @@ class SerialWire(Protocol):
         """Write bytes towards the host."""
         ...
 
-    def attach(self, plug: "SerialPlug") -> None:
+    def attach(self, plug: "SerialConnector") -> None:
         """Deliver what the host writes to ``plug``."""
         ...
 
@@ -152,7 +152,7 @@ class Plug(ABC):
         """Put what tampers between the wire and the device."""
 
 
-class CanPlug(Plug):
+class CanConnector(Plug):
     """Connects one device to a CAN bus."""
 
     def __init__(self, wire: CanWire) -> None:
@@ -187,7 +187,7 @@ class CanPlug(Plug):
         self._to_device = tampered_messages(self._receive, self._tampers.to_device)
 
 
-class SerialPlug(Plug):
+class SerialConnector(Plug):
     """Connects one device to a serial line."""
 
     def __init__(self, wire: SerialWire) -> None:

@@ -1,4 +1,4 @@
-"""Between a driver and its port: counts what is sent, lets junk arrive, pulls the plug."""
+"""A proxy between a driver and its port: counts what is sent, lets junk arrive, disconnects."""
 
 from collections import deque
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from norton_drivers.wiring import CanBusSettings
 JUNK_AT_A_TIME = 40
 
 
-class Meddler:
+class FaultProxy:
     """A backend around ``inner``. ``sent`` counts frames and chunks that went out."""
 
     def __init__(self, inner: Backend) -> None:
@@ -25,19 +25,19 @@ class Meddler:
         self.clock: Clock = inner.clock
         self.lock_step = inner.lock_step
         self._inner = inner
-        self._buses: list[_MeddledBus] = []
-        self._lines: list[_MeddledLine] = []
+        self._buses: list[_ProxiedBus] = []
+        self._lines: list[_ProxiedLine] = []
 
     def open_can(self, settings: CanBusSettings) -> CanPort:
         port = self._inner.open_can(settings)
-        bus = _MeddledBus(port.bus, self)
+        bus = _ProxiedBus(port.bus, self)
         self._buses.append(bus)
         port.bus = cast(can.BusABC, bus)
         return port
 
     def open_serial(self, port: str, baud: int) -> SerialPort:
         opened = self._inner.open_serial(port, baud)
-        line = _MeddledLine(opened.line, self)
+        line = _ProxiedLine(opened.line, self)
         self._lines.append(line)
         opened.line = line
         return opened
@@ -54,14 +54,14 @@ class Meddler:
             line.junk += _junk_bytes(random, line.heard)
 
 
-class _MeddledBus:
+class _ProxiedBus:
     """As much of a bus as a port uses; the rest is the inner one's."""
 
-    def __init__(self, inner: can.BusABC, meddler: Meddler) -> None:
+    def __init__(self, inner: can.BusABC, proxy: FaultProxy) -> None:
         self.junk: deque[can.Message] = deque()
         self.heard: dict[int, can.Message] = {}
         self._inner = inner
-        self._meddler = meddler
+        self._meddler = proxy
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inner, name)
@@ -81,12 +81,12 @@ class _MeddledBus:
         return message
 
 
-class _MeddledLine:
-    def __init__(self, inner: SerialLine, meddler: Meddler) -> None:
+class _ProxiedLine:
+    def __init__(self, inner: SerialLine, proxy: FaultProxy) -> None:
         self.junk = b""
         self.heard = b""  # the last that was read
         self._inner = inner
-        self._meddler = meddler
+        self._meddler = proxy
 
     @property
     def in_waiting(self) -> int:
@@ -110,8 +110,8 @@ class _MeddledLine:
         self._inner.close()
 
 
-def _check_plug(meddler: Meddler, error: Callable[[], Exception]) -> None:
-    if meddler.unplugged:
+def _check_plug(proxy: FaultProxy, error: Callable[[], Exception]) -> None:
+    if proxy.unplugged:
         raise error()
 
 
