@@ -153,7 +153,7 @@ def test_it_stops_where_it_does_not_converge(iterated: Iterated) -> None:
 
 
 def test_noise_that_was_learnt_is_no_failure_to_learn(iterated: Iterated) -> None:
-    """One correction brings the noise of its trial to the port; four bring a quarter of its power, and that is enough."""
+    """One correction brings the noise of its trial to the port; four bring a quarter of its power: that is enough."""
     step = IterateProcedure(STEP.options.model_copy(update={"trials": 10}))
 
     def after(count: int, torque_nm: float) -> str:
