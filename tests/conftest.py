@@ -10,6 +10,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from hypothesis import settings
 
+from tests.workers import ByClock, spares_one, stand_back
+
 # Hundreds of interpreters are started here: none is to compile anew what another one has compiled.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
@@ -20,8 +22,8 @@ settings.load_profile("house")
 
 # A file that takes a minute and begins last keeps the other core waiting.
 LONGEST = (
-    "tests/test_examples.py",
-    "tests/test_ci_example.py",
+    "tests/test_",
+    "tests/bench/datasheet/",
     "tests/bench/session/",
     "tests/bench/screen/",
     "tests/bench/gallery/",
@@ -31,6 +33,14 @@ LONGEST = (
     "tests/bench/cli/test_at_the_terminal.py",
     "tests/sim_backend/test_serve.py",
 )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    stand_back(config)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> ByClock | None:
+    return ByClock(config, log) if spares_one(config) else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
