@@ -12,6 +12,9 @@ from hypothesis import settings
 
 from tests.workers import ByClock, spares_one, stand_back
 
+# All that is imported stays: there is nothing to look for until then.
+gc.disable()
+
 # Hundreds of interpreters are started here: none is to compile anew what another one has compiled.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
@@ -50,5 +53,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """What was imported stays: going through all of it takes 0.2 s, before every session and a few times in it."""
+    gc.enable()
     gc.collect()
     gc.freeze()
