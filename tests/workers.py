@@ -15,7 +15,8 @@ from xdist.workermanage import WorkerController
 
 PUNCTUAL = "gw0"
 FEWEST = 3  # workers, of which one can be spared
-NICE = 5  # a quarter of a processor where both want it: Linux weighs 335 to 1024; where others compute, too, not starved
+# A quarter of a processor where both want it (Linux weighs 335 to 1024); not starved where others compute, too.
+NICE = 5
 
 
 class ByClock(LoadFileScheduling):
