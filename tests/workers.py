@@ -20,18 +20,32 @@ NICE = 5
 
 
 class ByClock(LoadFileScheduling):
-    """Whole files, in their order; those against the wall clock to one worker, as long as there are any."""
+    """Whole files, in their order; those against the wall clock to one worker, which then takes others, too."""
 
     def __init__(self, config: pytest.Config, log: object) -> None:
         super().__init__(config, log)  # type: ignore[arg-type]
         self._against_the_clock = files_against_the_clock(config.rootpath)
 
     def _assign_work_unit(self, node: WorkerController) -> None:
-        """The next of its kind, or the next that is left."""
+        """The next that is for this worker, if there is one."""
+        file = self._next_for(node)
+        if file is not None:
+            self.workqueue.move_to_end(file, last=False)
+            super()._assign_work_unit(node)
+
+    def _reschedule(self, node: WorkerController) -> None:
+        """Or the worker's end."""
+        if self._next_for(node) is not None:
+            super()._reschedule(node)
+        elif not node.shutting_down:
+            node.shutdown()
+
+    def _next_for(self, node: WorkerController) -> str | None:
+        """Of its own kind, or the next that is left; but nothing against the clock while another is there for it."""
         punctual = node.gateway.id == PUNCTUAL
-        of_its_kind = (file for file in self.workqueue if self._against_the_clock(file) == punctual)
-        self.workqueue.move_to_end(next(of_its_kind, next(iter(self.workqueue))), last=False)
-        super()._assign_work_unit(node)
+        own = (file for file in self.workqueue if self._against_the_clock(file) == punctual)
+        left_to_it = not punctual and any(other.gateway.id == PUNCTUAL for other in self.nodes)
+        return next(own, None if left_to_it else next(iter(self.workqueue), None))
 
 
 def files_against_the_clock(root: Path) -> Callable[[str], bool]:
