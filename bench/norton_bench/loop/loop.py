@@ -24,10 +24,11 @@ from norton_bench.records import NO_SEGMENT, Measured, SegmentInfo, join
 from norton_bench.sample import Sample, Target
 from norton_bench.segments import LoadMode, Segment, Use
 from norton_drivers.errors import DeviceError
-from norton_drivers.readings import DeviceIdentity
+from norton_drivers.readings import DeviceIdentity, DriveState, DriveStatus
 
 # How long drives stay enabled, the bench guarded, for a session that is late; it counts as gone after a second.
 HELD_S = 0.8
+NOT_THERE = DriveStatus(DriveState.UNKNOWN)
 AT_REST = Segment("wait", "rest", Use.PREPARE, np.zeros(1))
 
 
@@ -315,7 +316,8 @@ class Loop:
         target: Target,
         drives: tuple[DriveHealth, ...],
     ) -> tuple[float, ...]:
-        devices = self.devices
+        devices, actuator = self.devices, drives[0].status
+        load = NOT_THERE if devices.load is None else drives[1].status
         return (
             deadline_ns,
             stages.begun_ns - deadline_ns,
@@ -334,8 +336,8 @@ class Loop:
             sample.load_motion_age_ns,
             target.position_rad,
             target.velocity_rad_s,
-            drives[0].status.transistor_temperature_c,
-            nan if devices.load is None else drives[1].status.transistor_temperature_c,
+            actuator.transistor_temperature_c,
+            load.transistor_temperature_c,
             commands.limited,
             max(stages.received_ns - stages.begun_ns, 0),
             stages.controlled_ns - stages.received_ns,
@@ -346,4 +348,8 @@ class Loop:
             sample.modulator_position_rad,
             sample.modulator_motion_age_ns,
             nan if devices.modulator is None else drives[-1].status.transistor_temperature_c,
+            actuator.bus_voltage_v,
+            load.bus_voltage_v,
+            actuator.motor_temperature_c,
+            load.motor_temperature_c,
         )

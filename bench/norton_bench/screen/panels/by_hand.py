@@ -1,0 +1,55 @@
+"""What somebody who moves the bench by hand has asked for, and who is on it."""
+
+from dataclasses import dataclass
+from textwrap import wrap
+
+from norton_bench.jog.by_hand import DEVICE
+from norton_bench.jog.course import NAME
+from norton_bench.jog.setpoints import Bounds
+from norton_bench.report.words import pretty_unit
+from norton_bench.screen.panels.health import health_rows
+from norton_bench.screen.picture.picture import Picture
+from norton_bench.screen.tones import LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+
+READY = "Nothing moves before s: it enables the drives at zero."
+OVER = "The drives are idle. s enables them again, in a recording of its own."
+BEFORE_ZERO_S = 5.0  # so long before, what the dead man's switch will do is marked
+
+
+@dataclass(frozen=True)
+class Asking:
+    """``share`` is that of a step; ``left_s`` the time until all goes back to zero for want of a key."""
+
+    share: float
+    left_s: float | None
+
+
+def asked_rows(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, live: bool) -> list[Row]:
+    """Two rows: what is asked for and how large a step is; what comes next by itself."""
+    size = f"{asking.share * bounds.greatest_command:.3g} {pretty_unit(bounds.command_unit)}"
+    step = f"step {asking.share * 100:g} % = {size}"
+    segment = picture.segment
+    if not live:
+        return [apart([(f" {OVER if picture.summary else READY}", TEXT)], [(f"{step} ", LABEL)], width)]
+    if segment is None:
+        return [apart([(" opening the devices", TEXT)], [(f"{step} ", LABEL)], width)]
+    doing = segment.name if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
+    rows = [apart([(" asked for  ", UNIT), (doing, STRONG)], [(f"{step} ", LABEL)], width)]
+    if asking.left_s is None:
+        return [*rows, [(f" torques end at {bounds.speed_rad_s:.4g} rad/s", LABEL)]]
+    tone = WARNING if asking.left_s < BEFORE_ZERO_S else LABEL
+    said = f" torques end at {bounds.speed_rad_s:.4g} rad/s; without a key all goes back to zero in "
+    return [*rows, [(said, LABEL), (f"{asking.left_s:.0f} s", tone)]]
+
+
+def device_rows(picture: Picture, width: int, height: int) -> list[Row]:
+    """How each device is, who it says to be, and what the rig file tells its driver."""
+    rows = health_rows(picture, width, height)
+    said = [line.text.removeprefix(DEVICE) for line in picture.log.lines if line.text.startswith(DEVICE)]
+    if said:
+        rows += [[], heading("Devices", "", "", width)]
+    for text in said:
+        role, _, rest = text.partition(": ")
+        rows.append([(role.replace("_", " "), TEXT)])
+        rows += [[(f"  {line}", LABEL)] for line in wrap(rest, max(width - 2, 20))]
+    return [fitted(row, width) for row in rows][:height]
