@@ -23,6 +23,8 @@ SEGMENT_S = 0.2
 # From zero to the greatest command, torque or speed at the quickest: slow enough to see and to let go (0.2 s to see it
 # and as much for the key: a simple reaction; the rest is margin).
 RAMP_S = 1.0
+# Of the rig's own rate: on it, rounding makes the guard clip one tick or other.
+BELOW = 1 - 1e-6
 MODES = {
     LoadDoes.COAST: LoadMode.UNDRIVEN,
     LoadDoes.TORQUE: LoadMode.TORQUE,
@@ -94,7 +96,7 @@ class Course:
 
     @property
     def _command_rate_per_s(self) -> float:
-        return min(self.bounds.greatest_command / RAMP_S, self.known.rig.limits.command_rate_per_s)
+        return min(self.bounds.greatest_command / RAMP_S, BELOW * self.known.rig.limits.command_rate_per_s)
 
     @property
     def _load_rate_per_s(self) -> float:

@@ -97,7 +97,7 @@ class BenchApp(App[None]):
                 rig_path = rigs.paths[number]
             rig = self._opening.load_rig(rig_path)
             sessions = await asyncio.to_thread(find_sessions, self._opening.folder, rig)
-            choices = [by_hand_choice(rig), standard_choice(rig), *sessions.choices]
+            choices = [standard_choice(rig), by_hand_choice(rig), *sessions.choices]
             number = await self.push_screen_wait(SessionChoice(f"Which session on {rig.name}?", choices, ""))
             if number == BY_HAND:
                 return self._opening.by_hand(rig)

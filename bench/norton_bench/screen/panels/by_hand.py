@@ -10,9 +10,10 @@ from norton_bench.report.words import pretty_unit
 from norton_bench.screen.panels.health import health_rows
 from norton_bench.screen.picture.picture import Picture
 from norton_bench.screen.tones import LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+from norton_bench.segments import LoadMode
 
 READY = "Nothing moves before s: it enables the drives at zero."
-OVER = "The drives are idle. s enables them again, in a recording of its own."
+OVER = "The drives are idle. s enables them again."
 BEFORE_ZERO_S = 5.0  # so long before, what the dead man's switch will do is marked
 
 
@@ -26,20 +27,44 @@ class Asking:
 
 def asked_rows(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, live: bool) -> list[Row]:
     """Two rows: what is asked for and how large a step is; what comes next by itself."""
-    size = f"{asking.share * bounds.greatest_command:.3g} {pretty_unit(bounds.command_unit)}"
-    step = f"step {asking.share * 100:g} % = {size}"
-    segment = picture.segment
+    segment, step = picture.segment, f"step {asking.share * 100:g} %: {_sizes(picture, bounds, asking.share)}"
     if not live:
         return [apart([(f" {OVER if picture.summary else READY}", TEXT)], [(f"{step} ", LABEL)], width)]
     if segment is None:
         return [apart([(" opening the devices", TEXT)], [(f"{step} ", LABEL)], width)]
-    doing = segment.name if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
+    doing = segment.name.replace("*", "·") if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
     rows = [apart([(" asked for  ", UNIT), (doing, STRONG)], [(f"{step} ", LABEL)], width)]
     if asking.left_s is None:
         return [*rows, [(f" torques end at {bounds.speed_rad_s:.4g} rad/s", LABEL)]]
     tone = WARNING if asking.left_s < BEFORE_ZERO_S else LABEL
     said = f" torques end at {bounds.speed_rad_s:.4g} rad/s; without a key all goes back to zero in "
     return [*rows, [(said, LABEL), (f"{asking.left_s:.0f} s", tone)]]
+
+
+def _sizes(picture: Picture, bounds: Bounds, share: float) -> str:
+    """Of a step: of the actuator's command, and of what the load is told, if anything."""
+    sizes = [f"{share * bounds.greatest_command:.3g} {pretty_unit(bounds.command_unit)}"]
+    if picture.segment is not None and picture.segment.procedure == NAME:
+        if picture.segment.mode == LoadMode.TORQUE.value:
+            sizes.append(f"{share * bounds.load_torque_nm:.3g} N·m")
+        elif imposes(picture):
+            sizes.append(f"{share * bounds.velocity_rad_s:.3g} rad/s")
+    return ", ".join(sizes)
+
+
+def imposes(picture: Picture) -> bool:
+    """Whether the load is told a velocity."""
+    segment = picture.segment
+    return segment is not None and segment.mode == LoadMode.ADMITTANCE.value and segment.name.endswith("rad/s")
+
+
+def pushes(picture: Picture) -> bool:
+    """Whether anything is asked for by hand but zero."""
+    rows, segment = picture.tape.rows(), picture.segment
+    if segment is None or segment.procedure != NAME or not len(rows):
+        return False
+    pushed = segment.mode == LoadMode.TORQUE.value and rows["load_torque_nm"][-1] != 0.0
+    return bool(pushed or rows["command"][-1] != 0.0 or rows["reference_velocity_rad_s"][-1] != 0.0)
 
 
 def device_rows(picture: Picture, width: int, height: int) -> list[Row]:

@@ -15,12 +15,13 @@ from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment, badge_of
 from norton_bench.screen.heeding import keeps_up
 from norton_bench.screen.panels.bar import title_row
-from norton_bench.screen.panels.by_hand import Asking, asked_rows, device_rows
+from norton_bench.screen.panels.by_hand import Asking, asked_rows, device_rows, imposes, pushes
 from norton_bench.screen.panels.health import in_short
 from norton_bench.screen.panels.log import log_rows
 from norton_bench.screen.panels.panel import Panel
 from norton_bench.screen.panels.plot import Plot
 from norton_bench.screen.panels.signals import signal_rows
+from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import Confirm, Mark
 from norton_bench.screen.tones import Row
@@ -81,13 +82,18 @@ class ByHandScreen(Screen[None]):
     def draw_frame(self, *, all_of_it: bool = False) -> None:
         """Plots with every frame, numbers as often as they can be read."""
         self._frames += 1
-        picture, draw = self.experiment.picture, {"torque": figures.torque, "velocity": figures.velocity}
         for plot in self.query(Plot):
             if plot.is_on_screen or all_of_it:
-                plot.show(draw.get(plot.id or "", figures.command)(picture, WINDOW_S))
+                plot.show(self._figure(plot.id))
         if self._frames % self._numbers_every == 0 or all_of_it:
             for panel in self.query(Panel):
                 panel.changed()
+
+    def _figure(self, name: str | None) -> Figure:
+        picture = self.experiment.picture
+        if name == "velocity":
+            return figures.velocity(picture, WINDOW_S, imposed=imposes(picture))
+        return (figures.torque if name == "torque" else figures.command)(picture, WINDOW_S)
 
     def _title(self, width: int, height: int) -> list[Row]:
         experiment = self.experiment
@@ -100,11 +106,12 @@ class ByHandScreen(Screen[None]):
 
     def _signals(self, width: int, height: int) -> list[Row]:
         rig = self.experiment.rig
-        return signal_rows(self.experiment.picture.signals.seen(), rig.limits.stale_after_ns * 1e-9, width, height)
+        seen, stale_after_s = self.experiment.picture.signals.seen(), rig.limits.stale_after_ns * 1e-9
+        return signal_rows(seen, stale_after_s, width, height, live=self.experiment.live)
 
     @property
     def _left_s(self) -> float | None:
-        if not self.experiment.live or self.experiment.picture.segment is None:
+        if not self.experiment.live or not pushes(self.experiment.picture):
             return None
         return max(self._jog.dead_man_s - (time.monotonic() - self._touched_s), 0.0)
 

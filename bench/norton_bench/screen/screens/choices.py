@@ -16,7 +16,7 @@ from norton_bench.screen.found import Choice
 from norton_bench.screen.screens import keys
 
 IMPOSSIBLE = "✗"
-BY_HAND = 0  # its place before the sessions
+BY_HAND = 1  # its place: behind the standard session
 
 
 class ChoiceScreen(Screen[int | None]):
@@ -56,7 +56,7 @@ class ChoiceScreen(Screen[int | None]):
 
 
 class SessionChoice(ChoiceScreen):
-    """The same with a key for the first one, which is no session."""
+    """The same with a key for the one that is no session."""
 
     BINDINGS = keys.BESIDE_SESSIONS
 

@@ -101,7 +101,7 @@ BY_HAND: list[AnyBinding] = [
     key("k", "calibrate", "Calibrate", "Calibrate the load, for v and z; asks first", shown=False),
     key("enter", "order('here')", "Here", "Somebody is there: nothing goes back to zero yet", shown=False, name="here"),
     key("r", "extremes", "Extremes", "Least and greatest begin anew", shown=False, name="forget_extremes"),
-    key("d", "devices", "Devices", "Devices, buses and the loop, where there is no room beside the signals"),
+    key("d", "devices", "More", "Devices, buses and the loop, where there is no room beside the signals"),
     key("m", "mark", "Mark", "Put a remark into the recording, at this moment", shown=False, name="by_hand_mark"),
     key(
         "escape", "end", "End", "Back to zero, then the drives go idle and the recording is closed", name="by_hand_end"
