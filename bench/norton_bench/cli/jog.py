@@ -139,6 +139,7 @@ def _to(
 
     held = Held(rig, setpoints.words(rig.command.unit), output.say)
     hand = Preset(setpoints, duration_s)
+    output.say("preparing; the very first run compiles for a while")
     output.say(f"moving: {held.words}, for {duration_s:g} s; torques end at {bounds.speed_rad_s:.4g} rad/s")
     with operator_stop() as stop:
         recording = run_by_hand(

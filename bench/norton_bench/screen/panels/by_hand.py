@@ -14,6 +14,7 @@ from norton_bench.segments import LoadMode
 
 READY = "Nothing moves before s: it enables the drives at zero."
 OVER = "The drives are idle. s enables them again."
+LOAD_KEYS = "; load: c coast  t torque  v velocity  z zero torque"
 BEFORE_ZERO_S = 5.0  # so long before, what the dead man's switch will do is marked
 
 
@@ -34,11 +35,11 @@ def asked_rows(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, 
         return [apart([(" opening the devices", TEXT)], [(f"{step} ", LABEL)], width)]
     doing = segment.name.replace("*", "·") if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
     rows = [apart([(" asked for  ", UNIT), (doing, STRONG)], [(f"{step} ", LABEL)], width)]
+    end = f" torques end at {bounds.speed_rad_s:.4g} rad/s"
     if asking.left_s is None:
-        return [*rows, [(f" torques end at {bounds.speed_rad_s:.4g} rad/s", LABEL)]]
+        return [*rows, [(end + (LOAD_KEYS if picture.rig.wiring.load is not None else ""), LABEL)]]
     tone = WARNING if asking.left_s < BEFORE_ZERO_S else LABEL
-    said = f" torques end at {bounds.speed_rad_s:.4g} rad/s; without a key all goes back to zero in "
-    return [*rows, [(said, LABEL), (f"{asking.left_s:.0f} s", tone)]]
+    return [*rows, [(f"{end}; without a key all goes back to zero in ", LABEL), (f"{asking.left_s:.0f} s", tone)]]
 
 
 def _sizes(picture: Picture, bounds: Bounds, share: float) -> str:
