@@ -70,6 +70,7 @@ class Loop:
     _label: int = field(default=NO_SEGMENT, init=False)  # which of them the ticks belong to
     _last_segment: Segment = field(default=AT_REST, init=False)
     _last_index: int = field(default=0, init=False)  # the tick of it that was the last
+    _too_fast: bool = field(default=False, init=False)  # it ended at the speed at which it was to end
     _reference_rad: float | None = field(default=None, init=False)  # where the last imposed motion ended
     _begun: bool = field(default=False, init=False)  # whether the segment has had a tick
     _position_rad: float = field(default=nan, init=False)
@@ -161,7 +162,7 @@ class Loop:
             parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
 
         try:
-            self._go_through(segment, strategy, hand_on)
+            self._too_fast = self._go_through(segment, strategy, hand_on)
         finally:
             hand_on()
             self._segments += 1
@@ -170,11 +171,13 @@ class Loop:
     def hold(self, ordered: Callable[[], bool]) -> None:
         """Go on as the last segment ended, guarded, until there is an order; these ticks belong to no segment.
 
-        The actuator's command stays for as long as the loop itself might stand still, and is zero from then on.
+        The actuator's command stays for as long as the loop itself might stand still, and is zero from then on; it is
+        zero at once after a segment that ended because the shaft had become fast enough.
 
         Raises as :meth:`run` does, and SafetyStopError where no order comes within :data:`HELD_S`.
         """
-        held, kept = round(HELD_S * 1e9 / self.tick_ns), self.guard.limits.stall_after_ns // self.tick_ns
+        held = round(HELD_S * 1e9 / self.tick_ns)
+        kept = 0 if self._too_fast else self.guard.limits.stall_after_ns // self.tick_ns
         segment = self._last_segment.continued(self._last_index, kept, held, self.tick_ns * 1e-9)
         self._label = NO_SEGMENT
         if not self._go_through(segment, self._strategy(segment), self.outbox.hand_on, ordered):
@@ -229,7 +232,7 @@ class Loop:
         self.guard.begin(sample)
         self._troubles.begin(now_ns)
         self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
-        self._last_segment, self._last_index = AT_REST, 0
+        self._last_segment, self._last_index, self._too_fast = AT_REST, 0, False
         self._next_ns = now_ns + self.tick_ns
 
     def _tick(

@@ -29,14 +29,16 @@ def carry_out(procedure: Procedure, known: Knowledge, loop: Runner, foresee: For
 
 def follow(plan: Plan, loop: Runner, foresee: Foresight = as_it_is) -> Iterator[Measured]:
     """Run the segments of a plan with the drives enabled, and hand out what was measured in each. Raises likewise."""
-    segment, velocity_rad_s, command = next(plan, None), 0.0, 0.0
+    segment = next(plan, None)
+    if segment is not None:
+        segment = foresee(segment, 0.0, 0.0)  # before the drives are enabled: it may take its time
     with loop.running():
         while segment is not None:
-            measured = loop.run(foresee(segment, velocity_rad_s, command))
+            measured = loop.run(segment)
             last = measured.ticks[-1]
-            velocity_rad_s, command = float(last["velocity_rad_s"]), float(last["command"])
             yield measured
             try:
                 segment = plan.send(measured)
             except StopIteration:
-                segment = None
+                break
+            segment = foresee(segment, float(last["velocity_rad_s"]), float(last["command"]))

@@ -13,6 +13,7 @@ from norton_bench.screen.tones import LABEL, STRONG, TEXT, UNIT, WARNING, Row, a
 from norton_bench.segments import LoadMode
 
 READY = "Nothing moves before s: it enables the drives at zero."
+OPENING = " opening the devices; the very first run compiles for a while"
 OVER = "The drives are idle. s enables them again."
 LOAD_KEYS = "; load: c coast  t torque  v velocity  z zero torque"
 BEFORE_ZERO_S = 5.0  # so long before, what the dead man's switch will do is marked
@@ -32,7 +33,7 @@ def asked_rows(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, 
     if not live:
         return [apart([(f" {OVER if picture.summary else READY}", TEXT)], [(f"{step} ", LABEL)], width)]
     if segment is None:
-        return [apart([(" opening the devices", TEXT)], [(f"{step} ", LABEL)], width)]
+        return [apart([(OPENING, TEXT)], [(f"{step} ", LABEL)], width)]
     doing = segment.name.replace("*", "·") if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
     rows = [apart([(" asked for  ", UNIT), (doing, STRONG)], [(f"{step} ", LABEL)], width)]
     end = f" torques end at {bounds.speed_rad_s:.4g} rad/s"

@@ -33,8 +33,8 @@ WINDOW_S = 10.0
 # Numbers that change more often cannot be read.
 NUMBERS_EVERY_S = 0.2
 CALIBRATION = (
-    "The load's controller is tuned from a calibration: both machines push, and shake the shaft at up to 40 % of "
-    "[limits] velocity for about 20 s. The drives are idle before and after."
+    "The load's controller is tuned from a calibration: both machines push, and shake the shaft for about 20 "
+    "s, at speeds up to [limits] velocity. The drives are idle before and after."
 )
 
 
