@@ -31,9 +31,9 @@ PALETTE_CLOSES_S = 0.1
 SECTIONS: Mapping[str, Sequence[keys.AnyBinding]] = {
     "Everywhere": keys.APP,
     "At the experiment": keys.EXPERIMENT[1:],
-    "By hand": keys.BY_HAND[1:],
     "At the results": keys.RESULTS,
 }
+BY_HAND_SECTIONS: Mapping[str, Sequence[keys.AnyBinding]] = {"Everywhere": keys.APP, "By hand": keys.BY_HAND[1:]}
 
 
 class BenchApp(App[None]):
@@ -142,6 +142,7 @@ class BenchApp(App[None]):
         return True
 
     def action_keys(self) -> None:
+        by_hand = self.experiment is not None and self.experiment.by_hand is not None
         sections = [
             (
                 title,
@@ -151,7 +152,7 @@ class BenchApp(App[None]):
                     if isinstance(binding, Binding) and not binding.system
                 ],
             )
-            for title, bindings in SECTIONS.items()
+            for title, bindings in (BY_HAND_SECTIONS if by_hand else SECTIONS).items()
         ]
         self.push_screen(KeyList(sections))
 

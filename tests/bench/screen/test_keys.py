@@ -321,9 +321,7 @@ async def test_help_lists_every_key_with_what_it_does(live: Experiment) -> None:
         await pilot.press("question_mark")
         assert isinstance(app.screen, KeyList)
         listed = [described for _, section in app.screen._sections for described in section]
-        bindings = [
-            each for each in (*keys.APP, *keys.EXPERIMENT, *keys.BY_HAND, *keys.RESULTS) if isinstance(each, Binding)
-        ]
+        bindings = [each for each in (*keys.APP, *keys.EXPERIMENT, *keys.RESULTS) if isinstance(each, Binding)]
         assert {said for _, said in listed} == {binding.tooltip for binding in bindings if not binding.system}
         assert next(key for key, said in listed if said.startswith("Pause")) == "f5"
         await pilot.press("f1")

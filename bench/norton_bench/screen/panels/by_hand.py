@@ -13,6 +13,16 @@ from norton_bench.screen.tones import LABEL, STRONG, TEXT, UNIT, WARNING, Row, a
 from norton_bench.segments import LoadMode
 
 READY = "Nothing moves before s: it enables the drives at zero."
+NAME_WIDTH = 10
+KEYS = (
+    ("space", "stops at once, from anywhere"),
+    ("↑ ↓", "the actuator's command"),
+    ("→ ←", "the load's torque or velocity"),
+    ("c t v z", "the load coasts, pushes, turns, keeps the port at zero torque"),
+    ("+ -", "size of a step"),
+    ("0", "everything back to zero"),
+    ("?", "all keys"),
+)
 OPENING = " opening the devices; the very first run compiles for a while"
 OVER = "The drives are idle. s enables them again."
 LOAD_KEYS = "; load: c coast  t torque  v velocity  z zero torque"
@@ -25,6 +35,26 @@ class Asking:
 
     share: float
     left_s: float | None
+
+
+def ready_rows(picture: Picture, bounds: Bounds, dead_man_s: float, width: int, height: int) -> list[Row]:
+    """How far everything may go, and the keys: what is worth knowing before anything moves."""
+    low, high = bounds.command
+    limits, has_load = picture.rig.limits, picture.rig.wiring.load is not None
+    load = f"up to {bounds.load_torque_nm:.4g} N·m; up to {bounds.velocity_rad_s:.4g} rad/s once it is calibrated (k)"
+    facts = {
+        "actuator": f"{low:.4g} to {high:.4g} {pretty_unit(bounds.command_unit)}".replace("-", "−"),
+        "load": load if has_load else "",
+        "shaft": f"torques end at {bounds.speed_rad_s:.4g} rad/s; the guard stops at {limits.velocity_rad_s:.4g} rad/s",
+        "no key": f"for {dead_man_s:.4g} s: everything goes back to zero",
+    }
+    rows = [heading("Limits", "", "", width), *(_fact(name, said) for name, said in facts.items() if said)]
+    rows += [[], heading("Keys", "", "", width), *(_fact(*each) for each in KEYS if has_load or "load" not in each[1])]
+    return [fitted(row, width) for row in rows][:height]
+
+
+def _fact(name: str, said: str) -> Row:
+    return [(f"{name:<{NAME_WIDTH}}", STRONG), (said, LABEL)]
 
 
 def asked_rows(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, live: bool) -> list[Row]:

@@ -17,8 +17,6 @@ BEFORE = "as they were last"
 def signal_rows(seen: tuple[Seen, ...], stale_after_s: float, width: int, height: int, *, live: bool) -> list[Row]:
     """One row a signal; devices are set apart where there is room. An age beyond ``stale_after_s`` is marked."""
     rows = [heading("Signals", "", "" if live else BEFORE, width), _names()]
-    if not any(isfinite(each.value) for each in seen):
-        return [heading("Signals", "", "", width), [("nothing read yet", LABEL)]]
     devices = [list(group) for _, group in groupby(seen, key=lambda each: each.device)]
     apart = height >= len(rows) + len(seen) + len(devices) - 1
     for number, signals in enumerate(devices):

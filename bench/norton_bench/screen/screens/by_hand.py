@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from math import ceil
+from math import ceil, isfinite
 
 from textual.app import ComposeResult
 from textual.containers import Container
@@ -15,7 +15,7 @@ from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment, badge_of
 from norton_bench.screen.heeding import keeps_up
 from norton_bench.screen.panels.bar import title_row
-from norton_bench.screen.panels.by_hand import Asking, asked_rows, device_rows, imposes, pushes
+from norton_bench.screen.panels.by_hand import Asking, asked_rows, device_rows, imposes, pushes, ready_rows
 from norton_bench.screen.panels.health import in_short
 from norton_bench.screen.panels.log import log_rows
 from norton_bench.screen.panels.panel import Panel
@@ -106,6 +106,8 @@ class ByHandScreen(Screen[None]):
 
     def _signals(self, width: int, height: int) -> list[Row]:
         rig = self.experiment.rig
+        if not any(isfinite(each.value) for each in self.experiment.picture.signals.seen()):
+            return ready_rows(self.experiment.picture, self._bounds, self._jog.dead_man_s, width, height)
         seen, stale_after_s = self.experiment.picture.signals.seen(), rig.limits.stale_after_ns * 1e-9
         return signal_rows(seen, stale_after_s, width, height, live=self.experiment.live)
 
