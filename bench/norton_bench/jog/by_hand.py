@@ -26,6 +26,6 @@ class Jog:
         from norton_bench.session.engine import run_by_hand  # noqa: PLC0415
 
         bounds = bounds_of(rig, self.speed_rad_s)
-        board = Board(operator, rig, bounds, progress.note, self.dead_man_s)
+        board = Board(operator, rig, bounds, self.dead_man_s)
         script = JogScript(bounds, board, Pace())
         return run_by_hand(rig, script, out=out, seed=seed, progress=progress, operator=board)

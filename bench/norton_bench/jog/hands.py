@@ -78,7 +78,8 @@ class Preset:
 class Board:
     """An :class:`Operator` between the session and another one, whose orders "jog" it keeps for itself.
 
-    ``tell`` takes what the operator has to know. ``clock`` gives seconds; tests have their own. The text of an order:
+    What that one has to know it says as marks, so that the recording has it too. ``clock`` gives seconds; tests have
+    their own. The text of an order:
 
     - ``actuator 0.02``, ``load -0.02``: by this share of the greatest value
     - ``coast``, ``torque``, ``velocity``, ``zero_torque``: what the load shall do, from zero on
@@ -89,7 +90,6 @@ class Board:
     operator: Operator
     rig: Rig
     bounds: Bounds
-    tell: Callable[[str], None]
     dead_man_s: float = DEAD_MAN_S
     clock: Callable[[], float] = time.monotonic
     calibrates: bool = field(default=False, init=False)
@@ -97,6 +97,7 @@ class Board:
     _wanted: Setpoints = field(default_factory=Setpoints, init=False)
     _calibrated: bool = field(default=False, init=False)
     _touched_s: float = field(default=0.0, init=False)
+    _said: list[Order] = field(default_factory=list, init=False)
 
     @property
     def stop(self) -> StopWord:
@@ -107,8 +108,10 @@ class Board:
         return self.operator.answers
 
     def orders(self) -> Sequence[Order]:
-        """Those that are the session's."""
-        return tuple(self._others())
+        """Those that are the session's, and marks of what is to be known."""
+        others = tuple(self._others())
+        said, self._said = self._said, []
+        return (*others, *said)
 
     def _others(self) -> Iterator[Order]:
         for order in self.operator.orders():
@@ -127,15 +130,18 @@ class Board:
             self.let_go(f"no key for {self.dead_man_s:g} s: everything goes back to zero")
         if silent_s > max(ABANDONED_S, self.dead_man_s) and not self.leaves:
             self.leaves = True
-            self.tell(f"no key for {silent_s:.0f} s: nobody is there, the drives go idle")
+            self._tell(f"no key for {silent_s:.0f} s: nobody is there, the drives go idle")
         return self._wanted
 
     def let_go(self, why: str) -> None:
         self._wanted = self._wanted.zeroed()
-        self.tell(why)
+        self._tell(why)
 
     def could_not_calibrate(self, why: str) -> None:
-        self.tell(why)
+        self._tell(why)
+
+    def _tell(self, said: str) -> None:
+        self._said.append(Order("mark", said))
 
     def _take(self, text: str) -> None:
         self._touched_s = self.clock()
@@ -158,14 +164,14 @@ class Board:
     def _want(self, wanted: Setpoints) -> None:
         self._wanted, said = self.bounds.clamped(wanted)
         if said:
-            self.tell(said)
+            self._tell(said)
 
     def _nudge_load(self, share: float) -> None:
         load = self._wanted.load
         if load not in (LoadDoes.TORQUE, LoadDoes.VELOCITY):
-            self.tell("the load is not told a value now: let it push (t) or turn (v) first")
+            self._tell("the load is not told a value now: let it push (t) or turn (v) first")
         elif unlimited(self.bounds, load):
-            self.tell("the load's torque has no limit, of which a nudge could be a share: write [load] torque_limit")
+            self._tell("the load's torque has no limit, of which a nudge could be a share: write [load] torque_limit")
         else:
             by = share * self.bounds.greatest_load(load)
             self._want(replace(self._wanted, load_value=self._wanted.load_value + by))
@@ -174,9 +180,9 @@ class Board:
         if load is self._wanted.load:
             return
         if self.rig.wiring.load is None:
-            self.tell("this rig has no load drive")
+            self._tell("this rig has no load drive")
         elif load in CONTROLLED and not self._calibrated:
-            self.tell("that takes the controller, which is tuned from the load's calibration: k calibrates")
+            self._tell("that takes the controller, which is tuned from the load's calibration: k calibrates")
         else:
             self._wanted = Setpoints(self._wanted.command, load)
 
@@ -184,7 +190,7 @@ class Board:
         try:
             require_load(self.rig, "calibrate", "to calibrate")
         except RigError as error:
-            self.tell(str(error))
+            self._tell(str(error))
             self.leaves = False
             return False
         return True

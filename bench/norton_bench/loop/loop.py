@@ -28,8 +28,8 @@ from norton_drivers.readings import DeviceIdentity, DriveState, DriveStatus
 
 # How long drives stay enabled, the bench guarded, for a session that is late; it counts as gone after a second.
 HELD_S = 0.8
-NOT_THERE = DriveStatus(DriveState.UNKNOWN)
 AT_REST = Segment("wait", "rest", Use.PREPARE, np.zeros(1))
+NOT_THERE = DriveStatus(DriveState.UNKNOWN)
 
 
 def never_stop() -> str | None:

@@ -34,12 +34,20 @@ class Keys:
 
     def give(self, board: Board, *texts: str) -> None:
         self._orders += [Order("jog", text) for text in texts]
-        assert not board.orders()
+        self.listen(board)
+
+    def listen(self, board: Board) -> None:
+        """To what the board has to say: marks, and nothing else."""
+        marks = board.orders()
+        assert all(order.kind == "mark" for order in marks)
+        self.said += [order.text for order in marks]
 
     def press(self, board: Board, *texts: str) -> Setpoints:
         """What is wanted then."""
         self.give(board, *texts)
-        return board.wanted(0.0)
+        wanted = board.wanted(0.0)
+        self.listen(board)
+        return wanted
 
 
 @pytest.fixture
@@ -48,7 +56,7 @@ def keys() -> Keys:
 
 
 def board_of(keys: Keys, rig: Rig = RIG, *, calibrated: bool = False) -> Board:
-    board = Board(keys, rig, bounds_of(rig), keys.said.append, clock=lambda: keys.now_s)
+    board = Board(keys, rig, bounds_of(rig), clock=lambda: keys.now_s)
     board.begin(calibrated=calibrated)
     return board
 
@@ -102,8 +110,10 @@ def test_without_a_key_all_goes_back_to_zero_and_the_load_does_what_it_did(keys:
     assert not board.wanted(0.0).at_zero
     keys.now_s += 0.2
     assert board.wanted(0.0) == Setpoints(0.0, LoadDoes.VELOCITY, 0.0)
+    keys.listen(board)
     assert keys.said == [f"no key for {DEAD_MAN_S:g} s: everything goes back to zero"]
     board.wanted(0.0)
+    keys.listen(board)
     assert len(keys.said) == 1
     assert not board.leaves
 
@@ -112,6 +122,7 @@ def test_a_bench_that_was_left_alone_is_idled(keys: Keys) -> None:
     board = board_of(keys)
     keys.now_s = ABANDONED_S + 1
     board.wanted(0.0)
+    keys.listen(board)
     assert board.leaves
     assert "nobody is there" in keys.said[-1]
 

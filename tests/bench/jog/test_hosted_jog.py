@@ -58,12 +58,13 @@ def test_a_watcher_that_hangs_or_leaves_stops_it(tmp_path: Path) -> None:
     session = HostedSession(RIG, Jog(dead_man_s=1.5), out=tmp_path, seed=1)
     until(session, lambda news: isinstance(news, PartNews) and len(news.measured.ticks) > 0)
     session.order(Order("jog", "actuator 0.1"))
-    until(session, lambda news: isinstance(news, NoteNews) and "no key for 1.5 s" in news.text)
+    until(session, lambda news: isinstance(news, PartNews) and "no key for 1.5 s" in str(news.measured.events))
     session.order(Order("jog", "actuator 0.1"))
     until(session, commands(0.049))
     session.close()
     assert not session.running
     recording = read_recording(tmp_path / "sim-odrive.mcap")
     assert recording.complete
+    assert any("no key for 1.5 s" in event.text for event in recording.measured.events)
     (stop,) = (event for event in recording.measured.events if event.kind == "stop")
     assert "has left" in stop.text

@@ -47,10 +47,11 @@ class Played(Board):
 def jogged(bench: Bench, keys: Keys, moments: dict[float, str]) -> list[Measured]:
     """What was measured while keys were pressed at those moments."""
     bounds = bounds_of(bench.rig)
-    board = Played(keys, bench.rig, bounds, keys.said.append, clock=lambda: keys.now_s, keys=keys, moments=moments)
+    board = Played(keys, bench.rig, bounds, clock=lambda: keys.now_s, keys=keys, moments=moments)
     found = list[Measured]()
     for part in follow(JogScript(bounds, board).plan(Knowledge(bench.rig)), bench.loop):
         assert bench.armed() == ["actuator", "load"]
+        keys.listen(board)
         found.append(part)
     return found
 
@@ -142,7 +143,7 @@ def test_other_benches_can_be_moved(name: str) -> None:
     rig = load_rig(ROOT / "rigs" / f"{name}.toml")
     keys = Keys()
     with opened(rig) as bench:
-        board = Board(keys, rig, bounds_of(rig), keys.said.append)
+        board = Board(keys, rig, bounds_of(rig))
         plan = JogScript(bounds_of(rig), board).plan(Knowledge(rig))
         parts = list[Measured]()
         for part in follow(plan, bench.loop):
