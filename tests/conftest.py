@@ -10,6 +10,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from hypothesis import settings
 
+from tests.workers import ByClock, spares_one, stand_back
+
+# All that is imported stays: there is nothing to look for until then.
+gc.disable()
+
 # Hundreds of interpreters are started here: none is to compile anew what another one has compiled.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
@@ -20,8 +25,8 @@ settings.load_profile("house")
 
 # A file that takes a minute and begins last keeps the other core waiting.
 LONGEST = (
-    "tests/test_examples.py",
-    "tests/test_ci_example.py",
+    "tests/test_",
+    "tests/bench/datasheet/",
     "tests/bench/session/",
     "tests/bench/screen/",
     "tests/bench/gallery/",
@@ -33,6 +38,14 @@ LONGEST = (
 )
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    stand_back(config)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> ByClock | None:
+    return ByClock(config, log) if spares_one(config) else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest files first; all else as it was."""
     items.sort(key=lambda item: not item.nodeid.startswith(LONGEST))
@@ -40,5 +53,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """What was imported stays: going through all of it takes 0.2 s, before every session and a few times in it."""
+    gc.enable()
     gc.collect()
     gc.freeze()

@@ -47,6 +47,10 @@ TICK = np.dtype(
         ("modulator_position_rad", "f8"),
         ("modulator_motion_age_ns", "i8"),
         ("modulator_transistor_temperature_c", "f8"),
+        ("supply_v", "f8"),  # of the actuator's drive; NaN, as temperatures are, where the drive does not tell
+        ("load_supply_v", "f8"),
+        ("motor_temperature_c", "f8"),
+        ("load_motor_temperature_c", "f8"),
     ]
 )
 MOTION = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("position_rad", "f8"), ("velocity_rad_s", "f8")])

@@ -3,12 +3,16 @@
 import gc
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from norton_bench.cli.arguments import RUNS, Backend, Seed, run_folder
 from norton_bench.errors import UsageError
+
+if TYPE_CHECKING:
+    from norton_bench.screen.experiment import Experiment
+    from norton_bench.screen.opening import Opening
 
 Rig = Annotated[Path | None, Parameter(name="RIG", help="A rig file; asked for where none is given.")]
 SessionFile = Annotated[Path | None, Parameter(name="SESSION", help="A session file; asked for where none is given.")]
@@ -29,22 +33,32 @@ def ui(
     """Watch and run experiments in the terminal: live traces, parameters as they converge, stop on the space bar."""
     if replay is not None and (rig_file is not None or session_file is not None):
         raise UsageError("ui --replay plays a recording and needs no rig; leave RIG and SESSION out")
-    if not (sys.stdin.isatty() and sys.__stderr__ is not None and sys.__stderr__.isatty()):
-        raise UsageError("ui needs a terminal; norton-bench run SESSION does the same without one")
-    from norton_bench.screen.app import BenchApp  # noqa: PLC0415
+    require_terminal("ui needs a terminal; norton-bench run SESSION does the same without one")
     from norton_bench.screen.opening import Opening  # noqa: PLC0415
-    from norton_bench.screen.screens.keys import KNOWN as KNOWN_KEYS  # noqa: PLC0415
-    from norton_bench.screen.settings import load_settings, settings_path  # noqa: PLC0415
-    from norton_bench.screen.themes import KNOWN  # noqa: PLC0415
 
-    settings = load_settings(settings_path(), KNOWN_KEYS, KNOWN)
     runs = out or RUNS
     opening = Opening(
         lambda name: run_folder(None, name, runs), rig_file, session_file, replay, backend, seed, runs=runs
     )
     if replay is not None:
         print(f"reading {replay}", file=sys.stderr)
-    app = BenchApp(opening, opening.given(), settings)
+    show(opening, opening.given())
+
+
+def require_terminal(otherwise: str) -> None:
+    """Raises UsageError, saying ``otherwise``, where nobody could look at a screen."""
+    if not (sys.stdin.isatty() and sys.__stderr__ is not None and sys.__stderr__.isatty()):
+        raise UsageError(otherwise)
+
+
+def show(opening: "Opening", first: "Experiment | None") -> None:
+    """The screen, until somebody leaves it. Raises UsageError for settings that cannot be used."""
+    from norton_bench.screen.app import BenchApp  # noqa: PLC0415
+    from norton_bench.screen.screens.keys import KNOWN as KNOWN_KEYS  # noqa: PLC0415
+    from norton_bench.screen.settings import load_settings, settings_path  # noqa: PLC0415
+    from norton_bench.screen.themes import KNOWN  # noqa: PLC0415
+
+    app = BenchApp(opening, first, load_settings(settings_path(), KNOWN_KEYS, KNOWN))
     # What is there now, stays: going through all of it takes a few tenths of a second, in which no key is heard.
     gc.collect()
     gc.freeze()

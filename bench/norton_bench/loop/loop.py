@@ -24,11 +24,12 @@ from norton_bench.records import NO_SEGMENT, Measured, SegmentInfo, join
 from norton_bench.sample import Sample, Target
 from norton_bench.segments import LoadMode, Segment, Use
 from norton_drivers.errors import DeviceError
-from norton_drivers.readings import DeviceIdentity
+from norton_drivers.readings import DeviceIdentity, DriveState, DriveStatus
 
 # How long drives stay enabled, the bench guarded, for a session that is late; it counts as gone after a second.
 HELD_S = 0.8
 AT_REST = Segment("wait", "rest", Use.PREPARE, np.zeros(1))
+NOT_THERE = DriveStatus(DriveState.UNKNOWN)
 
 
 def never_stop() -> str | None:
@@ -69,6 +70,7 @@ class Loop:
     _label: int = field(default=NO_SEGMENT, init=False)  # which of them the ticks belong to
     _last_segment: Segment = field(default=AT_REST, init=False)
     _last_index: int = field(default=0, init=False)  # the tick of it that was the last
+    _too_fast: bool = field(default=False, init=False)  # it ended at the speed at which it was to end
     _reference_rad: float | None = field(default=None, init=False)  # where the last imposed motion ended
     _begun: bool = field(default=False, init=False)  # whether the segment has had a tick
     _position_rad: float = field(default=nan, init=False)
@@ -160,7 +162,7 @@ class Loop:
             parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
 
         try:
-            self._go_through(segment, strategy, hand_on)
+            self._too_fast = self._go_through(segment, strategy, hand_on)
         finally:
             hand_on()
             self._segments += 1
@@ -169,11 +171,13 @@ class Loop:
     def hold(self, ordered: Callable[[], bool]) -> None:
         """Go on as the last segment ended, guarded, until there is an order; these ticks belong to no segment.
 
-        The actuator's command stays for as long as the loop itself might stand still, and is zero from then on.
+        The actuator's command stays for as long as the loop itself might stand still, and is zero from then on; it is
+        zero at once after a segment that ended because the shaft had become fast enough.
 
         Raises as :meth:`run` does, and SafetyStopError where no order comes within :data:`HELD_S`.
         """
-        held, kept = round(HELD_S * 1e9 / self.tick_ns), self.guard.limits.stall_after_ns // self.tick_ns
+        held = round(HELD_S * 1e9 / self.tick_ns)
+        kept = 0 if self._too_fast else self.guard.limits.stall_after_ns // self.tick_ns
         segment = self._last_segment.continued(self._last_index, kept, held, self.tick_ns * 1e-9)
         self._label = NO_SEGMENT
         if not self._go_through(segment, self._strategy(segment), self.outbox.hand_on, ordered):
@@ -228,7 +232,7 @@ class Loop:
         self.guard.begin(sample)
         self._troubles.begin(now_ns)
         self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
-        self._last_segment, self._last_index = AT_REST, 0
+        self._last_segment, self._last_index, self._too_fast = AT_REST, 0, False
         self._next_ns = now_ns + self.tick_ns
 
     def _tick(
@@ -315,7 +319,8 @@ class Loop:
         target: Target,
         drives: tuple[DriveHealth, ...],
     ) -> tuple[float, ...]:
-        devices = self.devices
+        devices, actuator = self.devices, drives[0].status
+        load = NOT_THERE if devices.load is None else drives[1].status
         return (
             deadline_ns,
             stages.begun_ns - deadline_ns,
@@ -334,8 +339,8 @@ class Loop:
             sample.load_motion_age_ns,
             target.position_rad,
             target.velocity_rad_s,
-            drives[0].status.transistor_temperature_c,
-            nan if devices.load is None else drives[1].status.transistor_temperature_c,
+            actuator.transistor_temperature_c,
+            load.transistor_temperature_c,
             commands.limited,
             max(stages.received_ns - stages.begun_ns, 0),
             stages.controlled_ns - stages.received_ns,
@@ -346,4 +351,8 @@ class Loop:
             sample.modulator_position_rad,
             sample.modulator_motion_age_ns,
             nan if devices.modulator is None else drives[-1].status.transistor_temperature_c,
+            actuator.bus_voltage_v,
+            load.bus_voltage_v,
+            actuator.motor_temperature_c,
+            load.motor_temperature_c,
         )

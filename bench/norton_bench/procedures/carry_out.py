@@ -1,10 +1,10 @@
 """A procedure and a loop brought together."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from norton_bench.loop.bench_loop import Runner
-from norton_bench.procedures.knowledge import Knowledge, Procedure
+from norton_bench.procedures.knowledge import Knowledge, Plan, Procedure
 from norton_bench.records import Measured, join
 from norton_bench.segments import Segment
 
@@ -23,17 +23,22 @@ def carry_out(procedure: Procedure, known: Knowledge, loop: Runner, foresee: For
 
     Raises SafetyStopError, OperatorStopError, DeviceError, ExperimentError; the drives are idle then, too.
     """
-    measured: list[Measured] = []
-    plan = procedure.plan(known)
-    segment, velocity_rad_s, command = next(plan, None), 0.0, 0.0
+    record = join(list(follow(procedure.plan(known), loop, foresee)))
+    return replace(procedure.conclude(known, record), records=(*known.records, record))
+
+
+def follow(plan: Plan, loop: Runner, foresee: Foresight = as_it_is) -> Iterator[Measured]:
+    """Run the segments of a plan with the drives enabled, and hand out what was measured in each. Raises likewise."""
+    segment = next(plan, None)
+    if segment is not None:
+        segment = foresee(segment, 0.0, 0.0)  # before the drives are enabled: it may take its time
     with loop.running():
         while segment is not None:
-            measured.append(loop.run(foresee(segment, velocity_rad_s, command)))
-            last = measured[-1].ticks[-1]
-            velocity_rad_s, command = float(last["velocity_rad_s"]), float(last["command"])
+            measured = loop.run(segment)
+            last = measured.ticks[-1]
+            yield measured
             try:
-                segment = plan.send(measured[-1])
+                segment = plan.send(measured)
             except StopIteration:
-                segment = None
-    record = join(measured)
-    return replace(procedure.conclude(known, record), records=(*known.records, record))
+                break
+            segment = foresee(segment, float(last["velocity_rad_s"]), float(last["command"]))

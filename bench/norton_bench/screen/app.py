@@ -1,7 +1,7 @@
 """The terminal UI: which screen follows which, and the stop that works on all of them."""
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from multiprocessing import resource_tracker
 
 from textual.app import App, SystemCommand
@@ -12,11 +12,12 @@ from textual.screen import Screen
 
 from norton_bench.errors import BenchError
 from norton_bench.screen.experiment import Experiment
-from norton_bench.screen.found import find_rigs, find_sessions, standard_choice
+from norton_bench.screen.found import by_hand_choice, find_rigs, find_sessions, standard_choice
 from norton_bench.screen.heeding import heeding
 from norton_bench.screen.opening import Opening
 from norton_bench.screen.screens import keys
-from norton_bench.screen.screens.choices import ChoiceScreen
+from norton_bench.screen.screens.by_hand import ByHandScreen
+from norton_bench.screen.screens.choices import BY_HAND, ChoiceScreen, SessionChoice
 from norton_bench.screen.screens.experiment import ExperimentScreen
 from norton_bench.screen.screens.key_list import KeyList
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Confirm
@@ -32,6 +33,7 @@ SECTIONS: Mapping[str, Sequence[keys.AnyBinding]] = {
     "At the experiment": keys.EXPERIMENT[1:],
     "At the results": keys.RESULTS,
 }
+BY_HAND_SECTIONS: Mapping[str, Sequence[keys.AnyBinding]] = {"Everywhere": keys.APP, "By hand": keys.BY_HAND[1:]}
 
 
 class BenchApp(App[None]):
@@ -71,12 +73,17 @@ class BenchApp(App[None]):
                 self.exit()
                 return
             self.experiment, left = experiment, asyncio.Event()
-            await self.push_screen(ExperimentScreen(experiment, fps=self._settings.fps, abort=left.set))
+            await self.push_screen(self._screen_for(experiment, left.set))
             await left.wait()
             await asyncio.to_thread(experiment.close)
             self.experiment = experiment = None
             while len(self.screen_stack) > 1:
                 await self.pop_screen()
+
+    def _screen_for(self, experiment: Experiment, abort: Callable[[], None]) -> Screen[None]:
+        if experiment.by_hand is not None:
+            return ByHandScreen(experiment, experiment.by_hand, fps=self._settings.fps, abort=abort)
+        return ExperimentScreen(experiment, fps=self._settings.fps, abort=abort)
 
     async def _choose(self) -> Experiment | None:
         """A rig, then a session on it; None where neither is wanted."""
@@ -90,11 +97,13 @@ class BenchApp(App[None]):
                 rig_path = rigs.paths[number]
             rig = self._opening.load_rig(rig_path)
             sessions = await asyncio.to_thread(find_sessions, self._opening.folder, rig)
-            choices = [standard_choice(rig), *sessions.choices]
-            number = await self.push_screen_wait(ChoiceScreen(f"Which session on {rig.name}?", choices, ""))
+            choices = [standard_choice(rig), by_hand_choice(rig), *sessions.choices]
+            number = await self.push_screen_wait(SessionChoice(f"Which session on {rig.name}?", choices, ""))
+            if number == BY_HAND:
+                return self._opening.by_hand(rig)
             if number is not None:
                 try:
-                    path = sessions.paths[number - 1] if number else None
+                    path = sessions.paths[number - 2] if number > 1 else None
                     return await asyncio.to_thread(self._opening.experiment, rig, path)
                 except BenchError as error:
                     self.notify(str(error), title="Not on this rig", severity="error", timeout=15, markup=False)
@@ -133,6 +142,7 @@ class BenchApp(App[None]):
         return True
 
     def action_keys(self) -> None:
+        by_hand = self.experiment is not None and self.experiment.by_hand is not None
         sections = [
             (
                 title,
@@ -142,7 +152,7 @@ class BenchApp(App[None]):
                     if isinstance(binding, Binding) and not binding.system
                 ],
             )
-            for title, bindings in SECTIONS.items()
+            for title, bindings in (BY_HAND_SECTIONS if by_hand else SECTIONS).items()
         ]
         self.push_screen(KeyList(sections))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
+from norton_bench.jog.by_hand import Jog
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.panels.bar import BADGES, HALTED, REPLAYING, Badge
 from norton_bench.screen.picture.picture import OVER, Picture
@@ -16,11 +17,20 @@ BY_KEY = "the operator, by key"
 class Experiment:
     """Ready until :meth:`start`; over once its session has told how it ended.
 
-    ``begin`` makes the source of its news, each time it is started; ``plan`` is shown until then.
+    ``begin`` makes the source of its news, each time it is started; ``plan`` is shown until then. ``by_hand`` is there
+    where somebody moves the bench, and no session does.
     """
 
-    def __init__(self, rig: Rig, what: str, begin: Callable[[], Source], *, plan: Sequence[PlannedStep] = ()) -> None:
-        self.rig, self.what = rig, what
+    def __init__(
+        self,
+        rig: Rig,
+        what: str,
+        begin: Callable[[], Source],
+        *,
+        plan: Sequence[PlannedStep] = (),
+        by_hand: Jog | None = None,
+    ) -> None:
+        self.rig, self.what, self.by_hand = rig, what, by_hand
         self.picture = Picture(rig)
         self.picture.plan(plan)
         self.stopped = False

@@ -29,11 +29,10 @@ def torque(picture: Picture, window_s: float) -> Figure:
     return replace(figure, empty=_why_no_torque(picture))
 
 
-def velocity(picture: Picture, window_s: float) -> Figure:
-    """The actuator's velocity, and beside it, dashed, the one that the load was told to follow."""
-    return _over_time(
-        picture, window_s, "Velocity", "rad/s", ("velocity_rad_s", "reference_velocity_rad_s"), feet=False
-    )
+def velocity(picture: Picture, window_s: float, *, imposed: bool = True) -> Figure:
+    """The actuator's velocity, and beside it, dashed, the one that the load was told to follow if it is ``imposed``."""
+    columns = ("velocity_rad_s", "reference_velocity_rad_s") if imposed else ("velocity_rad_s",)
+    return _over_time(picture, window_s, "Velocity", "rad/s", columns, feet=False)
 
 
 def command(picture: Picture, window_s: float) -> Figure:

@@ -44,6 +44,13 @@ def find_sessions(folder: Path, rig: Rig) -> Found:
     return Found([found.paths[place] for place in order], [found.choices[place] for place in order])
 
 
+def by_hand_choice(rig: Rig) -> Choice:
+    """No session, but an operator."""
+    return Choice(
+        "by hand", f"Nudge {rig.name} with the arrow keys, and watch every signal.\n\nnorton-bench jog {rig.place}"
+    )
+
+
 def standard_choice(rig: Rig) -> Choice:
     """The built-in session."""
     steps = ", ".join(step.do for step in standard_session(rig).every_step())

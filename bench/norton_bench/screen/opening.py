@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from norton_bench.jog.by_hand import Jog
+from norton_bench.jog.course import NAME
 from norton_bench.rig.load import load_rig, parse_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.experiment import Experiment
@@ -27,6 +29,7 @@ class Opening:
     seed: int | None = None
     folder: Path = field(default_factory=Path)
     runs: Path = field(default_factory=lambda: Path("runs"))
+    jog: Jog = field(default_factory=Jog)
 
     def given(self) -> Experiment | None:
         """The experiment, where nothing is left to choose. Raises BenchError for files that cannot be used."""
@@ -47,6 +50,12 @@ class Opening:
     def experiment(self, rig: Rig, session_path: Path | None) -> Experiment:
         """The session in the file on ``rig``, or the standard one."""
         return self._experiment(rig, standard_session(rig) if session_path is None else load_session(session_path))
+
+    def by_hand(self, rig: Rig) -> Experiment:
+        """The rig moved by hand, as ``jog`` says."""
+        return Experiment(
+            rig, NAME, lambda: Running(rig, self.jog, self.make_out(rig.name), self.seed), by_hand=self.jog
+        )
 
     def _experiment(self, rig: Rig, session: Session) -> Experiment:
         """Raises BenchError for a session that this rig cannot perform. Takes a second the first time."""

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Protocol
 
 from norton_bench.rig.rig import Rig
-from norton_bench.session.hosted import HostedSession
+from norton_bench.session.hosted import Hostable, HostedSession
 from norton_bench.session.operator import Order
 from norton_bench.session.progress import Progress, Summary
 from norton_bench.session.refit import Refit
@@ -31,9 +31,9 @@ class Source(Protocol):
 
 
 class Running:
-    """A session under way."""
+    """A session under way, or what else may be performed in its place."""
 
-    def __init__(self, rig: Rig, session: Session, out: Path, seed: int | None) -> None:
+    def __init__(self, rig: Rig, session: Session | Hostable, out: Path, seed: int | None) -> None:
         self._hosted = HostedSession(rig, session, out=out, seed=seed)
 
     def tell(self, watcher: Progress) -> None:

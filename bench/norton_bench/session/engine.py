@@ -5,8 +5,9 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import TypeVar
 
-from norton_bench.errors import UsageError
+from norton_bench.errors import ExitCode, UsageError
 from norton_bench.loop.bench_loop import BenchLoop
 from norton_bench.loop.in_process import loop_in_process
 from norton_bench.loop.process import LoopProcess
@@ -22,12 +23,12 @@ from norton_bench.session.conclusion import Conclusion, conclude
 from norton_bench.session.desk import Desk
 from norton_bench.session.expectations import judge
 from norton_bench.session.found import Found, found_in
-from norton_bench.session.live_feed import LiveFeed, feed_for
+from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
 from norton_bench.session.operator import Nobody, Operator
 from norton_bench.session.past import RESUMES, Past, behind, read_past
 from norton_bench.session.perform import perform
 from norton_bench.session.program import make_experiment, of_procedures
-from norton_bench.session.progress import Judged, Progress, SessionState, Silent
+from norton_bench.session.progress import Judged, Progress, SessionState, Silent, Summary
 from norton_bench.session.provenance import provenance
 from norton_bench.session.rehearsal import Rehearsed, rehearsed
 from norton_bench.session.run import Run
@@ -41,6 +42,7 @@ from norton_drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
 LOCK_STEP_PATIENCE_S = 30.0
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ class SessionResult:
 class Terms:
     """How a session is to run: where its files go, who watches, who orders and answers, and what it goes on from.
 
-    ``resume`` is a recording, or the folder of one, whose finished steps are not done again.
+    ``resume`` is a recording, or the folder of one, whose finished steps are not done again. ``fits`` says whether what
+    is measured is identified, live and at the end.
     """
 
     out: Path
@@ -83,6 +86,7 @@ class Terms:
     operator: Operator | None = None
     answers: Answers = NO_ANSWERS
     resume: Path | None = None
+    fits: bool = True
 
 
 def run_session(
@@ -129,22 +133,51 @@ def record_script(
     return _recorded(Terms(out, seed, progress), rig, _session_of(script), Experiment(script))
 
 
+def run_by_hand(
+    rig: Rig,
+    script: Callable[[SoFar], Script],
+    *,
+    out: Path,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    operator: Operator | None = None,
+) -> Path:
+    """A script of which nothing is identified, neither live nor at the end; returns its recording.
+
+    ``progress`` is told how it ended, however that is. Raises as :func:`record_procedures` does.
+    """
+    terms = Terms(out, seed, progress, operator, fits=False)
+    return _with_its_end_told(
+        terms,
+        lambda: _performed(terms, rig, _session_of(script), Experiment(script)).recording,
+        lambda recording: Summary(ExitCode.OK, recording=recording),
+    )
+
+
 def _session_of(script: Callable[[SoFar], Script]) -> Session:
-    return Session((), f"script {getattr(script, '__name__', type(script).__name__)}")
+    return Session((), getattr(script, "place", f"script {getattr(script, '__name__', type(script).__name__)}"))
 
 
 def _told(terms: Terms, rig: Rig, session: Session, experiment: Callable[[], Experiment]) -> SessionResult:
+    return _with_its_end_told(
+        terms,
+        lambda: _concluded(terms, rig, session, experiment()),
+        lambda result: summary_of(result.recording, result.conclusion, result.expectations),
+    )
+
+
+def _with_its_end_told(terms: Terms, perform: Callable[[], Result], summarise: Callable[[Result], Summary]) -> Result:
     """Whoever watches is told the result, whatever it is."""
     progress = terms.progress or Silent()
     earlier = set(terms.out.glob("*.mcap"))
     try:
-        result = _concluded(terms, rig, session, experiment())
+        result = perform()
     except BaseException as error:
         progress.state(SessionState.FAILED)
         progress.result(summary_of_failure(error, set(terms.out.glob("*.mcap")) - earlier))
         raise
     progress.state(SessionState.DONE)
-    progress.result(summary_of(result.recording, result.conclusion, result.expectations))
+    progress.result(summarise(result))
     return result
 
 
@@ -209,6 +242,30 @@ def _recorded(
     backend: Backend | None = None,
     known: Knowledge | None = None,
 ) -> Recorded:
+    done = _performed(terms, rig, session, experiment, backend, known)
+    found = read_recording(done.recording, raw_frames=False)
+    return Recorded(
+        done.recording, found.metadata, done.knowledge, behind(done.past.records, found.measured), found.live
+    )
+
+
+@dataclass(frozen=True)
+class _Performed:
+    """An experiment that is over, its recording closed."""
+
+    recording: Path
+    knowledge: Knowledge
+    past: Past
+
+
+def _performed(
+    terms: Terms,
+    rig: Rig,
+    session: Session,
+    experiment: Experiment,
+    backend: Backend | None = None,
+    known: Knowledge | None = None,
+) -> _Performed:
     progress, operator = terms.progress or Silent(), terms.operator or Nobody()
     if experiment.prompts is not None:
         terms.answers.check(experiment.prompts, session.place, somebody=operator.answers)
@@ -226,11 +283,12 @@ def _recorded(
         rehearsal = rehearsed(session, backend)
         loop = stack.enter_context(_warm_loop(terms, rig, backend, operator, in_process=lock_step or not own_backend))
         stack.enter_context(settled_memory())
-        metadata = {**provenance(rig, session, terms.seed, loop.identify()), "loop": loop.place, RESUMES: past.place}
+        devices = tuple(loop.identify())
+        metadata = {**provenance(rig, session, terms.seed, devices), "loop": loop.place, RESUMES: past.place}
         planned_s = sum(step.duration_s for step in experiment.plan)
         recorder = stack.enter_context(_recorder(rig, terms.out, metadata, planned_s, lock_step=lock_step))
-        so_far = SoFar(known or Knowledge(rig))
-        feed = stack.enter_context(_feed(rig, progress, lock_step=lock_step))
+        so_far = SoFar(known or Knowledge(rig), devices=devices)
+        feed = stack.enter_context(_feed(rig, progress, lock_step=lock_step)) if terms.fits else NoFeed()
         desk = Desk(operator, progress, loop.tell)
         plan = list(experiment.plan)
         run = Run(rig, loop, feed, so_far, progress, recorder, desk, rehearsal, terms.answers, plan, past)
@@ -239,11 +297,10 @@ def _recorded(
             run.learn(known)
         stack.callback(_put_away, loop, rehearsal)
         _say_how_it_stands(loop, rig, progress)
-        _perform(run, experiment)
+        _perform(run, experiment, then="; now the final fit" if terms.fits else "")
     if recorder.dropped_parts:
         progress.note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them")
-    found = read_recording(recorder.path, raw_frames=False)
-    return Recorded(recorder.path, found.metadata, so_far.known, behind(past.records, found.measured), found.live)
+    return _Performed(recorder.path, so_far.known, past)
 
 
 @contextmanager
@@ -285,7 +342,7 @@ def _recorder(rig: Rig, out: Path, metadata: Mapping[str, str], planned_s: float
     )
 
 
-def _perform(run: Run, experiment: Experiment) -> None:
+def _perform(run: Run, experiment: Experiment, then: str) -> None:
     begun_ns, begun_s = run.loop.now_ns, perf_counter()
     run.rehearsal.begin(None)
     run.progress.state(SessionState.RUNNING)
@@ -295,7 +352,7 @@ def _perform(run: Run, experiment: Experiment) -> None:
     if run.past.left:
         raise UsageError(f"{run.past.place}: has more finished steps than this session; resume with the one recorded")
     bench_s, took_s = (run.loop.now_ns - begun_ns) * 1e-9, perf_counter() - begun_s
-    run.progress.note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x); now the final fit")
+    run.progress.note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x){then}")
 
 
 def _put_away(loop: BenchLoop, rehearsal: Rehearsed) -> None:

@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Thread
 from types import FrameType, TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from norton_bench.errors import ExitCode
 from norton_bench.loop.stop_word import StopWord
@@ -22,13 +22,21 @@ from norton_bench.rig.rig import Rig
 from norton_bench.session.failure import exit_code_of, sentence_of
 from norton_bench.session.mailbox import Mailbox
 from norton_bench.session.news import News, ResultNews, StateNews, Teller
-from norton_bench.session.operator import Order
-from norton_bench.session.progress import SessionState, Summary
+from norton_bench.session.operator import Operator, Order
+from norton_bench.session.progress import Progress, SessionState, Summary
 from norton_bench.session.schema import Session
 
 # A stop idles the drives within a tick and finishes the recording.
 CLOSE_WITHIN_S = 20.0
 END_WITHIN_S = 5.0
+
+
+class Hostable(Protocol):
+    """What else may be performed in the child: goes there as a pickle."""
+
+    def perform(self, rig: Rig, *, out: Path, seed: int | None, progress: Progress, operator: Operator) -> object:
+        """Tells ``progress`` how it ended, whatever becomes of it."""
+        ...
 
 
 class HostedSession:
@@ -37,7 +45,7 @@ class HostedSession:
     Neither :meth:`news` nor :meth:`order` nor :meth:`stop` ever waits.
     """
 
-    def __init__(self, rig: Rig, session: Session, *, out: Path, seed: int | None = None) -> None:
+    def __init__(self, rig: Rig, session: Session | Hostable, *, out: Path, seed: int | None = None) -> None:
         context = multiprocessing.get_context("spawn")
         self.stop_word = StopWord()
         self._out = out
@@ -139,7 +147,13 @@ class _Remote:
 
 
 def _host(
-    rig: Rig, session: Session, out: Path, seed: int | None, stop: StopWord, orders: Connection, news: Connection
+    rig: Rig,
+    session: Session | Hostable,
+    out: Path,
+    seed: int | None,
+    stop: StopWord,
+    orders: Connection,
+    news: Connection,
 ) -> None:
     """The child: runs the session and tells of it; its exit code is that of the command line."""
     _be_nobodys_terminal(stop)
@@ -152,7 +166,11 @@ def _host(
 
         teller.state(SessionState.PREPARING)
         told = True
-        run_session(rig, session, out=out, seed=seed, progress=teller, operator=_Remote(stop, orders))
+        operator = _Remote(stop, orders)
+        if isinstance(session, Session):
+            run_session(rig, session, out=out, seed=seed, progress=teller, operator=operator)
+        else:
+            session.perform(rig, out=out, seed=seed, progress=teller, operator=operator)
         code = ExitCode.OK
     except BaseException as error:  # the watcher has been told by run_session, or is told here
         code = exit_code_of(error)

@@ -9,15 +9,17 @@ from typing import Literal, Protocol
 
 from norton_bench.loop.stop_word import StopWord
 
-Kind = Literal["pause", "resume", "tare", "mark", "skip", "answer"]
+Kind = Literal["pause", "resume", "tare", "mark", "skip", "answer", "jog"]
 
 
 @dataclass(frozen=True)
 class Order:
-    """One order. ``text`` is what a mark says, or the answer to the prompt that was asked last; else empty.
+    """One order. ``text`` is what a mark says, the answer to the prompt that was asked last, or what is to be moved;
+    else empty.
 
     ``pause`` and ``resume`` hold the session at the next checkpoint; ``tare`` measures bench and sensor at rest there;
-    ``skip`` leaves out the step that would come next there. ``mark`` is put into the recording at once.
+    ``skip`` leaves out the step that would come next there. ``mark`` is put into the recording at once. ``jog`` is for
+    whoever moves the bench by hand (:mod:`norton_bench.jog.board`).
     """
 
     kind: Kind

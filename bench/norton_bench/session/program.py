@@ -12,7 +12,7 @@ from norton_bench.session.conditions import Condition
 from norton_bench.session.expectations import check_expectation
 from norton_bench.session.items import AskOptions, Block, Item, Session, Step, flat
 from norton_bench.session.progress import PlannedStep
-from norton_bench.session.script import Action, Ask, Experiment, Remark, Script, SoFar, Turn
+from norton_bench.session.script import Ask, Experiment, Planned, Remark, Script, SoFar, Turn
 from norton_bench.units import parse_quantity
 
 # An hour, as with `rest`. A step's excitation and readings are held in memory at once, and fitted: at 1 kHz an hour is
@@ -29,7 +29,7 @@ class Made:
     """A step made ready: its action, and which step of the plan it is."""
 
     step: Step
-    action: Action
+    action: Planned
     index: int
 
     def script(self, so_far: SoFar) -> Script:
@@ -108,7 +108,7 @@ class _Maker:
         self._check(block.until, block.where)
         return MadeBlock(block, items, len(once))
 
-    def _action(self, step: Step, before: set[str]) -> Action:
+    def _action(self, step: Step, before: set[str]) -> Planned:
         if isinstance(step.options, AskOptions):
             self.asked.add(step.options.name)
             return Ask(step.options.name, step.options.text, step.options.choices)
@@ -120,7 +120,7 @@ class _Maker:
         held.require(self.rig)
         return held
 
-    def _check_duration(self, step: Step, action: Action, duration_s: float) -> None:
+    def _check_duration(self, step: Step, action: Planned, duration_s: float) -> None:
         """What is decided as it goes is made of shorter pieces."""
         if duration_s > MOST_STEP_S and not isinstance(action, Adaptive):
             where = f"[{step.where}]" if step.where else f"step '{step.do}'"

@@ -1,11 +1,12 @@
 """One session under way: what its script yields is carried out, measured, recorded and told."""
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 
 from norton_bench.control.preview import foreseeing, with_preview
 from norton_bench.errors import OperatorStopError
 from norton_bench.loop.bench_loop import BenchLoop
-from norton_bench.procedures.carry_out import carry_out
+from norton_bench.procedures.carry_out import carry_out, follow
 from norton_bench.procedures.catalogue import CATALOGUE, needed_by
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Sparing, Telling
 from norton_bench.procedures.tare import TareProcedure
@@ -20,7 +21,7 @@ from norton_bench.session.live_feed import LiveFeed
 from norton_bench.session.past import ANSWERED, FINISHED, Past, before
 from norton_bench.session.progress import PlannedStep, Progress
 from norton_bench.session.rehearsal import Rehearsed
-from norton_bench.session.script import Action, Ask, Remark, SoFar, Turn
+from norton_bench.session.script import Action, Ask, ByHand, Remark, SoFar, Turn
 from norton_bench.session.step_models import ASK
 from norton_bench.session.supervision import learned
 
@@ -105,6 +106,9 @@ class Run:
     def _do(self, action: Action) -> None:
         if isinstance(action, Ask):
             self._ask(action)
+        elif isinstance(action, ByHand):
+            self.recorder.check()
+            deque(follow(action.plan(self.so_far.known), self.loop), maxlen=0)
         elif isinstance(action, Adaptive):
             self._adapt(action)
         else:

@@ -23,10 +23,12 @@ from norton_bench.identification.fit import fit
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.results import FitResult
 from norton_bench.models.parameters import Estimate
-from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure
+from norton_bench.procedures.knowledge import Adaptive, Knowledge, Plan, Procedure
 from norton_bench.records import join
+from norton_bench.rig.rig import Rig
 from norton_bench.session.found import Found, found_in
 from norton_bench.session.progress import PlannedStep, Prompt
+from norton_drivers.readings import DeviceIdentity
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,21 @@ class Ask:
         return Prompt(self.name, self.text, self.choices)
 
 
-Action = Procedure | Adaptive | Ask
+@dataclass(frozen=True)
+class ByHand:
+    """Segments that somebody decides on, one after the other, for as long as they like. Nothing is concluded from them
+    or kept of them, but in the recording."""
+
+    name: str
+    plan: Callable[[Knowledge], Plan]
+
+    def duration_s(self, rig: Rig) -> float:
+        """Nobody knows."""
+        return 0.0
+
+
+Planned = Procedure | Adaptive | Ask
+Action = Planned | ByHand
 
 
 @dataclass(frozen=True)
@@ -50,7 +66,7 @@ class Turn:
     """An action that is step ``index`` of what was planned."""
 
     index: int
-    action: Action
+    action: Planned
 
 
 @dataclass(frozen=True)
@@ -67,11 +83,14 @@ Script = Generator[Action | Turn | Remark, None, None]
 class SoFar:
     """What a script may decide by: ``known``, the operator's ``answers``, and the fit of all that was recorded.
 
+    ``devices`` is who the devices say to be: drives in the rig's order, then the torque sensor.
+
     It changes while the script waits at a ``yield``.
     """
 
     known: Knowledge
     answers: dict[str, str] = field(default_factory=dict)
+    devices: tuple[DeviceIdentity, ...] = ()
     _fitted: FitResult | None = field(default=None, init=False)
     _fitted_records: int = field(default=0, init=False)
 

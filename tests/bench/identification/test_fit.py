@@ -154,7 +154,7 @@ def test_free_motion_alone_gives_ratios_and_says_so(without_torque):
     """A shaft that is really free: no load, no sensor."""
     bench = Bench(load=Truth(1.0, 1000.0, 1e-7, 1e-8, 1e-7, 1e-3, 1e-9), stiffness=20.0, damping=1e-3)
     measured = synthetic.experiment(3, bench=bench, blocked=False, imposed=False)
-    result = fit(replace(measured, torque=measured.torque[:0]), command_unit="N*m", tick_s=TICK_S)
+    result = fit(replace(measured, torque=measured.torque[:0]), command_unit="N*m", tick_s=TICK_S, draws=0)
     truth = Truth()
     for name in ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_stiffness"):
         assert result.estimate(name).status is Status.RATIO_ONLY
@@ -170,7 +170,7 @@ def test_free_motion_alone_gives_ratios_and_says_so(without_torque):
 
 def test_zero_torque_sets_no_scale():
     measured = synthetic.experiment(1, blocked=False, imposed=False)
-    result = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    result = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=0)
     assert result.estimate("inertia").status is Status.RATIO_ONLY
 
 

@@ -82,15 +82,20 @@ def test_a_late_session_finds_the_last_command_and_no_tick_missing() -> None:
     assert second.segments[0].start_ns == ticks["tick_ns"][ticks["segment"] == 1][0]
 
 
-def test_a_segment_that_ended_early_is_held_where_it_ended() -> None:
-    """Its array goes on to commands that were never given."""
+def test_a_segment_that_ended_for_its_speed_is_held_without_any_push() -> None:
+    """What made it fast would make it faster, and its array goes on to commands that were never given."""
     ramp = coasting("test", "search", Use.PREPARE, np.linspace(0.0, 0.5, 3000), stop_at_velocity_rad_s=10.0)
     with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
-        ended = len(bench.loop.run(ramp).ticks)
+        bench.loop.run(ramp)
+        bench.loop.hold(Late(50))
+        bench.loop.run(coasting("test", "push", Use.PREPARE, np.full(5, 0.01)))
         bench.loop.hold(Late(3))
-    waited = join(bench.parts).ticks[-3:]
-    assert set(waited["segment"]) == {NO_SEGMENT}
-    assert waited["command"] == pytest.approx(ramp.command[ended - 1], abs=1e-6)
+    ticks = join(bench.parts).ticks
+    waited = ticks[ticks["segment"] == NO_SEGMENT]
+    assert len(waited) == 53
+    assert not waited["command"][:50].any()
+    assert np.max(waited["velocity_rad_s"]) < 12.0
+    assert waited["command"][50:] == pytest.approx(0.01)  # nothing was too fast any more
 
 
 def test_a_prescribed_motion_goes_on_at_its_last_velocity() -> None:

@@ -91,15 +91,19 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
 
 
 # A field takes what is typed for itself: where space stops there, it stops anywhere.
-@pytest.mark.parametrize("way", ["space in a field", "the terminal is gone"])
+@pytest.mark.parametrize("way", ["space in a field", "the terminal is gone", "space by hand"])
 def test_the_drives_are_idle_at_once(rig: Path, witness: Path, terminal: Terminal, tmp_path: Path, way: str) -> None:
     session = ROOT / "sessions" / "quick.toml"
-    command = [*BENCH, "ui", str(rig), str(session), "--backend", "hardware", "--out", str(tmp_path / "runs")]
+    by_hand = way == "space by hand"
+    what = ["jog", str(rig)] if by_hand else ["ui", str(rig), str(session)]
+    command = [*BENCH, *what, "--backend", "hardware", "--out", str(tmp_path / "runs")]
     terminal.open(f"cd {ROOT} && PYTHONPATH={os.environ.get('PYTHONPATH', ROOT)} {' '.join(command)}", 80, 24)
     until(lambda: "READY" in terminal.shown(), STARTS_WITHIN_S, terminal.shown)
     terminal.press("s")
 
     def moving() -> bool:
+        if by_hand and "asked for" in terminal.shown() and "+0.05 N·m" not in terminal.shown():
+            terminal.press("Up")
         state = last_state(witness)
         return state is not None and abs(state.velocity_rad_s) > 0.1 and len(state.armed) == 2
 
@@ -110,8 +114,12 @@ def test_the_drives_are_idle_at_once(rig: Path, witness: Path, terminal: Termina
         terminal.close()
         asked_ns = time.monotonic_ns()
     else:
-        terminal.press("m")
-        until(lambda: "Mark this moment" in terminal.shown(), STOPS_WITHIN_S, terminal.shown)
+        terminal.press("k" if by_hand else "m")
+        until(
+            lambda: ("Calibrate the load?" if by_hand else "Mark this moment") in terminal.shown(),
+            STOPS_WITHIN_S,
+            terminal.shown,
+        )
         before_ns, asked_ns = terminal.press("Space")
     until(lambda: not armed_now(witness), STOPS_WITHIN_S, lambda: f"still armed: {last_state(witness)}")
     idle_ns = next(state.stamp_ns for state in read_witness(witness) if state.stamp_ns > before_ns and not state.armed)

@@ -101,7 +101,7 @@ def test_closing_ends_it_too(tmp_path: Path) -> None:
 
 def test_closing_gives_up_a_fit(tmp_path: Path) -> None:
     """The drives are idle and the recording is whole by then: nobody has to wait."""
-    session = hosted(tmp_path, SHORT + '[[step]]\ndo = "free"\nduration = "4 s"\n')
+    session = hosted(tmp_path, SHORT + '[[step]]\ndo = "free"\nlevels = 3\ndwell = "100 ms"\nduration = "4 s"\n')
     until(session, lambda news: news == StateNews(SessionState.CONCLUDING))
     session.close()
     assert not session.running

@@ -12,7 +12,7 @@ import pytest
 from norton_bench.cli import app
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.sweep.run import Store, executor_of, sweep
-from norton_bench.sweep.task import Outcome, Recorded, carry_out
+from norton_bench.sweep.task import Outcome
 from tests.bench.half_rate import half_rate_text
 
 ROOT = Path(__file__).parents[3]
@@ -138,8 +138,10 @@ def test_another_session_wants_another_folder(swept, capsys):
 
 
 def test_a_fleet_of_recordings_on_a_dask_cluster(swept, capsys, tmp_path):
-    folder, _ = swept
+    """Each finds there what its session found."""
+    folder, arguments = swept
     recordings = sorted(map(str, folder.glob("out/seed-*/*.mcap")))
+    _, when_recorded = run(arguments, capsys)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Dask's own
         from distributed import LocalCluster
@@ -151,9 +153,8 @@ def test_a_fleet_of_recordings_on_a_dask_cluster(swept, capsys, tmp_path):
             code, data = run(["sweep", *recordings, *address, "--out", str(tmp_path)], capsys)
     assert code == 0
     assert data["failed"] == 0
-    alone = carry_out(Recorded(Path(recordings[0]).resolve()))
-    first = next(each for each in data["runs"] if each["name"] == str(Path(recordings[0]).resolve()))
-    assert [each["value"] for each in first["estimates"]] == [estimate.value for estimate in alone.estimates]
+    assert [each["name"] for each in data["runs"]] == [str(Path(each).resolve()) for each in recordings]
+    assert [each["estimates"] for each in data["runs"]] == [each["estimates"] for each in when_recorded["runs"]]
     assert data["parameters"]["inertia"]["rms_error"] is None
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from time import perf_counter
 
 from norton_bench.identification.results import LiveEstimate
+from norton_bench.jog.signals import Signals
 from norton_bench.records import FOR_PROGRAMS, Measured, SegmentInfo
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.picture.health import Health
@@ -36,6 +37,7 @@ class Picture:
         self.tabulated = Tabulated()
         self.known = Known()
         self.health = Health(rig)
+        self.signals = Signals(rig)
         self.log = Log()
         self.segment: SegmentInfo | None = None
         self.prompt: Prompt | None = None
@@ -95,6 +97,7 @@ class Picture:
         self.source.take(measured)
         self.tabulated.take(measured)
         self.health.take(measured)
+        self.signals.take(measured)
         self.known.take(live)
         self.steps.advance(self.now_s)
         for event in measured.events:

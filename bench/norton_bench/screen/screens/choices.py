@@ -16,6 +16,7 @@ from norton_bench.screen.found import Choice
 from norton_bench.screen.screens import keys
 
 IMPOSSIBLE = "✗"
+BY_HAND = 1  # its place: behind the standard session
 
 
 class ChoiceScreen(Screen[int | None]):
@@ -52,6 +53,15 @@ class ChoiceScreen(Screen[int | None]):
 
     def action_back(self) -> None:
         self.dismiss(None)
+
+
+class SessionChoice(ChoiceScreen):
+    """The same with a key for the one that is no session."""
+
+    BINDINGS = keys.BESIDE_SESSIONS
+
+    def action_by_hand(self) -> None:
+        self.dismiss(BY_HAND)
 
 
 def _shown(choice: Choice) -> Text:

@@ -66,13 +66,59 @@ EXPERIMENT: list[AnyBinding] = [
     key("up", "speed(1)", "Faster", "Replay: faster", name="speed_up", group=SPEED),
     key("down", "speed(-1)", "Slower", "Replay: slower", name="speed_down", group=SPEED),
 ]
+NUDGE, NUDGE_LOAD = Binding.Group("Actuator", compact=True), Binding.Group("Load", compact=True)
+STEP = Binding.Group("Step", compact=True)
+BY_HAND: list[AnyBinding] = [
+    STOP,
+    key("s", "start", "Start", "Enable the drives at zero; nothing moves before", name="by_hand_start"),
+    key("up", "nudge(1)", "Up", "The actuator's command a step up", name="nudge_up", group=NUDGE),
+    key("down", "nudge(-1)", "Down", "The actuator's command a step down", name="nudge_down", group=NUDGE),
+    key("right", "nudge_load(1)", "Up", "The load's torque or velocity a step up", name="load_up", group=NUDGE_LOAD),
+    key("left", "nudge_load(-1)", "Down", "The same a step down", name="load_down", group=NUDGE_LOAD),
+    key("0", "order('zero')", "Zero", "Everything back to zero, at the ramps' pace", name="back_to_zero"),
+    key("plus,equals_sign", "share(1)", "Larger", "Larger steps", name="larger_steps", group=STEP),
+    key("minus", "share(-1)", "Smaller", "Smaller steps", name="smaller_steps", group=STEP),
+    key("c", "load('coast')", "Coast", "The load coasts", shown=False, name="load_coasts"),
+    key(
+        "t", "load('torque')", "Torque", "The load pushes: right and left are torques", shown=False, name="load_pushes"
+    ),
+    key(
+        "v",
+        "load('velocity')",
+        "Velocity",
+        "The load turns: right and left are velocities; needs its calibration",
+        shown=False,
+        name="load_turns",
+    ),
+    key(
+        "z",
+        "load('zero_torque')",
+        "Zero torque",
+        "The load keeps the port at zero torque; needs its calibration",
+        shown=False,
+        name="load_releases",
+    ),
+    key("k", "calibrate", "Calibrate", "Calibrate the load, for v and z; asks first", shown=False),
+    key("enter", "order('here')", "Here", "Somebody is there: nothing goes back to zero yet", shown=False, name="here"),
+    key("r", "extremes", "Extremes", "Least and greatest begin anew", shown=False, name="forget_extremes"),
+    key("d", "devices", "More", "Devices, buses and the loop, where there is no room beside the signals"),
+    key("m", "mark", "Mark", "Put a remark into the recording, at this moment", shown=False, name="by_hand_mark"),
+    key(
+        "escape", "end", "End", "Back to zero, then the drives go idle and the recording is closed", name="by_hand_end"
+    ),
+    key("a", "abort", "Back", "Stop, and go back to the choice", shown=False, name="by_hand_abort"),
+]
 RESULTS: list[AnyBinding] = [
     key("o", "open_report", "Report", "Open the report in the browser"),
     key("escape,r", "back", "Back", "Back to the experiment", name="back_to_experiment"),
 ]
 PICK: list[AnyBinding] = [key("escape", "back", "Back", "Back", shown=False, name="back_from_choice")]
+BESIDE_SESSIONS: list[AnyBinding] = [
+    *PICK,
+    key("j", "by_hand", "By hand", "Move the bench by hand: nudge, watch, stop"),
+]
 KNOWN = frozenset(
     each.id
-    for each in (*APP, *EXPERIMENT, *RESULTS, *PICK)
+    for each in (*APP, *EXPERIMENT, *BY_HAND, *RESULTS, *PICK, *BESIDE_SESSIONS)
     if isinstance(each, Binding) and each.id is not None and not each.system
 )

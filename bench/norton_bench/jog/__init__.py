@@ -1,0 +1,1 @@
+"""The bench moved by hand: nudge a torque or a velocity, watch every signal, stop."""

@@ -1,0 +1,31 @@
+"""The bench moved by hand, as the screen has it performed elsewhere. Light: whoever only watches imports this."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from norton_bench.jog.hands import DEAD_MAN_S, Board
+from norton_bench.jog.setpoints import bounds_of
+from norton_bench.rig.rig import Rig
+from norton_bench.session.operator import Operator
+from norton_bench.session.progress import Progress
+
+# What introduces a device begins so.
+DEVICE = "device "
+
+
+@dataclass(frozen=True)
+class Jog:
+    """Performed in a process of its own (a :class:`~norton_bench.session.hosted.Hostable`), with an operator."""
+
+    speed_rad_s: float | None = None
+    dead_man_s: float = DEAD_MAN_S
+
+    def perform(self, rig: Rig, *, out: Path, seed: int | None, progress: Progress, operator: Operator) -> Path:
+        """Returns the recording. Raises as every session does, and tells ``progress`` how it ended."""
+        from norton_bench.jog.script import JogScript, Pace  # noqa: PLC0415  (brings the report along)
+        from norton_bench.session.engine import run_by_hand  # noqa: PLC0415
+
+        bounds = bounds_of(rig, self.speed_rad_s)
+        board = Board(operator, rig, bounds, self.dead_man_s)
+        script = JogScript(bounds, board, Pace())
+        return run_by_hand(rig, script, out=out, seed=seed, progress=progress, operator=board)

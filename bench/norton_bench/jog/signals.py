@@ -1,0 +1,125 @@
+"""Every signal of a bench as it is now, with its age, and the least and greatest value since the start."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import isfinite, nan
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.records import Measured, Table
+from norton_bench.rig.rig import Rig
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One signal. NaN is not known; ``age_s`` is NaN for what is sent, not read, and for what comes without a time."""
+
+    device: str
+    name: str
+    unit: str
+    value: float = nan
+    age_s: float = nan
+    least: float = nan
+    greatest: float = nan
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a signal comes from. ``age`` is the tick's column of its age. An ``optional`` one need not be measured."""
+
+    device: str
+    name: str
+    unit: str
+    values: Callable[[Table], FloatArray]
+    age: str | None = None
+    optional: bool = False
+
+
+class Signals:
+    """Of one rig; :meth:`take` what was measured, in order."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._sources = tuple(_sources(rig))
+        self._seen = {(each.device, each.name): Seen(each.device, each.name, each.unit) for each in self._sources}
+        self._currents_ns: dict[str, int] = {}  # arrivals of the newest, by device
+
+    def take(self, part: Measured) -> None:
+        """A few microseconds for each signal."""
+        if not len(part.ticks):
+            return
+        last, now_ns = part.ticks[-1], int(part.ticks["tick_ns"][-1])
+        for each in self._sources:
+            if each.name == "current":
+                self._take_current(each, part, now_ns)
+            else:
+                age_ns = -1 if each.age is None else int(last[each.age])
+                self._update(each, each.values(part.ticks), age_ns * 1e-9 if age_ns >= 0 else nan)
+
+    def seen(self) -> tuple[Seen, ...]:
+        """All there are, and of the optional ones those that have ever been measured."""
+        return tuple(
+            self._seen[each.device, each.name]
+            for each in self._sources
+            if not each.optional or isfinite(self._seen[each.device, each.name].value)
+        )
+
+    def forget_extremes(self) -> None:
+        """Least and greatest begin anew, from what is known now."""
+        for key, seen in self._seen.items():
+            self._seen[key] = Seen(seen.device, seen.name, seen.unit, seen.value, seen.age_s, seen.value, seen.value)
+
+    def _take_current(self, source: Source, part: Measured, now_ns: int) -> None:
+        table = part.current if source.device == "actuator" else part.load_current
+        if source.device == "modulator":
+            table = part.modulator_current
+        if len(table):
+            self._currents_ns[source.device] = int(table["arrival_ns"][-1])
+        values = source.values(table) if len(table) else np.array([self._seen[source.device, source.name].value])
+        arrival_ns = self._currents_ns.get(source.device)
+        self._update(source, values, nan if arrival_ns is None else max(now_ns - arrival_ns, 0) * 1e-9)
+
+    def _update(self, source: Source, values: FloatArray, age_s: float) -> None:
+        before = self._seen[source.device, source.name]
+        self._seen[source.device, source.name] = Seen(
+            source.device,
+            source.name,
+            source.unit,
+            float(values[-1]),
+            age_s,
+            float(np.fmin(before.least, np.fmin.reduce(values))),
+            float(np.fmax(before.greatest, np.fmax.reduce(values))),
+        )
+
+
+def _column(name: str) -> Callable[[Table], FloatArray]:
+    return lambda table: table[name]
+
+
+def _sources(rig: Rig) -> Iterator[Source]:
+    wiring = rig.wiring
+    yield Source("actuator", "command", rig.command.unit, _column("command"))
+    yield from _machine("actuator", "", "motion_age_ns")
+    if wiring.load is not None:
+        yield Source("load", "torque command", "N*m", _column("load_torque_nm"))
+        yield from _machine("load", "load_", "load_motion_age_ns")
+    if wiring.torque_sensor is not None:
+        yield Source("port", "torque", "N*m", _column("torque_nm"), "torque_age_ns")
+        yield Source("port", "power", "W", lambda ticks: ticks["torque_nm"] * ticks["velocity_rad_s"], "torque_age_ns")
+    if rig.modulation is not None:
+        yield Source("modulator", "command", rig.modulation.unit, _column("modulation"))
+        yield Source("modulator", "angle", "rad", _column("modulator_position_rad"), "modulator_motion_age_ns")
+        yield Source("modulator", "current", "A", _column("current_a"), optional=True)
+        temperature = _column("modulator_transistor_temperature_c")
+        yield Source("modulator", "transistors", "°C", temperature, optional=True)
+
+
+def _machine(device: str, prefix: str, age: str) -> Iterator[Source]:
+    yield Source(device, "angle", "rad", _column(f"{prefix}position_rad"), age)
+    yield Source(device, "velocity", "rad/s", _column(f"{prefix}velocity_rad_s"), age)
+    yield Source(device, "current", "A", _column("current_a"), optional=True)
+    yield Source(device, "supply", "V", _column(f"{prefix}supply_v"), optional=True)
+    yield Source(device, "transistors", "°C", _column(f"{prefix}transistor_temperature_c"), optional=True)
+    yield Source(device, "motor", "°C", _column(f"{prefix}motor_temperature_c"), optional=True)

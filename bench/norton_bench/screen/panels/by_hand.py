@@ -1,0 +1,112 @@
+"""What somebody who moves the bench by hand has asked for, and who is on it."""
+
+from dataclasses import dataclass
+from textwrap import wrap
+
+from norton_bench.jog.by_hand import DEVICE
+from norton_bench.jog.course import NAME
+from norton_bench.jog.setpoints import Bounds
+from norton_bench.report.words import pretty_unit
+from norton_bench.screen.panels.health import health_rows
+from norton_bench.screen.picture.picture import Picture
+from norton_bench.screen.tones import LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+from norton_bench.segments import LoadMode
+
+READY = "Nothing moves before s: it enables the drives at zero."
+NAME_WIDTH = 10
+KEYS = (
+    ("space", "stops at once, from anywhere"),
+    ("↑ ↓", "the actuator's command"),
+    ("→ ←", "the load's torque or velocity"),
+    ("c t v z", "the load coasts, pushes, turns, keeps the port at zero torque"),
+    ("+ -", "size of a step"),
+    ("0", "everything back to zero"),
+    ("?", "all keys"),
+)
+OPENING = " opening the devices; the very first run compiles for a while"
+OVER = "The drives are idle. s enables them again."
+LOAD_KEYS = "; load: c coast  t torque  v velocity  z zero torque"
+BEFORE_ZERO_S = 5.0  # so long before, what the dead man's switch will do is marked
+
+
+@dataclass(frozen=True)
+class Asking:
+    """``share`` is that of a step; ``left_s`` the time until all goes back to zero for want of a key."""
+
+    share: float
+    left_s: float | None
+
+
+def ready_rows(picture: Picture, bounds: Bounds, dead_man_s: float, width: int, height: int) -> list[Row]:
+    """How far everything may go, and the keys: what is worth knowing before anything moves."""
+    low, high = bounds.command
+    limits, has_load = picture.rig.limits, picture.rig.wiring.load is not None
+    load = f"up to {bounds.load_torque_nm:.4g} N·m; up to {bounds.velocity_rad_s:.4g} rad/s once it is calibrated (k)"
+    facts = {
+        "actuator": f"{low:.4g} to {high:.4g} {pretty_unit(bounds.command_unit)}".replace("-", "−"),
+        "load": load if has_load else "",
+        "shaft": f"torques end at {bounds.speed_rad_s:.4g} rad/s; the guard stops at {limits.velocity_rad_s:.4g} rad/s",
+        "no key": f"for {dead_man_s:.4g} s: everything goes back to zero",
+    }
+    rows = [heading("Limits", "", "", width), *(_fact(name, said) for name, said in facts.items() if said)]
+    rows += [[], heading("Keys", "", "", width), *(_fact(*each) for each in KEYS if has_load or "load" not in each[1])]
+    return [fitted(row, width) for row in rows][:height]
+
+
+def _fact(name: str, said: str) -> Row:
+    return [(f"{name:<{NAME_WIDTH}}", STRONG), (said, LABEL)]
+
+
+def asked_rows(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, live: bool) -> list[Row]:
+    """Two rows: what is asked for and how large a step is; what comes next by itself."""
+    segment, step = picture.segment, f"step {asking.share * 100:g} %: {_sizes(picture, bounds, asking.share)}"
+    if not live:
+        return [apart([(f" {OVER if picture.summary else READY}", TEXT)], [(f"{step} ", LABEL)], width)]
+    if segment is None:
+        return [apart([(OPENING, TEXT)], [(f"{step} ", LABEL)], width)]
+    doing = segment.name.replace("*", "·") if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
+    rows = [apart([(" asked for  ", UNIT), (doing, STRONG)], [(f"{step} ", LABEL)], width)]
+    end = f" torques end at {bounds.speed_rad_s:.4g} rad/s"
+    if asking.left_s is None:
+        return [*rows, [(end + (LOAD_KEYS if picture.rig.wiring.load is not None else ""), LABEL)]]
+    tone = WARNING if asking.left_s < BEFORE_ZERO_S else LABEL
+    return [*rows, [(f"{end}; without a key all goes back to zero in ", LABEL), (f"{asking.left_s:.0f} s", tone)]]
+
+
+def _sizes(picture: Picture, bounds: Bounds, share: float) -> str:
+    """Of a step: of the actuator's command, and of what the load is told, if anything."""
+    sizes = [f"{share * bounds.greatest_command:.3g} {pretty_unit(bounds.command_unit)}"]
+    if picture.segment is not None and picture.segment.procedure == NAME:
+        if picture.segment.mode == LoadMode.TORQUE.value:
+            sizes.append(f"{share * bounds.load_torque_nm:.3g} N·m")
+        elif imposes(picture):
+            sizes.append(f"{share * bounds.velocity_rad_s:.3g} rad/s")
+    return ", ".join(sizes)
+
+
+def imposes(picture: Picture) -> bool:
+    """Whether the load is told a velocity."""
+    segment = picture.segment
+    return segment is not None and segment.mode == LoadMode.ADMITTANCE.value and segment.name.endswith("rad/s")
+
+
+def pushes(picture: Picture) -> bool:
+    """Whether anything is asked for by hand but zero."""
+    rows, segment = picture.tape.rows(), picture.segment
+    if segment is None or segment.procedure != NAME or not len(rows):
+        return False
+    pushed = segment.mode == LoadMode.TORQUE.value and rows["load_torque_nm"][-1] != 0.0
+    return bool(pushed or rows["command"][-1] != 0.0 or rows["reference_velocity_rad_s"][-1] != 0.0)
+
+
+def device_rows(picture: Picture, width: int, height: int) -> list[Row]:
+    """How each device is, who it says to be, and what the rig file tells its driver."""
+    rows = health_rows(picture, width, height)
+    said = [line.text.removeprefix(DEVICE) for line in picture.log.lines if line.text.startswith(DEVICE)]
+    if said:
+        rows += [[], heading("Devices", "", "", width)]
+    for text in said:
+        role, _, rest = text.partition(": ")
+        rows.append([(role.replace("_", " "), TEXT)])
+        rows += [[(f"  {line}", LABEL)] for line in wrap(rest, max(width - 2, 20))]
+    return [fitted(row, width) for row in rows][:height]

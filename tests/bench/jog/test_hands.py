@@ -1,0 +1,164 @@
+"""Who decides: nudges are added up, clamped and told; who lets go of the keys lets go of the bench."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
+from pathlib import Path
+
+import pytest
+
+from norton_bench.jog.hands import ABANDONED_S, DEAD_MAN_S, Board, Preset
+from norton_bench.jog.setpoints import LoadDoes, Setpoints, bounds_of
+from norton_bench.loop.stop_word import StopWord
+from norton_bench.rig.load import load_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session.operator import Order
+
+RIGS = Path(__file__).parents[3] / "rigs"
+RIG = load_rig(RIGS / "sim-odrive.toml")
+
+
+@dataclass
+class Keys:
+    """An operator whose orders a test gives, with a clock that it moves, and an ear."""
+
+    answers: bool = True
+    stop: StopWord = field(default_factory=StopWord)
+    now_s: float = 0.0
+    said: list[str] = field(default_factory=list)
+    _orders: list[Order] = field(default_factory=list)
+
+    def orders(self) -> Sequence[Order]:
+        orders, self._orders = self._orders, []
+        return orders
+
+    def give(self, board: Board, *texts: str) -> None:
+        self._orders += [Order("jog", text) for text in texts]
+        self.listen(board)
+
+    def listen(self, board: Board) -> None:
+        """To what the board has to say: marks, and nothing else."""
+        marks = board.orders()
+        assert all(order.kind == "mark" for order in marks)
+        self.said += [order.text for order in marks]
+
+    def press(self, board: Board, *texts: str) -> Setpoints:
+        """What is wanted then."""
+        self.give(board, *texts)
+        wanted = board.wanted(0.0)
+        self.listen(board)
+        return wanted
+
+
+@pytest.fixture
+def keys() -> Keys:
+    return Keys()
+
+
+def board_of(keys: Keys, rig: Rig = RIG, *, calibrated: bool = False) -> Board:
+    board = Board(keys, rig, bounds_of(rig), clock=lambda: keys.now_s)
+    board.begin(calibrated=calibrated)
+    return board
+
+
+def test_other_orders_are_left_to_the_session(keys: Keys) -> None:
+    board = board_of(keys)
+    keys._orders += [Order("mark", "loud"), Order("jog", "here"), Order("pause")]
+    assert [order.kind for order in board.orders()] == ["mark", "pause"]
+
+
+def test_nudges_add_up_to_the_limit_and_it_is_told(keys: Keys) -> None:
+    board = board_of(keys)
+    assert keys.press(board, "actuator 0.02", "actuator 0.02").command == pytest.approx(0.02)
+    assert keys.said == []
+    assert keys.press(board, *["actuator 0.1"] * 12).command == 0.5
+    assert "the actuator stays at +0.5 N*m" in keys.said[-1]
+    assert keys.press(board, "zero") == Setpoints()
+
+
+def test_the_load_pushes_once_it_is_told_to(keys: Keys) -> None:
+    board = board_of(keys)
+    assert keys.press(board, "load 0.1") == Setpoints()
+    assert "let it push" in keys.said[-1]
+    assert keys.press(board, "torque", "load 0.1", "load 0.1") == Setpoints(0.0, LoadDoes.TORQUE, 0.2)
+    assert keys.press(board, "torque").load_value == 0.2  # it does already
+    assert keys.press(board, "coast") == Setpoints()
+
+
+@pytest.mark.parametrize(("word", "does"), [("velocity", LoadDoes.VELOCITY), ("zero_torque", LoadDoes.ZERO_TORQUE)])
+def test_what_the_controller_does_needs_a_calibration(keys: Keys, word: str, does: LoadDoes) -> None:
+    assert keys.press(board_of(keys), word).load is LoadDoes.COAST
+    assert "calibrat" in keys.said[-1]
+    assert keys.press(board_of(keys, calibrated=True), word).load is does
+
+
+def test_a_load_that_is_not_there_or_has_no_limit(keys: Keys) -> None:
+    alone = load_rig(RIGS / "sim-free-shaft.toml")
+    assert keys.press(board_of(keys, alone), "torque").load is LoadDoes.COAST
+    assert "no load drive" in keys.said[-1]
+    boundless = replace(RIG, limits=replace(RIG.limits, load_torque_nm=inf, torque_nm=inf))
+    assert keys.press(board_of(keys, boundless), "torque", "load 0.1").load_value == 0.0
+    assert "torque_limit" in keys.said[-1]
+
+
+def test_without_a_key_all_goes_back_to_zero_and_the_load_does_what_it_did(keys: Keys) -> None:
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "velocity", "load 0.5", "actuator 0.1")
+    keys.now_s = DEAD_MAN_S - 0.1
+    assert not keys.press(board, "here").at_zero  # a sign of life
+    keys.now_s += DEAD_MAN_S - 0.1
+    assert not board.wanted(0.0).at_zero
+    keys.now_s += 0.2
+    assert board.wanted(0.0) == Setpoints(0.0, LoadDoes.VELOCITY, 0.0)
+    keys.listen(board)
+    assert keys.said == [f"no key for {DEAD_MAN_S:g} s: everything goes back to zero"]
+    board.wanted(0.0)
+    keys.listen(board)
+    assert len(keys.said) == 1
+    assert not board.leaves
+
+
+def test_a_bench_that_was_left_alone_is_idled(keys: Keys) -> None:
+    board = board_of(keys)
+    keys.now_s = ABANDONED_S + 1
+    board.wanted(0.0)
+    keys.listen(board)
+    assert board.leaves
+    assert "nobody is there" in keys.said[-1]
+
+
+def test_on_its_way_to_the_end_nothing_is_nudged_any_more(keys: Keys) -> None:
+    board = board_of(keys)
+    assert keys.press(board, "actuator 0.1", "end", "actuator 0.1").at_zero
+    assert board.leaves
+    assert not board.calibrates
+
+
+def test_to_calibrate_all_goes_to_zero_first(keys: Keys) -> None:
+    board = board_of(keys)
+    assert keys.press(board, "actuator 0.1", "calibrate").at_zero
+    assert (board.leaves, board.calibrates) == (True, True)
+    in_situ = load_rig(RIGS / "sim-in-situ.toml")
+    board = board_of(keys, in_situ)
+    keys.press(board, "calibrate")
+    assert (board.leaves, board.calibrates) == (False, False)
+    assert "needs a torque sensor" in keys.said[-1]
+
+
+def test_given_values_stand_for_their_time() -> None:
+    hand = Preset(Setpoints(0.1, LoadDoes.ZERO_TORQUE), 2.0)
+    assert hand.calibrates
+    hand.begin(calibrated=True)
+    assert not hand.calibrates
+    assert hand.wanted(1.9) == Setpoints(0.1, LoadDoes.ZERO_TORQUE)
+    assert not hand.leaves
+    assert hand.wanted(2.0) == Setpoints(0.0, LoadDoes.ZERO_TORQUE)
+    assert hand.leaves
+
+
+def test_given_values_that_cannot_stand_say_why() -> None:
+    hand = Preset(Setpoints(0.1), 2.0)
+    hand.begin(calibrated=False)
+    hand.let_go("too fast")
+    assert hand.wanted(0.1).at_zero
+    assert (hand.leaves, hand.cut_short) == (True, "too fast")

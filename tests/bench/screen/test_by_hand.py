@@ -1,0 +1,221 @@
+"""The bench moved by hand, at the screen: what every key orders, what is shown, and how it looks."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from textual.pilot import Pilot
+
+from norton_bench.errors import ExitCode
+from norton_bench.jog.by_hand import Jog
+from norton_bench.jog.hands import Preset
+from norton_bench.jog.script import JogScript
+from norton_bench.jog.setpoints import LoadDoes, Setpoints, bounds_of
+from norton_bench.jog.signals import Seen
+from norton_bench.rig.load import load_rig
+from norton_bench.screen.app import BenchApp
+from norton_bench.screen.experiment import Experiment
+from norton_bench.screen.opening import Opening
+from norton_bench.screen.panels.signals import signal_rows
+from norton_bench.screen.screens.by_hand import ByHandScreen
+from norton_bench.screen.screens.choices import ChoiceScreen
+from norton_bench.screen.screens.key_list import KeyList
+from norton_bench.screen.screens.questions import Confirm
+from norton_bench.session.engine import run_by_hand
+from norton_bench.session.operator import Order
+from norton_bench.session.progress import SessionState, Silent, Summary
+from norton_bench.session.replay import Replay, load_replay
+from tests.bench.screen.conftest import RIGS, ROOT, Clock, Stand
+from tests.bench.screen.test_keys import shown, until
+from tests.bench.screen.test_snapshots import SIZES, compare
+
+RIG = load_rig(RIGS / "sim-odrive.toml")
+HELD_S = 1.4
+
+
+class Told(Silent):
+    """What a session says on the way."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
+@pytest.fixture(scope="module")
+def jogged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """A recording of a bench moved by hand, and what was said meanwhile."""
+    told, setpoints = Told(), Setpoints(0.03, LoadDoes.TORQUE, 0.02)
+    script = JogScript(bounds_of(RIG), Preset(setpoints, HELD_S))
+    return run_by_hand(RIG, script, out=tmp_path_factory.mktemp("jog"), seed=1, progress=told), told.notes
+
+
+@pytest.fixture
+def session(jogged: tuple[Path, list[str]], clock: Clock) -> Stand:
+    stand = Stand(Replay(load_replay(jogged[0])[1], clock=clock))
+    stand.told += [lambda watcher, text=text: watcher.note(text) for text in jogged[1] if text.startswith("device ")]
+    return stand
+
+
+@pytest.fixture
+def by_hand(session: Stand) -> Experiment:
+    return Experiment(RIG, "jog", lambda: session, by_hand=Jog())
+
+
+@asynccontextmanager
+async def at_hand(
+    experiment: Experiment, size: tuple[int, int] = (80, 24), opening: Opening | None = None
+) -> AsyncIterator[tuple[BenchApp, Pilot[None]]]:
+    app = BenchApp(opening or Opening(lambda _: Path()), experiment)
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        yield app, pilot
+
+
+async def frame(app: BenchApp, pilot: Pilot[None]) -> ByHandScreen:
+    screen = next(screen for screen in app.screen_stack if isinstance(screen, ByHandScreen))
+    screen._frame()
+    await pilot.pause()
+    screen.draw_frame(all_of_it=True)
+    await pilot.pause()
+    return screen
+
+
+async def moving(app: BenchApp, pilot: Pilot[None], clock: Clock, at_s: float = HELD_S - 0.1) -> ByHandScreen:
+    """Started, and replayed up to a moment."""
+    await pilot.press("s")
+    await frame(app, pilot)
+    clock.now_s += at_s
+    return await frame(app, pilot)
+
+
+async def test_nothing_is_ordered_before_it_was_started(by_hand: Experiment, session: Stand) -> None:
+    async with at_hand(by_hand) as (app, pilot):
+        await frame(app, pilot)
+        await pilot.press("up", "right", "0", "v", "k", "escape", "enter")
+        assert session.orders == []
+        assert by_hand.source is None
+        assert "by_hand_start" in shown(app)
+        assert not {"back_to_zero", "load_up", "by_hand_end", "stop"} & shown(app)
+
+
+@pytest.mark.parametrize(
+    ("keys", "order"),
+    [
+        (["up"], "actuator 0.02"),
+        (["down"], "actuator -0.02"),
+        (["plus", "up"], "actuator 0.05"),
+        (["minus", "minus", "minus", "down"], "actuator -0.005"),
+        (["right"], "load 0.02"),
+        (["left"], "load -0.02"),
+        (["c"], "coast"),
+        (["t"], "torque"),
+        (["v"], "velocity"),
+        (["z"], "zero_torque"),
+        (["0"], "zero"),
+        (["enter"], "here"),
+        (["escape"], "end"),
+        (["k", "y"], "calibrate"),
+    ],
+)
+async def test_every_key_orders_what_it_says(
+    by_hand: Experiment, session: Stand, clock: Clock, keys: list[str], order: str
+) -> None:
+    async with at_hand(by_hand) as (app, pilot):
+        await moving(app, pilot, clock, 0.5)
+        await pilot.press(*keys)
+        await pilot.pause()
+        assert session.orders == [Order("jog", order)]
+
+
+async def test_space_stops_it_while_a_question_is_open(by_hand: Experiment, session: Stand, clock: Clock) -> None:
+    async with at_hand(by_hand) as (app, pilot):
+        await moving(app, pilot, clock, 0.5)
+        await pilot.press("k")
+        assert isinstance(app.screen, Confirm)
+        await pilot.press("space")
+        assert session.stops
+        assert session.orders == []
+
+
+async def test_after_a_stop_it_is_started_again(by_hand: Experiment, session: Stand, clock: Clock) -> None:
+    async with at_hand(by_hand) as (app, pilot):
+        await moving(app, pilot, clock, 0.5)
+        session.told += [
+            lambda watcher: watcher.state(SessionState.FAILED),
+            lambda watcher: watcher.result(Summary(ExitCode.INTERRUPTED, "stopped by the operator: space")),
+        ]
+        await frame(app, pilot)
+        assert not by_hand.live
+        assert "by_hand_start" in shown(app)
+        await pilot.press("s")
+        assert by_hand.live
+
+
+async def test_a_bench_without_a_load_has_no_keys_for_it(session: Stand, clock: Clock) -> None:
+    alone = Experiment(load_rig(RIGS / "sim-free-shaft.toml"), "jog", lambda: session, by_hand=Jog())
+    async with at_hand(alone) as (app, pilot):
+        await pilot.press("s")
+        await pilot.pause()
+        assert "nudge_up" in shown(app)
+        assert not {"load_up", "load_turns", "calibrate"} & shown(app)
+
+
+async def test_least_and_greatest_begin_anew(by_hand: Experiment, clock: Clock) -> None:
+    async with at_hand(by_hand) as (app, pilot):
+        await moving(app, pilot, clock)
+        velocity = next(seen for seen in by_hand.picture.signals.seen() if seen.name == "velocity")
+        assert velocity.least < velocity.value - 1.0
+        await pilot.press("r")
+        velocity = next(seen for seen in by_hand.picture.signals.seen() if seen.name == "velocity")
+        assert velocity.least == velocity.value == velocity.greatest
+
+
+async def test_it_is_chosen_beside_the_sessions(tmp_path: Path) -> None:
+    opening = Opening(lambda _: tmp_path, RIGS / "sim-odrive.toml", folder=ROOT)
+    async with at_hand(None, opening=opening) as (app, pilot):  # type: ignore[arg-type]
+        await until(pilot, lambda: isinstance(app.screen, ChoiceScreen))
+        said = [command.title for command in app.get_system_commands(app.screen)]
+        assert "By hand" in said
+        await pilot.press("j")
+        await until(pilot, lambda: isinstance(app.screen, ByHandScreen))
+        assert app.experiment is not None
+        assert app.experiment.by_hand == Jog()
+        await pilot.press("question_mark")
+        assert isinstance(app.screen, KeyList)
+        assert [title for title, _ in app.screen._sections] == ["Everywhere", "By hand"]
+        await pilot.press("escape", "a")
+        await until(pilot, lambda: isinstance(app.screen, ChoiceScreen))
+        await pilot.press("down", "enter")
+        await until(pilot, lambda: isinstance(app.screen, ByHandScreen))
+
+
+def test_a_row_has_value_unit_age_and_extremes() -> None:
+    seen = (
+        Seen("actuator", "velocity", "rad/s", -12.3456, 0.25, -20.0, 1e9),
+        Seen("actuator", "supply", "V", 24.0),
+        Seen("port", "torque", "N*m", -1e-9, 1e-3, 0.0, 0.5),
+    )
+    rows = signal_rows(seen, 0.2, 78, 20, live=True)
+    text = ["".join(run for run, _ in row).split() for row in rows]
+    assert ["actuator", "velocity", "−12.346", "rad/s", "250.0", "ms", "−20.000", "1.000e+09"] in text
+    assert ["supply", "24.00", "V", "–", "–"] in text
+    assert ["port", "torque", "0.0000", "N·m", "1.0", "ms", "0.0000", "0.5000"] in text
+    assert all(sum(len(run) for run, _ in row) <= 78 for row in rows)
+    old = next(row for row in rows if any("velocity" in run for run, _ in row))
+    assert any(tone == "warning" and "250.0 ms" in run for run, tone in old)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=["80x24", "200x60"])
+@pytest.mark.parametrize("name", ["by-hand", "by-hand-devices", "by-hand-ready"])
+async def test_it_looks_as_it_did(by_hand: Experiment, clock: Clock, name: str, size: tuple[int, int]) -> None:
+    async with at_hand(by_hand, size) as (app, pilot):
+        if name != "by-hand-ready":
+            screen = await moving(app, pilot, clock)
+            screen._jog = Jog(dead_man_s=1e3)  # a countdown of as many digits however long this takes
+        if name == "by-hand-devices":
+            await pilot.press("d")
+        await frame(app, pilot)
+        await compare(name, app, pilot)
