@@ -26,7 +26,7 @@ import numpy as np
 import verdicts
 from wide_family import RIGS, carried_out_by, drawn, span
 
-from norton_bench.datasheet.derived import derived
+from norton_bench.models.derived import derived
 from norton_bench.datasheet.evidence import Evidence
 from norton_bench.datasheet.sheet import sheet_of_fit
 from norton_bench.errors import BenchError

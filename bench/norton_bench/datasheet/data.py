@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from norton_bench.datasheet.derived import Figure, Interval
+from norton_bench.models.derived import Figure, Interval
 from norton_bench.datasheet.evidence import Evidence
 from norton_bench.datasheet.ripple import Order, Wave
 from norton_bench.datasheet.sheet import Difference, Known, Sheet

@@ -6,7 +6,7 @@ from math import isfinite
 
 import numpy as np
 
-from norton_bench.datasheet.derived import Figure, Interval, OperatingPoint, derived, interval_of, seen_to
+from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, has_covariance, interval_of, seen_to
 from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
 from norton_bench.identification.residuals.diagnosis import ResidualTests
@@ -106,9 +106,11 @@ class Difference:
 
 
 def sheet_of_network(network: Network, file: str) -> Sheet:
-    """What follows from the parameters alone. Raises UsageError for a network of another kind."""
+    """What follows from the parameters alone. Raises UsageError for a network of another kind, or without covariance."""
     if not isinstance(network, NortonNetwork):
         raise UsageError(f"{file}: is no identified motor, from whose parameters a sheet follows; see `network show`")
+    if not has_covariance(network):
+        raise UsageError(f"{file}: has no covariance, so that no interval follows; fit its recording again")
     std = dict(zip(network.covariance_names, np.sqrt(np.diag(np.asarray(network.covariance))), strict=True))
     parameters = tuple(
         Known(name, value, float(std.get(name, np.nan)), BY_NAME[name].unit_for(network.command_unit))

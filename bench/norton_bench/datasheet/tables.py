@@ -1,30 +1,15 @@
 """The sheet's tables and sentences, as text: the same on the page and on paper."""
 
 from collections.abc import Iterator, Sequence
-from math import floor, isfinite, log10
+from math import isfinite
 
-from norton_bench.datasheet.derived import Figure, Interval, OperatingPoint
+from norton_bench.models.derived import Figure, OperatingPoint
 from norton_bench.datasheet.ripple import Wave
 from norton_bench.datasheet.sheet import Difference, Known, Sheet
 from norton_bench.models.parameters import BY_NAME
 from norton_bench.report.section import Facts
-from norton_bench.report.words import number, power, pretty_unit, scale_of
-
-NONE = "–"
-
-
-def between(value: float, interval: Interval) -> tuple[str, str]:
-    """A value and its interval, to two digits of a quarter of the interval's width, with one power of ten for both."""
-    low, high = interval
-    if not isfinite(value):
-        return NONE, NONE
-    if not (isfinite(low) and isfinite(high)) or high <= low:
-        return number(value), _open(low, high)
-    scale = scale_of(max(abs(value), high - low))
-    decimals = max(0, 1 - floor(log10((high - low) / 4 / 10.0**scale)))
-    middle, *ends = (f"{x / 10.0**scale:.{decimals}f}".replace("-", "−") for x in (value, low, high))
-    span = " … ".join(ends)
-    return (middle + power(scale), f"({span}){power(scale)}") if scale else (middle, span)
+from norton_bench.report.words import NO_NUMBER as NONE
+from norton_bench.report.words import between, number, pretty_unit
 
 
 def parameter_table(sheet: Sheet) -> Facts:
@@ -150,13 +135,8 @@ def _figure(figure: Figure, sheet: Sheet, *, again: bool) -> tuple[str, ...]:
     """What a figure is stands with the first of its operating points alone."""
     value, interval = between(figure.shown, figure.interval)
     shown = interval if figure.settled else NONE
-    words = title(figure) if again else f"{title(figure)}: {figure.row.meaning}"
+    words = figure.words if again else f"{figure.words}: {figure.row.meaning}"
     return (figure.row.symbol, words, value, shown, pretty_unit(figure.unit), valid_where(figure, sheet))
-
-
-def title(figure: Figure) -> str:
-    """Its name in words."""
-    return figure.row.name.replace("_", " ")
 
 
 def _parameter_difference(first: Known, second: Known) -> tuple[str, ...]:
@@ -183,7 +163,7 @@ def _parameter_difference(first: Known, second: Known) -> tuple[str, ...]:
 def _difference(each: Difference) -> tuple[str, ...]:
     first, second = each.first, each.second
     known = first.settled and second.settled
-    words = title(first)
+    words = first.words
     if first.at is not None:
         words += f" ({first.at.name}, {number(first.at.command, 3)})"
     return (
@@ -213,9 +193,3 @@ def _at(point: OperatingPoint, figure: Figure, unit: str) -> str:
     if figure.row.velocity is not None and isfinite(point.velocity_rad_s) and figure.row.name != "no_load_speed":
         parts.append(f"{number(point.velocity_rad_s, 3)} rad/s")
     return f"{', '.join(parts)}, {point.name}"
-
-
-def _open(low: float, high: float) -> str:
-    if isfinite(low):
-        return f"above {number(low, 3)}"
-    return f"below {number(high, 3)}" if isfinite(high) else NONE

@@ -15,12 +15,12 @@ from norton_bench.datasheet.evidence import evidence
 from norton_bench.datasheet.page import html
 from norton_bench.datasheet.printed import write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_fit, sheet_of_network
-from norton_bench.datasheet.tables import between, remarks
+from norton_bench.datasheet.tables import remarks
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.results import FitResult
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
-from tests.bench.datasheet.test_derived import network
+from tests.bench.models.test_derived import network
 from tests.bench.networks.some import PNEUMATIC
 from tests.bench.whole_session import whole_session
 
@@ -161,12 +161,6 @@ def test_other_commands_leave_what_can_be_compared(alone: Sheet) -> None:
     assert 'id="bode"' in html([alone, other])
 
 
-def test_a_value_and_its_interval_share_their_digits() -> None:
-    assert between(0.0199936, (0.0199788, 0.0200084)) == ("0.0199936", "0.0199788 … 0.0200084")
-    assert between(4.9978e-5, (4.9866e-5, 5.009e-5)) == ("4.9978·10⁻⁵", "(4.9866 … 5.0090)·10⁻⁵")
-    assert between(50.0, (40.0, float("inf"))) == ("50.00", "above 40.0")
-
-
 def test_data_has_a_unit_and_an_interval_for_every_figure(recorded: Sheet) -> None:
     data = sheet_data(recorded)
     assert {each["name"] for each in data["figures"]} >= {"stall_torque", "torque_bandwidth", "lost_motion"}
@@ -195,3 +189,5 @@ def test_what_it_cannot_do_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "end in .html or .pdf" in capsys.readouterr().err
     with pytest.raises(UsageError, match="no identified motor"):
         sheet_of_network(PNEUMATIC, "muscle.json")
+    with pytest.raises(UsageError, match="no covariance"):
+        sheet_of_network(replace(network(), covariance_names=(), covariance=()), "bare.json")
