@@ -26,7 +26,6 @@ import numpy as np
 import verdicts
 from wide_family import RIGS, carried_out_by, drawn, span
 
-from norton_bench.models.derived import derived
 from norton_bench.datasheet.evidence import Evidence
 from norton_bench.datasheet.sheet import sheet_of_fit
 from norton_bench.errors import BenchError
@@ -34,6 +33,7 @@ from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import fit_judged
 from norton_bench.identification.residuals.diagnosis import diagnose
 from norton_bench.identification.soundness.recording import sound
+from norton_bench.models.derived import derived
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
 from norton_bench.recording.reader import read_recording

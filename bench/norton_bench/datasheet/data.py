@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from norton_bench.models.derived import Figure, Interval
 from norton_bench.datasheet.evidence import Evidence
 from norton_bench.datasheet.ripple import Order, Wave
 from norton_bench.datasheet.sheet import Difference, Known, Sheet
 from norton_bench.datasheet.spectra import Spectra, Transfer
 from norton_bench.datasheet.tables import remarks, valid_where
+from norton_bench.models.derived import Figure, Interval
 
 
 def sheet_data(sheet: Sheet) -> dict[str, Any]:

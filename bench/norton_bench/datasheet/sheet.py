@@ -6,11 +6,11 @@ from math import isfinite
 
 import numpy as np
 
-from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, has_covariance, interval_of, seen_to
 from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
 from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.identification.results import FitResult
+from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, has_covariance, interval_of, seen_to
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Status
 from norton_bench.networks.family import Network
@@ -106,7 +106,7 @@ class Difference:
 
 
 def sheet_of_network(network: Network, file: str) -> Sheet:
-    """What follows from the parameters alone. Raises UsageError for a network of another kind, or without covariance."""
+    """What follows from the parameters alone. Raises UsageError for another kind of network, or without covariance."""
     if not isinstance(network, NortonNetwork):
         raise UsageError(f"{file}: is no identified motor, from whose parameters a sheet follows; see `network show`")
     if not has_covariance(network):

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from math import isfinite
 
-from norton_bench.models.derived import Figure, OperatingPoint
 from norton_bench.datasheet.ripple import Wave
 from norton_bench.datasheet.sheet import Difference, Known, Sheet
+from norton_bench.models.derived import Figure, OperatingPoint
 from norton_bench.models.parameters import BY_NAME
 from norton_bench.report.section import Facts
 from norton_bench.report.words import NO_NUMBER as NONE

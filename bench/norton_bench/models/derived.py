@@ -1,9 +1,9 @@
 """The one table of derived figures: each a function of the motor's parameters (paper, section IV.D).
 
-From it follow the data sheet, its JSON, its comparison, its proof, and what the report shows of it. Intervals are those of the parameters, which are drawn
-from their covariance and carried through the function (Joint Committee for Guides in Metrology, Guide 101:2008,
-"Propagation of distributions using a Monte Carlo method"): a ratio's interval then lies unevenly about it, as it
-should.
+From it follow the data sheet, its JSON, its comparison, its proof, and what the report shows of it. Intervals are those
+of the parameters, which are drawn from their covariance and carried through the function (Joint Committee for Guides
+in Metrology, Guide 101:2008, "Propagation of distributions using a Monte Carlo method"): a ratio's interval then lies
+unevenly about it, as it should.
 """
 
 from collections.abc import Callable
