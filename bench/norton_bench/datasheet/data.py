@@ -124,6 +124,7 @@ def _order(order: Order) -> dict[str, Any]:
         "periods_per_turn": order.periods_per_turn,
         "cogging_nm": _wave(order.cogging_nm),
         "ripple": _wave(order.ripple),
+        "angle_error_rad": _wave(order.angle_error_rad),
     }
 
 

@@ -343,7 +343,7 @@ def draw_cogging(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) ->
             continue
         order = np.arange(1, told.order_nm.size + 1)
         left.plot(order, 1e3 * told.order_nm, color=palette.muted, linewidth=0.8)
-        for place, line in enumerate(told.orders):
+        for place, line in enumerate(line for line in told.orders if line.is_torque):
             wave = line.cogging_nm
             left.errorbar(
                 [line.periods_per_turn], [1e3 * wave.amplitude], yerr=[1e3 * wave.half_width], color=each.points,

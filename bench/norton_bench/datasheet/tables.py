@@ -3,13 +3,13 @@
 from collections.abc import Iterator, Sequence
 from math import isfinite
 
-from norton_bench.datasheet.ripple import Wave
+from norton_bench.datasheet.ripple import Order, Wave
 from norton_bench.datasheet.sheet import Difference, Known, Sheet
 from norton_bench.models.derived import Figure, OperatingPoint
 from norton_bench.models.parameters import BY_NAME
 from norton_bench.report.section import Facts
 from norton_bench.report.words import NO_NUMBER as NONE
-from norton_bench.report.words import between, number, pretty_unit
+from norton_bench.report.words import between, number, pretty_unit, within
 
 
 def parameter_table(sheet: Sheet) -> Facts:
@@ -44,12 +44,12 @@ _SIDE_BY_SIDE = ("", "figure", "A", "B", "B − A, 95 % interval", "unit", "diff
 
 def order_table(sheet: Sheet) -> Facts | None:
     """Cogging and ripple by order; None where nothing stands out."""
-    if not sheet.evidence.orders:
+    told = [each for each in sheet.evidence.orders if each.is_torque]
+    if not told:
         return None
     head = ("periods a turn", "cogging [mN·m]", "95 % interval", "ripple [% of the torque]", "95 % interval")
     rows = tuple(
-        (f"{each.periods_per_turn:.4g}", *_wave(each.cogging_nm, 1e3), *_wave(each.ripple, 100.0))
-        for each in sheet.evidence.orders
+        (f"{each.periods_per_turn:.4g}", *_wave(each.cogging_nm, 1e3), *_wave(each.ripple, 100.0)) for each in told
     )
     return Facts(head, rows)
 
@@ -93,12 +93,21 @@ def remarks(sheet: Sheet) -> Iterator[str]:
         return
     if told.gap is not None:
         yield _gap_sentence(sheet)
-    if told.order_nm.size and not told.orders:
+    if told.order_nm.size and not any(order.is_torque for order in told.orders):
         yield "No cogging and no ripple stands out from the noise."
+    yield from map(_angle_sentence, (order for order in told.orders if order.angle_error_rad.shows))
     has = "The drive's current was recorded, but no voltage" if told.has_current else "Neither current nor voltage"
     recorded = "" if told.has_current else " was recorded"
     yield f"{has}{recorded}, so there is no electrical efficiency; friction's share is below, as mechanical efficiency."
     yield _warming_sentence(sheet)
+
+
+def _angle_sentence(order: Order) -> str:
+    error = order.angle_error_rad
+    return (
+        f"The measured angle has an error of {within(1e3 * error.amplitude, 1e3 * error.half_width)} mrad that repeats "
+        f"{order.periods_per_turn:.4g} times a turn."
+    )
 
 
 def _gap_sentence(sheet: Sheet) -> str:
