@@ -18,7 +18,7 @@ from norton_bench.recording.contents import Recording
 from norton_bench.rig.load import parse_rig
 
 LEVEL = 1.96  # deviations, of 95 %
-EXCITED, ALLOWED = "as excited", "rig's limits"
+MEASURED, ALLOWED = "as measured", "rig's limits"
 # Two spans this near to each other are one.
 SAME = 0.01
 
@@ -69,7 +69,7 @@ class Sheet:
     @property
     def points(self) -> tuple[OperatingPoint, ...]:
         """How far the network was seen to hold, and how far the rig may go where that is another."""
-        seen = OperatingPoint(EXCITED, seen_to(self.network, "command"), seen_to(self.network, "velocity"))
+        seen = OperatingPoint(MEASURED, seen_to(self.network, "command"), seen_to(self.network, "velocity"))
         known = (seen,) if isfinite(seen.command) and isfinite(seen.velocity_rad_s) else ()
         if self.limits is None or (known and abs(self.limits.command - seen.command) < SAME * seen.command):
             return known

@@ -20,7 +20,7 @@ def parameter_table(sheet: Sheet) -> Facts:
 
 def figure_table(sheet: Sheet) -> Facts:
     """What follows from them. A figure is as good as the worst parameter in it."""
-    head = ("", "figure", "value", "95 % interval", "unit", "valid")
+    head = ("", "figure", "value", "95 % interval", "unit", "valid at")
     figures = sheet.figures()
     before = [None, *(figure.row for figure in figures)]
     rows = tuple(_figure(each, sheet, again=each.row is row) for each, row in zip(figures, before, strict=False))
@@ -57,7 +57,7 @@ def order_table(sheet: Sheet) -> Facts | None:
 def valid_where(figure: Figure, sheet: Sheet) -> str:
     """At which operating point a figure stands, and whether the network was seen to hold there."""
     unit = pretty_unit(sheet.network.command_unit)
-    words = [] if figure.at is None else [_at(figure.at, figure, unit)]
+    words = ["measured range"] if figure.at is None else [_at(figure.at, figure, unit)]
     if figure.extrapolated:
         words.append("extrapolated")
     if not figure.settled and figure.status is not None:
@@ -76,11 +76,16 @@ def range_sentence(sheet: Sheet) -> str:
         for name in spans
         if name in prediction.ranges
     )
-    off = [f"torque within {number(1e3 * prediction.torque_nm, 2)} mN·m"] if isfinite(prediction.torque_nm) else []
+    off = [f"{number(1e3 * prediction.torque_nm, 2)} mN·m of torque"] if isfinite(prediction.torque_nm) else []
     if isfinite(prediction.velocity_rad_s):
-        off.append(f"free velocity within {number(prediction.velocity_rad_s, 2)} rad/s")
-    share = f", in {prediction.level:.0%} of motions not seen" if isfinite(prediction.level) else ""
-    return f"Seen to hold for {seen}. Predictions there are right to: {', '.join(off)} rms{share}." if off else seen
+        off.append(f"{number(prediction.velocity_rad_s, 2)} rad/s of free velocity")
+    share = f"{100 * prediction.level:.0f} % of" if isfinite(prediction.level) else "of"
+    held = f"Valid where it was measured: {seen}."
+    return (
+        f"{held} There, {share} motions that were not fitted were predicted to within {' and '.join(off)} (rms)."
+        if off
+        else held
+    )
 
 
 def remarks(sheet: Sheet) -> Iterator[str]:
@@ -96,9 +101,9 @@ def remarks(sheet: Sheet) -> Iterator[str]:
     if told.order_nm.size and not any(order.is_torque for order in told.orders):
         yield "No cogging and no ripple stands out from the noise."
     yield from map(_angle_sentence, (order for order in told.orders if order.angle_error_rad.shows))
-    has = "The drive's current was recorded, but no voltage" if told.has_current else "Neither current nor voltage"
-    recorded = "" if told.has_current else " was recorded"
-    yield f"{has}{recorded}, so there is no electrical efficiency; friction's share is below, as mechanical efficiency."
+    known = "the drive's current was recorded, but no voltage" if told.has_current else "no current and no voltage"
+    recorded = "" if told.has_current else " were recorded"
+    yield f"There is no electrical efficiency: {known}{recorded}. Mechanical efficiency holds friction's losses alone."
     yield _warming_sentence(sheet)
 
 
@@ -126,10 +131,10 @@ def _warming_sentence(sheet: Sheet) -> str:
         return "No temperature was recorded, so nothing is said of friction against it."
     span = f"{number(warming.from_c, 3)} to {number(warming.to_c, 3)} °C"
     if not isfinite(warming.change_nm):
-        return f"The drive's transistors stayed within {span}: too little to tell what warmth does to friction."
+        return f"The drive's temperature stayed within {span}: too little to tell what warmth does to friction."
     change, half = 1e3 * warming.change_nm, 1e3 * warming.half_width_nm
     value, interval = between(change, (change - half, change + half))
-    return f"While the drive's transistors went from {span}, friction changed by {value} mN·m ({interval})."
+    return f"While the drive's temperature went from {span}, friction changed by {value} mN·m ({interval})."
 
 
 def _parameter(each: Known, *, recorded: bool) -> tuple[str, ...]:

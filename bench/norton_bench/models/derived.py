@@ -216,7 +216,7 @@ DERIVED = (
         (GAIN, COULOMB, DAMPING), _power_w, at_command=True, velocity=strongest_rad_s,
     ),
     Derived(
-        "mechanical_efficiency", "η", "", "of that power, over what the motor's torque does: friction's losses alone",
+        "mechanical_efficiency", "η", "", "that power over the power of the motor's torque: friction's losses alone",
         "1 − (τc + B·ω)/(Km·Ka·c)", (GAIN, COULOMB, DAMPING), _efficiency, at_command=True, absolute=False,
         velocity=strongest_rad_s,
     ),
@@ -245,7 +245,7 @@ DERIVED = (
         (GAIN, COULOMB), lambda motor, _: over(motor.coulomb_nm, motor.gain), absolute=False,
     ),
     Derived(
-        "hysteresis", "Δτ", "N*m", "between torques at one slow position, approached from either side", "2·τc",
+        "hysteresis", "Δτ", "N*m", "of the torque at one position, approached slowly from either side", "2·τc",
         (COULOMB,), lambda motor, _: 2.0 * motor.coulomb_nm,
     ),
     Derived(
@@ -273,7 +273,7 @@ DERIVED = (
         lambda motor, _: motor.bandwidth_rad_s / (2 * np.pi), absolute=False,
     ),
     Derived(
-        "torque_rise_time", "tr", "s", "of the motor's torque from 10 to 90 % after a step", "ln(9)/β", (BANDWIDTH,),
+        "torque_rise_time", "tr", "s", "of the motor's torque, from 10 to 90 % of a step", "ln(9)/β", (BANDWIDTH,),
         lambda motor, _: over(np.full(motor.gain.shape, RISE), motor.bandwidth_rad_s), absolute=False,
     ),
 )  # fmt: skip
