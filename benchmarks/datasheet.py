@@ -81,8 +81,8 @@ def evaluated(seed: int, kept: Path) -> Outcome:
     recordings = sorted((kept / str(seed)).glob("**/*.mcap"))
     if not recordings:
         return Outcome(seed, refusal="no recording was kept")
-    recording = read_recording(recordings[-1], raw_frames=False)
     try:
+        recording = read_recording(recordings[-1], raw_frames=False)
         fit = fit_judged(sound(recording.measured), command_unit=rig.command.unit, tick_s=rig.tick_s)
     except BenchError as error:
         return Outcome(seed, refusal=str(error))
