@@ -14,8 +14,9 @@ from norton_bench.report.words import between, number, pretty_unit, within
 
 def parameter_table(sheet: Sheet) -> Facts:
     """The network's own numbers."""
-    head = ("", "parameter", "value", "95 % interval", "unit", *(("status",) if sheet.recorded else ()))
-    return Facts(head, tuple(_parameter(each, recorded=sheet.recorded) for each in sheet.parameters))
+    statuses = any(each.status for each in sheet.parameters)
+    head = ("", "parameter", "value", "95 % interval", "unit", *(("status",) if statuses else ()))
+    return Facts(head, tuple(_parameter(each, statuses=statuses) for each in sheet.parameters))
 
 
 def figure_table(sheet: Sheet) -> Facts:
@@ -94,7 +95,7 @@ def remarks(sheet: Sheet) -> Iterator[str]:
     if "scale" in sheet.network.provenance:
         yield "No torque was measured: only figures that need no torque scale are given."
     if not sheet.recorded:
-        yield "From the network alone: points measured, cogging and lost motion are in its recording."
+        yield "From the network alone: measured points, cogging and free play are in its recording."
         return
     if told.gap is not None:
         yield _gap_sentence(sheet)
@@ -137,11 +138,11 @@ def _warming_sentence(sheet: Sheet) -> str:
     return f"While the drive's temperature went from {span}, friction changed by {value} mN·m ({interval})."
 
 
-def _parameter(each: Known, *, recorded: bool) -> tuple[str, ...]:
+def _parameter(each: Known, *, statuses: bool) -> tuple[str, ...]:
     value, interval = between(each.shown, each.interval)
     row = BY_NAME[each.name]
     shown = interval if each.settled else NONE
-    status = (each.status.value if each.status else "",) if recorded else ()
+    status = (each.status.value if each.status else "",) if statuses else ()
     return (row.symbol, row.meaning, value, shown, pretty_unit(each.unit), *status)
 
 

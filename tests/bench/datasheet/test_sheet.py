@@ -150,6 +150,16 @@ def test_a_network_alone_has_no_measured_points(alone: Sheet) -> None:
     assert ">measured</text>" not in page
 
 
+def test_a_network_tells_which_of_its_values_are_not_valid() -> None:
+    of_session = network().with_provenance({"model": "dahl_motor", "status": "viscous_damping=inadequate"})
+    sheet = sheet_of_network(of_session, "some.network.json")
+    assert {each.name for each in sheet.parameters if not each.settled} == {"viscous_damping"}
+    figures = {each.row.name: each for each in sheet.figures()}
+    assert not figures["mechanical_time_constant"].settled
+    assert figures["breakaway_torque"].settled
+    assert "dahl_motor" not in html([sheet])
+
+
 def test_on_paper_it_is_the_same_file_again(alone: Sheet, tmp_path: Path) -> None:
     first, second = (write_pdf(tmp_path / name, [alone]).read_bytes() for name in ("a.pdf", "b.pdf"))
     assert first[:5] == b"%PDF-"
