@@ -35,13 +35,19 @@ def content_of(sheets: Sequence[Sheet]) -> Content:
         (letter, sheet.name, sheet.file, sheet.origin, range_sentence(sheet))
         for letter, sheet in zip(letters, sheets, strict=True)
     )
-    told = tuple(
-        f"{letter}: {sentence}" if letter else sentence
-        for letter, sheet in zip(letters, sheets, strict=True)
-        for sentence in (*sheet.told, *remarks(sheet))
-    )
+    told = _told([(*sheet.told, *remarks(sheet)) for sheet in sheets], letters)
     title = " and ".join(dict.fromkeys(sheet.name for sheet in sheets))
     return Content(title, subjects, told, tuple(_tables(sheets, letters)), tuple(pictures(sheets)))
+
+
+def _told(sentences: Sequence[Sequence[str]], letters: Sequence[str]) -> tuple[str, ...]:
+    """Each sentence with the letters of the sheets that it is said of."""
+    every = dict.fromkeys(sentence for each in sentences for sentence in each)
+    whose = {
+        sentence: " and ".join(letter for letter, own in zip(letters, sentences, strict=True) if sentence in own)
+        for sentence in every
+    }
+    return tuple(f"{whose[sentence]}: {sentence}" if whose[sentence] else sentence for sentence in every)
 
 
 def _tables(sheets: Sequence[Sheet], letters: Sequence[str]) -> list[tuple[str, Facts]]:

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from norton_bench.datasheet.derived import Figure, Interval
 from norton_bench.datasheet.evidence import Evidence
 from norton_bench.datasheet.ripple import Order, Wave
 from norton_bench.datasheet.sheet import Difference, Known, Sheet
 from norton_bench.datasheet.spectra import Spectra, Transfer
 from norton_bench.datasheet.tables import remarks, valid_where
+from norton_bench.models.derived import Figure, Interval
 
 
 def sheet_data(sheet: Sheet) -> dict[str, Any]:
@@ -124,6 +124,7 @@ def _order(order: Order) -> dict[str, Any]:
         "periods_per_turn": order.periods_per_turn,
         "cogging_nm": _wave(order.cogging_nm),
         "ripple": _wave(order.ripple),
+        "angle_error_rad": _wave(order.angle_error_rad),
     }
 
 

@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.datasheet.ripple import LEVEL, Folded, Order, Samples, folded, orders
+from norton_bench.datasheet.ripple import LEVEL, Folded, Line, Order, Samples, folded, orders
 from norton_bench.datasheet.spectra import Piece, Spectra, spectra
 from norton_bench.identification import cogging
 from norton_bench.identification.aligned import Aligned, align
@@ -18,6 +18,7 @@ from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.soundness.recording import sound
 from norton_bench.identification.statistics import sandwich
 from norton_bench.identification.validation import is_free, network_trace
+from norton_bench.models.network import NortonNetwork
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.report.loops import Loop, bench_time_s, presliding_loops, sliding_samples
 from norton_bench.segments import Use
@@ -72,14 +73,14 @@ def evidence(fit: FitResult, measured: Measured, tests: ResidualTests | None, ti
         return told
     aligned = align(stretches, fit.motion_delay_s)
     samples, known = _samples(fit, aligned, stretches)
-    lines = orders(samples, {each: _wave(aligned, each)[:, known] for each in _periods(fit, samples, tests)})
     network = fit.network
+    lines = orders(samples, {each: _line(aligned, each, network, known) for each in _periods(fit, samples, tests)})
     deflection_rad = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
     return replace(
         told,
         spectra=_spectra(fit, believed, tick_s),
         orders=lines,
-        folded=folded(samples, lines[0].periods_per_turn) if lines else None,
+        folded=folded(samples, lines[0].periods_per_turn) if lines and lines[0].is_torque else None,
         order_nm=np.empty(0) if tests is None else tests.spectrum_nm,
         loops=tuple(_without_zero(loop, fit) for loop in presliding_loops(measured, fit.trace, deflection_rad)),
         sliding=tuple(_sliding(measured, fit)),
@@ -144,17 +145,22 @@ def _samples(fit: FitResult, aligned: Sequence[Aligned], stretches: tuple[Signal
     return samples, known
 
 
-def _wave(aligned: Sequence[Aligned], periods: float) -> FloatArray:
-    """Cosine and sine of so many periods a turn, (2, n), in the band of the residual."""
-    angles = [(each, periods * each.signals.position_rad) for each in aligned]
-    return np.array(
+def _line(aligned: Sequence[Aligned], periods: float, network: NortonNetwork, known: BoolArray) -> Line:
+    """Of so many periods a turn, at the instants that the residual is ``known`` at."""
+    wave, velocity, acceleration = np.concatenate(
         [
-            np.concatenate(
-                [each.rows.of_fine_signal(wave(angle), (0,), each.motion_delay_s)[0] for each, angle in angles]
+            np.stack(
+                [
+                    each.rows.of_fine_signal(form(periods * each.signals.position_rad), (0, 1, 2), each.motion_delay_s)
+                    for form in (np.cos, np.sin)
+                ],
+                axis=1,
             )
-            for wave in (np.cos, np.sin)
-        ]
-    )
+            for each in aligned
+        ],
+        axis=2,
+    )[:, :, known]
+    return Line(wave, network.inertia_kgm2 * acceleration + network.viscous_damping_nms_rad * velocity)
 
 
 def _periods(fit: FitResult, samples: Samples, tests: ResidualTests | None) -> tuple[float, ...]:

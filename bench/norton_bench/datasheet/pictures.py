@@ -15,9 +15,9 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import NullFormatter
 
 from norton_bench.arrays import FloatArray
-from norton_bench.datasheet.derived import Motor, backdriving_nm, drawn, estimate_of, interval_of, seen_to
 from norton_bench.datasheet.sheet import Sheet
 from norton_bench.datasheet.spectra import Transfer, contact_line, impedance_line, torque_line
+from norton_bench.models.derived import Motor, backdriving_nm, drawn, estimate_of, interval_of, seen_to
 from norton_bench.report import svg
 from norton_bench.report.decimate import thinned
 from norton_bench.report.words import pretty_unit
@@ -184,7 +184,7 @@ def draw_backdriving(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette
         low, high = _band(each.draws.coulomb_nm[:, None] + each.draws.damping_nms_rad[:, None] * velocity)
         if prediction is not None and np.isfinite(prediction.torque_nm):
             off = prediction.torque_nm
-            label = each.label("± what predictions are off")
+            label = each.label("± prediction error")
             axes.fill_between(
                 velocity, middle - off, middle + off, color=each.line, alpha=0.1, linewidth=0, label=label
             )
@@ -208,7 +208,7 @@ def _idle_points(axes: Axes, each: Drawn) -> None:
 
 
 def draw_bode(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> None:
-    panels = part.subplots(3, 2, sharex="col", height_ratios=(1.6, 1.2, 0.8))
+    panels = part.subplots(3, 2, sharex="col", height_ratios=(2.0, 1.2, 0.8))
     units = {pretty_unit(each.sheet.network.command_unit) or "N·m" for each in drawn_sheets}
     static: list[float] = []
     for each in drawn_sheets:
@@ -313,7 +313,7 @@ def draw_hysteresis(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette)
 
 
 def draw_efficiency(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> None:
-    axes = part.subplots()
+    axes, highest = part.subplots(), 0.0
     for each, dashes in zip(drawn_sheets, ("solid", "dashed"), strict=False):
         if not each.sheet.points:
             continue
@@ -329,9 +329,10 @@ def draw_efficiency(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette)
         edge = abs(network.torque_gain) * point.command - network.coulomb_torque_nm
         limit = edge - network.viscous_damping_nms_rad * velocity
         axes.plot(velocity, np.where(limit > 0, limit, np.nan), color=palette.muted, linestyle=dashes, linewidth=1.0)
+        highest = max(highest, 1.05 * edge)
     axes.set_xlabel("velocity [rad/s]")
     axes.set_ylabel("torque at the port [N·m]")
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, highest if highest > 0.0 else None)
     axes.set_xlim(left=0.0)
 
 
@@ -343,7 +344,7 @@ def draw_cogging(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) ->
             continue
         order = np.arange(1, told.order_nm.size + 1)
         left.plot(order, 1e3 * told.order_nm, color=palette.muted, linewidth=0.8)
-        for place, line in enumerate(told.orders):
+        for place, line in enumerate(line for line in told.orders if line.is_torque):
             wave = line.cogging_nm
             left.errorbar(
                 [line.periods_per_turn], [1e3 * wave.amplitude], yerr=[1e3 * wave.half_width], color=each.points,
@@ -390,7 +391,7 @@ ENVELOPE = Picture(
 BACKDRIVING = Picture(
     "backdriving", "Backdriving torque",
     "What turns the shaft steadily from outside, without a command, as far as velocity was seen. Dark: 95 % interval "
-    "of the network's friction; light: what a predicted torque is off at any instant, cogging included.", 3.0,
+    "of the network's friction; light: error of a torque predicted for one instant, cogging included.", 3.0,
     draw_backdriving,
 )  # fmt: skip
 BODE = Picture(
@@ -398,7 +399,7 @@ BODE = Picture(
     "Left: torque over command, the port held. Right: torque that a motion of the port takes, over its velocity, "
     "without a command. Points are estimated from the imposed multisines without a model, with their 95 % intervals, "
     "where they stand out from chance; coherence is the share of the torque at that frequency that goes with this "
-    "input. While sliding, friction acts as a damping that depends on the speed.", 5.2, draw_bode,
+    "input. While sliding, friction acts as a damping that depends on the speed.", 5.6, draw_bode,
 )  # fmt: skip
 HYSTERESIS = Picture(
     "hysteresis", "Hysteresis at the port",
@@ -408,7 +409,7 @@ HYSTERESIS = Picture(
 EFFICIENCY = Picture(
     "efficiency", "Mechanical efficiency",
     "Power at the port over the power of the motor's torque, while it drives: friction's losses alone, from the "
-    "network. The outer line is the greatest command as excited.", 3.2, draw_efficiency,
+    "network. The outer line is the greatest command that was given.", 3.2, draw_efficiency,
 )  # fmt: skip
 COGGING = Picture(
     "cogging", "Cogging and ripple",

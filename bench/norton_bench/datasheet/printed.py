@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from functools import cache
-from itertools import accumulate
+from itertools import accumulate, zip_longest
 from pathlib import Path
 
 import matplotlib as mpl
@@ -24,6 +24,8 @@ ROOM_IN = PAGE_IN[1] - 2 * MARGIN_IN
 SCALE = (PAGE_IN[0] - 2 * MARGIN_IN) / WIDTH_IN  # of pictures that are drawn for the page's width
 LINE_IN = 0.165
 GAP_IN = 0.14  # between columns
+LEAST_IN, LAST_IN = 1.2, 1.55  # of the column with the words, at least; of the last, at most
+FEWEST_LINES = 5  # of a table under its heading, or both go to the next page
 BODY_PT, SMALL_PT, HEADING_PT, TITLE_PT = 8.0, 7.0, 10.5, 17.0
 
 
@@ -42,15 +44,20 @@ def write_pdf(path: Path, sheets: Sequence[Sheet]) -> Path:
 
 def pages(content: Content, sheets: Sequence[Sheet], palette: Palette) -> Iterator[Figure]:
     """Text and tables first, then the pictures, as many on a page as fit."""
-    yield from _text_pages(content, palette)
-    waiting: list[Picture] = []
+    paper = _text(content, palette)
+    *full, page = paper.pages
+    yield from full
+    room_in, waiting = paper.left_in - LINE_IN, list[Picture]()
     for picture in content.pictures:
-        if waiting and sum(map(_height_in, (*waiting, picture))) > ROOM_IN:
-            yield _picture_page(waiting, sheets, palette)
-            waiting = []
+        if sum(map(_height_in, (*waiting, picture))) > room_in:
+            yield _with_pictures(page, room_in, waiting, sheets, palette)
+            page, room_in, waiting = _blank(), ROOM_IN, []
         waiting.append(picture)
-    if waiting:
-        yield _picture_page(waiting, sheets, palette)
+    yield _with_pictures(page, room_in, waiting, sheets, palette)
+
+
+def _blank() -> Figure:
+    return Figure(figsize=PAGE_IN, layout=Margins())
 
 
 def _about(content: Content) -> dict[str, str | None]:
@@ -63,7 +70,7 @@ class _Writer:
 
     def __init__(self, palette: Palette) -> None:
         self._palette = palette
-        self._left_in = 0.0
+        self.left_in = 0.0
         self.pages: list[Figure] = []
 
     def line(
@@ -71,14 +78,13 @@ class _Writer:
     ) -> None:
         """Cells of one line, each with its place from the left margin [in]."""
         height_in = LINE_IN * max(1.0, size_pt / BODY_PT)
-        if self._left_in < height_in:
-            self.pages.append(Figure(figsize=PAGE_IN))
-            self._left_in = ROOM_IN
-        self._left_in -= height_in
+        if not self.fits(height_in):
+            self.turn()
+        self.left_in -= height_in
         for place_in, text in cells:
             self.pages[-1].text(
                 (MARGIN_IN + place_in) / PAGE_IN[0],
-                (MARGIN_IN + self._left_in) / PAGE_IN[1],
+                (MARGIN_IN + self.left_in) / PAGE_IN[1],
                 text,
                 fontsize=size_pt,
                 weight="bold" if bold else "normal",
@@ -90,40 +96,59 @@ class _Writer:
             self.line([(0.0, line)], size_pt, muted=muted)
 
     def space(self, lines: float = 0.6) -> None:
-        self._left_in -= lines * LINE_IN
+        self.left_in -= lines * LINE_IN
+
+    def fits(self, height_in: float) -> bool:
+        return self.left_in >= height_in
+
+    def turn(self) -> None:
+        """The next page."""
+        self.pages.append(_blank())
+        self.left_in = ROOM_IN
 
 
-def _text_pages(content: Content, palette: Palette) -> list[Figure]:
+def _text(content: Content, palette: Palette) -> _Writer:
+    """Everything but the pictures."""
     paper = _Writer(palette)
+    paper.line([(0.0, "Data sheet · Norton Bench")], BODY_PT, muted=True)
     paper.line([(0.0, content.title)], TITLE_PT, bold=True)
     for letter, name, file, origin, holds in content.subjects:
-        whose = f"{letter}: {name}, {file}" if letter else f"Data sheet, from {file}"
+        whose = f"{letter}: {name}, {file}" if letter else file
         paper.paragraph(f"{whose} · {origin}" if origin else whose, muted=True)
         paper.paragraph(holds)
     for heading, table in content.tables:
         paper.space(1.0)
+        if not paper.fits(FEWEST_LINES * LINE_IN):
+            paper.turn()
         paper.line([(0.0, heading)], HEADING_PT, bold=True)
         _table(paper, table)
     paper.space(1.0)
     paper.line([(0.0, "What was seen, and what was not measured")], HEADING_PT, bold=True)
     for sentence in content.told:
         paper.paragraph(sentence)
-    return paper.pages
+    return paper
 
 
 def _table(paper: _Writer, table: Facts) -> None:
-    """Columns as wide as their longest cell; the second, which has the words, takes what is left and wraps."""
-    room_in = PAGE_IN[0] - 2 * MARGIN_IN
+    """Columns as wide as their longest cell; the second, which has the words, takes what is left. It and the last one
+    wrap. A row stays on one page, and the next page has the head again."""
+    room_in, last = PAGE_IN[0] - 2 * MARGIN_IN, len(table.head) - 1
     widths = [max(_width_in(row[k]) for row in (table.head, *table.rows)) + GAP_IN for k in range(len(table.head))]
-    widths[1] = min(widths[1], max(room_in - sum(widths) + widths[1], 1.2))
+    widths[last] = min(widths[last], LAST_IN)
+    widths[1] = min(widths[1], max(room_in - sum(widths) + widths[1], LEAST_IN))
     places = [0.0, *accumulate(widths)]
-    paper.line(list(zip(places, table.head, strict=False)), SMALL_PT, muted=True)
+    head = list(zip(places, table.head, strict=False))
+    paper.line(head, SMALL_PT, muted=True)
     for row in table.rows:
-        wrapped = _wrapped(row[1], widths[1] - GAP_IN, SMALL_PT)
-        first = [(places[k], wrapped[0] if k == 1 else cell) for k, cell in enumerate(row)]
-        paper.line(first, SMALL_PT)
-        for line in wrapped[1:]:
-            paper.line([(places[1], line)], SMALL_PT)
+        wrapped = [
+            _wrapped(cell, widths[k] - GAP_IN, SMALL_PT) if k in (1, last) else [cell] for k, cell in enumerate(row)
+        ]
+        lines = list(zip_longest(*wrapped, fillvalue=""))
+        if not paper.fits(len(lines) * LINE_IN):
+            paper.turn()
+            paper.line(head, SMALL_PT, muted=True)
+        for line in lines:
+            paper.line(list(zip(places, line, strict=False)), SMALL_PT)
 
 
 def _wrapped(text: str, width_in: float, size_pt: float) -> list[str]:
@@ -151,15 +176,18 @@ def _height_in(picture: Picture) -> float:
     return picture.height_in * SCALE + LINE_IN * (lines + 3)
 
 
-def _picture_page(chosen: Sequence[Picture], sheets: Sequence[Sheet], palette: Palette) -> Figure:
-    """Each picture between its heading and its caption."""
-    page = Figure(figsize=PAGE_IN, layout=Margins())
-    left_in = PAGE_IN[1] - MARGIN_IN
+def _with_pictures(
+    page: Figure, room_in: float, chosen: Sequence[Picture], sheets: Sequence[Sheet], palette: Palette
+) -> Figure:
+    """Each picture between its heading and its caption, in the lowest ``room_in`` of the page."""
+    if not chosen:
+        return page
+    left_in = MARGIN_IN + room_in
     parts = []
     for picture in chosen:
         parts.append((left_in, picture))
         left_in -= _height_in(picture)
-    heights = list(_heights(chosen))
+    heights = list(_heights(chosen, PAGE_IN[1] - MARGIN_IN - room_in))
     spec = page.add_gridspec(
         2 * len(chosen) + 1, 3, left=0, right=1, top=1, bottom=0, hspace=0, wspace=0,
         width_ratios=(MARGIN_IN, PAGE_IN[0] - 2 * MARGIN_IN, MARGIN_IN),
@@ -177,9 +205,9 @@ def _picture_page(chosen: Sequence[Picture], sheets: Sequence[Sheet], palette: P
     return page
 
 
-def _heights(chosen: Sequence[Picture]) -> Iterator[float]:
-    """Inches above each picture, and of the picture itself."""
-    above_in = MARGIN_IN + 2 * LINE_IN
+def _heights(chosen: Sequence[Picture], top_in: float) -> Iterator[float]:
+    """Inches above each picture, the first of which has ``top_in`` above its heading, and of the picture itself."""
+    above_in = top_in + 2 * LINE_IN
     for picture in chosen:
         drawn_in = picture.height_in * SCALE
         yield above_in

@@ -1,27 +1,34 @@
-"""What of the residual goes with the shaft's angle, by its order: cogging, and ripple in proportion to the torque.
+"""What of the residual goes with the shaft's angle, by its order: cogging, ripple in proportion to the torque, and
+errors of the angle itself.
 
-Both at once by least squares on what the network leaves of the torque. Deviations are those of sums over blocks of
-time, so that no colour of the residual makes them too small; a line that chance could have made is left out.
+All at once by least squares on what the network leaves of the torque. An encoder's error that repeats with the angle
+looks like a torque that grows with the square of the velocity, because it is felt as an acceleration: it has columns
+of its own, or fast motion would take it for cogging. Deviations are those of sums over blocks of time, so that no
+colour of the residual makes them too small. A line that the search could have found by chance is left out.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import f as f_distribution
+from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.residuals.position_lines import HIGHEST_CYCLES
-from norton_bench.identification.statistics import sandwich
+from norton_bench.identification.residuals.position_lines import HIGHEST_CYCLES, looked_at
+from norton_bench.identification.statistics import BLOCKS_S, sandwich
 
+# A recording without any line shows one this seldom, whatever kind it seems to be of.
 CHANCE = 0.01
+KINDS = 3
 LEVEL = 1.96
 BINS = 36
 
 
 @dataclass(frozen=True)
 class Wave:
-    """An amplitude with half of its interval of 95 %, and the chance of such a one where there is none."""
+    """An amplitude with half of its interval of 95 %, and the chance that a search finds such a one where there is
+    none."""
 
     amplitude: float
     half_width: float
@@ -34,11 +41,25 @@ class Wave:
 
 @dataclass(frozen=True)
 class Order:
-    """One line: so many periods a turn; cogging [N m] and ripple [share of the motor's torque]."""
+    """One line: so many periods a turn; cogging [N m], ripple [share of the motor's torque], error of the angle."""
 
     periods_per_turn: float
     cogging_nm: Wave
     ripple: Wave
+    angle_error_rad: Wave
+
+    @property
+    def is_torque(self) -> bool:
+        return self.cogging_nm.shows or self.ripple.shows
+
+
+@dataclass(frozen=True)
+class Line:
+    """Of one order, through the same low-pass as the residual, each (2, n): cosine and sine of the angle, and the
+    torque [N m/rad] that the network makes of an error of the angle of that form."""
+
+    wave: FloatArray
+    of_error: FloatArray
 
 
 @dataclass(frozen=True)
@@ -63,24 +84,28 @@ class Folded:
     half_width_nm: FloatArray
 
 
-def orders(samples: Samples, lines: Mapping[float, FloatArray]) -> tuple[Order, ...]:
-    """The lines of which something shows, the greatest first. ``lines`` are cosine and sine of so many periods a turn
-    (2, n), by that number, through the same low-pass as the residual."""
+def orders(samples: Samples, lines: Mapping[float, Line]) -> tuple[Order, ...]:
+    """The lines of which something shows, the greatest cogging first; ``lines`` by their periods a turn."""
     if not lines:
         return ()
     drive = samples.drive_nm
-    waves = np.concatenate(list(lines.values()))
-    columns = np.concatenate([waves, drive * waves, [np.ones(drive.size), drive]])
+    waves = np.concatenate([each.wave for each in lines.values()])
+    errors = np.concatenate([each.of_error for each in lines.values()])
+    columns = np.concatenate([waves, drive * waves, errors, [np.ones(drive.size), drive]])
     found, covariance = _fitted(columns.T, samples.residual_nm, samples.time_s)
+    chances = KINDS * looked_at(samples.position_rad)
+    blocks = _blocks(samples.time_s)
     told = []
     for place, each in enumerate(lines):
-        cogging, ripple = (
-            _wave(found[first : first + 2], covariance[first : first + 2, first : first + 2])
-            for first in (2 * place, len(waves) + 2 * place)
-        )
-        told.append(Order(each, cogging, ripple))
-    shown = [order for order in told if order.cogging_nm.shows or order.ripple.shows]
-    return tuple(sorted(shown, key=lambda order: -order.cogging_nm.amplitude))
+        pairs = (slice(first, first + 2) for first in range(2 * place, KINDS * len(waves), len(waves)))
+        told.append(Order(each, *(_wave(found[at], covariance[at, at], blocks, chances) for at in pairs)))
+    shown = [order for order in told if order.is_torque or order.angle_error_rad.shows]
+    return tuple(sorted(shown, key=lambda order: (not order.is_torque, -order.cogging_nm.amplitude)))
+
+
+def _blocks(time_s: FloatArray) -> int:
+    """How many of the longest blocks that the covariance is summed over hold anything: its degrees of freedom."""
+    return int(np.unique(((time_s - time_s[0]) / BLOCKS_S[-1]).astype(np.int64)).size)
 
 
 def folded(samples: Samples, periods_per_turn: float) -> Folded:
@@ -103,11 +128,14 @@ def _fitted(columns: FloatArray, residual: FloatArray, time_s: FloatArray) -> tu
     return values, sandwich(columns, residual - columns @ values, time_s)
 
 
-def _wave(pair: FloatArray, covariance: FloatArray) -> Wave:
-    """Of a cosine and a sine: along their phase."""
-    amplitude = float(np.hypot(*pair))
-    if amplitude == 0.0:
-        return Wave(0.0, 0.0, 1.0)
+def _wave(pair: FloatArray, covariance: FloatArray, blocks: int, chances: float) -> Wave:
+    """Of a cosine and a sine: along their phase. The covariance is itself known from so many blocks only (Hotelling's
+    T², Student's t), and the line was chosen from so many ``chances`` (Bonferroni)."""
+    amplitude, freedom = float(np.hypot(*pair)), blocks - 1
+    if amplitude == 0.0 or freedom < 2:
+        return Wave(amplitude, float("inf"), 1.0)
     along = pair / amplitude
-    chance = float(chi2.sf(pair @ np.linalg.pinv(covariance, hermitian=True) @ pair, 2))
-    return Wave(amplitude, LEVEL * float(np.sqrt(along @ covariance @ along)), chance)
+    distance = float(pair @ np.linalg.pinv(covariance, hermitian=True) @ pair)
+    chance = float(f_distribution.sf((freedom - 1) / (2 * freedom) * distance, 2, freedom - 1))
+    half_width = float(student.ppf(0.975, freedom) * np.sqrt(along @ covariance @ along))
+    return Wave(amplitude, half_width, min(1.0, chances * chance))

@@ -6,26 +6,26 @@ from math import isfinite
 
 import numpy as np
 
-from norton_bench.datasheet.derived import Figure, Interval, OperatingPoint, derived, interval_of, seen_to
 from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
 from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.identification.results import FitResult
-from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
+from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, has_covariance, interval_of, seen_to
+from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_statuses
 from norton_bench.models.parameters import BY_NAME, Status
 from norton_bench.networks.family import Network
 from norton_bench.recording.contents import Recording
 from norton_bench.rig.load import parse_rig
 
 LEVEL = 1.96  # deviations, of 95 %
-EXCITED, ALLOWED = "as excited", "rig's limits"
+MEASURED, ALLOWED = "as measured", "rig's limits"
 # Two spans this near to each other are one.
 SAME = 0.01
 
 
 @dataclass(frozen=True)
 class Known:
-    """One parameter; ``std`` is NaN where nothing is told of it, ``status`` None where the network alone is known."""
+    """One parameter; ``std`` is NaN where nothing is told of it, ``status`` None where a network does not tell it."""
 
     name: str
     value: float
@@ -69,7 +69,7 @@ class Sheet:
     @property
     def points(self) -> tuple[OperatingPoint, ...]:
         """How far the network was seen to hold, and how far the rig may go where that is another."""
-        seen = OperatingPoint(EXCITED, seen_to(self.network, "command"), seen_to(self.network, "velocity"))
+        seen = OperatingPoint(MEASURED, seen_to(self.network, "command"), seen_to(self.network, "velocity"))
         known = (seen,) if isfinite(seen.command) and isfinite(seen.velocity_rad_s) else ()
         if self.limits is None or (known and abs(self.limits.command - seen.command) < SAME * seen.command):
             return known
@@ -106,18 +106,21 @@ class Difference:
 
 
 def sheet_of_network(network: Network, file: str) -> Sheet:
-    """What follows from the parameters alone. Raises UsageError for a network of another kind."""
+    """What follows from the parameters alone. Raises UsageError for another kind of network, or without covariance."""
     if not isinstance(network, NortonNetwork):
         raise UsageError(f"{file}: is no identified motor, from whose parameters a sheet follows; see `network show`")
+    if not has_covariance(network):
+        raise UsageError(f"{file}: has no covariance, so that no interval follows; fit its recording again")
     std = dict(zip(network.covariance_names, np.sqrt(np.diag(np.asarray(network.covariance))), strict=True))
+    told = {name: Status(word) for name, word in told_statuses(network.provenance).items()}
     parameters = tuple(
-        Known(name, value, float(std.get(name, np.nan)), BY_NAME[name].unit_for(network.command_unit))
+        Known(name, value, float(std.get(name, np.nan)), BY_NAME[name].unit_for(network.command_unit), told.get(name))
         for attribute, name in PARAMETER_OF_FIELD.items()
         if (value := getattr(network, attribute)) is not None
     )
-    told = tuple(text for key, text in network.provenance.items() if key in ("model", "scale"))
+    scale = (network.provenance["scale"],) if "scale" in network.provenance else ()
     name, origin = network.provenance.get("rig", file), _origin(network.provenance)
-    return Sheet(name, file, network, parameters, told=told, origin=origin)
+    return Sheet(name, file, network, parameters, told=scale, origin=origin)
 
 
 def sheet_of_fit(fit: FitResult, recording: Recording, tests: ResidualTests | None, *, file: str) -> Sheet:

@@ -1,41 +1,27 @@
 """The sheet's tables and sentences, as text: the same on the page and on paper."""
 
 from collections.abc import Iterator, Sequence
-from math import floor, isfinite, log10
+from math import isfinite
 
-from norton_bench.datasheet.derived import Figure, Interval, OperatingPoint
-from norton_bench.datasheet.ripple import Wave
+from norton_bench.datasheet.ripple import Order, Wave
 from norton_bench.datasheet.sheet import Difference, Known, Sheet
+from norton_bench.models.derived import Figure, OperatingPoint
 from norton_bench.models.parameters import BY_NAME
 from norton_bench.report.section import Facts
-from norton_bench.report.words import number, power, pretty_unit, scale_of
-
-NONE = "–"
-
-
-def between(value: float, interval: Interval) -> tuple[str, str]:
-    """A value and its interval, to two digits of a quarter of the interval's width, with one power of ten for both."""
-    low, high = interval
-    if not isfinite(value):
-        return NONE, NONE
-    if not (isfinite(low) and isfinite(high)) or high <= low:
-        return number(value), _open(low, high)
-    scale = scale_of(max(abs(value), high - low))
-    decimals = max(0, 1 - floor(log10((high - low) / 4 / 10.0**scale)))
-    middle, *ends = (f"{x / 10.0**scale:.{decimals}f}".replace("-", "−") for x in (value, low, high))
-    span = " … ".join(ends)
-    return (middle + power(scale), f"({span}){power(scale)}") if scale else (middle, span)
+from norton_bench.report.words import NO_NUMBER as NONE
+from norton_bench.report.words import between, number, pretty_unit, within
 
 
 def parameter_table(sheet: Sheet) -> Facts:
     """The network's own numbers."""
-    head = ("", "parameter", "value", "95 % interval", "unit", *(("status",) if sheet.recorded else ()))
-    return Facts(head, tuple(_parameter(each, recorded=sheet.recorded) for each in sheet.parameters))
+    statuses = any(each.status for each in sheet.parameters)
+    head = ("", "parameter", "value", "95 % interval", "unit", *(("status",) if statuses else ()))
+    return Facts(head, tuple(_parameter(each, statuses=statuses) for each in sheet.parameters))
 
 
 def figure_table(sheet: Sheet) -> Facts:
     """What follows from them. A figure is as good as the worst parameter in it."""
-    head = ("", "figure", "value", "95 % interval", "unit", "valid")
+    head = ("", "figure", "value", "95 % interval", "unit", "valid at")
     figures = sheet.figures()
     before = [None, *(figure.row for figure in figures)]
     rows = tuple(_figure(each, sheet, again=each.row is row) for each, row in zip(figures, before, strict=False))
@@ -59,12 +45,12 @@ _SIDE_BY_SIDE = ("", "figure", "A", "B", "B − A, 95 % interval", "unit", "diff
 
 def order_table(sheet: Sheet) -> Facts | None:
     """Cogging and ripple by order; None where nothing stands out."""
-    if not sheet.evidence.orders:
+    told = [each for each in sheet.evidence.orders if each.is_torque]
+    if not told:
         return None
     head = ("periods a turn", "cogging [mN·m]", "95 % interval", "ripple [% of the torque]", "95 % interval")
     rows = tuple(
-        (f"{each.periods_per_turn:.4g}", *_wave(each.cogging_nm, 1e3), *_wave(each.ripple, 100.0))
-        for each in sheet.evidence.orders
+        (f"{each.periods_per_turn:.4g}", *_wave(each.cogging_nm, 1e3), *_wave(each.ripple, 100.0)) for each in told
     )
     return Facts(head, rows)
 
@@ -72,7 +58,7 @@ def order_table(sheet: Sheet) -> Facts | None:
 def valid_where(figure: Figure, sheet: Sheet) -> str:
     """At which operating point a figure stands, and whether the network was seen to hold there."""
     unit = pretty_unit(sheet.network.command_unit)
-    words = [] if figure.at is None else [_at(figure.at, figure, unit)]
+    words = ["measured range"] if figure.at is None else [_at(figure.at, figure, unit)]
     if figure.extrapolated:
         words.append("extrapolated")
     if not figure.settled and figure.status is not None:
@@ -91,11 +77,16 @@ def range_sentence(sheet: Sheet) -> str:
         for name in spans
         if name in prediction.ranges
     )
-    off = [f"torque within {number(1e3 * prediction.torque_nm, 2)} mN·m"] if isfinite(prediction.torque_nm) else []
+    off = [f"{number(1e3 * prediction.torque_nm, 2)} mN·m of torque"] if isfinite(prediction.torque_nm) else []
     if isfinite(prediction.velocity_rad_s):
-        off.append(f"free velocity within {number(prediction.velocity_rad_s, 2)} rad/s")
-    share = f", in {prediction.level:.0%} of motions not seen" if isfinite(prediction.level) else ""
-    return f"Seen to hold for {seen}. Predictions there are right to: {', '.join(off)} rms{share}." if off else seen
+        off.append(f"{number(prediction.velocity_rad_s, 2)} rad/s of free velocity")
+    share = f"{100 * prediction.level:.0f} % of" if isfinite(prediction.level) else "of"
+    held = f"Valid where it was measured: {seen}."
+    return (
+        f"{held} There, {share} motions that were not fitted were predicted to within {' and '.join(off)} (rms)."
+        if off
+        else held
+    )
 
 
 def remarks(sheet: Sheet) -> Iterator[str]:
@@ -104,16 +95,25 @@ def remarks(sheet: Sheet) -> Iterator[str]:
     if "scale" in sheet.network.provenance:
         yield "No torque was measured: only figures that need no torque scale are given."
     if not sheet.recorded:
-        yield "From the network alone: points measured, cogging and lost motion are in its recording."
+        yield "From the network alone: measured points, cogging and free play are in its recording."
         return
     if told.gap is not None:
         yield _gap_sentence(sheet)
-    if told.order_nm.size and not told.orders:
+    if told.order_nm.size and not any(order.is_torque for order in told.orders):
         yield "No cogging and no ripple stands out from the noise."
-    has = "The drive's current was recorded, but no voltage" if told.has_current else "Neither current nor voltage"
-    recorded = "" if told.has_current else " was recorded"
-    yield f"{has}{recorded}, so there is no electrical efficiency; friction's share is below, as mechanical efficiency."
+    yield from map(_angle_sentence, (order for order in told.orders if order.angle_error_rad.shows))
+    known = "the drive's current was recorded, but no voltage" if told.has_current else "no current and no voltage"
+    recorded = "" if told.has_current else " were recorded"
+    yield f"There is no electrical efficiency: {known}{recorded}. Mechanical efficiency holds friction's losses alone."
     yield _warming_sentence(sheet)
+
+
+def _angle_sentence(order: Order) -> str:
+    error = order.angle_error_rad
+    return (
+        f"The measured angle has an error of {within(1e3 * error.amplitude, 1e3 * error.half_width)} mrad that repeats "
+        f"{order.periods_per_turn:.4g} times a turn."
+    )
 
 
 def _gap_sentence(sheet: Sheet) -> str:
@@ -132,17 +132,17 @@ def _warming_sentence(sheet: Sheet) -> str:
         return "No temperature was recorded, so nothing is said of friction against it."
     span = f"{number(warming.from_c, 3)} to {number(warming.to_c, 3)} °C"
     if not isfinite(warming.change_nm):
-        return f"The drive's transistors stayed within {span}: too little to tell what warmth does to friction."
+        return f"The drive's temperature stayed within {span}: too little to tell what warmth does to friction."
     change, half = 1e3 * warming.change_nm, 1e3 * warming.half_width_nm
     value, interval = between(change, (change - half, change + half))
-    return f"While the drive's transistors went from {span}, friction changed by {value} mN·m ({interval})."
+    return f"While the drive's temperature went from {span}, friction changed by {value} mN·m ({interval})."
 
 
-def _parameter(each: Known, *, recorded: bool) -> tuple[str, ...]:
+def _parameter(each: Known, *, statuses: bool) -> tuple[str, ...]:
     value, interval = between(each.shown, each.interval)
     row = BY_NAME[each.name]
     shown = interval if each.settled else NONE
-    status = (each.status.value if each.status else "",) if recorded else ()
+    status = (each.status.value if each.status else "",) if statuses else ()
     return (row.symbol, row.meaning, value, shown, pretty_unit(each.unit), *status)
 
 
@@ -150,13 +150,8 @@ def _figure(figure: Figure, sheet: Sheet, *, again: bool) -> tuple[str, ...]:
     """What a figure is stands with the first of its operating points alone."""
     value, interval = between(figure.shown, figure.interval)
     shown = interval if figure.settled else NONE
-    words = title(figure) if again else f"{title(figure)}: {figure.row.meaning}"
+    words = figure.words if again else f"{figure.words}: {figure.row.meaning}"
     return (figure.row.symbol, words, value, shown, pretty_unit(figure.unit), valid_where(figure, sheet))
-
-
-def title(figure: Figure) -> str:
-    """Its name in words."""
-    return figure.row.name.replace("_", " ")
 
 
 def _parameter_difference(first: Known, second: Known) -> tuple[str, ...]:
@@ -183,7 +178,7 @@ def _parameter_difference(first: Known, second: Known) -> tuple[str, ...]:
 def _difference(each: Difference) -> tuple[str, ...]:
     first, second = each.first, each.second
     known = first.settled and second.settled
-    words = title(first)
+    words = first.words
     if first.at is not None:
         words += f" ({first.at.name}, {number(first.at.command, 3)})"
     return (
@@ -213,9 +208,3 @@ def _at(point: OperatingPoint, figure: Figure, unit: str) -> str:
     if figure.row.velocity is not None and isfinite(point.velocity_rad_s) and figure.row.name != "no_load_speed":
         parts.append(f"{number(point.velocity_rad_s, 3)} rad/s")
     return f"{', '.join(parts)}, {point.name}"
-
-
-def _open(low: float, high: float) -> str:
-    if isfinite(low):
-        return f"above {number(low, 3)}"
-    return f"below {number(high, 3)}" if isfinite(high) else NONE

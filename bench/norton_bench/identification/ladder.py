@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from norton_bench.arrays import BoolArray
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.friction.fit import FrictionFit, Problem, fit_friction
 from norton_bench.identification.friction.model import Equation, FrictionModel, blocked_folds
@@ -58,7 +58,8 @@ def ladder(equation: Equation, models: Sequence[FrictionModel], rows: BoolArray 
     folds = [int(fold) for fold in np.unique(equation.fold[rows]) if fold >= 0]
     if len(folds) < 2:
         raise ExperimentError("models are compared on data held out: the record needs at least two parts")
-    rungs = [_rung(equation, model, rows, folds) for model in models]
+    shapes: dict[str, list[FloatArray]] = {}
+    rungs = [_rung(equation, model, rows, folds, shapes) for model in models]
     chosen = simplest_as_good([rung.fold_mean_squares for rung in rungs], [rung.unknowns for rung in rungs])
     return tuple(replace(rung, selected=index == chosen) for index, rung in enumerate(rungs))
 
@@ -68,21 +69,26 @@ def selected(rungs: Sequence[Rung]) -> Rung:
     return next(rung for rung in rungs if rung.selected)
 
 
-def _rung(equation: Equation, model: FrictionModel, rows: BoolArray, folds: list[int]) -> Rung:
+def _rung(
+    equation: Equation, model: FrictionModel, rows: BoolArray, folds: list[int], shapes: dict[str, list[FloatArray]]
+) -> Rung:
+    """``shapes`` are those of the models before, on all rows and without each fold; this one's are added."""
     # Part 0 is always trained on, -1 never; the folds follow.
     part = np.where(rows, 0, -1)
     for index, fold in enumerate(folds):
         part[rows & (equation.fold == fold)] = index + 1
     problem = Problem.of(equation, model, part)
-    best = problem.refine(rows, problem.scan())
+    best = problem.search(rows, problem.scan(), _of_part(shapes, 0))
     whole = problem.finish(rows, best)
-    squares = []
+    squares, own = [], [whole.shape]
     for index in range(1, len(folds) + 1):
         train = rows & (part != index)
-        reached = problem.refine(train, problem.scan(index, best.at))
+        reached = problem.search(train, problem.scan(index, best.at), _of_part(shapes, index))
         held_out = part == index
         residual = equation.target[held_out] - reached.linear @ reached.columns[:, held_out]
         squares.append(float(np.mean(residual**2)))
+        own.append(np.exp(reached.at))
+    shapes[model.name] = own
     rms, std = held_out_rms(squares)
     return Rung(
         model=model,
@@ -93,3 +99,7 @@ def _rung(equation: Equation, model: FrictionModel, rows: BoolArray, folds: list
         target_rms=float(np.sqrt(np.mean(equation.target[rows] ** 2))),
         fold_mean_squares=tuple(squares),
     )
+
+
+def _of_part(shapes: dict[str, list[FloatArray]], index: int) -> dict[str, FloatArray]:
+    return {name: each[index] for name, each in shapes.items()}

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.jog.setpoints import Bounds, LoadDoes, Setpoints
 from norton_bench.procedures.imposed import TORQUE_SHARE
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.makers import UNENDING
 from norton_bench.procedures.waves import ticks_in
 from norton_bench.records import Measured
-from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, FloatArray, LoadMode, Segment, Use
+from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, LoadMode, Segment, Use
 
 NAME = "jog"
 # A key acts with the next segment, and between two segments drives wait for the session: short enough for a hand, long

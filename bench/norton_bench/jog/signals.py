@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from math import isfinite, nan
 
 import numpy as np
-import numpy.typing as npt
 
+from norton_bench.arrays import FloatArray
 from norton_bench.records import Measured, Table
 from norton_bench.rig.rig import Rig
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,11 @@ SIGNED = ("torque_gain", "amplifier_gain")
 LONGEST_STEP_S = 1e-4
 
 
+def told_statuses(provenance: Mapping[str, str]) -> dict[str, str]:
+    """Of each parameter that is not valid, by its name, as a network's provenance tells it."""
+    return dict(pair.split("=", 1) for pair in provenance.get(STATUS, "").split("; ") if "=" in pair)
+
+
 @dataclass(frozen=True)
 class NortonNetwork:
     """A motion source and a nonlinear impedance, for an actuator whose command is in ``command_unit``.

@@ -68,7 +68,7 @@ def render(data: ReportData) -> str:
         sections=parts,
         commands=how_to_repeat(data),
         model=None if data.fit is None else model_of(data.fit, data.command_unit),
-        derived=None if data.fit is None else derived_facts(data.fit, data.command_unit),
+        derived=None if data.fit is None else derived_facts(data.fit),
         terms=TERMS,
     )
 

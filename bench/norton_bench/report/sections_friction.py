@@ -3,24 +3,13 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+from norton_bench.identification.friction.family import CONTAINS
 from norton_bench.identification.friction.fit import ROUGHNESS
 from norton_bench.identification.friction.laws import EXCESS
 from norton_bench.report.data import ReportData
 from norton_bench.report.section import Facts, Section
 from norton_bench.report.words import number
 
-# Models that a model becomes for some of its values. All others are friction laws of their own.
-CONTAINS = {
-    "coulomb-viscous-asymmetric": ("coulomb-viscous",),
-    "load-dependent": ("coulomb-viscous",),
-    "stribeck": ("coulomb-viscous",),
-    "stribeck-asymmetric": ("stribeck", "coulomb-viscous-asymmetric", "coulomb-viscous"),
-    # With the least Stribeck velocity its stiction is gone as soon as the shaft moves.
-    "lugre": ("dahl",),
-    "maxwell-slip": ("stribeck", "coulomb-viscous"),
-    "elasto-plastic-asymmetric": ("elasto-plastic",),
-    "maxwell-slip-asymmetric": ("maxwell-slip", "stribeck", "coulomb-viscous"),
-}
 # What each of those with a memory of the path assumes, and cannot leave out.
 ASSUMES = {
     "dahl": "yields from the first motion on",
@@ -82,7 +71,6 @@ def worse_though_richer(best: Compared, models: Sequence[Compared]) -> tuple[lis
     tolerance = best.train_relative * (1 + ROUGHNESS)
     richer = [each for each in models if each.unknowns > best.unknowns and each.train_relative > tolerance]
     others = [each.name for each in richer if best.name not in CONTAINS.get(each.name, ())]
-    stopped = [each.name for each in richer if each.name not in others]
     sentences = []
     if others:
         one = len(others) == 1
@@ -90,11 +78,6 @@ def worse_though_richer(best: Compared, models: Sequence[Compared]) -> tuple[lis
         sentences.append(
             f"More numbers need not fit better, even on the data fitted: {_listed(others)} {law}, not {of} of "
             f"{best.name}, and cannot become {best.name} for any values."
-        )
-    if stopped:
-        worse = "fits worse" if len(stopped) == 1 else "fit worse"
-        sentences.append(
-            f"{_listed(stopped)} could become {best.name} and yet {worse}: the search did not find the best values."
         )
     laws = (f"{name} {ASSUMES.get(name.removesuffix('-asymmetric'), WITHOUT_MEMORY)}." for name in others)
     return sentences, tuple(laws)

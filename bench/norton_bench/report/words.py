@@ -6,7 +6,7 @@ from typing import NamedTuple
 from norton_bench.models.parameters import BY_NAME, Estimate
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_NO_NUMBER = "–"
+NO_NUMBER = "–"
 _UNIT_WORDS = (("N*m*s/rad", "N·m·s/rad"), ("kg*m^2", "kg·m²"), ("N*m", "N·m"), ("**", "^"), ("*", "·"), ("^2", "²"))
 
 
@@ -30,7 +30,7 @@ def pretty_unit(unit: str) -> str:
 def number(value: float, digits: int = 4) -> str:
     """``digits`` significant digits, with a power of ten where that is shorter to read."""
     if not isfinite(value):
-        return _NO_NUMBER
+        return NO_NUMBER
     if value == 0.0:
         return "0"
     exponent = _exponent(value, digits)
@@ -52,7 +52,7 @@ def power(exponent: int) -> str:
 def to_its_digits(value: float, std: float) -> str:
     """The value alone, to two digits of its standard deviation: "5.002·10⁻⁵"."""
     if not isfinite(value):
-        return _NO_NUMBER
+        return NO_NUMBER
     if not isfinite(std) or std <= 0.0:
         return number(value)
     scale = scale_of(value)
@@ -63,7 +63,7 @@ def to_its_digits(value: float, std: float) -> str:
 def within(value: float, half_width: float) -> str:
     """Value ± half of its interval, to one digit of the latter and never with a power of ten: "0.16 ± 0.03"."""
     if not isfinite(value):
-        return _NO_NUMBER
+        return NO_NUMBER
     if not isfinite(half_width) or half_width <= 0.0:
         return number(value)
     decimals = max(0, -floor(log10(half_width)))
@@ -73,15 +73,35 @@ def within(value: float, half_width: float) -> str:
 def interval(value: float, std: float) -> str:
     """The 95 % interval of a normal distribution, to the same digits as :func:`to_its_digits`."""
     if not (isfinite(value) and isfinite(std)) or std <= 0.0:
-        return _NO_NUMBER
+        return NO_NUMBER
     scale = scale_of(value)
     decimals = max(0, 1 - floor(log10(std / 10.0**scale)))
     low, high = (f"{(value + side * 1.96 * std) / 10.0**scale:.{decimals}f}".replace("-", "−") for side in (-1, 1))
     return f"({low} … {high}){power(scale)}" if scale else f"{low} … {high}"
 
 
+def between(value: float, interval: tuple[float, float]) -> tuple[str, str]:
+    """A value and its interval, to two digits of a quarter of the interval's width, with one power of ten for both."""
+    low, high = interval
+    if not isfinite(value):
+        return NO_NUMBER, NO_NUMBER
+    if not (isfinite(low) and isfinite(high)) or high <= low:
+        return number(value), _open(low, high)
+    scale = scale_of(max(abs(value), high - low))
+    decimals = max(0, 1 - floor(log10((high - low) / 4 / 10.0**scale)))
+    middle, *ends = (f"{x / 10.0**scale:.{decimals}f}".replace("-", "−") for x in (value, low, high))
+    span = " … ".join(ends)
+    return (middle + power(scale), f"({span}){power(scale)}") if scale else (middle, span)
+
+
+def _open(low: float, high: float) -> str:
+    if isfinite(low):
+        return f"above {number(low, 3)}"
+    return f"below {number(high, 3)}" if isfinite(high) else NO_NUMBER
+
+
 def percent(ratio: float) -> str:
-    return f"{number(100 * ratio, 2)} %" if isfinite(ratio) else _NO_NUMBER
+    return f"{number(100 * ratio, 2)} %" if isfinite(ratio) else NO_NUMBER
 
 
 def symbol(estimate: Estimate) -> str:

@@ -13,7 +13,7 @@ from scipy.stats import norm, t
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.identification.statistics import NORMAL_95, Combined, combine
-from norton_bench.models.network import STATUS, NortonNetwork
+from norton_bench.models.network import NortonNetwork, told_statuses
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.recording.reader import read_happenings
 
@@ -147,7 +147,7 @@ def _time(told: Mapping[str, str]) -> datetime | None:
 def _estimates(network: NortonNetwork) -> dict[str, Estimate]:
     """What the network holds, with the status that its session gave."""
     variances = dict(zip(network.covariance_names, np.diag(np.atleast_2d(network.covariance)), strict=True))
-    status = dict(pair.split("=") for pair in network.provenance.get(STATUS, "").split("; ") if "=" in pair)
+    status = told_statuses(network.provenance)
     return {
         name: Estimate(name, value, sqrt(variances[name]), unit, Status(status.get(name, Status.VALID.value)))
         for name, (value, unit) in network.parameters().items()

@@ -9,7 +9,7 @@ import pytest
 
 from norton_bench.cli.app import main
 from norton_bench.errors import ExitCode
-from norton_bench.faults.witness_file import read_witness
+from norton_bench.faults.host_loss import read_witness
 from norton_bench.recording.reader import read_recording
 from tests.bench.half_rate import half_rate
 from tests.bench.served import rig_of_its_own, served

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.bench_ladder import bench_equation, bench_ladder
-from norton_bench.identification.friction.family import model
+from norton_bench.identification.friction.family import CONTAINS, model
+from norton_bench.identification.friction.fit import WORTH_A_STEP
 from norton_bench.identification.ladder import fit_friction, ladder, selected
 from norton_bench.identification.signals import signals
 from norton_bench.segments import Use
@@ -20,14 +21,27 @@ def equation(experiment, result):
     return bench_equation(signals(experiment, TICK_S, Use.IDENTIFY), result)
 
 
-def test_dahl_is_recognised(experiment, result):
-    rungs = bench_ladder(signals(experiment, TICK_S, Use.IDENTIFY), result)
+@pytest.fixture(scope="module")
+def rungs(experiment, result):
+    return bench_ladder(signals(experiment, TICK_S, Use.IDENTIFY), result)
+
+
+def test_dahl_is_recognised(rungs):
     best = selected(rungs)
     assert best.name == "dahl"
     static = next(rung for rung in rungs if rung.name == "coulomb-viscous")
     assert best.held_out_rms < 0.2 * static.held_out_rms
     # The sensor's noise, 1 mN·m, passes the low band by its share of the width; cogging and counts add to it.
     assert best.held_out_rms < 1e-3
+
+
+def test_no_model_fits_worse_than_one_that_it_contains(rungs):
+    """On all rows; the search is content with the last of WORTH_A_STEP of the cost."""
+    left = {rung.name: rung.train_rms for rung in rungs}
+    pairs = [(outer, inner) for outer in left for inner in CONTAINS.get(outer, ()) if inner in left]
+    assert ("lugre", "dahl") in pairs
+    for outer, inner in pairs:
+        assert left[outer] <= left[inner] * (1 + WORTH_A_STEP), (outer, inner)
 
 
 def test_values_beside_the_friction_are_true(equation):

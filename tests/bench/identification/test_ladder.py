@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.friction.family import family_for, model
+from norton_bench.identification.friction.family import CONTAINS, family_for, model
+from norton_bench.identification.friction.fit import WORTH_A_STEP
 from norton_bench.identification.ladder import blocked_folds, ladder, selected
 from tests.bench.identification.friction.paths import equation_of, wandering
 
@@ -38,6 +39,11 @@ def test_the_truth_is_selected(truth, coefficients, shape, wanted, seed):
     # What is left on data not seen is the noise, to within its scatter (0.9 %) and the few numbers learnt.
     assert best.held_out_rms == pytest.approx(NOISE, rel=0.03)
     assert sum(rung.selected for rung in rungs) == 1
+    left = {rung.name: rung.train_rms for rung in rungs}
+    nested = [(outer, inner) for outer in left for inner in CONTAINS.get(outer, ()) if inner in left]
+    assert len(nested) == 5
+    # The search is content with the last of this share of the cost.
+    assert all(left[outer] <= left[inner] * (1 + WORTH_A_STEP) for outer, inner in nested)
 
 
 def test_held_out_rows_are_not_learnt_from():

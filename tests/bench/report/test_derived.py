@@ -31,14 +31,14 @@ def test_values_and_intervals_follow_from_parameters_and_covariance(full: Report
     network = replace(
         full.fit.network, covariance_names=names, covariance=tuple(tuple(map(float, row)) for row in covariance)
     )
-    facts = derived_facts(replace(full.fit, network=network), "N*m")
+    facts = derived_facts(replace(full.fit, network=network))
     assert facts is not None
     drawn = dict(zip(names, np.random.default_rng(SEED).multivariate_normal(values, covariance, DRAWS).T, strict=True))
     expected = {
-        "breakaway command, either way": drawn["coulomb_torque"] / drawn["torque_gain"],
+        "breakaway command": drawn["coulomb_torque"] / drawn["torque_gain"],
         "free speed per command": drawn["torque_gain"] / drawn["viscous_damping"],
         "mechanical time constant": drawn["inertia"] / drawn["viscous_damping"],
-        "deflection before sliding": drawn["coulomb_torque"] / drawn["presliding_stiffness"],
+        "presliding displacement": drawn["coulomb_torque"] / drawn["presliding_stiffness"],
     }
     assert [row[0] for row in facts.rows] == list(expected)
     for name, value, interval, _unit, _use in facts.rows:
@@ -53,15 +53,15 @@ def test_a_figure_whose_parameter_is_not_known_is_left_out(full: ReportData) -> 
     lost = tuple(
         replace(each, status=Status.AT_BOUND) if each.name == "viscous_damping" else each for each in full.fit.estimates
     )
-    facts = derived_facts(replace(full.fit, estimates=lost), "N*m")
+    facts = derived_facts(replace(full.fit, estimates=lost))
     assert facts is not None
-    assert [row[0] for row in facts.rows] == ["breakaway command, either way", "deflection before sliding"]
+    assert [row[0] for row in facts.rows] == ["breakaway command", "presliding displacement"]
     nothing = tuple(replace(each, status=Status.DOUBTFUL) for each in full.fit.estimates)
-    assert derived_facts(replace(full.fit, estimates=nothing), "N*m") is None
+    assert derived_facts(replace(full.fit, estimates=nothing)) is None
 
 
 def test_without_a_covariance_there_is_no_interval(full: ReportData) -> None:
     assert full.fit is not None
-    facts = derived_facts(full.fit, "N*m")
+    facts = derived_facts(full.fit)
     assert facts is not None
     assert {row[2] for row in facts.rows} == {"–"}

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from norton_bench.identification.friction.family import FAMILY, model
+from norton_bench.identification.friction.family import CONTAINS, FAMILY, model
 from norton_bench.identification.friction.fit import fit_friction
 from norton_bench.identification.friction.model import Equation, Path, blocked_folds
-from norton_bench.report.sections_friction import ASSUMES, CONTAINS, worse_though_richer
+from norton_bench.report.sections_friction import ASSUMES, worse_though_richer
 
 DT_S, DEFLECTION_RAD, COULOMB_NM = 1e-3, 2e-3, 0.02
 # Of a fit by Gauss-Newton to data that the model makes exactly.
@@ -93,18 +93,10 @@ def test_every_model_of_the_family_is_known_here() -> None:
 
 def test_richer_models_that_fit_worse_are_explained() -> None:
     best = Line("dahl", 4, 0.009)
-    models = [best, Line("coulomb-viscous", 2, 0.14), Line("lugre", 6, 0.0103), Line("maxwell-slip", 17, 0.034)]
-    (another, searched), laws = worse_though_richer(best, models)
+    models = [best, Line("coulomb-viscous", 2, 0.14), Line("lugre", 6, 0.009), Line("maxwell-slip", 17, 0.034)]
+    (another,), laws = worse_though_richer(best, models)
     assert "maxwell-slip is another friction law, not an extension of dahl" in another
-    assert searched == "lugre could become dahl and yet fits worse: the search did not find the best values."
     assert laws == ("maxwell-slip is a sum of elements that each yield all at once, without damping before sliding.",)
-
-
-def test_a_model_that_contains_the_best_and_fits_worse_was_searched_too_little() -> None:
-    best = Line("stribeck", 4, 0.05)
-    (sentence,), laws = worse_though_richer(best, [best, Line("maxwell-slip", 17, 0.06)])
-    assert sentence == "maxwell-slip could become stribeck and yet fits worse: the search did not find the best values."
-    assert laws == ()
 
 
 def test_nothing_is_explained_where_nothing_is_worse() -> None:

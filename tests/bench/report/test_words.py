@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_bench.report.words import in_prefixed_unit, interval, number, percent, pretty_unit, to_its_digits
+from norton_bench.report.words import between, in_prefixed_unit, interval, number, percent, pretty_unit, to_its_digits
 
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
 
@@ -54,6 +54,12 @@ def test_the_interval_is_the_normal_one() -> None:
     assert interval(10.0, 1.0) == "8.0 … 12.0"
     assert interval(5e-5, 1e-6) == "(4.80 … 5.20)·10⁻⁵"
     assert interval(1.0, nan) == "–"
+
+
+def test_a_value_and_its_interval_share_their_digits() -> None:
+    assert between(0.0199936, (0.0199788, 0.0200084)) == ("0.0199936", "0.0199788 … 0.0200084")
+    assert between(4.9978e-5, (4.9866e-5, 5.009e-5)) == ("4.9978·10⁻⁵", "(4.9866 … 5.0090)·10⁻⁵")
+    assert between(50.0, (40.0, float("inf"))) == ("50.00", "above 40.0")
 
 
 @pytest.mark.parametrize(

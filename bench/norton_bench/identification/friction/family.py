@@ -28,6 +28,19 @@ FAMILY: tuple[FrictionModel, ...] = (
     Asymmetric(MaxwellSlip(), memory=True),
 )
 
+# Models that a model becomes for some of its values. All others are friction laws of their own.
+CONTAINS = {
+    "coulomb-viscous-asymmetric": ("coulomb-viscous",),
+    "load-dependent": ("coulomb-viscous",),
+    "stribeck": ("coulomb-viscous",),
+    "stribeck-asymmetric": ("stribeck", "coulomb-viscous-asymmetric", "coulomb-viscous"),
+    # With the least Stribeck velocity its stiction is gone as soon as the shaft moves.
+    "lugre": ("dahl",),
+    "maxwell-slip": ("stribeck", "coulomb-viscous"),
+    "elasto-plastic-asymmetric": ("elasto-plastic",),
+    "maxwell-slip-asymmetric": ("maxwell-slip", "stribeck", "coulomb-viscous"),
+}
+
 
 def model(name: str) -> FrictionModel:
     """The member called ``name``. Raises UsageError, with the nearest name, where there is none."""

@@ -1,9 +1,10 @@
 """Separable fit of one friction model: coefficients are solved for at every step, only the shape is searched.
 
-No initial guess: the shape is scanned over its whole range on a logarithmic grid, then refined by Gauss-Newton.
+No initial guess: the shape is scanned over its whole range on a logarithmic grid, then refined by Gauss-Newton. Where
+a simpler model that this one contains fits better than what was reached, the search starts again from there.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,6 +12,8 @@ import numpy as np
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.friction.bounded import bounded_solution
+from norton_bench.identification.friction.family import CONTAINS
+from norton_bench.identification.friction.family import model as member
 from norton_bench.identification.friction.model import Dimension, Equation, FrictionModel
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
@@ -80,7 +83,10 @@ def fit_friction(equation: Equation, model: FrictionModel, rows: BoolArray | Non
     problem = Problem.of(equation, model, np.where(rows, 0, -1))
     if np.count_nonzero(rows) < 3 * (len(problem.nonnegative) + len(model.unknowns)):
         raise ExperimentError(f'too few samples are left to fit friction "{model.name}": use a longer record')
-    return problem.finish(rows, problem.refine(rows, problem.scan()))
+    # One without unknowns of its shape is found within any shape of this one.
+    inner = [each for each in map(member, CONTAINS.get(model.name, ())) if each.unknowns]
+    contained = {each.name: fit_friction(equation, each, rows).shape for each in inner}
+    return problem.finish(rows, problem.search(rows, problem.scan(), contained))
 
 
 @dataclass(frozen=True)
@@ -170,6 +176,30 @@ class Problem:
         if key not in self._scanned:
             self._scanned[key] = part_sums(self.columns(at), self.equation.target, self.part)
         return self._scanned[key]
+
+    def search(self, rows: BoolArray, start: FloatArray, contained: Mapping[str, FloatArray]) -> Reached:
+        """Refined from ``start``, or from what a model that this one contains is here, where that is better.
+
+        ``contained`` are the shapes of models fitted to the same rows, by name; those that are not contained are not
+        looked at.
+        """
+        found = self.refine(rows, start)
+        starts = [
+            self._reach(at, rows)
+            for name in CONTAINS.get(self.model.name, ())
+            if name in contained and contained[name].size
+            for at in self._becoming(member(name), contained[name], found.at)
+        ]
+        best = min(starts, key=lambda each: each.cost, default=found)
+        return self.refine(rows, best.at) if best.cost < found.cost else found
+
+    def _becoming(self, inner: FrictionModel, shape: FloatArray, found: FloatArray) -> Iterator[FloatArray]:
+        """Where this model is ``inner`` with that ``shape``: unknowns that ``inner`` does not have are at their least,
+        or do not matter and stay as ``found``."""
+        known = {unknown.name: value for unknown, value in zip(inner.unknowns, np.log(shape), strict=True)}
+        for others in (self.low, found):
+            at = [known.get(each.name, other) for each, other in zip(self.model.unknowns, others, strict=True)]
+            yield np.clip(at, self.low, self.high)
 
     def refine(self, rows: BoolArray, start: FloatArray) -> Reached:
         """Gauss-Newton on the projected problem with step halving, inside the box."""

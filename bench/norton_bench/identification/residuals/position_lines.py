@@ -49,7 +49,7 @@ def position_harmonics(
         pair = np.stack([np.cos(angle), np.sin(angle)])
         scores = np.array([np.bincount(block[slow], wave * left[slow]) for wave in pair], dtype=np.float64)
         used = np.bincount(block[slow], minlength=scores.shape[1]) > 0
-        p_value = min(1.0, _looked_at(position) * chance_of_sum(scores[:, used]))
+        p_value = min(1.0, looked_at(position) * chance_of_sum(scores[:, used]))
         if not p_value < SIGNIFICANCE:
             break
         weights = np.linalg.lstsq(pair @ pair.T, pair @ left[slow], rcond=None)[0]
@@ -58,7 +58,7 @@ def position_harmonics(
     return spectrum, tuple(harmonics)
 
 
-def _looked_at(position: FloatArray) -> float:
+def looked_at(position: FloatArray) -> float:
     """How many different lines a search over position has to choose from."""
     return cogging.MOST_PERIODS * max(1.0, float(np.ptp(position)) / (2 * np.pi))
 

@@ -8,7 +8,8 @@ from scipy.optimize import lsq_linear
 
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.friction.bounded import bounded_solution
-from norton_bench.identification.friction.family import FAMILY, family_for, model
+from norton_bench.identification.friction.family import CONTAINS, FAMILY, family_for, model
+from norton_bench.identification.friction.fit import WORTH_A_STEP
 from norton_bench.identification.friction.model import Path
 from norton_bench.identification.ladder import fit_friction
 from tests.bench.identification.friction.paths import equation_of, path_of, wandering
@@ -45,6 +46,27 @@ def test_true_values_from_nothing(name, factor):
     # 4.5 deviations: once in ten runs of all of this by chance at 3.
     assert np.all(np.abs(fit.values - truth)[known] < 4.5 * fit.deviations[known])
     assert fit.value("inertia") == pytest.approx(2e-3, rel=0.02)
+
+
+# What each model that others contain is made of, so that a search may end elsewhere: little noise makes hollows deep.
+CONTAINED = {
+    "coulomb-viscous": ([1e-3, 0.02], []),
+    "coulomb-viscous-asymmetric": ([1e-3, 0.02, 1.5e-3, 0.03], []),
+    "stribeck": ([1e-3, 0.02, 0.015], [3.0]),
+    "dahl": ([1e-3, 0.02, 1e-3], [0.3]),
+    "elasto-plastic": ([1e-3, 0.02, 1e-3], [0.05, 0.4]),
+    "maxwell-slip": ([1e-3, 0.02, 0.0, *[2e-3] * 12], [0.05, 3.0]),
+}
+PAIRS = [(outer, inner) for outer, inners in CONTAINS.items() for inner in inners]
+
+
+@pytest.mark.parametrize(("outer", "inner"), PAIRS)
+def test_no_model_fits_worse_than_one_that_it_contains(outer, inner):
+    path = wandering(0, seconds=6.0)
+    path = path_of(path.position, load=1.0 + 0.5 * np.sin(np.arange(path.position.size) / 300))
+    equation = equation_of(model(inner), *CONTAINED[inner], path, 0.1 * NOISE)
+    # The search is content with the last of this share of the cost.
+    assert fit_friction(equation, model(outer)).rms <= fit_friction(equation, model(inner)).rms * (1 + WORTH_A_STEP)
 
 
 def test_maxwell_slip_follows_two_contacts_side_by_side():

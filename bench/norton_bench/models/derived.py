@@ -1,9 +1,9 @@
 """The one table of derived figures: each a function of the motor's parameters (paper, section IV.D).
 
-From it follow the sheet, its JSON, its comparison and its proof. Intervals are those of the parameters, which are drawn
-from their covariance and carried through the function (Joint Committee for Guides in Metrology, Guide 101:2008,
-"Propagation of distributions using a Monte Carlo method"): a ratio's interval then lies unevenly about it, as it
-should.
+From it follow the data sheet, its JSON, its comparison, its proof, and what the report shows of it. Intervals are those
+of the parameters, which are drawn from their covariance and carried through the function (Joint Committee for Guides
+in Metrology, Guide 101:2008, "Propagation of distributions using a Monte Carlo method"): a ratio's interval then lies
+unevenly about it, as it should.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,6 @@ from math import inf, isfinite, log
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.errors import UsageError
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
 from norton_bench.models.parameters import Status
 
@@ -111,6 +110,11 @@ class Figure:
         return self.row.name if self.at is None else f"{self.row.name} ({self.at.name})"
 
     @property
+    def words(self) -> str:
+        """The row's name in words."""
+        return self.row.name.replace("_", " ")
+
+    @property
     def interval(self) -> Interval:
         return interval_of(self.draws)
 
@@ -128,7 +132,7 @@ class Figure:
 def over(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
     """A ratio of figures that are positive in truth: infinite where the denominator was drawn below zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(denominator > 0.0, numerator / denominator, inf))
+        return np.asarray(np.where(denominator <= 0.0, inf, numerator / denominator))
 
 
 def no_load_rad_s(motor: Motor, at: OperatingPoint) -> FloatArray:
@@ -211,9 +215,13 @@ DERIVED = (
         (GAIN, COULOMB, DAMPING), _power_w, at_command=True, velocity=strongest_rad_s,
     ),
     Derived(
-        "mechanical_efficiency", "η", "", "of that power, over what the motor's torque does: friction's losses alone",
+        "mechanical_efficiency", "η", "", "that power over the power of the motor's torque: friction's losses alone",
         "1 − (τc + B·ω)/(Km·Ka·c)", (GAIN, COULOMB, DAMPING), _efficiency, at_command=True, absolute=False,
         velocity=strongest_rad_s,
+    ),
+    Derived(
+        "free_speed_per_command", "kω", "rad/s/({command})", "slope of the steady free velocity beyond breakaway",
+        "Km·Ka/B", (GAIN, DAMPING), lambda motor, _: over(motor.gain, motor.damping_nms_rad), absolute=False,
     ),
     Derived(
         "starting_acceleration", "α", "rad/s^2", "acceleration of the free shaft as it starts to slide",
@@ -236,7 +244,7 @@ DERIVED = (
         (GAIN, COULOMB), lambda motor, _: over(motor.coulomb_nm, motor.gain), absolute=False,
     ),
     Derived(
-        "hysteresis", "Δτ", "N*m", "between torques at one slow position, approached from either side", "2·τc",
+        "hysteresis", "Δτ", "N*m", "of the torque at one position, approached slowly from either side", "2·τc",
         (COULOMB,), lambda motor, _: 2.0 * motor.coulomb_nm,
     ),
     Derived(
@@ -264,7 +272,7 @@ DERIVED = (
         lambda motor, _: motor.bandwidth_rad_s / (2 * np.pi), absolute=False,
     ),
     Derived(
-        "torque_rise_time", "tr", "s", "of the motor's torque from 10 to 90 % after a step", "ln(9)/β", (BANDWIDTH,),
+        "torque_rise_time", "tr", "s", "of the motor's torque, from 10 to 90 % of a step", "ln(9)/β", (BANDWIDTH,),
         lambda motor, _: over(np.full(motor.gain.shape, RISE), motor.bandwidth_rad_s), absolute=False,
     ),
 )  # fmt: skip
@@ -276,10 +284,10 @@ def estimate_of(network: NortonNetwork) -> Motor:
 
 
 def drawn(network: NortonNetwork, seed: int) -> Motor:
-    """DRAWS motors as the covariance has them, shape (DRAWS,). Raises UsageError for a network without one."""
+    """DRAWS motors as the covariance has them, shape (DRAWS,); all of them NaN where the network has none."""
     names = [PARAMETER_OF_FIELD[field] for field in _FIELDS]
-    if not set(network.covariance_names) & set(names):
-        raise UsageError("the network has no covariance, so that no interval follows; fit its recording again")
+    if not has_covariance(network):
+        return _motor(np.full((DRAWS, len(names)), np.nan))
     covariance = np.zeros((len(names), len(names)))
     at = [names.index(name) for name in network.covariance_names if name in names]
     chosen = [place for place, name in enumerate(network.covariance_names) if name in names]
@@ -287,6 +295,11 @@ def drawn(network: NortonNetwork, seed: int) -> Motor:
     half = np.random.default_rng(seed).standard_normal((DRAWS // 2, len(names))) @ _root(covariance).T
     values = np.array([getattr(network, field) for field in _FIELDS])
     return _motor(values + np.concatenate([half, -half]))
+
+
+def has_covariance(network: NortonNetwork) -> bool:
+    """Whether intervals follow from it."""
+    return bool(set(network.covariance_names) & {PARAMETER_OF_FIELD[field] for field in _FIELDS})
 
 
 def derived(
@@ -358,9 +371,11 @@ def _root(covariance: FloatArray) -> FloatArray:
 
 
 def _status(row: Derived, statuses: dict[str, Status] | None) -> Status | None:
+    """Of the worst parameter. What needs no torque scale is as good where all of them lack the same factor."""
     if statuses is None:
         return None
-    return max((statuses[name] for name in row.needs if name in statuses), key=WORSE.index, default=None)
+    worst = max((statuses[name] for name in row.needs if name in statuses), key=WORSE.index, default=None)
+    return Status.VALID if worst is Status.RATIO_ONLY and not row.absolute else worst
 
 
 def _beyond(network: NortonNetwork, row: Derived, value: Motor, at: OperatingPoint) -> bool:

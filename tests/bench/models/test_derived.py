@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from norton_bench.datasheet.derived import DERIVED, DRAWS, Figure, OperatingPoint, derived, interval_of
-from norton_bench.errors import UsageError
+from norton_bench.models.derived import DERIVED, DRAWS, Figure, OperatingPoint, derived, interval_of
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import PredictionError, Status
 
@@ -99,8 +98,8 @@ def stalled() -> float:
     return float(torque[-1])
 
 
-def no_load() -> float:
-    return float(free(1.0, lambda _: COMMAND, lambda _: 0.0).y[2, -1])
+def no_load(command: float = COMMAND) -> float:
+    return float(free(1.0, lambda _: command, lambda _: 0.0).y[2, -1])
 
 
 @cache
@@ -212,6 +211,7 @@ SIMULATED: dict[str, tuple[Callable[[], float], float]] = {
     "no_load_speed": (no_load, 1e-3),
     "greatest_power": (lambda: strongest()[0], 2e-3),
     "mechanical_efficiency": (lambda: strongest()[1], 0.03),  # of the grid of velocities, flat though the top is
+    "free_speed_per_command": (lambda: (no_load() - no_load(COMMAND / 2)) / (COMMAND / 2), 1e-3),
     "starting_acceleration": (lambda: sliding_free()[0], 1e-2),
     "mechanical_time_constant": (lambda: sliding_free()[1], 1e-2),
     "backdriving_torque": (lambda: -steady(0.0, VELOCITY)[0], 1e-3),
@@ -281,9 +281,17 @@ def test_ratios_alone_give_what_needs_no_torque_scale() -> None:
     assert not found & {"stall_torque", "greatest_power", "breakaway_torque"}
 
 
-def test_a_network_without_covariance_is_refused() -> None:
-    with pytest.raises(UsageError, match="no covariance"):
-        derived(NortonNetwork(*VALUES, "N*m"), (POINT,))
+def test_a_common_factor_leaves_ratios_valid_and_nothing_else() -> None:
+    statuses = dict.fromkeys(NAMES, Status.RATIO_ONLY)
+    found = {each.row.name: each.status for each in derived(network(), (POINT,), statuses=statuses)}
+    assert found["mechanical_time_constant"] is Status.VALID
+    assert found["stall_torque"] is Status.RATIO_ONLY
+
+
+def test_without_a_covariance_there_is_no_interval() -> None:
+    (constant,) = (each for each in derived(NortonNetwork(*VALUES, "N*m"), ()) if each.row.name == "torque_rise_time")
+    assert constant.value == pytest.approx(log(9.0) / BETA)
+    assert np.isnan(constant.interval).all()
 
 
 def test_the_interval_holds_95_percent_of_the_draws() -> None:
