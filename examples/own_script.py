@@ -13,8 +13,8 @@ from norton_bench.procedures.imposed import ImposedProcedure
 from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.rig.load import load_rig
-from norton_bench.session.answers import Answers
 from norton_bench.session.engine import run_script
+from norton_bench.session.operator import Answers
 from norton_bench.session.script import Ask, Remark, Script, SoFar
 
 SHORT = ImposedOptions(amplitude=0.3, velocities_rad_s=(-15.0, 15.0), commands=1, duration_s=1.0)

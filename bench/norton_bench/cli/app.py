@@ -7,8 +7,7 @@ from importlib.metadata import version
 
 from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
-from norton_bench.cli.exits import report_error
-from norton_bench.cli.output import complain, to_stdout
+from norton_bench.cli.output import complain, report_error, to_stdout
 from norton_bench.errors import ExitCode
 
 DEBUG = "--debug"

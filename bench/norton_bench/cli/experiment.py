@@ -105,16 +105,16 @@ def run(
 ) -> int:
     """Run the steps of a session file on its rig."""
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
-    from norton_bench.session import answers, values  # noqa: PLC0415
+    from norton_bench.session import operator, unroll  # noqa: PLC0415
     from norton_bench.session.schema import load_session  # noqa: PLC0415
 
-    session = load_session(session_file, values.parsed(set_value or ()))
+    session = load_session(session_file, unroll.parsed(set_value or ()))
     place = rig_file or session.rig
     if place is None:
         raise UsageError(f'{session_file}: names no rig; add rig = "../rigs/my-rig.toml", or give --rig')
     rig, output = load_rig(place, backend=backend), Output(json, quiet)
     seed = session.seed if seed is None else seed
-    wishes = Wishes(out, seed, junit, resume, answers.parsed(answer or ()), yes)
+    wishes = Wishes(out, seed, junit, resume, operator.parsed(answer or ()), yes)
     return (show_plan if dry_run else perform)(rig, session, wishes, output)
 
 
@@ -122,7 +122,7 @@ def show_plan(rig: "Rig", session: "Session", wishes: Wishes, output: Output) ->
     """What the session would do, once everything is found to be in order."""
     from norton_bench.cli.plan import plan_data, plan_view  # noqa: PLC0415
     from norton_bench.session import dry_run  # noqa: PLC0415
-    from norton_bench.session.answers import Answers  # noqa: PLC0415
+    from norton_bench.session.operator import Answers  # noqa: PLC0415
 
     found = dry_run.dry_run(session, rig, seed=wishes.seed)
     Answers(wishes.answers, wishes.yes).check(found.prompts, session.place, somebody=True)
@@ -169,8 +169,8 @@ def perform(rig: "Rig", session: "Session", wishes: Wishes, output: Output) -> i
 
 def _run(rig: "Rig", session: "Session", folder: Path, wishes: Wishes, output: Output) -> "SessionResult":
     from norton_bench.cli.operator import operator_here  # noqa: PLC0415
-    from norton_bench.session.answers import Answers  # noqa: PLC0415
     from norton_bench.session.engine import run_session  # noqa: PLC0415
+    from norton_bench.session.operator import Answers  # noqa: PLC0415
 
     with operator_here() as operator, _watching(rig, session, wishes, operator, output) as progress:
         return run_session(

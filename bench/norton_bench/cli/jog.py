@@ -13,10 +13,8 @@ from norton_bench.errors import ExitCode, UsageError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from norton_bench.jog.hands import Preset
-    from norton_bench.jog.setpoints import Bounds, Setpoints
-    from norton_bench.jog.signals import Seen
-    from norton_bench.jog.watched import Held
+    from norton_bench.jog.hands import Bounds, Preset, Setpoints
+    from norton_bench.jog.signals import Held, Seen
     from norton_bench.rig.rig import Rig
 
 DURATION = "2 s"
@@ -56,7 +54,7 @@ def jog(
 
     Drives are enabled at zero and ramp to the values given, within the rig's limits; afterwards back to zero, and idle.
     """
-    from norton_bench.jog.setpoints import bounds_of  # noqa: PLC0415
+    from norton_bench.jog.hands import bounds_of  # noqa: PLC0415
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
 
     rig = load_rig(rig_file, backend=backend)
@@ -79,7 +77,7 @@ def jog(
 
 def _setpoints(rig: "Rig", bounds: "Bounds", given: dict[str, str | None], *, zero_torque: bool) -> "Setpoints":
     """Raises UsageError for what contradicts itself, lies beyond a limit, or this rig cannot do."""
-    from norton_bench.jog.setpoints import LoadDoes, Setpoints, unlimited  # noqa: PLC0415
+    from norton_bench.jog.hands import LoadDoes, Setpoints, unlimited  # noqa: PLC0415
     from norton_bench.procedures.knowledge import require_load  # noqa: PLC0415
 
     torque, velocity = given["load_torque"], given["load_velocity"]
@@ -130,10 +128,10 @@ def _to(
     seed: int | None,
     output: Output,
 ) -> int:
-    from norton_bench.cli.interrupt import operator_stop  # noqa: PLC0415
+    from norton_bench.cli.operator import operator_stop  # noqa: PLC0415
     from norton_bench.jog.hands import Preset  # noqa: PLC0415
     from norton_bench.jog.script import JogScript  # noqa: PLC0415
-    from norton_bench.jog.watched import Held  # noqa: PLC0415
+    from norton_bench.jog.signals import Held  # noqa: PLC0415
     from norton_bench.session.engine import run_by_hand  # noqa: PLC0415
     from norton_bench.session.operator import Nobody  # noqa: PLC0415
 

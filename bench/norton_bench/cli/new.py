@@ -87,8 +87,7 @@ def _asked_check(*, twin: bool) -> str:
 def _checked(path: Path, backend: str, *, twin: bool, output: Output) -> int:
     """What `rig check` says of the file that was written; returns its exit code."""
     from norton_bench.check.check import check_rig  # noqa: PLC0415
-    from norton_bench.cli.check import say_problems, standard_session_suits  # noqa: PLC0415
-    from norton_bench.cli.found import check_data, check_view  # noqa: PLC0415
+    from norton_bench.cli.check import check_data, check_view, say_problems, standard_session_suits  # noqa: PLC0415  # noqa: PLC0415
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
 
     output.say(f"checking it, {backend}; the very first time compiles for a while")

@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from norton_bench.errors import UsageError
+from norton_bench.errors import ExitCode, UsageError
+from norton_bench.session.failure import exit_code_of, sentence_of
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -125,3 +127,14 @@ def _plain(data: object) -> object:
     if isinstance(data, Enum):
         return data.value
     return str(data) if isinstance(data, Path) else data
+
+
+def report_error(error: BaseException, *, debug: bool) -> ExitCode:
+    """The one place that turns errors into sentences on stderr and into exit codes.
+
+    Say on stderr what went wrong; with ``debug``, where in the program.
+    """
+    if debug:
+        traceback.print_exception(error, file=sys.stderr)
+    complain(sentence_of(error))
+    return exit_code_of(error)

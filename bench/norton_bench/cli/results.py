@@ -8,9 +8,8 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.table import Table
 
-from norton_bench.cli.model_free import model_free, residual_figures
 from norton_bench.cli.output import plain_table
-from norton_bench.cli.tables import tables_data, tables_view
+from norton_bench.cli.tables import model_free, residual_figures, tables_data, tables_view
 from norton_bench.identification.ambiguity.conditions import Judgement
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.ladder import Rung

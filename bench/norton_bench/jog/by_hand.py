@@ -3,14 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from norton_bench.jog.hands import DEAD_MAN_S, Board
-from norton_bench.jog.setpoints import bounds_of
+from norton_bench.jog.hands import DEAD_MAN_S, Board, bounds_of
 from norton_bench.rig.rig import Rig
 from norton_bench.session.operator import Operator
 from norton_bench.session.progress import Progress
-
-# What introduces a device begins so.
-DEVICE = "device "
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.jog.setpoints import Bounds, LoadDoes, Setpoints
+from norton_bench.jog.hands import Bounds, LoadDoes, Setpoints
 from norton_bench.procedures.imposed import TORQUE_SHARE
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.makers import UNENDING

@@ -6,10 +6,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from norton_bench.errors import ExperimentError
-from norton_bench.jog.by_hand import DEVICE
 from norton_bench.jog.course import NAME, Course
-from norton_bench.jog.hands import Hand
-from norton_bench.jog.setpoints import Bounds
+from norton_bench.jog.hands import DEVICE, Bounds, Hand
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.knowledge import Knowledge, Plan
 from norton_bench.procedures.tare import TareProcedure

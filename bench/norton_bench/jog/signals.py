@@ -7,8 +7,10 @@ from math import isfinite, nan
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification.results import LiveEstimate
 from norton_bench.records import Measured, Table
 from norton_bench.rig.rig import Rig
+from norton_bench.session.progress import Silent
 
 
 @dataclass(frozen=True)
@@ -121,3 +123,22 @@ def _machine(device: str, prefix: str, age: str) -> Iterator[Source]:
     yield Source(device, "supply", "V", _column(f"{prefix}supply_v"), optional=True)
     yield Source(device, "transistors", "°C", _column(f"{prefix}transistor_temperature_c"), optional=True)
     yield Source(device, "motor", "°C", _column(f"{prefix}motor_temperature_c"), optional=True)
+
+
+class Held(Silent):
+    """A watcher of a bench that goes to given values: what every signal was while they stood.
+
+    ``words`` name the segments to watch, ramps up to the values included; notes go to ``say``.
+    """
+
+    def __init__(self, rig: Rig, words: str, say: Callable[[str], None]) -> None:
+        self.words = words
+        self.signals = Signals(rig)
+        self._say = say
+
+    def part(self, measured: Measured, live: LiveEstimate) -> None:
+        if measured.segments and measured.segments[-1].name == self.words:
+            self.signals.take(measured)
+
+    def note(self, text: str) -> None:
+        self._say(text)

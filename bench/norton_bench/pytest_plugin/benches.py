@@ -11,8 +11,8 @@ from norton_bench.pytest_plugin.checks import Outcome
 from norton_bench.rig.files import parse_toml, read_text, toml
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
-from norton_bench.session.answers import Answers
 from norton_bench.session.engine import run_session
+from norton_bench.session.operator import Answers
 from norton_bench.session.schema import Session, load_session, standard_session
 
 

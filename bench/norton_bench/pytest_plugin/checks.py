@@ -6,8 +6,7 @@ from pathlib import Path
 
 from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.session.engine import SessionResult
-from norton_bench.session.found import Found
-from norton_bench.session.progress import Judged
+from norton_bench.session.progress import Found, Judged
 from norton_bench.units import parse_quantity
 
 

@@ -7,8 +7,7 @@ from norton_bench.rig.rig import Rig
 from norton_bench.session.hosted import Hostable, HostedSession
 from norton_bench.session.operator import Order
 from norton_bench.session.progress import Progress, Summary
-from norton_bench.session.refit import Refit
-from norton_bench.session.replay import Replay
+from norton_bench.session.replay import Refit, Replay
 from norton_bench.session.schema import Session
 
 

@@ -7,7 +7,7 @@ from operator import ge, gt, le, lt
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import BY_NAME, Status
 from norton_bench.rig.files import nearest
-from norton_bench.session.found import Found, check_name
+from norton_bench.session.progress import Found, check_name
 from norton_bench.session.script import SoFar
 from norton_bench.units import parse_quantity
 

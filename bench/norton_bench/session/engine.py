@@ -18,22 +18,18 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.session.answers import NO_ANSWERS, Answers
 from norton_bench.session.conclusion import Conclusion, conclude
-from norton_bench.session.desk import Desk
 from norton_bench.session.expectations import judge
-from norton_bench.session.found import Found, found_in
 from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
-from norton_bench.session.operator import Nobody, Operator
+from norton_bench.session.operator import NO_ANSWERS, Answers, Desk, Nobody, Operator
 from norton_bench.session.past import RESUMES, Past, behind, read_past
-from norton_bench.session.perform import perform
 from norton_bench.session.program import make_experiment, of_procedures
-from norton_bench.session.progress import Judged, Progress, SessionState, Silent, Summary
+from norton_bench.session.progress import Found, Judged, Progress, SessionState, Silent, Summary, found_in
 from norton_bench.session.provenance import provenance
 from norton_bench.session.rehearsal import Rehearsed, rehearsed
 from norton_bench.session.run import Run
 from norton_bench.session.schema import Session
-from norton_bench.session.script import Experiment, Script, SoFar
+from norton_bench.session.script import Experiment, Script, SoFar, perform
 from norton_bench.session.summary import summary_of, summary_of_failure
 from norton_bench.session.warm_up import warm_up
 from norton_drivers.backend import Backend

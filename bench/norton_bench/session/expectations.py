@@ -7,9 +7,8 @@ from norton_bench.errors import UsageError
 from norton_bench.models.parameters import BY_NAME
 from norton_bench.rig.rig import Rig
 from norton_bench.session.conclusion import Conclusion
-from norton_bench.session.found import Found, allowed_deviation, found_in
 from norton_bench.session.items import Expectation
-from norton_bench.session.progress import Judged
+from norton_bench.session.progress import Found, Judged, allowed_deviation, found_in
 from norton_bench.units import parse_quantity
 
 

@@ -20,8 +20,7 @@ from norton_bench.errors import ExitCode
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.rig import Rig
 from norton_bench.session.failure import exit_code_of, sentence_of
-from norton_bench.session.mailbox import Mailbox
-from norton_bench.session.news import News, ResultNews, StateNews, Teller
+from norton_bench.session.news import Mailbox, News, ResultNews, StateNews, Teller
 from norton_bench.session.operator import Operator, Order
 from norton_bench.session.progress import Progress, SessionState, Summary
 from norton_bench.session.schema import Session

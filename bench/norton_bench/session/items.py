@@ -3,12 +3,13 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from norton_bench.procedures.options import Options, Texts
-from norton_bench.session.conditions import Condition
+from norton_bench.procedures.options import STEPS, Options, Texts
+from norton_bench.session.conditions import Comparison, Condition, compared, parameter_name, share, status_name
+from norton_bench.units import quantity_in
 
 
 class AskOptions(Options):
@@ -104,3 +105,116 @@ def flat(items: Sequence[Item]) -> Iterator[Step]:
             yield item
         else:
             yield from flat(item.steps)
+
+
+def _quantity_text(written: object) -> str:
+    if not isinstance(written, str):
+        raise ValueError(f'expected a quantity in quotes such as "0.02 N*m", not {written!r}')  # noqa: TRY004
+    return written
+
+
+Fraction = Annotated[float, quantity_in("")]
+ParameterName = Annotated[str, AfterValidator(parameter_name)]
+StatusName = Annotated[str, AfterValidator(status_name)]
+Compared = Annotated[Comparison, BeforeValidator(compared)]
+Share = Annotated[Comparison, BeforeValidator(share)]
+
+
+class StepModel(BaseModel):
+    """What may stand in a session file's tables beside the options of the steps: conditions, expectations, what
+    repeats.
+
+    Base of what may stand beside a step's own options.
+    """
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+
+ASK = "ask"
+GROUP = "group"
+MODELS: Mapping[str, type[Options]] = {**STEPS, ASK: AskOptions}
+
+
+class ConditionModel(StepModel):
+    """``{ parameter = ..., value | interval | status = ... }`` or ``{ answer = ..., is = ... }``."""
+
+    parameter: ParameterName = Field("", examples=["coulomb_torque"], validate_default=False)
+    value: Compared | None = Field(None, examples=["< 0.03 N*m"])
+    interval: Share | None = Field(None, examples=["1 %"])
+    status: StatusName = Field("", examples=["valid"], validate_default=False)
+    answer: str = Field("", examples=["fixture"])
+    expected: str = Field("", alias="is", examples=["A"])
+
+    @model_validator(mode="after")
+    def _complete(self) -> "ConditionModel":
+        asked = self.value is not None or self.interval is not None or bool(self.status)
+        answered = bool(self.answer) and bool(self.expected)
+        if (
+            bool(self.parameter) == bool(self.answer)
+            or (self.parameter and not asked)
+            or (self.answer and not answered)
+        ):
+            raise ValueError(
+                'asks for nothing; write { parameter = "coulomb_torque", interval = "1 %" } (or value, or status), '
+                'or { answer = "fixture", is = "A" }'
+            )
+        if (self.answer and asked) or (self.parameter and self.expected):
+            raise ValueError("asks for a parameter and for an answer at once; leave one of them out")
+        return self
+
+    def condition(self) -> Condition:
+        return Condition(self.parameter, self.value, self.interval, self.status, self.answer, self.expected)
+
+
+class RepeatUntilModel(ConditionModel):
+    """The same, with how often at most."""
+
+    at_most: int = Field(ge=1, le=1000, examples=[5])
+
+
+class ExpectModel(StepModel):
+    """One ``[[expect]]``."""
+
+    parameter: ParameterName = Field("", examples=["coulomb_torque"], validate_default=False)
+    value: Annotated[str, BeforeValidator(_quantity_text)] = Field("", examples=["0.02 N*m"], validate_default=False)
+    within: Annotated[str, BeforeValidator(_quantity_text)] = Field("", examples=["5 %"], validate_default=False)
+    interval: Share | None = Field(None, examples=["1 %"])
+    status: StatusName = Field("", examples=["valid"], validate_default=False)
+    validation: Literal["torque", "velocity", ""] = Field("", examples=["torque"])
+    at_most: Fraction | None = Field(None, gt=0, examples=["5 %"])
+
+    @model_validator(mode="after")
+    def _complete(self) -> "ExpectModel":
+        of_parameter = bool(self.value) or self.interval is not None or bool(self.status)
+        if bool(self.parameter) == bool(self.validation) or (self.parameter and not of_parameter):
+            raise ValueError(
+                'expects nothing; write parameter = "coulomb_torque" with value and within, interval, or status, '
+                'or validation = "torque" with at_most'
+            )
+        if self.validation and (self.at_most is None or of_parameter or self.within):
+            raise ValueError('validation = "..." goes with at_most = "5 %", and with nothing else')
+        if self.parameter and self.at_most is not None:
+            raise ValueError('at_most goes with validation = "torque"; for a parameter write within or interval')
+        if self.within and not self.value:
+            raise ValueError('within lacks the value it is about; add value = "0.02 N*m"')
+        return self
+
+    def expectation(self, where: str) -> Expectation:
+        compares = None if self.within or not self.value else compared(self.value)
+        condition = Condition(self.parameter, compares, self.interval, self.status)
+        if self.validation:
+            return Expectation(where, validation=self.validation, at_most=self.at_most or 0.0)
+        return Expectation(where, condition, self.value if self.within else "", self.within)
+
+
+class ControlModel(StepModel):
+    """What any step may have beside its own options."""
+
+    when: ConditionModel | None = None
+    repeat: int = Field(1, ge=1, le=1000, examples=[3])
+    repeat_until: RepeatUntilModel | None = None
+    sweep: dict[str, Any] = Field(default_factory=dict, alias="for", examples=[{"speed": ["10 rad/s", "20 rad/s"]}])
+    always: bool = Field(default=False, examples=[True])
+
+
+CONTROL = frozenset(info.alias or name for name, info in ControlModel.model_fields.items())

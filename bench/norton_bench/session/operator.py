@@ -3,11 +3,15 @@
 A checkpoint lies between procedures, and between the rounds of an adaptive step: the drives are idle there.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from time import sleep
 from typing import Literal, Protocol
 
+from norton_bench.errors import OperatorStopError, UsageError
 from norton_bench.loop.stop_word import StopWord
+from norton_bench.rig.files import nearest
+from norton_bench.session.progress import Progress, Prompt, SessionState
 
 Kind = Literal["pause", "resume", "tare", "mark", "skip", "answer", "jog"]
 
@@ -48,3 +52,150 @@ class Nobody:
 
     def orders(self) -> Sequence[Order]:
         return ()
+
+
+YES = "yes"
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Answers to prompts that are given beforehand, so that a session can run without anybody there.
+
+    ``given`` by the prompt's name; with ``yes``, every other prompt is answered with "yes", or its first choice.
+    """
+
+    given: Mapping[str, str] = field(default_factory=dict)
+    yes: bool = False
+
+    def to(self, prompt: Prompt) -> str | None:
+        """None where somebody has to be asked."""
+        if prompt.name in self.given:
+            return self.given[prompt.name]
+        if not self.yes:
+            return None
+        return prompt.choices[0] if prompt.choices else YES
+
+    def check(self, prompts: Sequence[Prompt], place: str, *, somebody: bool) -> None:
+        """Raises UsageError for answers that fit no prompt, and where nobody is there for the prompts that are left."""
+        names = {prompt.name: prompt for prompt in prompts}
+        for name, answer in self.given.items():
+            if name not in names:
+                raise UsageError(f"--answer {name}={answer}: {place} asks nothing of that name; {nearest(name, names)}")
+            choices = names[name].choices
+            if choices and answer not in choices:
+                raise UsageError(f"--answer {name}={answer}: is none of {', '.join(choices)}")
+        for prompt in prompts:
+            if not somebody and self.to(prompt) is None:
+                raise unanswered(prompt, place)
+
+
+def unanswered(prompt: Prompt, place: str) -> UsageError:
+    """The error of a prompt that nobody can answer."""
+    return UsageError(
+        f'{place}: asks "{prompt.text}", and nobody is there to answer; run it on a terminal, or answer with '
+        f"--answer {prompt.name}=... or --yes"
+    )
+
+
+NO_ANSWERS = Answers()
+
+
+def parsed(written: Sequence[str]) -> dict[str, str]:
+    """``["fixture=A"]`` by name. Raises UsageError for one without a name, or given twice."""
+    given: dict[str, str] = {}
+    for assignment in written:
+        name, equals, answer = assignment.partition("=")
+        if not equals or not name:
+            raise UsageError(f"--answer {assignment}: write it like --answer fixture=A")
+        if name in given:
+            raise UsageError(f"--answer {name}: is given twice; give it once")
+        given[name] = answer
+    return given
+
+
+# How often somebody who is waited for is looked after.
+LOOK_S = 0.02
+
+
+@dataclass
+class Desk:
+    """The operator's desk: orders are heard at every part, marks obeyed at once, and all else between procedures.
+
+    ``put_away`` takes kind and text of what the recording shall tell. The wants are orders not yet carried out.
+
+    All methods but :meth:`listen` belong between procedures, where the drives are idle.
+    """
+
+    operator: Operator
+    progress: Progress
+    put_away: Callable[[str, str], None]
+    paused: bool = field(default=False, init=False)
+    wants_tare: bool = field(default=False, init=False)
+    wants_skip: bool = field(default=False, init=False)
+    _answer: str | None = field(default=None, init=False)
+
+    def listen(self) -> None:
+        """Take the orders that have come. Returns at once."""
+        for order in self.operator.orders():
+            self._take(order)
+
+    def obey_stop(self) -> None:
+        """Raises OperatorStopError where the stop was said."""
+        reason = self.operator.stop.heard()
+        if reason is not None:
+            said = f"stopped by the operator: {reason}"
+            self.put_away("stop", said)
+            raise OperatorStopError(said)
+
+    def wait(self) -> None:
+        """While paused: until something else is ordered. Raises OperatorStopError."""
+        if not self.paused:
+            return
+        self.progress.state(SessionState.PAUSED)
+        self.put_away("operator", "paused")
+        while self.paused and not self.wants_tare:
+            self._look()
+        resumed = not self.paused
+        # Orders are heard while this is put away, too: a new pause must not be told over.
+        self.put_away("operator", "resumed" if resumed else "tare ordered")
+        if not resumed:
+            self.progress.state(SessionState.RUNNING)
+
+    def ask(self, prompt: Prompt) -> str:
+        """The operator's answer, one of the choices where there are any. Raises OperatorStopError."""
+        self.progress.state(SessionState.ASKING)
+        self._answer = None
+        answer = self._next_answer(prompt)
+        while prompt.choices and answer not in prompt.choices:
+            self.progress.note(f'"{answer}" is none of {", ".join(prompt.choices)}')
+            answer = self._next_answer(prompt)
+        self.progress.state(SessionState.RUNNING)
+        return answer
+
+    def _next_answer(self, prompt: Prompt) -> str:
+        self.progress.ask(prompt)
+        while self._answer is None:
+            self._look()
+        answer, self._answer = self._answer.strip(), None
+        return answer
+
+    def _look(self) -> None:
+        sleep(LOOK_S)
+        self.listen()
+        self.obey_stop()
+
+    def _take(self, order: Order) -> None:
+        if order.kind == "mark":
+            self.put_away("operator", f"mark: {order.text}" if order.text else "mark")
+        elif order.kind == "answer":
+            self._answer = order.text
+        elif order.kind == "tare":
+            self.wants_tare = True
+        elif order.kind == "skip":
+            self.wants_skip = True
+        elif order.kind == "pause" and not self.paused:
+            self.paused = True
+            self.progress.state(SessionState.PAUSING)
+        elif order.kind == "resume" and self.paused:
+            self.paused = False
+            self.progress.state(SessionState.RUNNING)

@@ -1,17 +1,20 @@
 """A recording told once more: the same news that a running session gives, in bench time times a speed."""
 
+import multiprocessing
+import signal
 from bisect import bisect_right
 from collections.abc import Callable
 from itertools import groupby
+from multiprocessing.connection import Connection
 from pathlib import Path
 from time import perf_counter
 
-from norton_bench.errors import UsageError
+from norton_bench.errors import ExitCode, UsageError
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import Measured
-from norton_bench.session.progress import PlannedStep, Progress, SessionState
+from norton_bench.session.progress import PlannedStep, Progress, SessionState, Summary
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 # The recorded event that ended a session before its time.
@@ -143,3 +146,58 @@ def _changes(recording: Recording) -> list[LiveEstimate]:
         if state.estimates and (not found or found[-1].estimates != state.estimates):
             found.append(LiveEstimate(state.stamp_ns, state.estimates, None, state.samples))
     return found
+
+
+READING = "reading the recording"
+
+
+class Refit:
+    """The conclusion of a recording, drawn in a process of its own: it takes seconds, and nobody is to wait for it.
+
+    Under way as soon as it is made. Network and report go beside the recording, as with ``norton-bench fit``.
+    """
+
+    def __init__(self, recording: Path) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, emulated = context.Pipe(duplex=False)
+        self._process = context.Process(target=_refit, args=(recording, emulated), name="refit", daemon=True)
+        self._process.start()
+        emulated.close()
+        self._summary: Summary | None = None
+        self._doing = READING
+
+    def summary(self) -> Summary | None:
+        """What came of it, once it is known. Returns at once."""
+        while self._summary is None and self._pipe.poll():
+            try:
+                came: str | Summary = self._pipe.recv()
+            except EOFError:
+                came = Summary(ExitCode.EXPERIMENT_FAILED, "the fit ended without a word; run norton-bench fit")
+            if isinstance(came, Summary):
+                self._summary = came
+            else:
+                self._doing = came
+        return self._summary
+
+    @property
+    def doing(self) -> str:
+        """What it is at, as last heard by :meth:`summary`."""
+        return self._doing
+
+    def close(self) -> None:
+        """Give it up where it still runs."""
+        self._process.kill()
+        self._process.join()
+        self._pipe.close()
+
+
+def _refit(recording: Path, pipe: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the watcher's to interpret
+    from norton_bench.session.summary import summary_of, summary_of_failure  # noqa: PLC0415  (its imports take seconds)
+
+    try:
+        from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
+
+        pipe.send(summary_of(recording, conclude_recording(recording, tell=pipe.send)[1]))
+    except BaseException as error:  # told to whoever waits
+        pipe.send(summary_of_failure(error, [recording]))

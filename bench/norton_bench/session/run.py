@@ -1,7 +1,12 @@
 """One session under way: what its script yields is carried out, measured, recorded and told."""
 
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any, cast
+
+import numpy as np
 
 from norton_bench.control.preview import foreseeing, with_preview
 from norton_bench.errors import OperatorStopError
@@ -11,19 +16,57 @@ from norton_bench.procedures.catalogue import CATALOGUE, needed_by
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Sparing, Telling
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.recording.recorder import Recorder
-from norton_bench.records import Measured
+from norton_bench.records import Measured, Table
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
-from norton_bench.session.answers import Answers, unanswered
-from norton_bench.session.desk import Desk
-from norton_bench.session.kept import with_last_on_disk
+from norton_bench.session.items import ASK
 from norton_bench.session.live_feed import LiveFeed
+from norton_bench.session.operator import Answers, Desk, unanswered
 from norton_bench.session.past import ANSWERED, FINISHED, Past, before
 from norton_bench.session.progress import PlannedStep, Progress
 from norton_bench.session.rehearsal import Rehearsed
 from norton_bench.session.script import Action, Ask, ByHand, Remark, SoFar, Turn
-from norton_bench.session.step_models import ASK
 from norton_bench.session.supervision import learned
+
+
+def with_last_on_disk(known: Knowledge, folder: Path) -> Knowledge:
+    """What procedures have measured, kept for later fits without filling the memory: mapped from files without a name.
+
+    The same knowledge, its last record mapped from a file in ``folder`` that vanishes with this process.
+    """
+    if not known.records:
+        return known
+    *before, last = known.records
+    return replace(known, records=(*before, _mapped(last, folder)))
+
+
+def _mapped(record: Measured, folder: Path) -> Measured:
+    """The same tables; those in memory where the disk has no room for them."""
+    tables = {name: getattr(record, name) for name in _TABLES}
+    if not any(map(len, tables.values())):
+        return record
+    try:
+        with TemporaryFile(dir=folder) as file:
+            for table in tables.values():
+                file.write(table.tobytes())
+            file.flush()
+            content = np.memmap(file, np.uint8, mode="r")
+    except OSError:
+        return record
+    return replace(record, **cast(dict[str, Any], _cut(content, tables)))
+
+
+def _cut(content: "np.memmap[tuple[int], np.dtype[np.uint8]]", tables: dict[str, Table]) -> dict[str, Table]:
+    """The tables again, one after the other."""
+    found, start = {}, 0
+    for name, table in tables.items():
+        found[name] = np.asarray(content[start : start + table.nbytes]).view(table.dtype)
+        start += table.nbytes
+    return found
+
+
+_TABLES = tuple(each.name for each in fields(Measured) if isinstance(getattr(Measured(), each.name), np.ndarray))
+
 
 # Kinds of events that whoever watches should see at once; an experiment goes on all the same.
 TROUBLES = ("bus", "device")
@@ -33,7 +76,7 @@ PLAN = "plan"
 
 @dataclass
 class Run:
-    """Performs a script (:class:`norton_bench.session.perform.Performer`). ``past``: what another session did of it."""
+    """Performs a script (:class:`norton_bench.session.script.Performer`). ``past``: what another session did of it."""
 
     rig: Rig
     loop: BenchLoop

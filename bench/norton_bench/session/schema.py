@@ -21,10 +21,8 @@ from norton_bench.procedures.options import (
 from norton_bench.procedures.refine import RefineProcedure
 from norton_bench.rig.files import Mistakes, check_kind, nearest, parse_toml, read_text, toml
 from norton_bench.rig.rig import Command, Rig
-from norton_bench.session.items import Expectation, Session, Step, WrittenFault, flat
-from norton_bench.session.step_models import ExpectModel
-from norton_bench.session.unroll import Unroller
-from norton_bench.session.values import Values, settled
+from norton_bench.session.items import Expectation, ExpectModel, Session, Step, WrittenFault, flat
+from norton_bench.session.unroll import Unroller, Values, settled
 
 __all__ = [
     "Session",

@@ -15,10 +15,13 @@ What stands behind ``finally`` is done however the experiment ends. After a safe
 operator's stop nothing moves any more: then only prompts are left of it.
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import islice
+from typing import Protocol
 
-from norton_bench.errors import ExperimentError
+from norton_bench.errors import BenchError, ExperimentError
 from norton_bench.identification.fit import fit
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.results import FitResult
@@ -26,8 +29,8 @@ from norton_bench.models.parameters import Estimate
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Plan, Procedure
 from norton_bench.records import join
 from norton_bench.rig.rig import Rig
-from norton_bench.session.found import Found, found_in
-from norton_bench.session.progress import PlannedStep, Prompt
+from norton_bench.session.progress import Found, PlannedStep, Prompt, found_in
+from norton_drivers.errors import DeviceError
 from norton_drivers.readings import DeviceIdentity
 
 
@@ -125,3 +128,69 @@ class Experiment:
     script: Callable[[SoFar], Script]
     plan: tuple[PlannedStep, ...] = ()
     prompts: tuple[Prompt, ...] | None = None
+
+
+# What a script may still want after its experiment was stopped; it could want things forever.
+MOST_LAST_TURNS = 100
+
+Yielded = Action | Turn | Remark
+
+
+class Performer(Protocol):
+    """A script brought to its end: what it yields is carried out, and what fails is thrown back into it.
+
+    Carries out what a script yields.
+    """
+
+    def turn(self, yielded: Yielded) -> None:
+        """Raises what the action does."""
+        ...
+
+    def last_turn(self, yielded: Yielded, error: Exception) -> None:
+        """The same after ``error`` has stopped everything: nothing moves any more."""
+        ...
+
+
+def perform(script: Script, performer: Performer) -> None:
+    """Until the script is done.
+
+    An ExperimentError may be caught by the script, which then goes on. Every other BenchError and DeviceError is final:
+    the script's ``finally`` blocks get their last turns, and it is raised whatever the script makes of it.
+    """
+    with _closed(script):
+        yielded = next(script, None)
+        while yielded is not None:
+            try:
+                performer.turn(yielded)
+            except ExperimentError as error:
+                yielded = _thrown_into(script, error)
+            except (BenchError, DeviceError) as error:
+                for last in islice(_last(script, error), MOST_LAST_TURNS):
+                    performer.last_turn(last, error)
+                raise
+            else:
+                yielded = next(script, None)
+
+
+@contextmanager
+def _closed(script: Script) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        # One that wants turns even now, when the program itself is ended, gets none.
+        with suppress(RuntimeError):
+            script.close()
+
+
+def _thrown_into(script: Script, error: Exception) -> Yielded | None:
+    """What the script yields next. Raises ``error`` where the script lets it through."""
+    try:
+        return script.throw(error)
+    except StopIteration:
+        return None
+
+
+def _last(script: Script, error: Exception) -> Iterator[Yielded]:
+    with suppress(StopIteration, type(error)):
+        yield script.throw(error)
+        yield from script

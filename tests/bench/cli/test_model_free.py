@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 
-from norton_bench.cli.model_free import model_free, residual_figures
 from norton_bench.cli.output import to_json
+from norton_bench.cli.tables import model_free, residual_figures
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
 from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.identification.residuals.dependence import Dependence, Memory

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from norton_bench.jog.hands import ABANDONED_S, DEAD_MAN_S, Board, Preset
-from norton_bench.jog.setpoints import LoadDoes, Setpoints, bounds_of
+from norton_bench.jog.hands import ABANDONED_S, DEAD_MAN_S, Board, LoadDoes, Preset, Setpoints, bounds_of
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig

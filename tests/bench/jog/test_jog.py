@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import OperatorStopError, SafetyStopError
-from norton_bench.jog.hands import Board
+from norton_bench.jog.hands import Board, Setpoints, bounds_of
 from norton_bench.jog.script import JogScript, Pace, introductions
-from norton_bench.jog.setpoints import Setpoints, bounds_of
 from norton_bench.jog.signals import Signals
 from norton_bench.procedures.carry_out import follow
 from norton_bench.procedures.knowledge import Knowledge

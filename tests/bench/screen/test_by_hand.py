@@ -9,9 +9,8 @@ from textual.pilot import Pilot
 
 from norton_bench.errors import ExitCode
 from norton_bench.jog.by_hand import Jog
-from norton_bench.jog.hands import Preset
+from norton_bench.jog.hands import LoadDoes, Preset, Setpoints, bounds_of
 from norton_bench.jog.script import JogScript
-from norton_bench.jog.setpoints import LoadDoes, Setpoints, bounds_of
 from norton_bench.jog.signals import Seen
 from norton_bench.rig.load import load_rig
 from norton_bench.screen.app import BenchApp

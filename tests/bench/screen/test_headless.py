@@ -10,7 +10,7 @@ import sys
 from importlib import import_module
 for name in ("norton_bench.cli.app", "norton_bench.cli.experiment", "norton_bench.cli.recordings",
              "norton_bench.cli.screen", "norton_bench.session.engine", "norton_bench.session.hosted",
-             "norton_bench.session.replay", "norton_bench.session.refit", "norton_bench.report.render",
+             "norton_bench.session.replay", "norton_bench.session.replay", "norton_bench.report.render",
              "norton_bench.screen.figures", "norton_bench.screen.picture.picture", "norton_bench.screen.plots.drawing",
              "norton_bench.screen.panels.parameters", "norton_bench.screen.settings", "norton_bench.screen.opening"):
     import_module(name)

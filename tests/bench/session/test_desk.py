@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from norton_bench.loop.stop_word import StopWord
-from norton_bench.session.desk import Desk
-from norton_bench.session.operator import Order
+from norton_bench.session.operator import Desk, Order
 from norton_bench.session.progress import SessionState, Silent
 
 

@@ -7,7 +7,7 @@ import pytest
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.session.conditions import Condition, compared, share
-from norton_bench.session.found import Found, found_in
+from norton_bench.session.progress import Found, found_in
 
 FOUND = Found("coulomb_torque", "N*m", 0.0204, 0.0204 / 196, Status.VALID)  # ± 1 %
 NOTHING = found_in((), "coulomb_torque", "N*m")

@@ -10,7 +10,7 @@ from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo, join
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Use
-from norton_bench.session.kept import with_last_on_disk
+from norton_bench.session.run import with_last_on_disk
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 TICKS = 50_000

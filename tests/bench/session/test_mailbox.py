@@ -7,8 +7,7 @@ import pytest
 
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.records import Measured
-from norton_bench.session.mailbox import Mailbox
-from norton_bench.session.news import NoteNews, PartNews
+from norton_bench.session.news import Mailbox, NoteNews, PartNews
 
 
 def part(number: int) -> PartNews:

@@ -13,9 +13,8 @@ from norton_bench.procedures.options import TareOptions
 from norton_bench.procedures.rest import RestOptions, RestProcedure
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.recording.reader import read_recording
-from norton_bench.session.answers import Answers
 from norton_bench.session.engine import run_script, run_session
-from norton_bench.session.operator import Order
+from norton_bench.session.operator import Answers, Order
 from norton_bench.session.progress import PlannedStep, Prompt, SessionState, Silent, Summary
 from norton_bench.session.schema import parse_session
 from norton_bench.session.script import Ask, Script, SoFar

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from norton_bench.errors import ExperimentError, OperatorStopError, SafetyStopError
-from norton_bench.session.perform import MOST_LAST_TURNS, perform
-from norton_bench.session.script import Remark, Script
+from norton_bench.session.script import MOST_LAST_TURNS, Remark, Script, perform
 from norton_drivers.errors import ConnectionFailedError
 
 FINAL = (SafetyStopError("too fast"), OperatorStopError("space"), ConnectionFailedError("can0 is gone"))

@@ -10,7 +10,7 @@ from textual.screen import Screen
 from textual.widgets import Footer
 
 from norton_bench.jog.by_hand import Jog
-from norton_bench.jog.setpoints import bounds_of
+from norton_bench.jog.hands import bounds_of
 from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment, badge_of
 from norton_bench.screen.heeding import keeps_up
