@@ -105,7 +105,7 @@ def _drain(ours: int, child: "subprocess.Popen[bytes]", *, press: bool) -> tuple
 def child(recording: Path, seconds: float, said: Path, *, stop: bool) -> None:
     """Run the app here, measure, and leave."""
     from norton_bench.screen.app import BenchApp  # noqa: PLC0415
-    from norton_bench.screen.opening import Opening, replayed  # noqa: PLC0415
+    from norton_bench.screen.experiment import Opening, replayed  # noqa: PLC0415
 
     experiment = replayed(recording)
     experiment.seek(BEGIN_S)
@@ -142,7 +142,7 @@ def child(recording: Path, seconds: float, said: Path, *, stop: bool) -> None:
 def figures_ms(recording: Path, columns: int, rows: int) -> float:
     """Six plots from the picture of a session to rows of characters, without a terminal."""
     from norton_bench.screen import figures  # noqa: PLC0415
-    from norton_bench.screen.opening import replayed  # noqa: PLC0415
+    from norton_bench.screen.experiment import replayed  # noqa: PLC0415
     from norton_bench.screen.plots.drawing import Drawer  # noqa: PLC0415
 
     experiment = replayed(recording)

@@ -14,8 +14,7 @@ from pathlib import Path
 from PIL import Image
 
 from norton_bench.screen.app import BenchApp
-from norton_bench.screen.experiment import Experiment
-from norton_bench.screen.opening import Opening, replayed
+from norton_bench.screen.experiment import Experiment, Opening, replayed
 from norton_bench.screen.screens.experiment import ExperimentScreen
 
 HERE = Path(__file__).parent

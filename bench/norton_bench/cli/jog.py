@@ -187,7 +187,7 @@ def _on_screen(
     from norton_bench.cli.screen import require_terminal, show  # noqa: PLC0415
     from norton_bench.jog.by_hand import Jog  # noqa: PLC0415
     from norton_bench.jog.hands import DEAD_MAN_S  # noqa: PLC0415
-    from norton_bench.screen.opening import Opening  # noqa: PLC0415
+    from norton_bench.screen.experiment import Opening  # noqa: PLC0415
 
     require_terminal(
         'jog without values needs a terminal; norton-bench jog RIG --actuator 0.02 --duration "2 s" does without one'

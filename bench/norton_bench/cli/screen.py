@@ -11,8 +11,7 @@ from norton_bench.cli.arguments import RUNS, Backend, Seed, run_folder
 from norton_bench.errors import UsageError
 
 if TYPE_CHECKING:
-    from norton_bench.screen.experiment import Experiment
-    from norton_bench.screen.opening import Opening
+    from norton_bench.screen.experiment import Experiment, Opening
 
 Rig = Annotated[Path | None, Parameter(name="RIG", help="A rig file; asked for where none is given.")]
 SessionFile = Annotated[Path | None, Parameter(name="SESSION", help="A session file; asked for where none is given.")]
@@ -34,7 +33,7 @@ def ui(
     if replay is not None and (rig_file is not None or session_file is not None):
         raise UsageError("ui --replay plays a recording and needs no rig; leave RIG and SESSION out")
     require_terminal("ui needs a terminal; norton-bench run SESSION does the same without one")
-    from norton_bench.screen.opening import Opening  # noqa: PLC0415
+    from norton_bench.screen.experiment import Opening  # noqa: PLC0415
 
     runs = out or RUNS
     opening = Opening(

@@ -11,15 +11,14 @@ from textual.events import Event, Key
 from textual.screen import Screen
 
 from norton_bench.errors import BenchError
-from norton_bench.screen.experiment import Experiment
+from norton_bench.screen.experiment import Experiment, Opening
 from norton_bench.screen.found import by_hand_choice, find_rigs, find_sessions, standard_choice
 from norton_bench.screen.heeding import heeding
-from norton_bench.screen.opening import Opening
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.by_hand import ByHandScreen
 from norton_bench.screen.screens.choices import BY_HAND, ChoiceScreen, SessionChoice
 from norton_bench.screen.screens.experiment import ExperimentScreen
-from norton_bench.screen.screens.key_list import KeyList
+from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Confirm
 from norton_bench.screen.screens.results import ResultsScreen
 from norton_bench.screen.settings import STOP_KEY, Settings

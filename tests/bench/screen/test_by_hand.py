@@ -14,12 +14,11 @@ from norton_bench.jog.script import JogScript
 from norton_bench.jog.signals import Seen
 from norton_bench.rig.load import load_rig
 from norton_bench.screen.app import BenchApp
-from norton_bench.screen.experiment import Experiment
-from norton_bench.screen.opening import Opening
-from norton_bench.screen.panels.signals import signal_rows
+from norton_bench.screen.experiment import Experiment, Opening
+from norton_bench.screen.panels.health import signal_rows
 from norton_bench.screen.screens.by_hand import ByHandScreen
 from norton_bench.screen.screens.choices import ChoiceScreen
-from norton_bench.screen.screens.key_list import KeyList
+from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import Confirm
 from norton_bench.session.engine import run_by_hand
 from norton_bench.session.operator import Order

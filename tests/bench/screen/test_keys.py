@@ -11,12 +11,11 @@ from textual.widgets import Input, OptionList
 
 from norton_bench.errors import ExitCode
 from norton_bench.screen.app import BenchApp
-from norton_bench.screen.experiment import Experiment
-from norton_bench.screen.opening import Opening
+from norton_bench.screen.experiment import Experiment, Opening
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.choices import ChoiceScreen
 from norton_bench.screen.screens.experiment import WINDOWS_S, ExperimentScreen
-from norton_bench.screen.screens.key_list import KeyList
+from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import Ask, Confirm, Mark
 from norton_bench.screen.screens.results import ResultsScreen
 from norton_bench.screen.settings import Settings

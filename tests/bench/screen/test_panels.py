@@ -14,14 +14,11 @@ from norton_bench.records import TICK, Measured
 from norton_bench.report.words import number
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.experiment import Experiment, badge_of
-from norton_bench.screen.panels import parameters
-from norton_bench.screen.panels.bar import title_row, view_row
+from norton_bench.screen.panels import result
 from norton_bench.screen.panels.health import health_rows
-from norton_bench.screen.panels.log import log_rows
-from norton_bench.screen.panels.parameters import SIGNS, parameter_rows, sparkline
-from norton_bench.screen.panels.result import result_rows
-from norton_bench.screen.panels.steps import clock, step_rows
-from norton_bench.screen.picture.known import Known
+from norton_bench.screen.panels.progress import clock, log_rows, step_rows, title_row, view_row
+from norton_bench.screen.panels.result import SIGNS, parameter_rows, result_rows, sparkline
+from norton_bench.screen.picture.parts import Known
 from norton_bench.screen.picture.picture import Picture
 from norton_bench.screen.tones import Row, apart, fitted, heading, length
 from norton_bench.session.progress import Judged, SessionState, Summary
@@ -81,7 +78,7 @@ def test_every_status_has_a_sign_of_its_own() -> None:
 
 def test_no_word_of_a_status_is_cut_where_the_panel_is_shown() -> None:
     """At every width that the style sheet gives the parameters: .-narrow, .-medium, .-wide, .-widest."""
-    css = (Path(parameters.__file__).parents[1] / "screen.tcss").read_text(encoding="utf-8")
+    css = (Path(result.__file__).parents[1] / "screen.tcss").read_text(encoding="utf-8")
     widths = [int(width) for width in re.findall(r"\.-\w+ #tables \{ width: (\d+); \}", css)]
     assert len(widths) == 4
     estimates = tuple(Estimate("viscous_damping", -9.9994e-4, 1e-8, "N*m*s/rad", status) for status in Status)

@@ -11,11 +11,8 @@ from norton_bench.records import TICK, Event, Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment
-from norton_bench.screen.picture.known import half_width
-from norton_bench.screen.picture.log import Line, Log
-from norton_bench.screen.picture.picture import Picture
-from norton_bench.screen.picture.steps import Steps
-from norton_bench.screen.picture.tape import Tape
+from norton_bench.screen.picture.parts import Steps, half_width
+from norton_bench.screen.picture.picture import Line, Log, Picture, Tape
 from norton_bench.screen.plots.figure import Figure
 from norton_bench.session.progress import PlannedStep, SessionState
 

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_bench.screen.plots import braille
-from norton_bench.screen.plots.axes import label, prefixed, settled, ticks
+from norton_bench.screen.plots import drawing as braille
 from norton_bench.screen.plots.drawing import GUTTER, Drawer
-from norton_bench.screen.plots.figure import Axis, Figure, Markers, Trace
+from norton_bench.screen.plots.figure import Axis, Figure, Markers, Trace, label, prefixed, settled, ticks
 from norton_bench.screen.tones import length
 
 VIEW = braille.View(0.0, 7.0, 0.0, 7.0, 4, 2)  # 8 by 8 dots, a dot a unit

@@ -10,8 +10,7 @@ from textual.pilot import Pilot
 
 from norton_bench.records import Measured
 from norton_bench.screen.app import BenchApp
-from norton_bench.screen.experiment import Experiment
-from norton_bench.screen.opening import Opening
+from norton_bench.screen.experiment import Experiment, Opening
 from norton_bench.screen.screens.experiment import ExperimentScreen
 from norton_bench.screen.screens.questions import Ask, Mark
 from norton_bench.screen.screens.results import ResultsScreen

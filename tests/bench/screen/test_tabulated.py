@@ -14,10 +14,9 @@ from norton_bench.report.section import Facts
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.screen import figures
+from norton_bench.screen.panels.progress import table_rows
 from norton_bench.screen.panels.result import result_rows
-from norton_bench.screen.panels.tables import table_rows
-from norton_bench.screen.picture.log import STEP
-from norton_bench.screen.picture.picture import Picture
+from norton_bench.screen.picture.picture import STEP, Picture
 from norton_bench.screen.tones import Row, length
 from norton_bench.segments import Use
 from norton_bench.session.progress import Summary

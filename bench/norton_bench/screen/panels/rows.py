@@ -1,6 +1,7 @@
 """Rows of characters with tones as a widget: drawn when the terminal is next written to, and at no other time."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import ClassVar
 
 from rich.segment import Segment
@@ -8,6 +9,8 @@ from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 
+from norton_bench.screen.plots.drawing import Drawer
+from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.tones import TONES, Row, fitted
 
 
@@ -56,3 +59,41 @@ class Rows(Widget):
         if tone not in self._styles:
             self._styles[tone] = self.get_component_rich_style(f"tone--{tone}")
         return self._styles[tone]
+
+
+class Panel(Rows):
+    """A table or a line about a session as a widget.
+
+    Shows what ``rows_of(width, height)`` gives, as it was when last told that something changed.
+    """
+
+    def __init__(self, rows_of: Callable[[int, int], list[Row]], *, id: str) -> None:  # noqa: A002
+        super().__init__(id=id)
+        self._rows_of = rows_of
+
+    def draw(self, width: int, height: int) -> list[Row]:
+        return self._rows_of(width, height)
+
+
+class Plot(Rows):
+    """A figure as a widget.
+
+    Shows the figure that it was given last.
+    """
+
+    def __init__(self, *, id: str) -> None:  # noqa: A002  (textual's own name)
+        super().__init__(id=id)
+        self._figure: Figure | None = None
+        self._drawer = Drawer()
+
+    def show(self, figure: Figure) -> None:
+        """Draw ``figure`` from the next frame on."""
+        self._figure = figure
+        self.changed()
+
+    def forget(self) -> None:
+        """What comes next has nothing to do with what was shown."""
+        self._drawer.forget()
+
+    def draw(self, width: int, height: int) -> list[Row]:
+        return [] if self._figure is None else self._drawer.draw(self._figure, width, height)

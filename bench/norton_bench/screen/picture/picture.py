@@ -1,20 +1,138 @@
 """Everything that is known of a session by whoever watches it. It takes the session's news, and draws nothing."""
 
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from time import perf_counter
 
+import numpy as np
+
+from norton_bench.arrays import FloatArray
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.jog.signals import Signals
-from norton_bench.records import FOR_PROGRAMS, Measured, SegmentInfo
+from norton_bench.records import FOR_PROGRAMS, TICK, Measured, SegmentInfo, Table
 from norton_bench.rig.rig import Rig
-from norton_bench.screen.picture.health import Health
-from norton_bench.screen.picture.known import Known
-from norton_bench.screen.picture.log import STEP, Line, Log
-from norton_bench.screen.picture.source_seen import SourceSeen
-from norton_bench.screen.picture.steps import Steps
-from norton_bench.screen.picture.tabulated import Tabulated
-from norton_bench.screen.picture.tape import Tape
+from norton_bench.screen.picture.parts import Health, Known, Steps, Tabulated
 from norton_bench.session.progress import PlannedStep, Prompt, SessionState, Summary
+
+
+class Tape:
+    """The last stretch of the ticks, in columns that can be drawn without copying.
+
+    Keeps the last ``length`` rows; :meth:`rows` gives them as one piece.
+    """
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._rows: Table = np.zeros(2 * length, TICK)
+        self._end = 0
+
+    def append(self, ticks: Table) -> None:
+        """Rows that follow; of more than there is room for, the last."""
+        ticks = ticks[-self._length :]
+        if self._end + len(ticks) > len(self._rows):
+            kept = self.rows()[-self._length :].copy()
+            self._rows[: len(kept)] = kept
+            self._end = len(kept)
+        self._rows[self._end : self._end + len(ticks)] = ticks
+        self._end += len(ticks)
+
+    def rows(self) -> Table:
+        """The rows kept, oldest first: a view, good until the next append."""
+        return self._rows[max(0, self._end - self._length) : self._end]
+
+    def since(self, stamp_ns: int) -> Table:
+        """The rows from ``stamp_ns`` on."""
+        rows = self.rows()
+        return rows[np.searchsorted(rows["tick_ns"], stamp_ns) :]
+
+
+PROCEDURE, STAIRCASE, SWEEP = "free", "staircase", "search"
+# The velocity of a level is that of the end of its dwell.
+SETTLED_SHARE = 0.5
+SHORTEST_DWELL_TICKS = 20
+CLOUD_EVERY_TICKS = 10
+LONGEST_CLOUD = 6000
+
+
+@dataclass
+class SourceSeen:
+    """The motion source as it fills in: velocity against command while zero torque is imposed.
+
+    ``levels``: by staircase, the command and the settled velocity [rad/s] of each level, shape (levels, 2).
+
+    ``cloud`` holds the sweeps, likewise, shape (points, 2).
+    """
+
+    levels: dict[int, FloatArray] = field(default_factory=dict)
+    cloud: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    _rising: dict[int, bool] = field(default_factory=dict)
+    _stairs: dict[int, list[Table]] = field(default_factory=dict)
+
+    def take(self, part: Measured) -> None:
+        """What the part adds: sweeps as they are, staircases level by level."""
+        for segment in part.segments:
+            if segment.procedure == PROCEDURE and len(part.ticks):
+                rows = part.ticks[part.ticks["segment"] == segment.index]
+                if segment.name.startswith(STAIRCASE):
+                    self._step(segment, rows)
+                elif segment.name.startswith(SWEEP):
+                    self._sweep(rows)
+
+    def branch(self, *, rising: bool) -> FloatArray:
+        """The levels approached from below, or from above."""
+        found = [self.levels[index] for index, up in self._rising.items() if up is rising and len(self.levels[index])]
+        return np.concatenate(found) if found else np.empty((0, 2))
+
+    def _sweep(self, rows: Table) -> None:
+        thin = rows[::CLOUD_EVERY_TICKS]
+        self.cloud = np.concatenate([self.cloud, _pairs(thin)])[-LONGEST_CLOUD:]
+
+    def _step(self, segment: SegmentInfo, rows: Table) -> None:
+        pieces = self._stairs.setdefault(segment.index, [])
+        pieces.append(rows)
+        stairs = np.concatenate(pieces)
+        edges = np.flatnonzero(np.diff(stairs["command"])) + 1
+        dwells = [dwell for dwell in np.split(stairs, edges) if len(dwell) >= SHORTEST_DWELL_TICKS]
+        settled = [_pairs(dwell[round(SETTLED_SHARE * len(dwell)) :]).mean(axis=0) for dwell in dwells]
+        self.levels[segment.index] = np.array(settled).reshape(-1, 2)
+        self._rising[segment.index] = "falling" not in segment.name
+
+
+def _pairs(rows: Table) -> FloatArray:
+    return np.column_stack([rows["command"], rows["velocity_rad_s"]])
+
+
+KEPT = 400
+STEP = "step"
+
+
+@dataclass(frozen=True)
+class Line:
+    """What happened, line by line, the last of it last.
+
+    ``time_s`` is bench time, None before the first tick. ``kind`` as of an event, or "note".
+    """
+
+    time_s: float | None
+    kind: str
+    text: str
+
+
+class Log:
+    """The last lines; ``total`` counts all there ever were."""
+
+    def __init__(self) -> None:
+        self.lines: deque[Line] = deque(maxlen=KEPT)
+        self.total = 0
+
+    def add(self, line: Line) -> None:
+        """An event is often told a second time in words: once is enough. A step may come a second time."""
+        if line.kind != STEP and any(line.text == before.text for before in list(self.lines)[-8:]):
+            return
+        self.lines.append(line)
+        self.total += 1
+
 
 TAPE_S = 40.0
 PACE_OVER_S = 2.0

@@ -14,13 +14,10 @@ from norton_bench.jog.hands import bounds_of
 from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment, badge_of
 from norton_bench.screen.heeding import keeps_up
-from norton_bench.screen.panels.bar import title_row
 from norton_bench.screen.panels.by_hand import Asking, asked_rows, device_rows, imposes, pushes, ready_rows
-from norton_bench.screen.panels.health import in_short
-from norton_bench.screen.panels.log import log_rows
-from norton_bench.screen.panels.panel import Panel
-from norton_bench.screen.panels.plot import Plot
-from norton_bench.screen.panels.signals import signal_rows
+from norton_bench.screen.panels.health import in_short, signal_rows
+from norton_bench.screen.panels.progress import log_rows, title_row
+from norton_bench.screen.panels.rows import Panel, Plot
 from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import Confirm, Mark

@@ -11,14 +11,10 @@ from textual.widgets import Footer
 from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment, badge_of
 from norton_bench.screen.heeding import keeps_up
-from norton_bench.screen.panels.bar import title_row, view_row
 from norton_bench.screen.panels.health import health_rows, in_short
-from norton_bench.screen.panels.log import log_rows
-from norton_bench.screen.panels.panel import Panel
-from norton_bench.screen.panels.parameters import LEARNT, LEARNT_IN_SITU, parameter_rows
-from norton_bench.screen.panels.plot import Plot
-from norton_bench.screen.panels.steps import clock, step_rows
-from norton_bench.screen.panels.tables import table_rows
+from norton_bench.screen.panels.progress import clock, log_rows, step_rows, table_rows, title_row, view_row
+from norton_bench.screen.panels.result import LEARNT, LEARNT_IN_SITU, parameter_rows
+from norton_bench.screen.panels.rows import Panel, Plot
 from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Ask, Confirm, Mark

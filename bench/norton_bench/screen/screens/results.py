@@ -11,9 +11,9 @@ from textual.screen import Screen
 from textual.widgets import Footer
 
 from norton_bench.screen.experiment import Experiment, badge_of
-from norton_bench.screen.panels.bar import title_row
-from norton_bench.screen.panels.panel import Panel
+from norton_bench.screen.panels.progress import title_row
 from norton_bench.screen.panels.result import result_rows
+from norton_bench.screen.panels.rows import Panel
 from norton_bench.screen.screens import keys
 from norton_bench.screen.tones import LABEL, STRONG, Row
 

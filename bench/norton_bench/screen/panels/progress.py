@@ -1,0 +1,179 @@
+"""How far the session has come: the bar, the steps, the event log, and what is tabulated reading by reading."""
+
+from norton_bench.report.words import number, pretty_unit
+from norton_bench.screen.figures import FALLING, RISING
+from norton_bench.screen.picture.parts import Reading, Steps, StepState, Tabulated
+from norton_bench.screen.picture.picture import Log, Picture
+from norton_bench.screen.tones import BAD, GOOD, GRID, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+from norton_bench.session.progress import SessionState
+
+SIGNS = {
+    "ahead": ("·", LABEL),
+    "running": ("▶", STRONG),
+    "done": ("✓", GOOD),
+    "left out": ("–", LABEL),
+    "stopped": ("✗", BAD),
+}
+BAR = 10
+
+
+def step_rows(steps: Steps, width: int, height: int) -> list[Row]:
+    """The steps of the session, done and ahead.
+
+    One row a step; where there is no room for all, those about the running one.
+    """
+    left = f"{clock(steps.left_s)} left" if steps.all and steps.left_s >= 1 else ""
+    rows = [heading("Steps", "", left, width)]
+    if not steps.all:
+        return [*rows, [("no steps yet", LABEL)]]
+    room = max(height - 1, 1)
+    first = max(0, min(steps.number - 1 - room // 2, len(steps.all) - room))
+    return [*rows, *(_row(step, width) for step in steps.all[first : first + room])]
+
+
+def _row(step: StepState, width: int) -> Row:
+    sign, tone = SIGNS[step.state]
+    name = step.planned.name + (f" {step.planned.label}" if step.planned.label else "")
+    left: Row = [(f"{sign} ", tone), (name, TEXT if step.state != "ahead" else LABEL)]
+    if step.state == "running":
+        full = round(step.share * BAR)
+        said = f" {step.took_s:3.0f} of ~{step.planned.duration_s:.0f} s"
+        return apart(left, [("━" * full, STRONG), ("─" * (BAR - full), GRID), (said, TEXT)], width)
+    if step.state == "ahead":
+        sure = "~" if step.planned.certain else "if needed ~"
+        return apart(left, [(f"{sure}{step.planned.duration_s:.0f} s", LABEL)], width)
+    said = "left out" if step.state == "left out" else f"{step.took_s:.0f} s"
+    return apart(left, [(said, LABEL)], width)
+
+
+def clock(seconds: float) -> str:
+    """Minutes and seconds: "1:07"."""
+    whole = round(seconds)
+    return f"{whole // 60}:{whole % 60:02d}"
+
+
+Badge = tuple[str, str]  # what it says, and its tone
+REPLAYING, HALTED = ("▶ REPLAY", "badge-good"), ("‖ REPLAY", "badge-calm")
+BADGES: dict[SessionState | None, Badge] = {
+    None: ("○ READY", "badge-calm"),
+    SessionState.PREPARING: ("◌ PREPARING", "badge-calm"),
+    SessionState.RUNNING: ("● RUNNING", "badge-good"),
+    SessionState.PAUSING: ("● PAUSING", "badge-warning"),
+    SessionState.PAUSED: ("‖ PAUSED", "badge-warning"),
+    SessionState.ASKING: ("? ASKING", "badge-warning"),
+    SessionState.CONCLUDING: ("◌ FITTING", "badge-calm"),
+    SessionState.DONE: ("✓ DONE", "badge-good"),
+    SessionState.FAILED: ("■ STOPPED", "badge-bad"),
+}
+WITH_SEGMENT = 100
+PACED = (SessionState.RUNNING, SessionState.PAUSING)
+
+
+def title_row(picture: Picture, what: str, said: str, width: int, badge: Badge) -> Row:
+    """The two lines at the top: what runs, and how far it has come.
+
+    Rig and session; at the right ``said``, the pace, and the ``badge``.
+    """
+    words, tone = badge
+    left: Row = [(f" {picture.rig.name}", STRONG), (f"  {what}", LABEL)]
+    paced = badge not in (REPLAYING, HALTED) and picture.state_now in PACED and picture.pace > 0
+    pace = f"{picture.pace:.1f}× " if paced and abs(picture.pace - 1) > 0.05 else ""
+    right: Row = [(f"{said}  " if said else "", TEXT), (f"{pace} ", UNIT), (f" {words} ", tone)]
+    return apart(left, right, width)
+
+
+def view_row(picture: Picture, views: list[str], chosen: int, width: int) -> Row:
+    """The views by number, and what runs now with its time."""
+    left: Row = [(" ", TEXT)]
+    if picture.concluding:
+        doing, time = picture.fitting, f"  {picture.fit_took_s} s"
+    else:
+        doing, time = _running(picture, width)
+    for number, name in enumerate(views):
+        left += [(f" {number + 1} {name} ", "badge-calm" if number == chosen else LABEL), (" ", TEXT)]
+    return apart(left, [(doing, TEXT), (f"{time} ", UNIT)], width)
+
+
+def _running(picture: Picture, width: int) -> tuple[str, str]:
+    """The step that runs, and the session's time."""
+    segment, step = picture.segment, picture.steps.running
+    doing = "" if step is None else f"{picture.steps.number}/{len(picture.steps.all)} {step.planned.name}"
+    if width >= WITH_SEGMENT and step is not None and segment is not None and segment.procedure == step.planned.name:
+        doing += f" · {segment.name}"
+    left_s = picture.steps.left_s
+    time = f"  {clock(picture.now_s)}" + (f" −{clock(left_s)}" if picture.steps.all and left_s >= 1 else "")
+    return doing, time
+
+
+KIND, TIME = 9, 8
+TONES = {"stop": BAD, "fault": WARNING, "bus": WARNING, "device": WARNING, "drive": WARNING, "operator": TEXT}
+
+
+def log_rows(log: Log, width: int, height: int, *, back: int = 0) -> list[Row]:
+    """The event log.
+
+    The last lines, or those ``back`` lines before them; a line that is too long is cut.
+    """
+    lines = list(log.lines)[: len(log.lines) - back] if back else list(log.lines)
+    said = f"{back} newer below" if back else ""
+    rows = [heading("Events", "", said, width)]
+    for line in lines[-max(height - 1, 0) :]:
+        time = "" if line.time_s is None else f"{line.time_s:.1f} s".replace("-", "−")
+        kind = "" if line.kind == "note" else line.kind
+        rows.append(
+            fitted(
+                [(time.rjust(TIME), LABEL), (f" {kind:<{KIND}}", UNIT), (line.text, TONES.get(line.kind, LABEL))], width
+            )
+        )
+    return rows
+
+
+KIND, COLUMN, LEAST_COLUMN = 10, 12, 8
+WORDS = ("command", "position", "torque")
+SMALL = 1e-3  # below, a power of ten would be written
+
+
+def table_rows(tabulated: Tabulated, command_unit: str, width: int, height: int) -> list[Row]:
+    """What is measured of an actuator without a model, reading by reading.
+
+    One row a reading, the newest last.
+    """
+    readings = list(tabulated.readings.values())
+    count = f"{len(readings)} readings" if readings else ""
+    rows = [heading("Tables", "", count, width)]
+    if not readings:
+        return [
+            *rows,
+            [("no model is fitted: source and exertion", LABEL)],
+            [("are tabulated, and fill in here", LABEL)],
+        ]
+    columns = _columns(width)
+    rows += [_labels(words, columns) for words in (WORDS, (f"[{pretty_unit(command_unit)}]", "[rad]", "[N·m]"))]
+    room = max(height - len(rows), 1)
+    return [*rows, *(_reading_row(reading, columns) for reading in readings[-room:])]
+
+
+def _columns(width: int) -> list[int]:
+    """How wide each is: as much as there is room for, within bounds."""
+    least = [max(len(word) + 1, LEAST_COLUMN) for word in WORDS]
+    spare = max(width - KIND - sum(least), 0) // len(WORDS)
+    return [min(column + spare, COLUMN) for column in least]
+
+
+def _labels(words: tuple[str, ...], columns: list[int]) -> Row:
+    return [(" " * KIND, LABEL), *((f"{word:>{column}}", LABEL) for word, column in zip(words, columns, strict=True))]
+
+
+def _reading_row(reading: Reading, columns: list[int]) -> Row:
+    sign = RISING if reading.rising else FALLING
+    values = zip((reading.command, reading.position_rad, reading.torque_nm), columns, strict=True)
+    return [
+        (f"{sign} {reading.what:<{KIND - 2}}", STRONG),
+        *((f"{_short(value):>{column}}", TEXT) for value, column in values),
+    ]
+
+
+def _short(value: float) -> str:
+    """Ten thousandths are as much as can be read in passing."""
+    rounded = round(value, 4)
+    return f"{rounded:.4f}".replace("-", "−") if 0.0 < abs(rounded) < SMALL else number(rounded, 3)
