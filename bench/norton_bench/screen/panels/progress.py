@@ -89,8 +89,8 @@ def view_row(picture: Picture, views: list[str], chosen: int, width: int) -> Row
         doing, time = picture.fitting, f"  {picture.fit_took_s} s"
     else:
         doing, time = _running(picture, width)
-    for number, name in enumerate(views):
-        left += [(f" {number + 1} {name} ", "badge-calm" if number == chosen else LABEL), (" ", TEXT)]
+    for place, name in enumerate(views):
+        left += [(f" {place + 1} {name} ", "badge-calm" if place == chosen else LABEL), (" ", TEXT)]
     return apart(left, [(doing, TEXT), (f"{time} ", UNIT)], width)
 
 
