@@ -44,9 +44,9 @@ from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.procedures.makers import imposed
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
+from norton_bench.procedures.waves import imposed
 from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured, Table
 from norton_bench.rig.load import load_rig

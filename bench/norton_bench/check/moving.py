@@ -13,10 +13,16 @@ from norton_bench.loop.alignment import Alignment
 from norton_bench.loop.devices import Devices, open_devices
 from norton_bench.loop.loop import Loop, never_stop
 from norton_bench.loop.outbox import Outbox
-from norton_bench.procedures.directions import actuator_push_faults, load_push_faults, torque_sign_faults
-from norton_bench.procedures.makers import coasting, pushed
-from norton_bench.procedures.tare import MOVING, REST_S, SEARCH_S, greatest_load_torque
-from norton_bench.procedures.waves import growth, hold, ramp
+from norton_bench.procedures.tare import (
+    MOVING,
+    REST_S,
+    SEARCH_S,
+    actuator_push_faults,
+    greatest_load_torque,
+    load_push_faults,
+    torque_sign_faults,
+)
+from norton_bench.procedures.waves import coasting, growth, hold, pushed, ramp
 from norton_bench.records import Measured, Table, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

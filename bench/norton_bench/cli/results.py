@@ -19,7 +19,7 @@ from norton_bench.identification.trials import TrialFigures, last_driven, settle
 from norton_bench.models.parameters import BY_NAME, UNITS, Estimate, PredictionError
 from norton_bench.procedures.refinement import Refinement, in_percent, widest_of, words
 from norton_bench.records import FOR_PROGRAMS, Measured
-from norton_bench.report.loops import bench_time_s
+from norton_bench.report.figures_network import bench_time_s
 from norton_bench.session.conclusion import Conclusion
 from norton_bench.session.progress import Judged
 from norton_bench.session.summary import of_trials

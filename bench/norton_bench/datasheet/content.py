@@ -2,8 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from norton_bench.datasheet.pictures import Picture, pictures
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from norton_bench.datasheet.pictures import Palette, Picture, drawings, pictures
 from norton_bench.datasheet.sheet import Sheet, compared
 from norton_bench.datasheet.tables import (
     difference_table,
@@ -14,6 +18,8 @@ from norton_bench.datasheet.tables import (
     range_sentence,
     remarks,
 )
+from norton_bench.report import svg
+from norton_bench.report.render import write_page
 from norton_bench.report.section import Facts
 
 
@@ -64,3 +70,33 @@ def _tables(sheets: Sequence[Sheet], letters: Sequence[str]) -> list[tuple[str, 
         if table is not None:
             found.append((f"Cogging and ripple {letter}".strip(), table))
     return found
+
+
+def write_html(path: Path, sheets: Sequence[Sheet]) -> Path:
+    """The sheet as one HTML file that needs nothing else, in the report's looks.
+
+    Of one sheet, or of two side by side. Raises ExperimentError where it cannot be written.
+    """
+    return write_page(path, html(sheets))
+
+
+def html(sheets: Sequence[Sheet]) -> str:
+    """The page: the same for the same sheets, to the last byte."""
+    content = content_of(sheets)
+    environment = Environment(
+        loader=PackageLoader("norton_bench.datasheet", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    with Palette().style():
+        drawn = [(picture, Markup(_svg(picture, sheets))) for picture in content.pictures]
+    page = environment.get_template("datasheet.html.j2")
+    return page.render(content=content, pictures=drawn, css=Markup(svg.style_sheet()))
+
+
+def _svg(picture: Picture, sheets: Sequence[Sheet]) -> str:
+    palette, figure = Palette(), svg.figure(picture.height_in)
+    picture.draw(figure, drawings(sheets, palette), palette)
+    return svg.svg(figure, picture.name, picture.caption)

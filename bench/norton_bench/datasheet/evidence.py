@@ -20,7 +20,7 @@ from norton_bench.identification.statistics import sandwich
 from norton_bench.identification.validation import is_free, network_trace
 from norton_bench.models.network import NortonNetwork
 from norton_bench.records import Measured, SegmentInfo
-from norton_bench.report.loops import Loop, bench_time_s, presliding_loops, sliding_samples
+from norton_bench.report.figures_network import Loop, bench_time_s, presliding_loops, sliding_samples
 from norton_bench.segments import Use
 
 # A drive tells its temperature about so exactly; a span no wider says nothing of what warmth does.

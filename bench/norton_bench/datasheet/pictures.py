@@ -19,7 +19,7 @@ from norton_bench.datasheet.sheet import Sheet
 from norton_bench.datasheet.spectra import Transfer, contact_line, impedance_line, torque_line
 from norton_bench.models.derived import Motor, backdriving_nm, drawn, estimate_of, interval_of, seen_to
 from norton_bench.report import svg
-from norton_bench.report.decimate import thinned
+from norton_bench.report.svg import thinned
 from norton_bench.report.words import pretty_unit
 
 Part = Figure | SubFigure

@@ -14,9 +14,8 @@ from norton_bench.datasheet.content import Content, content_of
 from norton_bench.datasheet.pictures import Palette, Picture, drawings
 from norton_bench.datasheet.sheet import Sheet
 from norton_bench.errors import ExperimentError
-from norton_bench.report.margins import Margins
 from norton_bench.report.section import Facts
-from norton_bench.report.svg import WIDTH_IN
+from norton_bench.report.svg import WIDTH_IN, Margins
 
 PAGE_IN = (8.27, 11.69)  # A4
 MARGIN_IN = 0.6

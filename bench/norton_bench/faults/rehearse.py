@@ -18,9 +18,9 @@ from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
-from norton_bench.procedures.makers import back, imposed
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
+from norton_bench.procedures.waves import back, imposed
 from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

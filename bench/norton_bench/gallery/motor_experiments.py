@@ -14,8 +14,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
-from norton_bench.procedures.makers import imposed, pushed, zero_torque
-from norton_bench.procedures.waves import Motion, from_velocity, hold, ramp
+from norton_bench.procedures.waves import Motion, from_velocity, hold, imposed, pushed, ramp, zero_torque
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

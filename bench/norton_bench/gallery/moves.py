@@ -3,8 +3,7 @@
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.procedures.makers import imposed, pushed
-from norton_bench.procedures.waves import hold, ramp, sweep
+from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sweep
 from norton_bench.records import Measured
 from norton_bench.segments import Segment, Use
 

@@ -13,8 +13,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.gallery.claim import Experiment, Line, Shown, mean, row
 from norton_bench.gallery.moves import place_rad, swept
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
-from norton_bench.procedures.makers import zero_torque
-from norton_bench.procedures.waves import hold, ramp
+from norton_bench.procedures.waves import hold, ramp, zero_torque
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.report.figures_network import legend
 from norton_bench.report.svg import ACCENT, MEASURED, MUTED, PREDICTED, figure

@@ -12,8 +12,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.jog.hands import Bounds, LoadDoes, Setpoints
 from norton_bench.procedures.imposed import TORQUE_SHARE
 from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.procedures.makers import UNENDING
-from norton_bench.procedures.waves import ticks_in
+from norton_bench.procedures.waves import UNENDING, ticks_in
 from norton_bench.records import Measured
 from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, LoadMode, Segment, Use
 

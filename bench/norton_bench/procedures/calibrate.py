@@ -16,10 +16,9 @@ from norton_bench.identification.signals import Port, signals
 from norton_bench.identification.soundness.recording import sound
 from norton_bench.models.parameters import Status
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
-from norton_bench.procedures.makers import back, coasting, pushed
 from norton_bench.procedures.options import CalibrateOptions
 from norton_bench.procedures.tare import greatest_load_torque
-from norton_bench.procedures.waves import growth, highest_hz, hold, multisine
+from norton_bench.procedures.waves import back, coasting, growth, highest_hz, hold, multisine, pushed
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

@@ -27,12 +27,10 @@ from norton_bench.identification.trials import TRIAL, diverge, settled
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.in_situ_state import Assembly, InSitu
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, why_no_basis
-from norton_bench.procedures.learning import Models, correction, next_load_torque
-from norton_bench.procedures.makers import coasting, pushed
+from norton_bench.procedures.learning import Assembly, InSitu, Models, correction, next_load_torque
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions
-from norton_bench.procedures.waves import hold, multisine, ramp
+from norton_bench.procedures.waves import coasting, hold, multisine, pushed, ramp
 from norton_bench.records import LOAD_TAKEN, Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

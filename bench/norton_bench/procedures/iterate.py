@@ -14,12 +14,10 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.in_situ import Machine
 from norton_bench.identification.trials import TRIAL, figures_of, seen
 from norton_bench.procedures.free import command_multisine
-from norton_bench.procedures.iteration import Iteration
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
-from norton_bench.procedures.learning import Models, correction, next_load_torque
-from norton_bench.procedures.makers import coasting, imposed, pushed
+from norton_bench.procedures.learning import Iteration, Models, correction, next_load_torque
 from norton_bench.procedures.options import IterateOptions
-from norton_bench.procedures.waves import Motion, from_velocity, hold
+from norton_bench.procedures.waves import Motion, coasting, from_velocity, hold, imposed, pushed
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

@@ -7,8 +7,7 @@ from typing import Protocol, runtime_checkable
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.errors import RigError
 from norton_bench.identification.results import FitResult
-from norton_bench.procedures.in_situ_state import InSitu
-from norton_bench.procedures.iteration import Iteration
+from norton_bench.procedures.learning import InSitu, Iteration
 from norton_bench.procedures.refinement import Refinement
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig

@@ -14,14 +14,14 @@ off by almost their own size, and phases by 60°. Below the 30 Hz that are corre
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
-from norton_bench.identification.in_situ import Machine
-from norton_bench.identification.trials import Seen, in_band
+from norton_bench.identification.in_situ import Exerted, LoadTaken, Machine
+from norton_bench.identification.trials import Seen, TrialFigures, averaged, diverge, in_band, settled
 
 # The spectrum is averaged over so many lines to tell what is noise.
 LINES = 41
@@ -94,3 +94,77 @@ def above_noise(values: FloatArray, deviation_nm: float) -> FloatArray:
     power = np.convolve(np.abs(spectrum) ** 2, np.full(LINES, 1 / LINES), "same")
     share = np.clip(1.0 - len(values) * deviation_nm**2 / np.maximum(power, 1e-300), 0.0, 1.0)
     return np.fft.irfft(spectrum * share, size)[: len(values)]
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """How far an in-situ experiment has come.
+
+    Both machines, and in sentences where the load's values come from.
+    """
+
+    models: Models
+    said: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class InSitu:
+    """How far it has come. ``order`` says of each trial to come, and of those that were, whether it is driven."""
+
+    assembly: Assembly | None = None
+    command: FloatArray = field(default_factory=lambda: np.empty(0))
+    order: tuple[bool, ...] = ()
+    trials: tuple[Exerted, ...] = ()
+    corrections: tuple[Correction, ...] = ()
+    finished: bool = False
+
+    @property
+    def load(self) -> LoadTaken:
+        """What the recording must tell of the load; asked for once the assembly was shaken."""
+        assert self.assembly is not None
+        return LoadTaken(self.assembly.models.load, self.assembly.said, len(self.command))
+
+
+# Lessons are averaged until their noise has a quarter of the power that one has: the next would take off a twentieth.
+AVERAGED = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """How far a repeated movement has come: its trials, what they taught, and whether they converge.
+
+    The state of one iteration over a movement.
+
+    ``command`` (ticks,) is the actuator's, the same in every trial; ``start_rad`` is where the load stands when one
+    begins. ``reasons`` say, once ``finished``, why it has not converged.
+    """
+
+    command: FloatArray
+    start_rad: float
+    trials: tuple[TrialFigures, ...] = ()
+    corrections: tuple[Correction, ...] = ()
+    finished: bool = False
+    reasons: tuple[str, ...] = ()
+
+    def after(self, trial: TrialFigures, correction: Correction) -> "Iteration":
+        return replace(self, trials=(*self.trials, trial), corrections=(*self.corrections, correction))
+
+    @property
+    def converged(self) -> bool:
+        return self.finished and not self.reasons
+
+    @property
+    def settled(self) -> bool:
+        return settled(self.trials)
+
+    @property
+    def averaged(self) -> bool:
+        """Whether another trial would hardly lessen the noise that was learnt."""
+        return averaged(len(self.trials)) >= AVERAGED
+
+    @property
+    def diverges(self) -> bool:
+        return diverge(self.trials)
+
+    def ended(self, *reasons: str) -> "Iteration":
+        return replace(self, finished=True, reasons=reasons)

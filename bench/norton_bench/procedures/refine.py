@@ -26,19 +26,20 @@ from norton_bench.identification.signals import signals
 from norton_bench.identification.soundness.recording import sound
 from norton_bench.procedures.excitations import Bounds, Candidate, candidates
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
-from norton_bench.procedures.makers import imposed
 from norton_bench.procedures.options import RefineOptions
 from norton_bench.procedures.refinement import (
     IMPROVABLE,
     Interval,
+    Option,
     Refinement,
+    Selection,
     in_percent,
     intervals_of,
+    select,
     why_wide,
     words,
 )
-from norton_bench.procedures.selection import Option, Selection, select
-from norton_bench.procedures.waves import hold
+from norton_bench.procedures.waves import hold, imposed
 from norton_bench.procedures.within import travel_left_rad
 from norton_bench.records import Measured, SegmentInfo, join
 from norton_bench.rig.rig import Rig

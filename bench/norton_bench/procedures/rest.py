@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from norton_bench.procedures.knowledge import Knowledge, Plan
-from norton_bench.procedures.makers import coasting
 from norton_bench.procedures.options import RestOptions
-from norton_bench.procedures.waves import hold
+from norton_bench.procedures.waves import coasting, hold
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

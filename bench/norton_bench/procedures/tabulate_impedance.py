@@ -10,11 +10,9 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.tables.exertion_table import HOLD, PROCEDURE, READ, SHAKE, SWEEP, shake_lines
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
-from norton_bench.procedures.makers import imposed
 from norton_bench.procedures.options import TabulateImpedanceOptions
-from norton_bench.procedures.settling import MOVE_S, Patience, settle
-from norton_bench.procedures.tabulate_source import at_zero_torque, levels_between
-from norton_bench.procedures.waves import EDGE_S, Motion, displaced, hold, ramp, sines_motion, sweep, ticks_in
+from norton_bench.procedures.tabulate_source import MOVE_S, Patience, at_zero_torque, levels_between, settle
+from norton_bench.procedures.waves import EDGE_S, Motion, displaced, hold, imposed, ramp, sines_motion, sweep, ticks_in
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use

@@ -4,8 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from norton_bench.identification.results import FitResult
+from norton_bench.models.derived import Figure, derived
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.report.words import number, pretty_unit
+from norton_bench.report.section import Facts
+from norton_bench.report.words import between, number, pretty_unit
 
 # Of these a value is put into the equation; of all others the symbol stays.
 TOLD = (Status.VALID, Status.LEARNING, Status.RATIO_ONLY)
@@ -74,3 +76,24 @@ def _values(estimates: Sequence[Estimate]) -> Mapping[str, str]:
     """Numbers that can stand in a product: a negative one in brackets."""
     told = {each.name: number(each.value, DIGITS) for each in estimates if each.status in TOLD}
     return {name: f"({text})" if text.startswith("−") else text for name, text in told.items()}
+
+
+HEAD = ("figure", "value", "95 % interval", "unit", "meaning")
+# Those that say most of how the actuator feels, and that no operating point belongs to.
+SHOWN = ("breakaway_command", "free_speed_per_command", "mechanical_time_constant", "presliding_displacement")
+
+
+def derived_facts(fit: FitResult) -> Facts | None:
+    """A few figures that follow from the network at once; ``norton-bench datasheet`` has them all.
+
+    A row for each figure whose parameters are known; None where there is none.
+    """
+    statuses = {each.name: each.status for each in fit.estimates}
+    figures = {each.row.name: each for each in derived(fit.network, (), statuses=statuses)}
+    rows = tuple(_row(figures[name]) for name in SHOWN if name in figures and figures[name].status is Status.VALID)
+    return Facts(HEAD, rows) if rows else None
+
+
+def _row(figure: Figure) -> tuple[str, ...]:
+    value, interval = between(figure.value, figure.interval)
+    return figure.words, value, interval, pretty_unit(figure.unit), figure.row.meaning

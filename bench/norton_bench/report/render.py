@@ -9,13 +9,11 @@ from markupsafe import Markup
 from norton_bench.errors import ExperimentError
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.report.data import ReportData
-from norton_bench.report.derived import derived_facts
-from norton_bench.report.equation import model_of
-from norton_bench.report.glossary import TERMS
+from norton_bench.report.equation import derived_facts, model_of
 from norton_bench.report.sections import sections
 from norton_bench.report.streams import stream_qualities
 from norton_bench.report.svg import style
-from norton_bench.report.words import interval, percent, pretty_unit, symbol, to_its_digits
+from norton_bench.report.words import TERMS, interval, percent, pretty_unit, symbol, to_its_digits
 
 __all__ = ["ReportData", "render", "write_report"]
 

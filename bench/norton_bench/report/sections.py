@@ -10,20 +10,25 @@ from norton_bench.identification.live.moved import changes
 from norton_bench.loop.timing import LoopTiming, loop_timing, timing_rows, timing_sentence
 from norton_bench.records import FOR_PROGRAMS, Table
 from norton_bench.report.data import ReportData
-from norton_bench.report.figures_fit import live_figure, residual_figure, validation_figure
-from norton_bench.report.figures_network import blocked_figure, impedance_figure, source_map_figure
-from norton_bench.report.figures_timing import timing_figure
-from norton_bench.report.loops import bench_time_s, presliding_loops, sliding_samples
+from norton_bench.report.figures_fit import live_figure, residual_figure, timing_figure, validation_figure
+from norton_bench.report.figures_network import (
+    bench_time_s,
+    blocked_figure,
+    impedance_figure,
+    presliding_loops,
+    sliding_samples,
+    source_map_figure,
+)
 from norton_bench.report.section import Facts, Section
-from norton_bench.report.sections_friction import friction_section
-from norton_bench.report.sections_model_error import model_error_section
+from norton_bench.report.sections_friction import friction_section, model_error_section
 from norton_bench.report.sections_tables import (
     exertion_section,
+    in_situ_section,
     modulation_section,
     tabulated_source_section,
+    trials_section,
     two_ports_section,
 )
-from norton_bench.report.sections_trials import in_situ_section, trials_section
 from norton_bench.report.sections_without_model import residuals_section, source_sentences, without_model_section
 from norton_bench.report.streams import StreamQuality, stream_qualities
 from norton_bench.report.svg import picture

@@ -10,9 +10,9 @@ from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.identification.residuals.position_lines import Harmonic
 from norton_bench.identification.results import SourceMap
 from norton_bench.report.data import ReportData
-from norton_bench.report.figures_residuals import residual_tests_figure
-from norton_bench.report.figures_without_model import impedance_table_figure, operator_figure
-from norton_bench.report.loops import Loop, presliding_loops
+from norton_bench.report.figures_fit import residual_tests_figure
+from norton_bench.report.figures_network import Loop, presliding_loops
+from norton_bench.report.figures_tables import impedance_table_figure, operator_figure
 from norton_bench.report.section import Facts, Section
 from norton_bench.report.svg import picture
 from norton_bench.report.words import number, percent, pretty_unit

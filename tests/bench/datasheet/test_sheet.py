@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from norton_bench.cli import app
-from norton_bench.datasheet.content import content_of
+from norton_bench.datasheet.content import content_of, html
 from norton_bench.datasheet.data import sheet_data
 from norton_bench.datasheet.evidence import evidence
-from norton_bench.datasheet.page import html
 from norton_bench.datasheet.pictures import Palette
 from norton_bench.datasheet.printed import pages, write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_fit, sheet_of_network

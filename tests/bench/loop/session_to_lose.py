@@ -5,7 +5,7 @@ import sys
 import numpy as np
 
 from norton_bench.loop.process import LoopProcess
-from norton_bench.procedures.makers import coasting
+from norton_bench.procedures.waves import coasting
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Use
 

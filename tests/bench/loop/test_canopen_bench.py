@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError, SafetyStopError
-from norton_bench.procedures.makers import coasting, pushed
+from norton_bench.procedures.waves import coasting, pushed
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Segment, Use
 from norton_drivers.readings import DriveState

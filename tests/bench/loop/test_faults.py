@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import BenchError, OperatorStopError, RigError, SafetyStopError, UsageError
-from norton_bench.procedures.makers import coasting, pushed
+from norton_bench.procedures.waves import coasting, pushed
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Command
 from norton_bench.segments import Segment, Use

@@ -8,8 +8,7 @@ import pytest
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.errors import SafetyStopError
 from norton_bench.loop.loop import HELD_S
-from norton_bench.procedures.makers import coasting, imposed, pushed
-from norton_bench.procedures.waves import Motion
+from norton_bench.procedures.waves import Motion, coasting, imposed, pushed
 from norton_bench.records import NO_SEGMENT, join
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Segment, Use

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import SafetyStopError
-from norton_bench.procedures.makers import pushed
+from norton_bench.procedures.waves import pushed
 from norton_bench.rig.load import parse_rig
 from norton_bench.segments import Segment, Use
 from norton_drivers.readings import DriveState

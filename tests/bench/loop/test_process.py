@@ -19,7 +19,7 @@ from norton_bench.loop import process as process_module
 from norton_bench.loop.process import LoopProcess
 from norton_bench.loop.session_watch import SILENT_NS
 from norton_bench.loop.stop_word import StopWord
-from norton_bench.procedures.makers import coasting
+from norton_bench.procedures.waves import coasting
 from norton_bench.records import NO_SEGMENT, Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use

@@ -9,7 +9,7 @@ import pytest
 
 from norton_bench.check.check import check_rig
 from norton_bench.errors import SafetyStopError
-from norton_bench.procedures.makers import pushed
+from norton_bench.procedures.waves import pushed
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use

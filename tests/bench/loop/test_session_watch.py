@@ -12,7 +12,7 @@ import pytest
 from norton_bench.errors import ExperimentError, SafetyStopError
 from norton_bench.loop.orders import Idle, LeaveError, Run
 from norton_bench.loop.session_watch import LOOK_NS, SILENT_NS, Pulse, SessionWatch
-from norton_bench.procedures.makers import coasting
+from norton_bench.procedures.waves import coasting
 from norton_bench.segments import Use
 from norton_bench.testing.world import ScriptedClock
 

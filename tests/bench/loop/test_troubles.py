@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from norton_bench.loop.devices import Devices
-from norton_bench.procedures.makers import coasting
+from norton_bench.procedures.waves import coasting
 from norton_bench.records import Event
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Use

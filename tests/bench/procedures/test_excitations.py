@@ -14,7 +14,7 @@ from norton_bench.control.calibration import LoadCalibration
 from norton_bench.identification.information import KNOWN, Linearised, information_of_plan
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.excitations import Bounds, Candidate, candidates
-from norton_bench.procedures.selection import Option, select
+from norton_bench.procedures.refinement import Option, select
 from norton_bench.procedures.waves import multisine
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig

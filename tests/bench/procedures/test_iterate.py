@@ -13,9 +13,8 @@ from norton_bench.identification.trials import TRIAL, TrialFigures, diverge, set
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.carry_out import carry_out
 from norton_bench.procedures.iterate import IterateProcedure, way
-from norton_bench.procedures.iteration import Iteration
 from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.procedures.learning import mean_corrections
+from norton_bench.procedures.learning import Iteration, mean_corrections
 from norton_bench.procedures.options import CalibrateOptions, IterateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.records import join

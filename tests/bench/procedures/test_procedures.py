@@ -16,13 +16,12 @@ from norton_bench.procedures.blocked import BlockedProcedure
 from norton_bench.procedures.calibrate import CalibrateProcedure, first_friction, first_inertia_kgm2, told_well_enough
 from norton_bench.procedures.carry_out import carry_out
 from norton_bench.procedures.catalogue import CATALOGUE, make_procedures
-from norton_bench.procedures.directions import felt
-from norton_bench.procedures.directions import torque_sign_faults as signs
 from norton_bench.procedures.free import FreeProcedure
 from norton_bench.procedures.imposed import ImposedProcedure
 from norton_bench.procedures.knowledge import Knowledge, Procedure, Tare
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
-from norton_bench.procedures.tare import TareProcedure
+from norton_bench.procedures.tare import TareProcedure, felt
+from norton_bench.procedures.tare import torque_sign_faults as signs
 from norton_bench.procedures.validate import ValidateProcedure
 from norton_bench.records import TICK, TORQUE, Measured
 from norton_bench.rig.load import load_rig

@@ -5,7 +5,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pytest
 
-from norton_bench.procedures.selection import Option, select
+from norton_bench.procedures.refinement import Option, select
 
 KNOWN = np.diag([100.0, 100.0, 100.0])  # deviations of 0.1
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.procedures.makers import coasting
+from norton_bench.procedures.waves import coasting
 from norton_bench.recording.export import export
 from norton_bench.recording.frames import log_lines, log_name
 from norton_bench.recording.reader import read_recording

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_bench.report.decimate import envelope, thinned
+from norton_bench.report.svg import envelope, thinned
 
 
 @given(st.integers(0, 30_000), st.integers(4, 3000), st.integers(0, 2**32 - 1))

@@ -7,8 +7,7 @@ import numpy as np
 from norton_bench.identification.results import Trace
 from norton_bench.report.data import ReportData
 from norton_bench.report.figures_fit import close_up
-from norton_bench.report.figures_network import source_map_figure
-from norton_bench.report.loops import presliding_loops, sliding_samples
+from norton_bench.report.figures_network import presliding_loops, sliding_samples, source_map_figure
 from norton_bench.report.svg import style
 
 

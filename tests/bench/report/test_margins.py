@@ -7,13 +7,25 @@ import pytest
 from matplotlib.figure import Figure
 
 from norton_bench.report.data import ReportData
-from norton_bench.report.figures_fit import live_figure, residual_figure, validation_figure
-from norton_bench.report.figures_network import blocked_figure, impedance_figure, legend, source_map_figure
-from norton_bench.report.figures_residuals import residual_tests_figure
-from norton_bench.report.figures_timing import timing_figure
-from norton_bench.report.figures_trials import source_motion_figure, trials_figure
-from norton_bench.report.figures_without_model import impedance_table_figure
-from norton_bench.report.loops import bench_time_s, presliding_loops, sliding_samples
+from norton_bench.report.figures_fit import (
+    live_figure,
+    residual_figure,
+    residual_tests_figure,
+    timing_figure,
+    validation_figure,
+)
+from norton_bench.report.figures_network import (
+    bench_time_s,
+    blocked_figure,
+    impedance_figure,
+    legend,
+    presliding_loops,
+    sliding_samples,
+    source_map_figure,
+    source_motion_figure,
+    trials_figure,
+)
+from norton_bench.report.figures_tables import impedance_table_figure
 from norton_bench.report.svg import figure, style
 
 FIGURES: dict[str, Callable[[ReportData], Figure]] = {

@@ -6,8 +6,8 @@ import numpy as np
 
 from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.report.data import ReportData
-from norton_bench.report.figures_residuals import residual_tests_figure
-from norton_bench.report.figures_without_model import impedance_table_figure, operator_figure
+from norton_bench.report.figures_fit import residual_tests_figure
+from norton_bench.report.figures_tables import impedance_table_figure, operator_figure
 from norton_bench.report.sections_without_model import (
     residual_sentences,
     residuals_section,

@@ -13,8 +13,7 @@ from norton_bench.control.admittance import AdmittanceController
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.procedures.makers import imposed
-from norton_bench.procedures.waves import velocity_steps
+from norton_bench.procedures.waves import imposed, velocity_steps
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recover import recover
