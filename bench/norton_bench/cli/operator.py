@@ -12,28 +12,6 @@ from norton_bench.loop.stop_word import StopWord
 from norton_bench.session.operator import Order
 from norton_bench.session.progress import Prompt, SessionState, Silent
 
-
-@contextmanager
-def operator_stop() -> Iterator[StopWord]:
-    """Ctrl-C as the operator's stop: asked for once, the loop ends by itself with the drives idle; twice, all ends.
-
-    Inside, the yielded word is said once there is a reason to stop.
-    """
-    stop = StopWord()
-
-    def ask(number: int, _frame: FrameType | None) -> None:
-        if stop.heard() is not None:
-            raise KeyboardInterrupt
-        stop.say("Ctrl-C" if number == signal.SIGINT else "asked to end")
-
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 PAUSED = "Paused, the drives are idle. Enter goes on; t: tare, s: leave out the next step, a: abort."
 WORDS = {"": "resume", "r": "resume", "t": "tare", "s": "skip", "a": "abort"}
 
