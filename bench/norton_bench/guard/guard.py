@@ -102,21 +102,39 @@ class Guard:
     def _check_freshness(self, sample: Sample) -> None:
         stale_ns = self.limits.stale_after_ns
         if not 0 <= sample.motion_age_ns <= stale_ns:
-            raise self._silent("actuator encoder", sample.motion_age_ns)
+            raise self._silent("actuator encoder", sample.motion_age_ns, sample)
         if self.has_load and not 0 <= sample.load_motion_age_ns <= stale_ns:
-            raise self._silent("load encoder", sample.load_motion_age_ns)
+            raise self._silent("load encoder", sample.load_motion_age_ns, sample)
         if self.has_torque_sensor and not 0 <= sample.torque_age_ns <= stale_ns:
-            raise self._silent("torque sensor", sample.torque_age_ns)
+            raise self._silent("torque sensor", sample.torque_age_ns, sample)
         if self.modulation_limit is not None and not 0 <= sample.modulator_motion_age_ns <= stale_ns:
-            raise self._silent("modulator encoder", sample.modulator_motion_age_ns)
+            raise self._silent("modulator encoder", sample.modulator_motion_age_ns, sample)
 
-    def _silent(self, name: str, age_ns: int) -> SafetyStopError:
+    def _silent(self, name: str, age_ns: int, sample: Sample) -> SafetyStopError:
         if age_ns < 0:
             return self.trip(f"{name}: no reading yet", "stale")
-        return self.trip(
+        said = (
             f"{name}: silent for {age_ns / 1e6:.1f} ms, more than [limits] stale_after = "
-            f"{self.limits.stale_after_ns / 1e6:g} ms",
-            "stale",
+            f"{self.limits.stale_after_ns / 1e6:g} ms"
+        )
+        return self.trip(f"{said}; {self._meanwhile(age_ns, sample)}", "stale")
+
+    def _meanwhile(self, age_ns: int, sample: Sample) -> str:
+        """What else was heard while a device was silent, and what follows from that."""
+        ages_ns = (
+            sample.motion_age_ns,
+            sample.load_motion_age_ns,
+            sample.torque_age_ns,
+            sample.modulator_motion_age_ns,
+        )
+        if min(age for age in ages_ns if age >= 0) < age_ns / 2:
+            return (
+                "others were heard meanwhile: check its cable and power; a computer that is busy may be late to hand "
+                "on what a serial port has received: end other programs"
+            )
+        return (
+            "nothing else was heard either: the bus, its adapter or the computer stood still, or `sim serve` in a "
+            "rehearsal: check the bus, and end other programs"
         )
 
     def _check_values(self, sample: Sample) -> None:

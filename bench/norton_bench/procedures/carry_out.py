@@ -25,15 +25,17 @@ def carry_out(procedure: Procedure, known: Knowledge, loop: Runner, foresee: For
     """
     measured: list[Measured] = []
     plan = procedure.plan(known)
-    segment, velocity_rad_s, command = next(plan, None), 0.0, 0.0
+    segment = next(plan, None)
+    if segment is not None:
+        segment = foresee(segment, 0.0, 0.0)  # before the drives are enabled: it may take its time
     with loop.running():
         while segment is not None:
-            measured.append(loop.run(foresee(segment, velocity_rad_s, command)))
+            measured.append(loop.run(segment))
             last = measured[-1].ticks[-1]
-            velocity_rad_s, command = float(last["velocity_rad_s"]), float(last["command"])
             try:
                 segment = plan.send(measured[-1])
             except StopIteration:
-                segment = None
+                break
+            segment = foresee(segment, float(last["velocity_rad_s"]), float(last["command"]))
     record = join(measured)
     return replace(procedure.conclude(known, record), records=(*known.records, record))
