@@ -206,6 +206,16 @@ def test_a_modulator_must_be_heard_and_is_held_within_its_limit() -> None:
         gate.limit(WISH, heard._replace(modulator_motion_age_ns=6_000_000), (ACTUATOR, LOAD))
 
 
+@pytest.mark.parametrize(
+    ("others_ns", "said"),
+    [(1_000_000, "others were heard meanwhile"), (4_000_000, "nothing else was heard either")],
+)
+def test_a_silence_is_the_device_s_own_or_everybody_s(others_ns: int, said: str) -> None:
+    silent = SAMPLE._replace(torque_age_ns=6_000_000, motion_age_ns=others_ns, load_motion_age_ns=others_ns)
+    with pytest.raises(SafetyStopError, match=said):
+        guard().limit(WISH, silent, (ACTUATOR, LOAD))
+
+
 number = st.floats(-1e6, 1e6)
 
 
