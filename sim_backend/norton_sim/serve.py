@@ -2,7 +2,7 @@
 
 Installed as the entry point ``serve`` of the group ``norton_bench.simulators``; ``norton-bench sim serve RIG`` finds it
 there. CAN buses are served on the rig's own python-can interface (for "slcan" on a pseudo-terminal at the rig's
-``channel``), serial devices on pseudo-terminals at the rig's ports.
+``channel``), serial devices on pseudo-terminals at the rig's ports, or over TCP where these are ``socket://`` URLs.
 """
 
 import select
@@ -33,6 +33,7 @@ from norton_sim.faults.stage import Stage
 from norton_sim.firmware.site import Wires
 from norton_sim.plugs import CanPlug, SerialPlug
 from norton_sim.pseudo_terminals import ServedPort
+from norton_sim.served_socket import SCHEME, ServedSocket
 from norton_sim.standstills import Standstills
 from norton_sim.trouble import CAN_ERR_BUS_OFF, HostEnd, Trouble
 from norton_sim.truth import FAULTS, read_truth
@@ -172,11 +173,11 @@ class ServedSlcan:
 
 
 class ServedLine:
-    """A serial line on a pseudo-terminal, with one device."""
+    """A serial line with one device, on a pseudo-terminal at a path, or over TCP."""
 
     def __init__(self, path: str, wall: _WallTime) -> None:
         self._wall = wall
-        self._port = ServedPort(path)
+        self._port = ServedSocket(path) if path.startswith(SCHEME) else ServedPort(path)
         self._plug: SerialPlug | None = None
 
     @property
