@@ -8,6 +8,7 @@ import pytest
 
 from norton_drivers.errors import ConnectionFailedError
 from norton_drivers.hardware import HardwareBackend
+from norton_drivers.ports import SerialPort
 from norton_sim.served_socket import ServedSocket
 
 
@@ -42,9 +43,7 @@ def test_both_ways_through_the_hardware_backend(served: ServedSocket, url: str) 
     assert heard == [b"an answer of 40 bytes, all in one piece."]
     served.hang_up()
     with pytest.raises(ConnectionFailedError, match="lost"):
-        for _ in range(1000):
-            port.poll()
-            time.sleep(0.001)
+        poll_for_long(port)
     backend.close()
 
 
@@ -59,6 +58,12 @@ def test_who_opens_it_again_gets_it_again(served: ServedSocket, url: str) -> Non
 def test_an_address_that_somebody_has_is_said_so(served: ServedSocket, url: str) -> None:
     with pytest.raises(ConnectionFailedError, match="cannot serve it"):
         ServedSocket(url)
+
+
+def poll_for_long(port: SerialPort) -> None:
+    for _ in range(1000):
+        port.poll()
+        time.sleep(0.001)
 
 
 def soon_read(served: ServedSocket) -> bytes:

@@ -220,7 +220,7 @@ def test_the_rig_check_for_people_names_devices_and_streams(run: Run) -> None:
 
 def test_readings_slower_than_they_may_be_are_told(run: Run, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
-    rig.write_text(RIG.read_text().replace('"1 kHz"', '"5 kHz"').replace('"60 ms"', '"0.5 ms"'))
+    rig.write_text(RIG.read_text().replace('"1 kHz"', '"5 kHz"').replace('stale_after = "100', 'stale_after = "0.5'))
     code, _, err = run("rig", "check", rig)
     assert code == ExitCode.EXPERIMENT_FAILED
     assert "[actuator] motion readings come at 1000 Hz with gaps of up to 1." in err
