@@ -1,7 +1,6 @@
 """The live identifier as a consumer of the loop's parts: in line where time waits for it, else in its own process."""
 
 import multiprocessing
-import os
 import queue
 import signal
 from collections.abc import Iterator
@@ -21,8 +20,6 @@ from norton_bench.rig.rig import Rig
 # says so, rather than holding up the loop.
 GREATEST_BACKLOG = 600
 READY_WITHIN_S = 60.0
-# POSIX: a tenth of what others get, where all want the same core.
-NICE = 10
 
 
 class LiveFeed(Protocol):
@@ -72,10 +69,7 @@ class InlineFeed:
 
 
 class ProcessFeed:
-    """For wall time: the identifier runs on another core and can never delay a tick.
-
-    It gives way to the session and to whatever brings readings here: what it shows may be late, they may not.
-    """
+    """For wall time: the identifier runs on another core and can never delay a tick."""
 
     def __init__(self, command_unit: str, tick_s: float) -> None:
         context = multiprocessing.get_context("spawn")
@@ -122,8 +116,6 @@ def _identify(
     signal.signal(
         signal.SIGINT, signal.SIG_IGN
     )  # Ctrl-C on a terminal reaches every process; the session ends this one
-    if hasattr(os, "nice"):
-        os.nice(NICE)
     identifier = LiveIdentifier(command_unit, tick_s)
     estimates.put(LiveEstimate(0))
     while (part := parts.get()) is not None:
