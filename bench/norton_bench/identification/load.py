@@ -151,11 +151,13 @@ def _spring(
     torque, time_s = regression.target(), regression.time_s()
     delay_s = load_delay_s
     for _ in range(DELAY_STEPS):
-        pairs = zip(actuator, load, strict=True)
-        twist, rate, velocity = np.concatenate([_twist(a, b, load_delay_s, delay_s) for a, b in pairs], axis=1)
-        columns = np.stack([torque, -rate, np.ones(twist.size), -velocity])
+        parts = [_twist(a, b, load_delay_s, delay_s) for a, b in zip(actuator, load, strict=True)]
+        twist, rate, velocity = np.concatenate(parts, axis=1)
+        # Each stretch counts its twist from its own beginning.
+        begins = np.repeat(np.eye(len(parts)), [part.shape[1] for part in parts], axis=1)
+        columns = np.stack([torque, -rate, -velocity, *begins])
         solution = linear_solution(columns, twist)
-        compliance, relaxation_s, _, shift_s = solution
+        compliance, relaxation_s, shift_s = solution[:3]
         delay_s += float(np.clip(shift_s, -5e-4, 5e-4))
     covariance = sandwich(columns.T, twist - solution @ columns, time_s)
     compliance, uncertain = above_zero(float(compliance), float(np.sqrt(covariance[0, 0])))
