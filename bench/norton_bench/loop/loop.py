@@ -302,6 +302,8 @@ class Loop:
         missed = max((self._clock.now_ns() - self._next_ns) // self.tick_ns, 0)
         self.skipped_ticks += missed
         self._next_ns += missed * self.tick_ns
+        if missed:
+            self.guard.stood_still(self._next_ns, missed * self.tick_ns)
         for _ in range(missed):
             strategy.note_sent(self._load_torque_nm)
         return missed
