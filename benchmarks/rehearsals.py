@@ -2,8 +2,8 @@
 
 For every rig and run `norton-bench sim serve RIG` serves the simulated devices, and `norton-bench identify RIG
 --backend hardware` meets them from another process, while other work keeps `--load` cores busy. One line for each run:
-how the session ended, how late loop and simulated devices were, and how much of the computer others used meanwhile. The
-program fails where less than 19 of 20 runs of a rig were finished.
+how the session ended, how late loop and simulated devices were, how many cores others used meanwhile, and what the host
+of a virtual machine took. The program fails where less than 19 of 20 runs of a rig were finished.
 
     python benchmarks/rehearsals.py [--rigs rigs/sim-odrive.toml rigs/sim-mit.toml] [--runs 20] [--load 1]
 
@@ -40,7 +40,10 @@ DROP_FROM_BOUNDING_SET, RIGHT_TO_REAL_TIME = 24, 23
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """One run. ``others`` is how many cores were busy with what is no part of it, on average."""
+    """One run. ``others`` is how many cores were busy with what is no part of it, on average.
+
+    ``stolen_s`` is how long a virtual machine's host let a core stand still that wanted to run.
+    """
 
     rig: str
     exit_code: int
@@ -50,6 +53,7 @@ class Rehearsal:
     skipped_share: float
     devices: str
     others: float
+    stolen_s: float
     said: str
 
     @property
@@ -99,6 +103,7 @@ def rehearse(rig: Path, folder: Path) -> Rehearsal:
         1.0 - timing.share_run if timing else float("nan"),
         _last_line(folder / "served.txt"),
         (after.all_s - before.all_s - (after.own_s - before.own_s)) / duration_s,
+        after.stolen_s - before.stolen_s,
         "" if exit_code == 0 else _last_line(folder / "said.txt"),
     )
     (folder / "rehearsal.json").write_text(json.dumps(asdict(found), indent=2))
@@ -170,23 +175,26 @@ def _last_line(path: Path) -> str:
 
 @dataclass(frozen=True)
 class _Busy:
-    """Processor time so far [s]: of the whole computer, and of the children of this process that have ended."""
+    """Processor time so far [s]: of the whole computer, of the children of this process that have ended, and stolen."""
 
     all_s: float
     own_s: float
+    stolen_s: float
 
 
 def _busy_s() -> _Busy:
-    """Linux' /proc/stat: user, nice, system, idle, iowait, irq, softirq in ticks."""
-    user, nice, system, _, _, irq, softirq = map(int, Path("/proc/stat").read_text().split("\n")[0].split()[1:8])
+    """Linux' /proc/stat: user, nice, system, idle, iowait, irq, softirq, steal in ticks."""
+    ticks = [
+        int(word) / os.sysconf("SC_CLK_TCK") for word in Path("/proc/stat").read_text().split("\n")[0].split()[1:9]
+    ]
+    user, nice, system, _, _, irq, softirq, stolen = ticks
     own = os.times()
-    return _Busy(
-        (user + nice + system + irq + softirq) / os.sysconf("SC_CLK_TCK"), own.children_user + own.children_system
-    )
+    return _Busy(user + nice + system + irq + softirq, own.children_user + own.children_system, stolen)
 
 
 HEAD = (
-    f"{'rig':<14}{'ended':<10}{'[s]':>5}  {'late 99.9 %, most [ms]':<24}{'skipped':>8}  {'others':>6}  devices; reason"
+    f"{'rig':<14}{'ended':<10}{'[s]':>5}  {'late 99.9 %, most [ms]':<24}{'skipped':>8}  {'others':>6}  {'stolen':>6}  "
+    "devices; reason"
 )
 
 
@@ -195,7 +203,7 @@ def line(run: Rehearsal) -> str:
     ended = "finished" if run.finished else f"exit {run.exit_code}"
     late = f"{run.loop_late_p999_ms:.2f}, {run.loop_late_most_ms:.1f}"
     row = f"{run.rig:<14}{ended:<10}{run.duration_s:>5.0f}  {late:<24}{100 * run.skipped_share:>6.2f} %"
-    return f"{row}  {run.others:>6.2f}  {'; '.join(filter(None, (run.devices, run.said)))}"
+    return f"{row}  {run.others:>6.2f}  {run.stolen_s:>4.1f} s  {'; '.join(filter(None, (run.devices, run.said)))}"
 
 
 def finished(runs: Sequence[Rehearsal]) -> dict[str, float]:

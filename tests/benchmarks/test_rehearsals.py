@@ -9,9 +9,7 @@ import pytest
 from benchmarks.rehearsals import HEAD, RIGS, Rehearsal, busy, finished, kept, line, summary
 from tests.processes import children, process_lives
 
-DONE = Rehearsal(
-    "sim-odrive", 0, 100.0, 0.4, 17.0, 0.002, "the simulated devices stood still for 2 ms at most", 1.0, ""
-)
+DONE = Rehearsal("sim-odrive", 0, 100.0, 0.4, 17.0, 0.002, "stood still for 2 ms at most", 1.0, 0.1, "")
 STOPPED = replace(DONE, exit_code=5, said="torque sensor: silent for 151.0 ms")
 
 
