@@ -11,12 +11,12 @@ from typing import Any
 import can
 import serial
 
-from norton_drivers.adapters.low_latency_serial import LowLatencySerial
+from norton_drivers.adapters.low_latency_serial import EagerSocket, LowLatencySerial
 from norton_drivers.adapters.serial_mend import serial_mend
 from norton_drivers.adapters.table import open_bus
 from norton_drivers.clock import Clock, MonotonicClock
 from norton_drivers.errors import ConnectionFailedError, reason_of
-from norton_drivers.ports import CanPort, SerialPort
+from norton_drivers.ports import CanPort, SerialLine, SerialPort
 from norton_drivers.wiring import CanBusSettings, Wiring
 
 # A time stamp further in the past than this is of another clock than the wall's (some adapters count from power-on).
@@ -75,8 +75,7 @@ class HardwareBackend:
             raise ConnectionFailedError(
                 f"port {port}: cannot open it at {baud} baud ({reason_of(error)}); {serial_mend(error)}"
             ) from error
-        eager = os.name == "posix" and "://" not in port
-        serial_port = SerialPort(port, LowLatencySerial(line) if eager else line, self._clock)
+        serial_port = SerialPort(port, _eager(port, line), self._clock)
         self._ports.append(serial_port)
         return serial_port
 
@@ -111,6 +110,13 @@ def _open_line(port: str, baud: int) -> serial.Serial:
             raise
     # A pseudo-terminal has no baud rate, but may refuse to be given an odd one.
     return open_it(baudrate=_PSEUDO_TERMINAL_BAUD)
+
+
+def _eager(port: str, line: serial.Serial) -> SerialLine:
+    """The line as a loop wants it, where it has a descriptor of its own."""
+    if os.name != "posix" or ("://" in port and not port.startswith("socket://")):
+        return line
+    return EagerSocket(line) if "://" in port else LowLatencySerial(line)
 
 
 def _is_pseudo_terminal(port: str) -> bool:

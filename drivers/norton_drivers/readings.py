@@ -1,7 +1,8 @@
 """What devices say, in SI units and the bench's own signs, each with its arrival time and sequence number.
 
 A reading is made once for each message that arrived; a repeated value in a new message is a new reading with the
-next sequence number, and a reading is never handed out twice. What is made thousands of times a second is a named
+next sequence number, and a reading is never handed out twice. Where no message means that nothing has changed, the
+driver says the last value again, later, with the same number. What is made thousands of times a second is a named
 tuple, at a third of a frozen dataclass's cost.
 """
 

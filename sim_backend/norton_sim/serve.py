@@ -2,7 +2,7 @@
 
 Installed as the entry point ``serve`` of the group ``norton_bench.simulators``; ``norton-bench sim serve RIG`` finds it
 there. CAN buses are served on the rig's own python-can interface (for "slcan" on a pseudo-terminal at the rig's
-``channel``), serial devices on pseudo-terminals at the rig's ports.
+``channel``), serial devices on pseudo-terminals at the rig's ports, or over TCP where these are ``socket://`` URLs.
 """
 
 import select
@@ -32,6 +32,8 @@ from norton_sim.faults.injection import inject, read_faults
 from norton_sim.faults.stage import Stage
 from norton_sim.firmware.site import Wires
 from norton_sim.pseudo_terminals import ServedPort
+from norton_sim.served_socket import SCHEME, ServedSocket
+from norton_sim.standstills import Standstills
 from norton_sim.transport import CAN_ERR_BUS_OFF, HostEnd, Trouble
 from norton_sim.truth import FAULTS, read_truth
 from norton_sim.witness import WitnessFile
@@ -170,11 +172,11 @@ class ServedSlcan:
 
 
 class ServedLine:
-    """A serial line on a pseudo-terminal, with one device."""
+    """A serial line with one device, on a pseudo-terminal at a path, or over TCP."""
 
     def __init__(self, path: str, wall: _WallTime) -> None:
         self._wall = wall
-        self._port = ServedPort(path)
+        self._port = ServedSocket(path) if path.startswith(SCHEME) else ServedPort(path)
         self._plug: SerialConnector | None = None
 
     @property
@@ -220,8 +222,10 @@ def serve(
     on_ready: Callable[[], None],
     stop: Callable[[], bool],
     witness: Path | None = None,
-) -> None:
+) -> Standstills:
     """Serve the rig's devices until ``stop()``; ``on_ready`` is called once when everything is open.
+
+    Returns how long this process stood still, which its devices did with it.
 
     The rig's faults happen in wall time. What is true goes to the file ``witness``, a line a millisecond. An interrupt
     takes everything down too and goes on to the caller as KeyboardInterrupt; so does SIGTERM. Raises WiringError for
@@ -245,13 +249,16 @@ def serve(
         if witness is not None:
             open_wires.callback(_witness(witness, world, wall.start_ns).close)
         on_ready()
+        standstills = Standstills()
         with punctual(SERVER_PRIORITY):
             while not stop():
                 waiting = wires.waiting(min(wall.due_s(), CYCLE_S))
                 now_ns = time.monotonic_ns()  # what comes while others are received must find the world as it was
+                standstills.goes_on(now_ns)
                 for wire in waiting:
                     wire.receive()
                 wall.catch_up(now_ns)
+        return standstills
 
 
 def _witness(path: Path, world: World, epoch_ns: int) -> WitnessFile:

@@ -22,7 +22,7 @@ def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, q
     places = [bus.channel for bus in rig.wiring.buses]
     places += [device.port for device in rig.wiring.devices() if device.port is not None]
     with operator_stop() as stop_word:
-        simulator("serve")(
+        standstills = simulator("serve")(
             rig.wiring,
             rig.simulated,
             seed=seed,
@@ -31,6 +31,7 @@ def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, q
             stop=lambda: stop_word.heard() is not None,
             witness=witness,
         )
+        output.say(str(standstills))
 
 
 def truth(rig_file: RigFile, /, *, seed: Seed = None, json: Json = False) -> None:

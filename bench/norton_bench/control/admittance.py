@@ -77,8 +77,9 @@ class AdmittanceController:
     ) -> None:
         """Take over without a bump: the command continues from the last one sent.
 
-        ``leads``: under zero torque the reference is the free motion, foreseen. What was fed forward along such a
-        reference before is taken along: it may ask for another torque at once, where the actuator's command jumps.
+        ``leads``: under zero torque the reference is the free motion, foreseen. It may ask for another torque at once,
+        where the actuator's command jumps: by what was fed forward along such a reference before, or by what a shaft
+        takes that turns at the velocity with which it begins.
         ``mends_rad_s``: it is foreseen so well that feedback had better be so slow; None for as quick as its margins
         allow.
         """
@@ -156,7 +157,12 @@ class AdmittanceController:
         if anticipation:
             fed_nm = self._anticipated(anticipation, begins)
         else:
-            fed_nm = self._fed_forward(ahead, begins and not self._goes_on)
+            anew = begins and not self._goes_on
+            if anew and self._leads:
+                # What is foreseen begins with a shaft that has settled: all that it does from then on is a change, for
+                # a light one, whose command ends, more than the load's friction by far.
+                self._fed_forward(Target(velocity_rad_s=target.velocity_rad_s), begins=True)
+            fed_nm = self._fed_forward(ahead, anew and not self._leads)
         nothing_known = not self._leads and ahead.velocity_rad_s == 0.0 and ahead.acceleration_rad_s2 == 0.0
         return fed_nm + self._loop.change_nm(sample.torque_nm, *motion, bold=nothing_known)
 

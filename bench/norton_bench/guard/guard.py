@@ -19,6 +19,10 @@ MENDS = {
     "power": "ask for less (amplitude of the steps, [actuator.command] limit)",
 }
 
+# A command that acted for longer than it was meant to is worth a word with a limit that is reached so soon after.
+STALL_SHOWS_NS = 200_000_000
+WORTH_A_WORD_NS = 5_000_000
+
 
 @dataclass
 class Guard:
@@ -40,6 +44,7 @@ class Guard:
     tripped: SafetyStopError | None = field(default=None, init=False)
     _sent: Commands = field(default=NOTHING, init=False)
     _home_rad: float | None = field(default=None, init=False)
+    _stalls: list[tuple[int, int]] = field(default_factory=list, init=False)  # when each was over, and how long it was
 
     def permit(self) -> None:
         """Asked before any drive is enabled. Raises SafetyStopError while an earlier trip has not been reset."""
@@ -84,6 +89,11 @@ class Guard:
                 raise self.trip(said, check.name)
         return self._clip(wished)
 
+    def stood_still(self, until_ns: int, stall_ns: int) -> None:
+        """The loop did, and the last commands acted meanwhile: a limit that is reached soon after may be for that."""
+        recent = [(end_ns, each_ns) for end_ns, each_ns in self._stalls if until_ns - end_ns <= STALL_SHOWS_NS]
+        self._stalls = [*recent, (until_ns, stall_ns)]
+
     def trip(self, reason: str, by: str) -> SafetyStopError:
         """Latch ``reason``; returns the error to raise. ``by`` is what tripped, in a word or two."""
         self.tripped = SafetyStopError(reason, by)
@@ -102,21 +112,39 @@ class Guard:
     def _check_freshness(self, sample: Sample) -> None:
         stale_ns = self.limits.stale_after_ns
         if not 0 <= sample.motion_age_ns <= stale_ns:
-            raise self._silent("actuator encoder", sample.motion_age_ns)
+            raise self._silent("actuator encoder", sample.motion_age_ns, sample)
         if self.has_load and not 0 <= sample.load_motion_age_ns <= stale_ns:
-            raise self._silent("load encoder", sample.load_motion_age_ns)
+            raise self._silent("load encoder", sample.load_motion_age_ns, sample)
         if self.has_torque_sensor and not 0 <= sample.torque_age_ns <= stale_ns:
-            raise self._silent("torque sensor", sample.torque_age_ns)
+            raise self._silent("torque sensor", sample.torque_age_ns, sample)
         if self.modulation_limit is not None and not 0 <= sample.modulator_motion_age_ns <= stale_ns:
-            raise self._silent("modulator encoder", sample.modulator_motion_age_ns)
+            raise self._silent("modulator encoder", sample.modulator_motion_age_ns, sample)
 
-    def _silent(self, name: str, age_ns: int) -> SafetyStopError:
+    def _silent(self, name: str, age_ns: int, sample: Sample) -> SafetyStopError:
         if age_ns < 0:
             return self.trip(f"{name}: no reading yet", "stale")
-        return self.trip(
+        said = (
             f"{name}: silent for {age_ns / 1e6:.1f} ms, more than [limits] stale_after = "
-            f"{self.limits.stale_after_ns / 1e6:g} ms",
-            "stale",
+            f"{self.limits.stale_after_ns / 1e6:g} ms"
+        )
+        return self.trip(f"{said}; {self._meanwhile(age_ns, sample)}", "stale")
+
+    def _meanwhile(self, age_ns: int, sample: Sample) -> str:
+        """What else was heard while a device was silent, and what follows from that."""
+        ages_ns = (
+            sample.motion_age_ns,
+            sample.load_motion_age_ns,
+            sample.torque_age_ns,
+            sample.modulator_motion_age_ns,
+        )
+        if min(age for age in ages_ns if age >= 0) < age_ns / 2:
+            return (
+                "others were heard meanwhile: check its cable and power; a computer that is busy may be late to hand "
+                "on what a serial port has received: end other programs"
+            )
+        return (
+            "nothing else was heard either: the bus, its adapter or the computer stood still, or `sim serve` in a "
+            "rehearsal: check the bus, and end other programs"
         )
 
     def _check_values(self, sample: Sample) -> None:
@@ -124,34 +152,46 @@ class Guard:
         limits, velocity_rad_s, position_rad = self.limits, sample.velocity_rad_s, sample.position_rad
         bound = limits.velocity_rad_s
         if not (isfinite(velocity_rad_s) and abs(velocity_rad_s) <= bound):
-            raise self._outside("actuator velocity", velocity_rad_s, bound, "velocity", "rad/s")
+            raise self._outside("actuator velocity", velocity_rad_s, bound, "velocity", "rad/s", sample)
         if self._home_rad is None:
             raise self.trip("actuator position: not a number when the drives were enabled", "position")
         travel_rad = position_rad - self._home_rad
         if not (isfinite(travel_rad) and abs(travel_rad) <= limits.position_rad):
-            raise self._outside("travel from where the shaft stood", travel_rad, limits.position_rad, "position", "rad")
+            raise self._outside(
+                "travel from where the shaft stood", travel_rad, limits.position_rad, "position", "rad", sample
+            )
         if self.has_load:
             load_rad_s = sample.load_velocity_rad_s
             if not (isfinite(load_rad_s) and abs(load_rad_s) <= bound):
-                raise self._outside("load velocity", load_rad_s, bound, "velocity", "rad/s")
+                raise self._outside("load velocity", load_rad_s, bound, "velocity", "rad/s", sample)
             if not isfinite(sample.load_position_rad):
-                raise self._outside("load position", sample.load_position_rad, inf, "position", "rad")
+                raise self._outside("load position", sample.load_position_rad, inf, "position", "rad", sample)
         if self.has_torque_sensor:
             torque_nm = sample.torque_nm
             if not (isfinite(torque_nm) and abs(torque_nm) <= limits.torque_nm):
-                raise self._outside("port torque", torque_nm, limits.torque_nm, "torque", "N m")
+                raise self._outside("port torque", torque_nm, limits.torque_nm, "torque", "N m", sample)
             power_w = torque_nm * velocity_rad_s
             if not (isfinite(power_w) and abs(power_w) <= limits.power_w):
-                raise self._outside("port power", power_w, limits.power_w, "power", "W")
+                raise self._outside("port power", power_w, limits.power_w, "power", "W", sample)
 
-    def _outside(self, name: str, value: float, bound: float, key: str, unit: str) -> SafetyStopError:
+    def _outside(self, name: str, value: float, bound: float, key: str, unit: str, sample: Sample) -> SafetyStopError:
         if isfinite(value):
             said = f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}"
-            return self.trip(f"{said}; {self._mend(key)}", key)
+            return self.trip(f"{said}; {self._why_late(sample.tick_ns) or self._mend(key)}", key)
         return self.trip(
             f"{name}: is no number: the device marks its reading as invalid, or reads beyond its range; "
             "check the device",
             key,
+        )
+
+    def _why_late(self, now_ns: int) -> str:
+        """What to do where the loop had just stood still; empty where it had not."""
+        still_ns = sum(stall_ns for end_ns, stall_ns in self._stalls if now_ns - end_ns <= STALL_SHOWS_NS)
+        if still_ns < WORTH_A_WORD_NS:
+            return ""
+        return (
+            f"the loop had stood still for {still_ns / 1e6:.0f} of the last {STALL_SHOWS_NS / 1e6:g} ms, with its last "
+            "commands acting: other programs kept it from the processor, or a virtual machine's host did; end them"
         )
 
     def _mend(self, key: str) -> str:

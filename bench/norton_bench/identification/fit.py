@@ -41,6 +41,8 @@ PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "ampli
 # The command must explain this many times what nothing explains, or the port's torque sets no scale: errors in what
 # explains a torque make its scale too small by the square of their share, here by 1/25, which can be taken off.
 LEAST_EVIDENCE = 5.0
+# Of the torque, rms: a fit leaves hardly more where nothing is wrong.
+LEFT_BY_A_GOOD_FIT = 0.05
 # Deviations to which a residual can be told from the noise in it.
 TOLD_FROM_NOISE = 2.0
 
@@ -106,10 +108,7 @@ def solution_of(
         beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
     )
     if port is Port.LOAD and not told:
-        raise ExperimentError(
-            "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
-            "actuator too, independently of the load, and see that the torque sensor works"
-        )
+        raise ExperimentError(_why_no_scale(solution))
     if measured and not told:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return solution
@@ -121,9 +120,31 @@ def scale_evidence(solution: Solution) -> float:
     Next to nothing where the machine across the port is passive: it then answers the motion as this one does,
     and the torque between them follows from the motion alone, whatever the command.
     """
+    return _of_command_nm(solution) / float(np.sqrt(np.mean(solution.innovation**2)))
+
+
+def _of_command_nm(solution: Solution) -> float:
+    """What only the command explains of the torque, rms."""
     lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
     alone = lag - linear_solution(others.T, lag) @ others.T
-    return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)) / np.sqrt(np.mean(solution.innovation**2)))
+    return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)))
+
+
+def _why_no_scale(solution: Solution) -> str:
+    """Why a load's own values cannot be told: its command explains too little, or nothing explains too much."""
+    torque_nm = float(np.sqrt(np.mean(solution.regression.target() ** 2)))
+    own, left = _of_command_nm(solution) / torque_nm, float(np.sqrt(np.mean(solution.innovation**2))) / torque_nm
+    if own < LEAST_EVIDENCE * LEFT_BY_A_GOOD_FIT:
+        return (
+            "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
+            "actuator too, independently of the load, and see that the torque sensor works"
+        )
+    return (
+        f"the load's command, motion and friction leave {left:.0%} of the port's torque unexplained, too much to tell "
+        f"the load's own values by: its command alone explains {own:.0%}, and should explain {LEAST_EVIDENCE:g} times "
+        "what is left. Commands or readings may come late, by times that vary (a busy computer, an adapter, a full "
+        "bus: `norton-bench rig check` shows it; end other programs and repeat), or something else acts on the shaft"
+    )
 
 
 def beyond_noise(solution: Solution) -> float:

@@ -12,7 +12,7 @@ from scipy.stats import norm as normal
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.coupling import Coupling
-from norton_bench.identification.fit import fit_signals
+from norton_bench.identification.fit import LEFT_BY_A_GOOD_FIT, fit_signals
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.quantisation import resolution_rad
 from norton_bench.identification.regression import STILL, Regression, Rows
@@ -26,10 +26,9 @@ from norton_bench.segments import Use
 
 LOAD_COMMAND_UNIT = "N*m"
 DELAY_STEPS = 8
-# An arm's weight goes with the position, once a turn. It is looked for where a motor leaves this share of the torque,
-# and believed where it leaves less than this share of that.
+# An arm's weight goes with the position, once a turn. It is looked for where a motor leaves more than
+# it should, and believed where it leaves less than this share of that.
 GRAVITY = 1.0
-LEFT_BY_A_MOTOR = 0.05
 WORTHWHILE = 0.8
 
 
@@ -55,15 +54,26 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     """Fit the load to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit."""
     believed = sound(measured)
     measured = believed.measured
-    load = signals(measured, tick_s, use, Port.LOAD)
-    actuator = signals(measured, tick_s, use, Port.ACTUATOR)
-    if len(load) != len(actuator):
-        raise ExperimentError("one drive's readings were interrupted while the other's went on: repeat the calibration")
+    load, actuator = _of_both(measured, tick_s, use)
     result = fit_machine(load, believed.findings)
     spring = _spring(load, actuator, result.motion_delay_s)
     # Of the coarser: a controller must not take the other's steps for a twist.
     step_rad = max(resolution_rad(table["position_rad"]) for table in (measured.load_motion, measured.motion))
     return LoadFit(result, *spring, -result.torque_bias_nm, step_rad, weight_of(result))
+
+
+def _of_both(measured: Measured, tick_s: float, use: Use) -> tuple[tuple[Signals, ...], tuple[Signals, ...]]:
+    """The stretches of load and actuator, pair by pair. Raises ExperimentError where they have none in common."""
+    load, actuator = (
+        {stretch.time_s[0]: stretch for stretch in signals(measured, tick_s, use, port, of_both=True)}
+        for port in (Port.LOAD, Port.ACTUATOR)
+    )
+    common = sorted(load.keys() & actuator.keys())
+    if not common:
+        raise ExperimentError(
+            "the readings of both drives were never there for long at the same time: check both, repeat the calibration"
+        )
+    return tuple(load[start_s] for start_s in common), tuple(actuator[start_s] for start_s in common)
 
 
 def coupling_of(measured: Measured, tick_s: float) -> Coupling | None:
@@ -101,10 +111,10 @@ def fit_machine(load: tuple[Signals, ...], findings: Findings = NOTHING_FOUND) -
         result = fit_signals(load, command_unit=LOAD_COMMAND_UNIT, port=Port.LOAD, findings=findings)
     except ExperimentError:
         hanging = _hanging(load, findings)
-        if hanging is None or hanging.torque_relative > LEFT_BY_A_MOTOR:
+        if hanging is None or hanging.torque_relative > LEFT_BY_A_GOOD_FIT:
             raise
         return hanging
-    if result.converged and result.torque_relative < LEFT_BY_A_MOTOR:
+    if result.converged and result.torque_relative < LEFT_BY_A_GOOD_FIT:
         return result
     hanging = _hanging(load, findings)
     return hanging if hanging is not None and hanging.torque_rms_nm < WORTHWHILE * result.torque_rms_nm else result
@@ -139,11 +149,13 @@ def _spring(
     torque, time_s = regression.target(), regression.time_s()
     delay_s = load_delay_s
     for _ in range(DELAY_STEPS):
-        pairs = zip(actuator, load, strict=True)
-        twist, rate, velocity = np.concatenate([_twist(a, b, load_delay_s, delay_s) for a, b in pairs], axis=1)
-        columns = np.stack([torque, -rate, np.ones(twist.size), -velocity])
+        parts = [_twist(a, b, load_delay_s, delay_s) for a, b in zip(actuator, load, strict=True)]
+        twist, rate, velocity = np.concatenate(parts, axis=1)
+        # Each stretch counts its twist from its own beginning.
+        begins = np.repeat(np.eye(len(parts)), [part.shape[1] for part in parts], axis=1)
+        columns = np.stack([torque, -rate, -velocity, *begins])
         solution = linear_solution(columns, twist)
-        compliance, relaxation_s, _, shift_s = solution
+        compliance, relaxation_s, shift_s = solution[:3]
         delay_s += float(np.clip(shift_s, -5e-4, 5e-4))
     covariance = sandwich(columns.T, twist - solution @ columns, time_s)
     compliance, uncertain = above_zero(float(compliance), float(np.sqrt(covariance[0, 0])))

@@ -4,6 +4,7 @@ The grid has the tick's period and the torque stream's time (arrival less jitter
 motion have other delays; the fit estimates both relative to the torque.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -74,17 +75,26 @@ class Signals:
     released_at_zero: bool = False  # the drive: as in records.Chain
 
 
-def signals(measured: Measured, tick_s: float, use: Use, port: Port = Port.ACTUATOR) -> tuple[Signals, ...]:
-    """The stretches in which something may be fitted. Raises ExperimentError where nothing was measured."""
+def signals(
+    measured: Measured, tick_s: float, use: Use, port: Port = Port.ACTUATOR, *, of_both: bool = False
+) -> tuple[Signals, ...]:
+    """The stretches in which something may be fitted. Raises ExperimentError where nothing was measured.
+
+    ``of_both``: only where neither machine's readings were interrupted, so that each has the same stretches.
+    """
     motion = measured.motion if port is Port.ACTUATOR else measured.load_motion
     if not len(motion) or not len(measured.ticks):
         raise ExperimentError(f"no motion of the {port.value} was recorded: run an experiment that moves it")
     origin_ns = int(measured.ticks["tick_ns"][0])
     count_rad = resolution_rad(np.asarray(motion["position_rad"], dtype=np.float64))
     streams = _streams(measured, motion, port, origin_ns, count_rad)
+    runs_s = [(measured.ticks["tick_ns"] - origin_ns) * 1e-9]
+    runs_s += [stream.time_s for name, stream in streams.items() if name != "current"]
+    if of_both:
+        runs_s += [instants(table, origin_ns)[0] for table in (measured.motion, measured.load_motion)]
     stretches = [
         _stretch(measured, streams, tick_s, use, port, origin_ns, count_rad, start_s, end_s)
-        for start_s, end_s in _common_spans(measured, streams, origin_ns)
+        for start_s, end_s in _common_spans(runs_s)
         if end_s - start_s >= SHORTEST_STRETCH_TICKS * tick_s
     ]
     useful = tuple(stretch for stretch in stretches if stretch.usable.any())
@@ -195,12 +205,10 @@ def instants(table: Table, origin_ns: int) -> tuple[FloatArray, IntArray]:
     return time_s[rows], rows
 
 
-def _common_spans(measured: Measured, streams: dict[str, Stream], origin_ns: int) -> list[tuple[float, float]]:
-    """Where ticks and streams all run without a long silence."""
-    runs = [(measured.ticks["tick_ns"] - origin_ns) * 1e-9]
-    runs += [stream.time_s for name, stream in streams.items() if name != "current"]
+def _common_spans(runs_s: Sequence[FloatArray]) -> list[tuple[float, float]]:
+    """Where all of them, instants [s] in order, go on without a long silence."""
     spans = [(-np.inf, np.inf)]
-    for times in runs:
+    for times in runs_s:
         breaks = np.flatnonzero(np.diff(times) > LONGEST_GAP_S)
         starts, ends = times[np.concatenate([[0], breaks + 1])], times[np.concatenate([breaks, [-1]])]
         spans = [

@@ -59,7 +59,7 @@ def _sampled_at_s(arrival: bytes, own: bytes | None, origin_ns: int) -> FloatArr
     times_s = np.empty_like(arrival_s)
     starts = np.flatnonzero(np.diff(arrival_s) > LONGEST_COUNTED_GAP * period_s) + 1
     for part in np.split(np.arange(arrival_s.size), starts):
-        ticks = _count(arrival_s[part], period_s)
+        ticks = count_readings(arrival_s[part], period_s)
         times_s[part] = _on_host_clock(ticks * period_s, arrival_s[part])
     return times_s
 
@@ -104,8 +104,8 @@ def _usual_span(arrival_ns: IntArray) -> float:
     return float(np.median(spans))
 
 
-def _count(arrival_s: FloatArray, period_s: float) -> FloatArray:
-    """The number of each reading on its device's clock: neighbours one apart, or more where some were lost."""
+def count_readings(arrival_s: FloatArray, period_s: float) -> FloatArray:
+    """The number of each reading on its device's clock (n,): neighbours one apart, or more where some were lost."""
     from norton_bench.identification import loops  # noqa: PLC0415  (compiled: slow to import)
 
     return np.asarray(loops.count_readings(arrival_s, period_s, LATE_READINGS))

@@ -5,6 +5,7 @@ from typing import Protocol
 
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.errors import RigError
+from norton_bench.loop.unrolled import Unrolled
 from norton_bench.sample import Sample, Target
 from norton_bench.segments import LoadMode, Segment
 
@@ -55,10 +56,9 @@ class Imposed:
     base_rad: float
 
     def __post_init__(self) -> None:
-        # Lists, whose items cost a tick a fifth of an array's; of floats, for which the controller is compiled.
-        self._position_rad = (self.base_rad + self.segment.position_rad).astype(float).tolist()
-        self._velocity_rad_s = self.segment.velocity_rad_s.astype(float).tolist()
-        self._acceleration_rad_s2 = self.segment.acceleration_rad_s2.astype(float).tolist()
+        self._position_rad = Unrolled(self.base_rad + self.segment.position_rad)
+        self._velocity_rad_s = Unrolled(self.segment.velocity_rad_s)
+        self._acceleration_rad_s2 = Unrolled(self.segment.acceleration_rad_s2)
         self._last = len(self._position_rad) - 1
         self._lead_ticks = self.controller.lead_ticks
         self._now = self._made(0)

@@ -26,6 +26,7 @@ from norton_bench.loop.orders import (
     Run,
     VerifyWatchdogs,
 )
+from norton_bench.loop.pieces import send_in_pieces
 from norton_bench.loop.segment_info import segment_info
 from norton_bench.loop.service import Shared, serve_loop
 from norton_bench.loop.session_watch import Pulse
@@ -167,7 +168,7 @@ class LoopProcess:
     def close(self) -> None:
         """End the loop's process; the drives are idle then. May be called twice."""
         with suppress(OSError):
-            self._orders.send(Close())
+            send_in_pieces(self._orders, Close())
         self._end()
 
     def __enter__(self) -> "LoopProcess":
@@ -213,7 +214,7 @@ class LoopProcess:
     def _send(self, order: Order) -> None:
         self._beat()
         try:
-            self._orders.send(order)
+            send_in_pieces(self._orders, order)
         except OSError:
             raise self._lost("has died") from None
 

@@ -34,6 +34,7 @@ from norton_bench.loop.orders import (
     Run,
     VerifyWatchdogs,
 )
+from norton_bench.loop.pieces import PieceReader
 from norton_bench.loop.session_watch import Pulse, SessionWatch
 from norton_bench.loop.shared_outbox import SharedMemory, SharedOutbox
 from norton_bench.loop.stop_word import StopWord
@@ -90,7 +91,8 @@ class _Service:
     _ended: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        self._watch = SessionWatch(self.shared.pulse, self.orders, self.loop.devices.clock)
+        self._reader = PieceReader(self.orders)
+        self._watch = SessionWatch(self.shared.pulse, self._reader, self.loop.devices.clock)
         self.loop.stop_request = self._asked_to_stop
         self.loop.on_time = _undisturbed
         signal.signal(signal.SIGTERM, self._end)
@@ -107,9 +109,9 @@ class _Service:
         """Reads the ports meanwhile, and lets what they say be forgotten."""
         listening = True
         while not self._ended:
-            if self.orders.poll(LISTEN_S):
+            if self._reader.ready() or self.orders.poll(LISTEN_S):
                 with suppress(EOFError):
-                    order: Order = self.orders.recv()
+                    order: Order = self._reader.read()
                     return order
                 break
             if listening:

@@ -1,18 +1,17 @@
 """What a loop in a process of its own sees of its session: drives are not left enabled for a session that is gone."""
 
-import select
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
 from multiprocessing.sharedctypes import RawArray
 from typing import Any
 
 from norton_bench.errors import SafetyStopError
 from norton_bench.loop.orders import Idle, LeaveError, Order
+from norton_bench.loop.pieces import PieceReader
 from norton_drivers.clock import Clock
 
-# A session beats 25 times a second; one that does not for so long hangs, or was stopped.
+# During a segment a session beats 25 times a second; one that does not for so long hangs, or was stopped.
 SILENT_NS = 1_000_000_000
 # How often the pipe is looked at: it tells sooner of a session that has died.
 LOOK_NS = 10_000_000
@@ -34,14 +33,13 @@ class SessionWatch:
     """The session as long as the drives are enabled: during a segment, and between two."""
 
     pulse: Pulse
-    orders: "Connection[Any, Any]"
+    orders: PieceReader
     clock: Clock
     _within_segment: bool = field(default=False, init=False)
     _look_ns: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self._beat_ns = self.pulse.view()
-        self._has_order = _waiting_in(self.orders)
 
     @contextmanager
     def segment(self) -> Iterator[None]:
@@ -55,24 +53,26 @@ class SessionWatch:
     def look(self) -> None:
         """Asked every tick. Raises SafetyStopError where the session is gone, LeaveError where it wants them idle.
 
-        During a segment a session says nothing but that it wants no more of it.
+        During a segment a session beats, and says nothing but that it wants no more of it. Between two it computes: how
+        long it may is the loop's to say.
         """
+        if not self._within_segment:
+            return
         now_ns = self._listen()
-        if self._within_segment and now_ns >= self._look_ns:
+        if now_ns >= self._look_ns:
             self._look_ns = now_ns + LOOK_NS
-            if self._has_order():
+            if self.orders.ready():
                 order = self.read()
                 raise LeaveError(order if isinstance(order, Idle) else Idle())
 
     def ordered(self) -> bool:
-        """Asked every tick between two segments. Raises SafetyStopError where the session is gone."""
-        self._listen()
-        return self._has_order()
+        """Asked every tick between two segments: whether :meth:`read` has something to read, or the session's end."""
+        return self.orders.ready()
 
     def read(self) -> Order:
         """The order that is there, or comes. Raises SafetyStopError where the session's process has died."""
         try:
-            order: Order = self.orders.recv()
+            order: Order = self.orders.read()
         except (EOFError, OSError):
             raise SafetyStopError("the session's process has died", "session") from None
         return order
@@ -84,12 +84,3 @@ class SessionWatch:
         if silent_ns > SILENT_NS:
             raise SafetyStopError(f"the session has not been heard for {silent_ns / 1e6:.0f} ms: it hangs", "session")
         return now_ns
-
-
-def _waiting_in(orders: "Connection[Any, Any]") -> Callable[[], bool]:
-    """Whether there is something to read in the pipe, or its end. Its own ``poll`` takes half of a tick's work."""
-    if not hasattr(select, "poll"):  # Windows
-        return orders.poll
-    poller = select.poll()
-    poller.register(orders, select.POLLIN)
-    return lambda: bool(poller.poll(0))

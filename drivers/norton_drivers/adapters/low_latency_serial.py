@@ -6,8 +6,17 @@ of a millisecond. Who asks for the count does not, and finds the bytes when he n
 """
 
 import os
+import socket
+import struct
+import sys
 
 import serial
+
+if sys.platform != "win32":
+    import fcntl
+    import termios
+
+COUNT = struct.Struct("i")
 
 
 class LowLatencySerial:
@@ -38,3 +47,33 @@ class LowLatencySerial:
     def close(self) -> None:
         """As pyserial does."""
         self._line.close()
+
+
+class EagerSocket(LowLatencySerial):
+    """The same for ``socket://host:port``, a serial line behind TCP, of which pyserial hands out byte by byte.
+
+    No thread of the system's stands between: a computer with other work hands on at once what has come.
+    """
+
+    def __init__(self, line: serial.Serial) -> None:
+        super().__init__(line)
+        self._socket = socket.fromfd(self._descriptor, socket.AF_INET, socket.SOCK_STREAM)
+
+    @property
+    def in_waiting(self) -> int:
+        """How many bytes can be read at once. Raises OSError where the far end has closed the line."""
+        found: int = COUNT.unpack(fcntl.ioctl(self._descriptor, termios.FIONREAD, bytes(COUNT.size)))[0]
+        if not found and self._ended():
+            raise OSError("its far end has closed it")
+        return found
+
+    def _ended(self) -> bool:
+        try:
+            return not self._socket.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return False
+
+    def close(self) -> None:
+        """As pyserial does."""
+        self._socket.close()
+        super().close()

@@ -139,6 +139,7 @@ class CanopenSensor:
         self._status: int | None = None
         self._torque_nm: float | None = None  # the last value
         self._stamp_ns = 0  # of the last reading
+        self._message = -1  # the number of the last one
         self._readings: Inbox[TorqueReading] = Inbox()
         node.listen(options.torque_id, self._on_torque)
         if options.status_mask:
@@ -188,7 +189,8 @@ class CanopenSensor:
     def _say_again(self, until_ns: int, patience_ns: int) -> None:
         """What is not sent has not changed, while the sensor lives: a reading for each value that it left out.
 
-        Each bears the time at which its frame would have come, so that readings stay as regular as the sensor is.
+        Each bears the time at which its frame would have come, so that readings stay as regular as the sensor is, and
+        the number of the message that it repeats: a frame that is merely late comes yet.
         """
         if self._torque_nm is None or until_ns - self._stamp_ns < patience_ns or not self._lives(until_ns):
             return
@@ -205,7 +207,7 @@ class CanopenSensor:
 
     def _put(self, torque_nm: float, stamp_ns: int) -> None:
         self._stamp_ns = stamp_ns
-        self._readings.put(TorqueReading(self._readings.count, stamp_ns, torque_nm, None, self._is_trusted()))
+        self._readings.put(TorqueReading(self._message, stamp_ns, torque_nm, None, self._is_trusted()))
 
     def _is_trusted(self) -> bool:
         if self.node.emergencies:
@@ -220,6 +222,7 @@ class CanopenSensor:
         if self._on_change:
             self._say_again(arrival_ns, round(_GAP_PERIODS * self._period_ns))
         self._torque_nm = torque_nm
+        self._message += 1
         self._put(torque_nm, arrival_ns)
 
     def _on_status(self, data: bytearray, arrival_ns: int) -> None:

@@ -193,7 +193,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_anything_moves(run: Run, tm
 def test_an_unplugged_rig_ends_with_the_connection_or_the_timeout_code(run: Run, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     text = (
-        RIG.read_text().replace('"udp_multicast"', '"virtual"').replace("/tmp/norton-bench/bota", str(tmp_path / "no"))
+        RIG.read_text().replace('"udp_multicast"', '"virtual"').replace("socket://localhost:7641", str(tmp_path / "no"))
     )
     rig.write_text(text)
     code, out, err = run("rig", "check", rig, "--backend", "hardware", "--json")
@@ -220,7 +220,7 @@ def test_the_rig_check_for_people_names_devices_and_streams(run: Run) -> None:
 
 def test_readings_slower_than_they_may_be_are_told(run: Run, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
-    rig.write_text(RIG.read_text().replace('"1 kHz"', '"5 kHz"').replace('"60 ms"', '"0.5 ms"'))
+    rig.write_text(RIG.read_text().replace('"1 kHz"', '"5 kHz"').replace('stale_after = "100', 'stale_after = "0.5'))
     code, _, err = run("rig", "check", rig)
     assert code == ExitCode.EXPERIMENT_FAILED
     assert "[actuator] motion readings come at 1000 Hz with gaps of up to 1." in err

@@ -57,7 +57,7 @@ def rig(*replacements: tuple[str, str], file: Path = RIG_FILE) -> str:
     return text
 
 
-NOWHERE = ("/tmp/norton-bench/bota", "./unplugged")
+NOWHERE = ("socket://localhost:7641", "./unplugged")
 ON_NOTHING = ('interface = "udp_multicast"', 'interface = "virtual"')
 TARE, CALIBRATE = 'do = "tare"', 'do = "calibrate"'
 

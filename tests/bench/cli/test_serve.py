@@ -18,7 +18,9 @@ def rig(tmp_path: Path) -> Path:
     """The dynamometer, on a multicast group and a port of this test's own."""
     text = (ROOT / "rigs" / "sim-odrive.toml").read_text()
     path = tmp_path / "rig.toml"
-    path.write_text(text.replace("239.74.163.2", "239.74.163.61").replace("/tmp/norton-bench/bota", f"{tmp_path}/bota"))
+    path.write_text(
+        text.replace("239.74.163.2", "239.74.163.61").replace("socket://localhost:7641", f"{tmp_path}/bota")
+    )
     return path
 
 

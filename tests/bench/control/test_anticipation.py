@@ -160,9 +160,9 @@ def test_another_observer_goes_on_where_the_last_one_was() -> None:
     np.testing.assert_allclose(controller._estimator.states, before)
 
 
-@pytest.mark.parametrize(("leads_before", "jumps"), [(True, True), (False, False)])
-def test_what_was_fed_forward_goes_on_from_segment_to_segment(leads_before: bool, jumps: bool) -> None:
-    """The actuator's command jumps where the second begins: the load's does so too, if it was led before."""
+@pytest.mark.parametrize("leads_before", [True, False])
+def test_what_is_fed_forward_jumps_with_the_actuator_s_command(leads_before: bool) -> None:
+    """It does where the second segment begins, whether the load was led along a motion until then or found its way."""
     settings = PlantSettings()
     plant = Plant(settings)
     calibration = calibrated(settings)
@@ -181,5 +181,4 @@ def test_what_was_fed_forward_goes_on_from_segment_to_segment(leads_before: bool
         controller.begin(plant.sample(), ZERO_TORQUE, leads=True)
     needed_nm = 100.0 * calibration.inertia_kgm2 / calibration.torque_gain
     rise_nm = wishes[7] - wishes[4]  # a command arrives within a tick, and then acts along the reference
-    assert (rise_nm > 0.8 * needed_nm) == jumps
-    assert jumps or abs(rise_nm) < 0.2 * needed_nm
+    assert rise_nm > 0.8 * needed_nm

@@ -51,10 +51,10 @@ def test_the_short_round_ends_safely(prepared: Prepared, case: Case) -> None:
 @pytest.mark.parametrize(
     ("name", "on", "words", "within_s"),
     [
-        ("silent", "actuator", "actuator encoder: silent for", 0.065),
+        ("silent", "actuator", "actuator encoder: silent for", 0.105),
         ("adapter unplugged", "can0", "bus can0: lost", 0.002),
-        ("adapter unplugged", "torque_sensor", "port /tmp/norton-bench/bota: lost", 0.002),
-        ("frames late by 200 ms", "can0", "silent for", 0.065),
+        ("adapter unplugged", "torque_sensor", "port socket://localhost:7641: lost", 0.002),
+        ("frames late by 200 ms", "can0", "silent for", 0.105),
         ("undervoltage", "load", "load drive: left its torque loop (fault: bus voltage too low", 0.105),
         ("host stalls for long", "bench", "the loop stood still for 2000 ms", 2.01),
         ("reading frozen", "torque_sensor", "as no living sensor does", 0.1),

@@ -206,6 +206,31 @@ def test_a_modulator_must_be_heard_and_is_held_within_its_limit() -> None:
         gate.limit(WISH, heard._replace(modulator_motion_age_ns=6_000_000), (ACTUATOR, LOAD))
 
 
+@pytest.mark.parametrize(
+    ("others_ns", "said"),
+    [(1_000_000, "others were heard meanwhile"), (4_000_000, "nothing else was heard either")],
+)
+def test_a_silence_is_the_device_s_own_or_everybody_s(others_ns: int, said: str) -> None:
+    silent = SAMPLE._replace(torque_age_ns=6_000_000, motion_age_ns=others_ns, load_motion_age_ns=others_ns)
+    with pytest.raises(SafetyStopError, match=said):
+        guard().limit(WISH, silent, (ACTUATOR, LOAD))
+
+
+def test_a_limit_that_is_reached_after_a_stall_says_so() -> None:
+    gate, fast = guard(), SAMPLE._replace(velocity_rad_s=-80.03)
+    gate.stood_still(NOW_NS - 500_000_000, 90_000_000)  # long ago
+    gate.stood_still(NOW_NS - 80_000_000, 24_000_000)
+    gate.stood_still(NOW_NS, 41_000_000)
+    with pytest.raises(SafetyStopError, match="the loop had stood still for 65 of the last 200 ms") as stop:
+        gate.limit(WISH, fast, (ACTUATOR, LOAD))
+    assert "ask for less" not in str(stop.value)
+    calm = guard()
+    calm.stood_still(NOW_NS - 500_000_000, 90_000_000)
+    calm.stood_still(NOW_NS, 1_000_000)
+    with pytest.raises(SafetyStopError, match="ask for less"):
+        calm.limit(WISH, fast, (ACTUATOR, LOAD))
+
+
 number = st.floats(-1e6, 1e6)
 
 

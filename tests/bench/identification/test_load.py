@@ -1,9 +1,12 @@
 """The load and the torque sensor, where encoders are too coarse for some of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import truncnorm
 
+from norton_bench.errors import ExperimentError
 from norton_bench.identification.load import above_zero, fit_load
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench
@@ -27,3 +30,26 @@ def test_a_sensor_too_stiff_for_the_encoders_is_stiff_and_not_negative(seed: int
     assert found.sensor_stiffness_nm_rad > 200.0
     compliance, std = 1 / found.sensor_stiffness_nm_rad, found.sensor_stiffness_std_nm_rad
     assert abs(compliance - 1 / 2000.0) < 3.5 * std * compliance**2
+
+
+def test_what_one_drive_was_not_heard_in_is_left_out_for_both() -> None:
+    measured = synthetic.calibration(1, duration_s=4.0)
+    stamps_ns = measured.motion["arrival_ns"]
+    silent = (stamps_ns > stamps_ns[2000]) & (stamps_ns < stamps_ns[2080])
+    found = fit_load(replace(measured, motion=measured.motion[~silent]), TICK_S)
+    assert found.result.network.torque_gain == pytest.approx(synthetic.LOAD.torque_gain, rel=0.02)
+    assert found.sensor_stiffness_nm_rad == pytest.approx(200.0, rel=0.05)
+
+
+def test_a_passive_actuator_is_why_a_load_cannot_be_told() -> None:
+    with pytest.raises(ExperimentError, match="follows from the motion alone"):
+        fit_load(synthetic.calibration(1, duration_s=4.0, share=0.0), TICK_S)
+
+
+def test_commands_that_come_at_other_times_than_told_are_why_a_load_cannot_be_told() -> None:
+    measured = synthetic.calibration(1, duration_s=4.0)
+    ticks = measured.ticks.copy()
+    ticks["lateness_ns"] += np.random.default_rng(1).integers(0, 8_000_000, len(ticks))
+    with pytest.raises(ExperimentError, match=r"leave \d+% of the port's torque unexplained") as stop:
+        fit_load(replace(measured, ticks=ticks), TICK_S)
+    assert "motion alone" not in str(stop.value)

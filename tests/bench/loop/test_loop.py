@@ -120,7 +120,7 @@ def test_it_is_not_held_for_ever() -> None:
     with (
         opened(load_rig(RIGS / "sim-odrive.toml")) as bench,
         pytest.raises(
-            SafetyStopError, match=r"within 0\.8 s what comes after a segment: decide with the drives"
+            SafetyStopError, match=r"within 5 s what comes after a segment: .* decide with the drives"
         ) as stop,
         bench.loop.running(),
     ):

@@ -11,6 +11,7 @@ import pytest
 
 from norton_bench.errors import ExperimentError, SafetyStopError
 from norton_bench.loop.orders import Idle, LeaveError, Run
+from norton_bench.loop.pieces import PieceReader, send_in_pieces
 from norton_bench.loop.session_watch import LOOK_NS, SILENT_NS, Pulse, SessionWatch
 from norton_bench.procedures.waves import coasting
 from norton_bench.segments import Use
@@ -30,12 +31,12 @@ def watched() -> Iterator[Watched]:
     clock, pulse = ScriptedClock(), Pulse()
     pulse.view()[0] = clock.ns
     with loop, session:
-        yield Watched(SessionWatch(pulse, loop, clock), session, clock)
+        yield Watched(SessionWatch(pulse, PieceReader(loop), clock), session, clock)
 
 
 def test_between_two_segments_the_next_order_is_seen_and_read(watched: Watched) -> None:
     assert not watched.watch.ordered()
-    watched.session.send(Run(coasting("test", "push", Use.PREPARE, np.zeros(10))))
+    send_in_pieces(watched.session, Run(coasting("test", "push", Use.PREPARE, np.zeros(10))))
     watched.clock.ns += LOOK_NS
     watched.watch.look()  # no segment runs, of which it could want no more
     assert watched.watch.ordered()
@@ -48,7 +49,7 @@ def test_during_a_segment_what_the_session_says_ends_it(watched: Watched) -> Non
     with watched.watch.segment():
         watched.watch.look()
         why = ExperimentError("not enough")
-        watched.session.send(Idle(why))
+        send_in_pieces(watched.session, Idle(why))
         watched.watch.look()  # the pipe was looked at just now
         watched.clock.ns += LOOK_NS
         with pytest.raises(LeaveError) as left:
@@ -72,12 +73,17 @@ LOOKS: dict[str, Callable[[SessionWatch], object]] = {
 }
 
 
-@pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
-def test_a_session_without_a_heartbeat_is_gone(watched: Watched, look: Callable[[SessionWatch], object]) -> None:
+def test_during_a_segment_a_session_without_a_heartbeat_is_gone(watched: Watched) -> None:
     watched.clock.ns += SILENT_NS + 1
     with pytest.raises(SafetyStopError, match="has not been heard for 1000 ms") as gone:
-        look(watched.watch)
+        look_within_a_segment(watched.watch)
     assert gone.value.by == "session"
+
+
+def test_between_two_segments_a_session_may_compute(watched: Watched) -> None:
+    watched.clock.ns += SILENT_NS + 1
+    watched.watch.look()
+    assert not watched.watch.ordered()
 
 
 @pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)

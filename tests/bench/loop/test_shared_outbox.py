@@ -16,7 +16,7 @@ from norton_drivers.readings import CurrentReading, MotionReading, RawFrame, Tor
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 TABLES = ("ticks", "motion", "load_motion", "torque", "current", "load_current")
-PORT = "/tmp/norton-bench/bota"
+PORT = "socket://localhost:7641"
 
 stamps = st.integers(0, 2**62)
 values = st.floats(allow_nan=False, width=64)

@@ -1,5 +1,6 @@
 """Steps plan within every limit of the rig, by what was measured before them, and say what that costs."""
 
+from contextlib import suppress
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -10,17 +11,18 @@ import pytest
 from norton_bench.control import design
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.identification.results import FitResult, Trace
+from norton_bench.loop.segment_info import segment_info
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.blocked import BlockedProcedure
 from norton_bench.procedures.excitations import SHARE, Bounds
-from norton_bench.procedures.free import FreeProcedure
+from norton_bench.procedures.free import TOO_FAST, FreeProcedure
 from norton_bench.procedures.imposed import ImposedProcedure
-from norton_bench.procedures.knowledge import Knowledge, Procedure, Sparing
+from norton_bench.procedures.knowledge import Knowledge, Plan, Procedure, Sparing, Tare
 from norton_bench.procedures.validate import ValidateProcedure
 from norton_bench.procedures.waves import Motion
 from norton_bench.procedures.within import LEAST, bounds_of, words_for
-from norton_bench.records import Measured
+from norton_bench.records import TICK, Measured, join
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import PRESCRIBED_MOTION, LoadMode, Segment
@@ -108,6 +110,51 @@ def test_stairs_of_a_shaft_that_is_slow_to_gain_speed_stay_within_the_velocity_l
         speed_rad_s = np.max(np.abs(SLOW.free_motion(command, RIG.tick_s)[1]))
         assert 0.25 * RIG.limits.velocity_rad_s < speed_rad_s <= SHARE * RIG.limits.velocity_rad_s
     assert procedure._span_within(replace(known, actuator=None), (-1.7, 1.71)) == (-1.7, 1.71)
+
+
+def freed(plan: Plan, network: NortonNetwork) -> tuple[Measured, list[str]]:
+    """What a machine does under a plan of zero torque at its port, segment by segment, and their names."""
+    velocity_rad_s, command, parts, names = 0.0, 0.0, list[Measured](), list[str]()
+    segment = next(plan)
+    with suppress(StopIteration):
+        while True:
+            _, speed_rad_s, _ = network.free_motion(
+                segment.command,
+                RIG.tick_s,
+                velocity_rad_s=velocity_rad_s,
+                motor_torque_nm=network.torque_gain * command,
+            )
+            beyond = np.flatnonzero(np.abs(speed_rad_s) >= segment.stop_at_velocity_rad_s)
+            ticks = np.zeros(int(beyond[0]) + 1 if beyond.size else segment.ticks, TICK)
+            ticks["velocity_rad_s"], ticks["command"] = speed_rad_s[: len(ticks)], segment.command[: len(ticks)]
+            begun_ns = parts[-1].segments[0].end_ns if parts else 0
+            ticks["tick_ns"] = begun_ns + np.arange(len(ticks)) * RIG.tick_ns
+            info = segment_info(segment, len(names), begun_ns, begun_ns + len(ticks) * RIG.tick_ns)
+            parts.append(Measured(ticks=ticks, segments=(info,)))
+            names.append(segment.name)
+            velocity_rad_s, command = float(ticks["velocity_rad_s"][-1]), float(ticks["command"][-1])
+            segment = plan.send(parts[-1])
+    return join(parts), names
+
+
+@pytest.mark.parametrize(("taken", "share"), [(None, 0.1), (0.9, 0.3)], ids=["friction unknown", "friction known"])
+def test_stairs_that_nobody_foresaw_to_be_too_fast_are_climbed_again_slower(taken: float | None, share: float) -> None:
+    """As where friction kept the calibration from moving the shaft by much: there is no fit to foresee them by."""
+    strong = replace(RIG, command=replace(RIG.command, limit=9.0))
+    tare = Tare(0.0, 1e-3, 0.0, 0.0, 0.0, moving_command=taken)
+    known, procedure = replace(known_of(SLOW, strong), actuator=None, tare=tare), FreeProcedure()
+    measured, names = freed(procedure.plan(known), SLOW)
+    assert TOO_FAST in names
+    assert names[names.index(TOO_FAST) + 1] == "approach rising"
+    assert names[-8:-2] == [
+        f"{part} {way}" for way in ("rising", "falling") for part in ("approach", "staircase", "leave")
+    ]
+    assert np.max(np.abs(measured.ticks["velocity_rad_s"])) < 0.95 * RIG.limits.velocity_rad_s
+    stairs = [segment for segment in measured.segments if segment.name == "staircase falling"][-1]
+    climbed = measured.between(stairs.start_ns, stairs.end_ns).ticks
+    assert np.max(np.abs(climbed["velocity_rad_s"])) > share * RIG.limits.velocity_rad_s
+    found = procedure.conclude(known, measured).command_span
+    assert found == (climbed["command"].min(), climbed["command"].max())
 
 
 def test_a_free_command_that_the_load_cannot_follow_is_made_smaller() -> None:

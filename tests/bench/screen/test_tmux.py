@@ -65,9 +65,9 @@ def rig(tmp_path: Path) -> Path:
     """The dynamometer, on a multicast group and a port of this test's own."""
     text = (ROOT / "rigs" / "sim-odrive.toml").read_text()
     path = tmp_path / "rig.toml"
-    text = text.replace("239.74.163.2", GROUP).replace("/tmp/norton-bench/bota", f"{tmp_path}/bota")
+    text = text.replace("239.74.163.2", GROUP).replace("socket://localhost:7641", f"{tmp_path}/bota")
     # A machine that runs other tests meanwhile stands still for longer; below the watchdogs all the same.
-    path.write_text(text.replace('stale_after = "60 ms"', 'stale_after = "250 ms"').replace('"100 ms" ', '"250 ms" '))
+    path.write_text(text.replace('stale_after = "100 ms"', 'stale_after = "250 ms"').replace('"100 ms" ', '"250 ms" '))
     return path
 
 

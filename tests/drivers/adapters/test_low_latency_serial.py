@@ -2,6 +2,7 @@
 
 import os
 import pty
+import socket
 import time
 import tty
 from collections.abc import Iterator
@@ -9,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 import serial
 
-from norton_drivers.adapters.low_latency_serial import LowLatencySerial
+from norton_drivers.adapters.low_latency_serial import EagerSocket, LowLatencySerial
 
 
 @pytest.fixture
@@ -58,3 +59,34 @@ def test_a_port_whose_far_end_is_gone_is_lost(ends: tuple[int, LowLatencySerial]
     os.close(far)
     with pytest.raises(OSError, match="Input/output error"):
         _ = line.in_waiting
+
+
+@pytest.fixture
+def far_and_near() -> Iterator[tuple[socket.socket, EagerSocket]]:
+    """A serial line behind TCP."""
+    with socket.create_server(("localhost", 0)) as listener:
+        line = EagerSocket(serial.serial_for_url(f"socket://localhost:{listener.getsockname()[1]}", timeout=0))
+        far, _ = listener.accept()
+    with far:
+        yield far, line
+        line.close()
+
+
+def test_a_line_behind_tcp_is_read_in_whole_chunks(far_and_near: tuple[socket.socket, EagerSocket]) -> None:
+    far, line = far_and_near
+    assert line.in_waiting == 0
+    far.sendall(b"abcdefgh")
+    assert counted(line, 8)
+    assert line.read(100) == b"abcdefgh"
+    assert line.write(b"xyz") == 3
+    assert far.recv(10) == b"xyz"
+
+
+def test_a_line_behind_tcp_that_was_closed_is_lost(far_and_near: tuple[socket.socket, EagerSocket]) -> None:
+    far, line = far_and_near
+    far.sendall(b"last")
+    far.close()
+    assert counted(line, 4)
+    assert line.read(4) == b"last"
+    with pytest.raises(OSError, match="closed"):
+        counted(line, 1)

@@ -92,7 +92,7 @@ def test_silence_with_a_heartbeat_is_the_same_value_again(peer, link, open_senso
     assert len(readings) == pytest.approx(300, abs=3)
     assert {reading.torque_nm for reading in readings} == {0.1}
     assert {b.arrival_ns - a.arrival_ns for a, b in pairwise(readings)} == {MS}
-    assert [reading.sequence for reading in readings] == list(range(len(readings)))
+    assert {reading.sequence for reading in readings} == {0}  # one message, said again
 
 
 def test_a_value_left_out_here_and_there_leaves_readings_as_regular_as_the_sensor(world, peer, link, open_sensor):
@@ -119,7 +119,9 @@ def test_a_value_that_is_late_is_waited_for(world, peer, link, open_sensor):
     assert len(sensor.take_torque()) == 1
     peer.value(2)
     link.poll()
-    assert [reading.torque_nm for reading in sensor.take_torque()] == [0.001, 0.001, 0.002]  # two were left out
+    readings = sensor.take_torque()
+    assert [reading.torque_nm for reading in readings] == [0.001, 0.001, 0.002]  # two were left out, or are late
+    assert [reading.sequence for reading in readings] == [0, 0, 1]
 
 
 def test_without_its_heartbeat_silence_is_silence(world, peer, link, open_sensor):

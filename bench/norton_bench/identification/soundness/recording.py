@@ -15,6 +15,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.quantisation import SMALLEST_STEP_RAD
 from norton_bench.identification.soundness import clocks, standstill
 from norton_bench.identification.soundness.redundancy import contradictions
+from norton_bench.identification.soundness.said_again import one_a_period
 from norton_bench.identification.soundness.stray import spikes
 from norton_bench.identification.timing import nominal_period_s, sampled_at_s
 from norton_bench.records import NO_DEVICE_TIME, Measured, Table
@@ -80,8 +81,8 @@ def sound(measured: Measured) -> Sound:
     for stream in STREAMS:
         table = getattr(measured, stream.field)
         if len(table):
-            table = _finite(stream, table, remarks)
-            tables[stream.field] = clocks.in_order(table, stream.stamp)
+            table = clocks.in_order(_finite(stream, table, remarks), stream.stamp)
+            tables[stream.field] = one_a_period(table) if stream is TORQUE else table
     for stream in STREAMS:
         if stream.field in tables:
             tables[stream.field] = _one_clock(stream, tables, remarks)
