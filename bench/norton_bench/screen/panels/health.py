@@ -75,7 +75,7 @@ def _spread(name: str, spread: Spread) -> Row:
     return [(f"    {name:<{STAGE - 4}}", LABEL), (" ".join(f"{level * 1e-3:>7.0f}" for level in levels)[1:], TEXT)]
 
 
-DEVICE, SIGNAL, NUMBER, UNIT_WIDTH, AGE = 10, 15, 11, 7, 10
+DEVICE, SIGNAL, NUMBER, UNIT_WIDTH, SIGNAL_AGE = 10, 15, 11, 7, 10
 # Decimals that are worth looking at while they change.
 DECIMALS = {"°C": 1, "V": 2, "A": 3, "rad/s": 3, "W": 3}
 USUAL_DECIMALS = 4
@@ -98,7 +98,7 @@ def signal_rows(seen: tuple[Seen, ...], stale_after_s: float, width: int, height
 
 
 def _names() -> Row:
-    names = f"{'':<{DEVICE + SIGNAL}}{'now':>{NUMBER}}{'':<{UNIT_WIDTH + 1}}{'age':>{AGE}}"
+    names = f"{'':<{DEVICE + SIGNAL}}{'now':>{NUMBER}}{'':<{UNIT_WIDTH + 1}}{'age':>{SIGNAL_AGE}}"
     return [(names + f"{'least':>{NUMBER}}{'greatest':>{NUMBER}}", UNIT)]
 
 
@@ -109,7 +109,7 @@ def _row(seen: Seen, stale_after_s: float, *, first: bool) -> Row:
         (f"{seen.name:<{SIGNAL}}", LABEL),
         (_number(seen.value, seen.unit), TEXT),
         (f" {pretty_unit(seen.unit):<{UNIT_WIDTH}}", UNIT),
-        (f"{age:>{AGE}}", WARNING if seen.age_s > stale_after_s else LABEL),
+        (f"{age:>{SIGNAL_AGE}}", WARNING if seen.age_s > stale_after_s else LABEL),
         (_number(seen.least, seen.unit) + _number(seen.greatest, seen.unit), LABEL),
     ]
 

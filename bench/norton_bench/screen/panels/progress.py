@@ -105,7 +105,7 @@ def _running(picture: Picture, width: int) -> tuple[str, str]:
     return doing, time
 
 
-KIND, TIME = 9, 8
+EVENT_KIND, TIME = 9, 8
 TONES = {"stop": BAD, "fault": WARNING, "bus": WARNING, "device": WARNING, "drive": WARNING, "operator": TEXT}
 
 
@@ -122,7 +122,8 @@ def log_rows(log: Log, width: int, height: int, *, back: int = 0) -> list[Row]:
         kind = "" if line.kind == "note" else line.kind
         rows.append(
             fitted(
-                [(time.rjust(TIME), LABEL), (f" {kind:<{KIND}}", UNIT), (line.text, TONES.get(line.kind, LABEL))], width
+                [(time.rjust(TIME), LABEL), (f" {kind:<{EVENT_KIND}}", UNIT), (line.text, TONES.get(line.kind, LABEL))],
+                width,
             )
         )
     return rows

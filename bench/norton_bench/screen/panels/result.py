@@ -91,12 +91,12 @@ def _level(share: float) -> int:
     return min(int(place * len(BARS)), len(BARS) - 1)
 
 
-SYMBOL, NAME, VALUE, UNIT_WIDTH, INTERVAL = 6, 22, 11, 10, 26
+RESULT_VALUE, RESULT_UNIT, RESULT_INTERVAL = 11, 10, 26
 SIGNED_STATUS = 4 + max(len(status.value) for status in Status)
-WITH_NAME = SYMBOL + NAME + VALUE + 1 + UNIT_WIDTH + INTERVAL + SIGNED_STATUS
+RESULT_WIDTH = SYMBOL + NAME + RESULT_VALUE + 1 + RESULT_UNIT + RESULT_INTERVAL + SIGNED_STATUS
 # In two columns where the right one is left enough for sentences.
 BETWEEN, LEAST_SAID = 4, 50
-TWO_COLUMNS = WITH_NAME + BETWEEN + LEAST_SAID
+TWO_COLUMNS = RESULT_WIDTH + BETWEEN + LEAST_SAID
 FACT = 12
 GAP = 3  # between the columns of a table
 NAMING = ("port", "command", "modulation")  # columns that name a row
@@ -105,7 +105,7 @@ NAMING = ("port", "command", "modulation")  # columns that name a row
 def result_rows(summary: Summary, width: int) -> list[Row]:
     """As many rows as it takes; where there is room, numbers at the left and sentences at the right."""
     wide = width >= TWO_COLUMNS
-    left, right = (WITH_NAME, width - WITH_NAME - BETWEEN) if wide else (width, width)
+    left, right = (RESULT_WIDTH, width - RESULT_WIDTH - BETWEEN) if wide else (width, width)
     numbers = _spaced([_parameters(summary.estimates, left), _trials(summary, left), _merit(summary, left)])
     tables = _spaced(_tables(summary.tables, width))
     said = _spaced(
@@ -156,11 +156,11 @@ def _parameters(estimates: tuple[Estimate, ...], width: int) -> list[Row]:
 def _parameter(estimate: Estimate, width: int) -> Row:
     sign, tone = SIGNS[estimate.status]
     row: Row = [(symbol(estimate).ljust(SYMBOL), STRONG)]
-    if width >= WITH_NAME:
+    if width >= RESULT_WIDTH:
         row.append((estimate.name.replace("_", " ").ljust(NAME), LABEL))
-    row.append((f"{number(estimate.value, 5):>{VALUE}}", TEXT))
-    row.append((f" {pretty_unit(estimate.unit):<{UNIT_WIDTH}}", UNIT))
-    row.append((f"{interval(estimate.value, estimate.std):>{INTERVAL}}", LABEL))
+    row.append((f"{number(estimate.value, 5):>{RESULT_VALUE}}", TEXT))
+    row.append((f" {pretty_unit(estimate.unit):<{RESULT_UNIT}}", UNIT))
+    row.append((f"{interval(estimate.value, estimate.std):>{RESULT_INTERVAL}}", LABEL))
     return fitted([*row, (f"  {sign} {estimate.status.value}", tone)], width)
 
 
