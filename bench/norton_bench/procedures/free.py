@@ -108,7 +108,8 @@ class FreeProcedure:
                 ),
             ):
                 measured = yield segment
-                if abs(measured.ticks["velocity_rad_s"][-1]) >= fastest_rad_s:
+                ended_early = len(measured.ticks) < segment.ticks
+                if ended_early and abs(measured.ticks["velocity_rad_s"][-1]) >= fastest_rad_s:
                     yield zero_torque(self.name, TOO_FAST, Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
                     return False
             yield zero_torque(self.name, f"leave {name}", Use.PREPARE, back, rig)

@@ -135,10 +135,9 @@ def pretended(segment: Segment, tick_s: float) -> Measured:
     ticks["modulation"] = segment.modulation if len(segment.modulation) else 0.0
     load_nm = segment.load_torque_nm if len(segment.load_torque_nm) else np.zeros(segment.ticks)
     ticks["load_torque_nm"] = load_nm
+    pushed = segment.stop_at_velocity_rad_s < inf
     direction = float(np.sign(segment.command[-1] or load_nm[-1] or 1.0))
-    # Just short of what would have ended the segment: that may be a search that is done, or a shaft that is too fast.
-    stop_rad_s = segment.stop_at_velocity_rad_s
-    ticks["velocity_rad_s"] = direction * np.nextafter(stop_rad_s, 0.0) if stop_rad_s < inf else 0.0
+    ticks["velocity_rad_s"] = direction * segment.stop_at_velocity_rad_s if pushed else 0.0
     ticks["position_rad"] = ticks["load_position_rad"] = direction * np.arange(segment.ticks) * tick_s
     torque = np.zeros(segment.ticks, TORQUE)
     torque["arrival_ns"], torque["device_ns"], torque["valid"] = ticks["tick_ns"], NO_DEVICE_TIME, True
