@@ -36,7 +36,6 @@ import msgpack
 import numpy as np
 
 from norton_bench.errors import BenchError, ExperimentError
-from norton_bench.identification.results import LiveEstimate
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.recording import wire
 from norton_bench.recording.frames import log_name
@@ -46,7 +45,7 @@ from norton_bench.recording.streams import STREAMS
 from norton_bench.records import Measured
 from norton_bench.rig.load import load_rig
 from norton_bench.session.engine import record_session
-from norton_bench.session.progress import Silent
+from norton_bench.session.events import PartMeasured, SessionEvent
 from norton_bench.session.schema import Session, Step
 from norton_drivers.codecs.odrive import Command
 from norton_drivers.readings import RawFrame
@@ -85,14 +84,17 @@ class Kill:
 # ---- the program that is killed ----------------------------------------------------------------------------------
 
 
-class Witness(Silent):
+class Witness:
     """Puts every part into a file of its own, in one write; says when the first one has come."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("wb", buffering=0)
         self._parts = 0
 
-    def part(self, measured: Measured, live: LiveEstimate) -> None:
+    def __call__(self, event: SessionEvent) -> None:
+        if not isinstance(event, PartMeasured):
+            return
+        measured = event.measured
         if not self._parts and len(measured.ticks):
             print("measuring", flush=True)
         self._parts += bool(len(measured.ticks))
@@ -105,7 +107,7 @@ def program(folder: Path) -> None:
     for line in sys.stdin:
         name = line.strip()
         try:
-            record_session(rig, SESSION, out=folder / name, progress=Witness(folder / f"{name}.witness"))
+            record_session(rig, SESSION, out=folder / name, on_event=Witness(folder / f"{name}.witness"))
         except BenchError as error:
             print(f"ended: {error}", flush=True)
         else:

@@ -147,7 +147,7 @@ def figures_ms(recording: Path, columns: int, rows: int) -> float:
 
     experiment = replayed(recording)
     experiment.seek(BEGIN_S + 20.0)
-    experiment.tell()
+    experiment.update()
     picture, drawers = experiment.picture, [Drawer() for _ in range(6)]
     size = columns // 3, rows // 3
     begun, turns = time.process_time(), 20

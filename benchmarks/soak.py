@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from norton_bench.identification.results import LiveEstimate
 from norton_bench.procedures.catalogue import make_procedures
 from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
 from norton_bench.recording.reader import read_so_far
@@ -31,7 +30,7 @@ from norton_bench.records import NO_DEVICE_TIME, Measured, Table
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.session.engine import record_session
-from norton_bench.session.progress import Silent
+from norton_bench.session.events import Note, PartMeasured, SessionEvent
 from norton_bench.session.schema import Session, Step
 
 Stamps = npt.NDArray[np.int64]
@@ -56,7 +55,7 @@ MEGA = 1e6
 
 
 @dataclass
-class Watch(Silent):
+class Watch:
     """Looks at memory and recording as the session goes on."""
 
     path: Path
@@ -67,7 +66,14 @@ class Watch(Silent):
     begun_s: float = field(default_factory=time.perf_counter)
     notes: list[str] = field(default_factory=list)
 
-    def part(self, measured: Measured, live: LiveEstimate) -> None:
+    def __call__(self, event: SessionEvent) -> None:
+        match event:
+            case PartMeasured(measured):
+                self._take(measured)
+            case Note(text):
+                self.notes.append(text)
+
+    def _take(self, measured: Measured) -> None:
         before, self.ticks = self.ticks, self.ticks + len(measured.ticks)
         if before // SAMPLE_EVERY_TICKS < self.ticks // SAMPLE_EVERY_TICKS:
             self.memory.append((self.ticks, anonymous_mb(os.getpid()), anonymous_mb(recorder_pid())))
@@ -75,9 +81,6 @@ class Watch(Silent):
             self.looks_at.pop(0)
             self._look(int(measured.ticks["tick_ns"][-1]))
             print(f"{self.ticks} ticks, {self.memory[-1:]}, {self.looks[-1]}", file=sys.stderr)
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
 
     def _look(self, now_ns: int) -> None:
         """In another process: what it needs of memory is not the session's."""
@@ -186,7 +189,7 @@ def soak(ticks: int, looks: int) -> dict[str, Any]:
         out = Path(name)
         path = out / f"{rig.name}.mcap"
         watch = Watch(path, [ticks * (k + 1) // (looks + 1) for k in range(looks)])
-        done = record_session(replace(rig, candump=True), session, out=out, seed=1, progress=watch)
+        done = record_session(replace(rig, candump=True), session, out=out, seed=1, on_event=watch)
         took_s = time.perf_counter() - watch.begun_s
         sizes = {each.name: each.stat().st_size for each in out.iterdir()}
     found = {

@@ -43,7 +43,7 @@ async def svg_of(experiment: Experiment, columns: int, rows: int, moment_s: floa
             await pilot.pause(0.5)
         for screen in app.screen_stack:
             if isinstance(screen, ExperimentScreen):
-                screen.experiment.tell()
+                screen.experiment.update()
                 screen.draw_frame(all_of_it=True)
         await pilot.pause(0.5)
         return app.export_screenshot()

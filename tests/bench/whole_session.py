@@ -1,16 +1,15 @@
 """One whole session on the simulated bench, performed once in a run: many look at what it left."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
-from norton_bench.records import Measured
 from norton_bench.rig.load import load_rig
 from norton_bench.session.engine import SessionResult, run_session
-from norton_bench.session.progress import Silent, Summary
+from norton_bench.session.events import Ended, PartMeasured, SessionEvent, Summary
 from norton_bench.session.schema import Session, Step
 from tests.bench.once import once
 
@@ -30,23 +29,9 @@ SESSION = Session(
 )
 
 
-@dataclass
-class Witness(Silent):
-    """Keeps the live estimates, one a part, and what was said at the end."""
-
-    live: list[LiveEstimate] = field(default_factory=list)
-    summary: Summary | None = None
-
-    def part(self, measured: Measured, live: LiveEstimate) -> None:
-        self.live.append(live)
-
-    def result(self, summary: Summary) -> None:
-        self.summary = summary
-
-
 @dataclass(frozen=True)
 class Performed:
-    """The session, what was said on the way and at its end, and its folder, in which nobody else writes."""
+    """The session, its live estimates, one a part, and its folder, in which nobody else writes."""
 
     result: SessionResult
     live: list[LiveEstimate]
@@ -59,7 +44,8 @@ def whole_session(factory: pytest.TempPathFactory) -> Performed:
 
 
 def _perform(out: Path) -> Performed:
-    witness = Witness()
-    result = run_session(RIG, SESSION, out=out, seed=SEED, progress=witness)
-    assert witness.summary is not None
-    return Performed(result, witness.live, witness.summary, out)
+    events: list[SessionEvent] = []
+    result = run_session(RIG, SESSION, out=out, seed=SEED, on_event=events.append)
+    assert isinstance(events[-1], Ended)
+    live = [event.live for event in events if isinstance(event, PartMeasured)]
+    return Performed(result, live, events[-1].summary, out)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from norton_bench.cli.operator import CommandLineOperator
     from norton_bench.rig.rig import Rig
     from norton_bench.session.engine import SessionResult
-    from norton_bench.session.progress import Progress
+    from norton_bench.session.events import SessionEvent, Watcher
     from norton_bench.session.schema import Session
 
 SessionFile = Annotated[Path, Parameter(name="SESSION", help="A session file.")]
@@ -172,13 +172,13 @@ def _run(rig: "Rig", session: "Session", folder: Path, wishes: Wishes, output: O
     from norton_bench.session.engine import run_session  # noqa: PLC0415
     from norton_bench.session.operator import Answers  # noqa: PLC0415
 
-    with operator_here() as operator, _watching(rig, session, wishes, operator, output) as progress:
+    with operator_here() as operator, _watching(rig, session, wishes, operator, output) as on_event:
         return run_session(
             rig,
             session,
             out=folder,
             seed=wishes.seed,
-            progress=progress,
+            on_event=on_event,
             operator=operator,
             answers=Answers(wishes.answers, wishes.yes),
             resume=wishes.resume,
@@ -188,25 +188,24 @@ def _run(rig: "Rig", session: "Session", folder: Path, wishes: Wishes, output: O
 @contextmanager
 def _watching(
     rig: "Rig", session: "Session", wishes: Wishes, operator: "CommandLineOperator", output: Output
-) -> Iterator["Progress"]:
+) -> Iterator["Watcher"]:
     """All who watch the session: the terminal, its operator, and the report for a CI server."""
     from norton_bench.cli.progress import showing_progress  # noqa: PLC0415
     from norton_bench.session.junit import JUnitReport  # noqa: PLC0415
-    from norton_bench.session.news import News, Teller  # noqa: PLC0415
 
     with showing_progress(output, rig.tick_s) as shown:
-        watchers: list[Progress] = [shown, operator]
+        watchers: list[Watcher] = [shown, operator.watch]
         if wishes.junit is not None:
             about = {"rig": rig.place, "session": session.place, "seed": str(wishes.seed or "")}
             junit = JUnitReport(wishes.junit, f"norton-bench.{rig.name}", about)
             junit.prepare()
             watchers.append(junit)
 
-        def hear(news: News) -> None:
+        def to_all(event: "SessionEvent") -> None:
             for watcher in watchers:
-                news.tell(watcher)
+                watcher(event)
 
-        yield Teller(hear)
+        yield to_all
 
 
 def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:
@@ -217,7 +216,15 @@ def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:
 
 
 def _show(result: "SessionResult", output: Output) -> int:
-    from norton_bench.cli.results import events, expected, identification, summary, until_figures, until_sentences  # noqa: PLC0415
+    from norton_bench.cli.results import (  # noqa: PLC0415
+        events,
+        expectation_figures,
+        expected,
+        identification,
+        summary,
+        until_figures,
+        until_sentences,
+    )
 
     found, refined = result.conclusion, result.knowledge.refinement
     data: dict[str, Any] = {**identification(found, result.recording), "events": events(result.measured)}
@@ -227,7 +234,7 @@ def _show(result: "SessionResult", output: Output) -> int:
         data["until"] = until
         view.append(until_sentences(until))
     if result.expectations:
-        data["expectations"] = [judged.__dict__ for judged in result.expectations]
+        data["expectations"] = [expectation_figures(each) for each in result.expectations]
         view += expected(result.expectations)
     output.result(data, *view)
     return _judged(result, output)

@@ -141,7 +141,7 @@ def _to(
     output.say(f"moving: {held.words}, for {duration_s:g} s; torques end at {bounds.speed_rad_s:.4g} rad/s")
     with operator_stop() as stop:
         recording = run_by_hand(
-            rig, JogScript(bounds, hand), out=folder, seed=seed, progress=held, operator=Nobody(stop)
+            rig, JogScript(bounds, hand), out=folder, seed=seed, on_event=held, operator=Nobody(stop)
         )
     return _show(hand, held, recording, output)
 

@@ -9,14 +9,14 @@ from types import FrameType
 
 from norton_bench.cli.output import complain
 from norton_bench.loop.stop_word import StopWord
+from norton_bench.session.events import Prompt, Question, SessionEvent, SessionState, StateChanged
 from norton_bench.session.operator import Order
-from norton_bench.session.progress import Prompt, SessionState, Silent
 
 PAUSED = "Paused, the drives are idle. Enter goes on; t: tare, s: leave out the next step, a: abort."
 WORDS = {"": "resume", "r": "resume", "t": "tare", "s": "skip", "a": "abort"}
 
 
-class CommandLineOperator(Silent):
+class CommandLineOperator:
     """Hears signals and, where somebody is at a terminal, lines; it watches the session to know what they answer."""
 
     def __init__(self, *, at_terminal: bool) -> None:
@@ -33,7 +33,16 @@ class CommandLineOperator(Silent):
         orders, self._orders = self._orders, []
         return orders
 
-    def state(self, state: SessionState) -> None:
+    def watch(self, event: SessionEvent) -> None:
+        """The session's events: they tell what the operator's next line will answer."""
+        match event:
+            case StateChanged(state):
+                self._follow(state)
+            case Question(prompt):
+                self._prompt = prompt
+                _say(f"{prompt.text} " + (f"[{'/'.join(prompt.choices)}] " if prompt.choices else "[Enter] "))
+
+    def _follow(self, state: SessionState) -> None:
         was_paused, self._paused = self._paused, state is SessionState.PAUSED
         if state is SessionState.PAUSING:
             _say("pausing when this procedure is done; Ctrl-C again stops now")
@@ -43,10 +52,6 @@ class CommandLineOperator(Silent):
             self._pausing = False
             if was_paused:
                 _say("going on")
-
-    def ask(self, prompt: Prompt) -> None:
-        self._prompt = prompt
-        _say(f"{prompt.text} " + (f"[{'/'.join(prompt.choices)}] " if prompt.choices else "[Enter] "))
 
     def interrupt(self, number: int, _frame: FrameType | None) -> None:
         """As a signal handler. What stops already is ended the hard way: KeyboardInterrupt."""

@@ -13,29 +13,40 @@ from norton_bench.cli.output import Output
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.models.parameters import Status
 from norton_bench.records import Measured
-from norton_bench.session.progress import PlannedStep, Progress, SessionState, Silent
+from norton_bench.session.events import (
+    Note,
+    PartMeasured,
+    Planned,
+    PlannedStep,
+    SessionEvent,
+    SessionState,
+    StateChanged,
+    StepBegun,
+    Watcher,
+    ignore,
+)
 
 
-class Lines(Silent):
+class Lines:
     """One line a step."""
 
     def __init__(self, output: Output) -> None:
         self._output = output
         self._steps: Sequence[PlannedStep] = ()
 
-    def plan(self, steps: Sequence[PlannedStep]) -> None:
-        self._steps = steps
-        total_s = sum(step.duration_s for step in steps)
-        self._output.say(f"{len(steps)} steps, about {total_s:.0f} s of bench time")
+    def __call__(self, event: SessionEvent) -> None:
+        match event:
+            case Planned(steps):
+                self._steps = steps
+                total_s = sum(step.duration_s for step in steps)
+                self._output.say(f"{len(steps)} steps, about {total_s:.0f} s of bench time")
+            case StepBegun(index, name):
+                self._output.say(f"[{index + 1}/{len(self._steps)}] {name}")
+            case Note(text):
+                self._output.say(text)
 
-    def step(self, index: int, name: str) -> None:
-        self._output.say(f"[{index + 1}/{len(self._steps)}] {name}")
 
-    def note(self, text: str) -> None:
-        self._output.say(text)
-
-
-class Terminal(Silent):
+class Terminal:
     """A bar for the whole session; it says which step runs and how many parameters are known by now."""
 
     def __init__(self, bars: Bars, tick_s: float) -> None:
@@ -44,32 +55,35 @@ class Terminal(Silent):
         self._steps: Sequence[PlannedStep] = ()
         self._task: TaskID | None = None
 
-    def plan(self, steps: Sequence[PlannedStep]) -> None:
-        self._steps = steps
-        self._task = self._bars.add_task("preparing", total=sum(step.duration_s for step in steps), known="")
+    def __call__(self, event: SessionEvent) -> None:
+        match event:
+            case Planned(steps):
+                self._steps = steps
+                total_s = sum(step.duration_s for step in steps)
+                self._task = self._bars.add_task("preparing", total=total_s, known="")
+            case StepBegun(index, name):
+                self._begin(index, name)
+            case PartMeasured(measured, live):
+                self._advance(measured, live)
+            case StateChanged(SessionState.PAUSED | SessionState.ASKING):
+                self._bars.stop()  # it must not draw over what the operator types
+            case StateChanged():
+                self._bars.start()
+            case Note(text):
+                self._bars.console.print(text, markup=False, highlight=False)
 
-    def step(self, index: int, name: str) -> None:
+    def _begin(self, index: int, name: str) -> None:
         if self._task is None:
             return
         before_s = sum(step.duration_s for step in self._steps[:index])
         self._bars.update(self._task, description=f"{index + 1}/{len(self._steps)} {name}", completed=before_s)
 
-    def part(self, measured: Measured, live: LiveEstimate) -> None:
+    def _advance(self, measured: Measured, live: LiveEstimate) -> None:
         if self._task is None:
             return
         valid = sum(estimate.status is Status.VALID for estimate in live.estimates)
         known = f"{valid} of {len(live.estimates)} parameters known" if live.estimates else ""
         self._bars.update(self._task, advance=len(measured.ticks) * self._tick_s, known=known)
-
-    def state(self, state: SessionState) -> None:
-        """While somebody is asked, the bar must not draw over what is typed."""
-        if state in (SessionState.PAUSED, SessionState.ASKING):
-            self._bars.stop()
-        else:
-            self._bars.start()
-
-    def note(self, text: str) -> None:
-        self._bars.console.print(text, markup=False, highlight=False)
 
 
 @contextmanager
@@ -93,10 +107,10 @@ def counting(output: Output, total: int) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def showing_progress(output: Output, tick_s: float) -> Iterator[Progress]:
+def showing_progress(output: Output, tick_s: float) -> Iterator[Watcher]:
     """What to hand to a session, so that whoever sits there sees it run."""
     if output.quiet:
-        yield Silent()
+        yield ignore
     elif not sys.stderr.isatty():
         yield Lines(output)
     else:

@@ -20,8 +20,8 @@ from norton_bench.models.parameters import BY_NAME, UNITS, Estimate, PredictionE
 from norton_bench.procedures.refinement import Refinement, in_percent, widest_of, words
 from norton_bench.records import FOR_PROGRAMS, Measured
 from norton_bench.report.figures_network import bench_time_s
+from norton_bench.result import ExpectationResult
 from norton_bench.session.conclusion import Conclusion
-from norton_bench.session.progress import Judged
 from norton_bench.session.summary import of_trials
 
 
@@ -182,9 +182,13 @@ def until_sentences(until: Mapping[str, Any]) -> str:
     return " ".join([f"{head}.", *until["reasons"]])
 
 
-def expected(expectations: Iterable[Judged]) -> list[RenderableType]:
+def expectation_figures(judged: ExpectationResult) -> dict[str, Any]:
+    return {"name": judged.name, "met": judged.met, "said": judged.sentence}
+
+
+def expected(expectations: Iterable[ExpectationResult]) -> list[RenderableType]:
     """Whether what was expected came true, a line each."""
-    return [f"{'✓' if judged.met else '✗'} {judged.said}" for judged in expectations]
+    return [f"{'✓' if judged.met else '✗'} {judged.sentence}" for judged in expectations]
 
 
 def summary(found: Conclusion, recording: Path) -> RenderableType:

@@ -12,7 +12,6 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError, UsageError
 from norton_bench.faults.case import Case, Detection, Outcome, Verdict, allowed_ns, judge
-from norton_bench.identification.results import LiveEstimate
 from norton_bench.loop.devices import open_devices
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.free import command_multisine
@@ -25,7 +24,7 @@ from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
 from norton_bench.session.engine import record_procedures
-from norton_bench.session.progress import Silent
+from norton_bench.session.events import PartMeasured, SessionEvent
 from norton_bench.session.schema import Session, WrittenFault
 from norton_drivers.errors import DeviceError
 from norton_drivers.registry import load_backend
@@ -83,13 +82,14 @@ COUNTS = ("bus", "device")  # events in which a recording counts what was wrong
 
 
 @dataclass
-class _Listener(Silent):
+class _Listener:
     """Keeps what was measured, whatever becomes of the session."""
 
     parts: list[Measured] = field(default_factory=list)
 
-    def part(self, measured: Measured, live: LiveEstimate) -> None:
-        self.parts.append(measured)
+    def __call__(self, event: SessionEvent) -> None:
+        if isinstance(event, PartMeasured):
+            self.parts.append(event.measured)
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None, a
                 backend=backend,
                 known=prepared.known,
                 seed=seed,
-                progress=listener,
+                on_event=listener,
             )
         except (BenchError, DeviceError) as stopped_by:
             error = str(stopped_by)

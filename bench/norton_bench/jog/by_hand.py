@@ -5,8 +5,8 @@ from pathlib import Path
 
 from norton_bench.jog.hands import DEAD_MAN_S, Board, bounds_of
 from norton_bench.rig.rig import Rig
+from norton_bench.session.events import Watcher
 from norton_bench.session.operator import Operator
-from norton_bench.session.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -16,12 +16,12 @@ class Jog:
     speed_rad_s: float | None = None
     dead_man_s: float = DEAD_MAN_S
 
-    def perform(self, rig: Rig, *, out: Path, seed: int | None, progress: Progress, operator: Operator) -> Path:
-        """Returns the recording. Raises as every session does, and tells ``progress`` how it ended."""
+    def perform(self, rig: Rig, *, out: Path, seed: int | None, on_event: Watcher, operator: Operator) -> Path:
+        """Returns the recording. Raises as every session does, and the last event tells how it ended."""
         from norton_bench.jog.script import JogScript, Pace  # noqa: PLC0415  (brings the report along)
         from norton_bench.session.engine import run_by_hand  # noqa: PLC0415
 
         bounds = bounds_of(rig, self.speed_rad_s)
         board = Board(operator, rig, bounds, self.dead_man_s)
         script = JogScript(bounds, board, Pace())
-        return run_by_hand(rig, script, out=out, seed=seed, progress=progress, operator=board)
+        return run_by_hand(rig, script, out=out, seed=seed, on_event=on_event, operator=board)

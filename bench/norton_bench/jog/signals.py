@@ -7,10 +7,9 @@ from math import isfinite, nan
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.results import LiveEstimate
 from norton_bench.records import Measured, Table
 from norton_bench.rig.rig import Rig
-from norton_bench.session.progress import Silent
+from norton_bench.session.events import Note, PartMeasured, SessionEvent
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def _machine(device: str, prefix: str, age: str) -> Iterator[Source]:
     yield Source(device, "motor", "°C", _column(f"{prefix}motor_temperature_c"), optional=True)
 
 
-class Held(Silent):
+class Held:
     """A watcher of a bench that goes to given values: what every signal was while they stood.
 
     ``words`` name the segments to watch, ramps up to the values included; notes go to ``say``.
@@ -136,9 +135,9 @@ class Held(Silent):
         self.signals = Signals(rig)
         self._say = say
 
-    def part(self, measured: Measured, live: LiveEstimate) -> None:
-        if measured.segments and measured.segments[-1].name == self.words:
-            self.signals.take(measured)
-
-    def note(self, text: str) -> None:
-        self._say(text)
+    def __call__(self, event: SessionEvent) -> None:
+        match event:
+            case PartMeasured(measured) if measured.segments and measured.segments[-1].name == self.words:
+                self.signals.take(measured)
+            case Note(text):
+                self._say(text)

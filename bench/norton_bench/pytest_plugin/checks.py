@@ -5,15 +5,15 @@ from math import isfinite
 from pathlib import Path
 
 from norton_bench.models.parameters import HALF_INTERVAL
+from norton_bench.result import ExpectationResult, ParameterResult
 from norton_bench.session.engine import SessionResult
-from norton_bench.session.progress import Found, Judged
 from norton_bench.units import parse_quantity
 
 
-def _assert(judged: Judged) -> bool:
+def _assert(judged: ExpectationResult) -> bool:
     __tracebackhide__ = True
     if not judged.met:
-        raise AssertionError(judged.said)
+        raise AssertionError(judged.sentence)
     return True
 
 
@@ -21,7 +21,7 @@ def _assert(judged: Judged) -> bool:
 class Within:
     """A tolerance that waits for its reference."""
 
-    found: Found
+    found: ParameterResult
     tolerance: str
 
     def of(self, reference: str) -> bool:
@@ -34,7 +34,7 @@ class Within:
 class CheckedParameter:
     """A parameter as the session found it: ``value`` and ``std`` in ``unit``, ``interval`` relative."""
 
-    found: Found
+    found: ParameterResult
 
     @property
     def value(self) -> float:
@@ -71,12 +71,14 @@ class CheckedParameter:
         found, expected = self.found, parse_quantity(reference, self.found.unit)
         met = isfinite(found.std) and abs(found.value - expected) <= HALF_INTERVAL * found.std
         said = f"{found}: its 95 % interval {'holds' if met else 'does not hold'} {reference}"
-        return _assert(Judged(found.name, met, said))
+        return _assert(ExpectationResult(found.name, met, said))
 
     def has_status(self, status: str) -> bool:
         """As it says it: "valid", "ratio only", ..."""
         __tracebackhide__ = True
-        return _assert(Judged(self.found.name, self.status == status, f"{self.found}: its status is not {status}"))
+        return _assert(
+            ExpectationResult(self.found.name, self.status == status, f"{self.found}: its status is not {status}")
+        )
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,7 +108,7 @@ class Outcome:
         fit = self.result.conclusion.fit
         met = fit is not None and not fit.shortcoming
         said = "nothing was measured to fit" if fit is None else "; ".join(fit.verdict) or "the fit did not converge"
-        return _assert(Judged("fit", met, said))
+        return _assert(ExpectationResult("fit", met, said))
 
     def predicts(self, what: str, *, within: str) -> bool:
         """``what`` ("torque" or "velocity") under what no fit has seen, to this share of its rms."""
@@ -114,10 +116,12 @@ class Outcome:
         checked = self.result.conclusion.validation
         error = float("nan") if checked is None else float(getattr(checked, f"{what}_relative"))
         met = isfinite(error) and error <= parse_quantity(within, "")
-        return _assert(Judged(what, met, f"{what} is predicted to {100 * error:.2g} %, which is not within {within}"))
+        return _assert(
+            ExpectationResult(what, met, f"{what} is predicted to {100 * error:.2g} %, which is not within {within}")
+        )
 
     def as_expected(self) -> bool:
         """Everything that the session file itself expects (``[[expect]]``) came true."""
         __tracebackhide__ = True
-        missed = [judged.said for judged in self.result.expectations if not judged.met]
-        return _assert(Judged("expectations", not missed, "; ".join(missed)))
+        missed = [judged.sentence for judged in self.result.expectations if not judged.met]
+        return _assert(ExpectationResult("expectations", not missed, "; ".join(missed)))

@@ -11,8 +11,8 @@ from norton_bench.rig.rig import Rig
 from norton_bench.screen.panels.progress import BADGES, HALTED, REPLAYING, Badge
 from norton_bench.screen.picture.picture import OVER, Picture
 from norton_bench.screen.sources import Replayed, Running, Source
+from norton_bench.session.events import Planned, PlannedStep, Prompt, SessionState, Summary
 from norton_bench.session.operator import Kind, Order
-from norton_bench.session.progress import PlannedStep, Prompt, SessionState, Summary
 from norton_bench.session.replay import load_replay
 from norton_bench.session.schema import Session, load_session, standard_session
 
@@ -23,8 +23,8 @@ BY_KEY = "the operator, by key"
 class Experiment:
     """Ready until :meth:`start`; over once its session has told how it ended.
 
-    ``begin`` makes the source of its news, each time it is started; ``plan`` is shown until then. ``by_hand`` is there
-    where somebody moves the bench, and no session does.
+    ``begin`` makes the source of its events, each time it is started; ``plan`` is shown until then. ``by_hand`` is
+    there where somebody moves the bench, and no session does.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class Experiment:
     ) -> None:
         self.rig, self.what, self.by_hand = rig, what, by_hand
         self.picture = Picture(rig)
-        self.picture.plan(plan)
+        self.picture.take(Planned(tuple(plan)))
         self.stopped = False
         self._begin = begin
         self.source: Source | None = None
@@ -50,7 +50,7 @@ class Experiment:
 
     @property
     def over(self) -> bool:
-        return self.picture.state_now in OVER
+        return self.picture.state in OVER
 
     @property
     def live(self) -> bool:
@@ -71,7 +71,7 @@ class Experiment:
     def paused(self) -> bool:
         if self.replay is not None:
             return self.replay.replay.paused
-        return self.picture.state_now in (SessionState.PAUSED, SessionState.PAUSING)
+        return self.picture.state in (SessionState.PAUSED, SessionState.PAUSING)
 
     @property
     def prompt(self) -> Prompt | None:
@@ -95,10 +95,11 @@ class Experiment:
         self.picture, self.stopped = Picture(self.rig), False
         self.source = self._begin()
 
-    def tell(self) -> None:
+    def update(self) -> None:
         """Take in what is new."""
         if self.source is not None:
-            self.source.tell(self.picture)
+            for event in self.source.events():
+                self.picture.take(event)
             self.picture.look_at_clock()
 
     def order(self, kind: Kind, text: str = "") -> None:
@@ -126,7 +127,7 @@ class Experiment:
 def badge_of(experiment: Experiment) -> Badge:
     """Where it is, in a sign and a word."""
     if experiment.replay is None:
-        return BADGES[experiment.picture.state_now]
+        return BADGES[experiment.picture.state]
     replay = experiment.replay.replay
     return HALTED if replay.paused or replay.ended else REPLAYING
 

@@ -1,12 +1,13 @@
-"""Where a session's news come from: one that runs in a process of its own, or the recording of one."""
+"""Where a session's events come from: one that runs in a process of its own, or the recording of one."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
 from norton_bench.rig.rig import Rig
+from norton_bench.session.events import SessionEvent, Summary
 from norton_bench.session.hosted import Hostable, HostedSession
 from norton_bench.session.operator import Order
-from norton_bench.session.progress import Progress, Summary
 from norton_bench.session.replay import Refit, Replay
 from norton_bench.session.schema import Session
 
@@ -14,8 +15,8 @@ from norton_bench.session.schema import Session
 class Source(Protocol):
     """None of this waits, but for :meth:`close`."""
 
-    def tell(self, watcher: Progress) -> None:
-        """All that is new."""
+    def events(self) -> Iterable[SessionEvent]:
+        """All that are new."""
         ...
 
     def order(self, order: Order) -> None: ...
@@ -35,9 +36,8 @@ class Running:
     def __init__(self, rig: Rig, session: Session | Hostable, out: Path, seed: int | None) -> None:
         self._hosted = HostedSession(rig, session, out=out, seed=seed)
 
-    def tell(self, watcher: Progress) -> None:
-        for news in self._hosted.news():
-            news.tell(watcher)
+    def events(self) -> Iterable[SessionEvent]:
+        return self._hosted.events()
 
     def order(self, order: Order) -> None:
         self._hosted.order(order)
@@ -71,8 +71,8 @@ class Replayed:
         """Begin to fit the recording, unless that has begun."""
         self._refit = self._refit or Refit(self._recording)
 
-    def tell(self, watcher: Progress) -> None:
-        self.replay.tell(watcher)
+    def events(self) -> Iterable[SessionEvent]:
+        return self.replay.events()
 
     def order(self, order: Order) -> None:
         if order.kind == "pause":

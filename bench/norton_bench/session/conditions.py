@@ -6,8 +6,8 @@ from operator import ge, gt, le, lt
 
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import BY_NAME, Status
+from norton_bench.result import ParameterResult, check_name
 from norton_bench.rig.files import nearest
-from norton_bench.session.progress import Found, check_name
 from norton_bench.session.script import SoFar
 from norton_bench.units import parse_quantity
 
@@ -50,7 +50,7 @@ class Condition:
             return self._answered(so_far)
         return self.holds_of(so_far.parameter(self.parameter))
 
-    def holds_of(self, found: Found) -> bool:
+    def holds_of(self, found: ParameterResult) -> bool:
         """The same, of a parameter at hand."""
         return (
             (self.value is None or self.value.holds(found.value, found.unit))

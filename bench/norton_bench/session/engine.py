@@ -17,14 +17,15 @@ from norton_bench.recording.disk import Need
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured
+from norton_bench.result import ExpectationResult, ParameterResult, parameter_result
 from norton_bench.rig.rig import Rig
 from norton_bench.session.conclusion import Conclusion, conclude
+from norton_bench.session.events import Ended, Note, Planned, SessionState, StateChanged, Summary, Watcher, ignore
 from norton_bench.session.expectations import judge
 from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
 from norton_bench.session.operator import NO_ANSWERS, Answers, Desk, Nobody, Operator
 from norton_bench.session.past import RESUMES, Past, behind, read_past
 from norton_bench.session.program import make_experiment, of_procedures
-from norton_bench.session.progress import Found, Judged, Progress, SessionState, Silent, Summary, found_in
 from norton_bench.session.provenance import provenance
 from norton_bench.session.rehearsal import Rehearsed, rehearsed
 from norton_bench.session.run import Run
@@ -60,12 +61,12 @@ class SessionResult:
     conclusion: Conclusion
     knowledge: Knowledge
     measured: Measured
-    expectations: tuple[Judged, ...] = ()
+    expectations: tuple[ExpectationResult, ...] = ()
 
-    def parameter(self, name: str) -> Found:
+    def parameter(self, name: str) -> ParameterResult:
         """What the final fit says of it, also where that is nothing. Raises UsageError for an unknown name."""
         fit = self.conclusion.fit
-        return found_in(fit.estimates if fit is not None else (), name, self.knowledge.rig.command.unit)
+        return parameter_result(fit.estimates if fit is not None else (), name, self.knowledge.rig.command.unit)
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Terms:
 
     out: Path
     seed: int | None = None
-    progress: Progress | None = None
+    on_event: Watcher = ignore
     operator: Operator | None = None
     answers: Answers = NO_ANSWERS
     resume: Path | None = None
@@ -91,18 +92,18 @@ def run_session(
     *,
     out: Path,
     seed: int | None = None,
-    progress: Progress | None = None,
+    on_event: Watcher = ignore,
     operator: Operator | None = None,
     answers: Answers | None = None,
     resume: Path | None = None,
 ) -> SessionResult:
     """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
 
-    ``progress`` is told the result however the session ends; ``answers`` are given beforehand to its prompts, and
+    ``on_event`` is told the result however the session ends; ``answers`` are given beforehand to its prompts, and
     ``resume`` is a recording, or the folder of one, behind whose last finished step it goes on. Raises as
     :func:`record_session` does, and ExperimentError where the data tell nothing.
     """
-    terms = Terms(out, seed, progress, operator, answers or NO_ANSWERS, resume)
+    terms = Terms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
     return _told(terms, rig, session, lambda: make_experiment(session, rig))
 
 
@@ -112,21 +113,21 @@ def run_script(
     *,
     out: Path,
     seed: int | None = None,
-    progress: Progress | None = None,
+    on_event: Watcher = ignore,
     operator: Operator | None = None,
     answers: Answers | None = None,
     resume: Path | None = None,
 ) -> SessionResult:
     """The same for a script of your own (:mod:`norton_bench.session.script`), whose name goes into the recording."""
-    terms = Terms(out, seed, progress, operator, answers or NO_ANSWERS, resume)
+    terms = Terms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
     return _told(terms, rig, _session_of(script), lambda: Experiment(script))
 
 
 def record_script(
-    rig: Rig, script: Callable[[SoFar], Script], *, out: Path, seed: int | None = None, progress: Progress | None = None
+    rig: Rig, script: Callable[[SoFar], Script], *, out: Path, seed: int | None = None, on_event: Watcher = ignore
 ) -> Recorded:
     """The experiment alone, recorded into the folder ``out``. Raises as :func:`record_procedures` does."""
-    return _recorded(Terms(out, seed, progress), rig, _session_of(script), Experiment(script))
+    return _recorded(Terms(out, seed, on_event), rig, _session_of(script), Experiment(script))
 
 
 def run_by_hand(
@@ -135,14 +136,14 @@ def run_by_hand(
     *,
     out: Path,
     seed: int | None = None,
-    progress: Progress | None = None,
+    on_event: Watcher = ignore,
     operator: Operator | None = None,
 ) -> Path:
     """A script of which nothing is identified, neither live nor at the end; returns its recording.
 
-    ``progress`` is told how it ended, however that is. Raises as :func:`record_procedures` does.
+    ``on_event`` is told how it ended, however that is. Raises as :func:`record_procedures` does.
     """
-    terms = Terms(out, seed, progress, operator, fits=False)
+    terms = Terms(out, seed, on_event, operator, fits=False)
     return _with_its_end_told(
         terms,
         lambda: _performed(terms, rig, _session_of(script), Experiment(script)).recording,
@@ -164,22 +165,22 @@ def _told(terms: Terms, rig: Rig, session: Session, experiment: Callable[[], Exp
 
 def _with_its_end_told(terms: Terms, perform: Callable[[], Result], summarise: Callable[[Result], Summary]) -> Result:
     """Whoever watches is told the result, whatever it is."""
-    progress = terms.progress or Silent()
+    emit = terms.on_event
     earlier = set(terms.out.glob("*.mcap"))
     try:
         result = perform()
     except BaseException as error:
-        progress.state(SessionState.FAILED)
-        progress.result(summary_of_failure(error, set(terms.out.glob("*.mcap")) - earlier))
+        emit(StateChanged(SessionState.FAILED))
+        emit(Ended(summary_of_failure(error, set(terms.out.glob("*.mcap")) - earlier)))
         raise
-    progress.state(SessionState.DONE)
-    progress.result(summarise(result))
+    emit(StateChanged(SessionState.DONE))
+    emit(Ended(summarise(result)))
     return result
 
 
 def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment) -> SessionResult:
     done = _recorded(terms, rig, session, experiment)
-    (terms.progress or Silent()).state(SessionState.CONCLUDING)
+    terms.on_event(StateChanged(SessionState.CONCLUDING))
     refined = done.knowledge.refinement
     conclusion = conclude(
         done.measured,
@@ -189,7 +190,7 @@ def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment)
         recording=done.recording,
         out=terms.out,
         notes=() if refined is None else refined.sentences,
-        tell=(terms.progress or Silent()).note,
+        tell=lambda line: terms.on_event(Note(line)),
     )
     expected = judge(session.expectations, conclusion, rig.command.unit)
     return SessionResult(done.recording, conclusion, done.knowledge, done.measured, expected)
@@ -201,11 +202,11 @@ def record_session(
     *,
     out: Path,
     seed: int | None = None,
-    progress: Progress | None = None,
+    on_event: Watcher = ignore,
     operator: Operator | None = None,
 ) -> Recorded:
     """The experiment alone, recorded into the folder ``out``. Raises as :func:`record_procedures` does."""
-    return _recorded(Terms(out, seed, progress, operator), rig, session, make_experiment(session, rig))
+    return _recorded(Terms(out, seed, on_event, operator), rig, session, make_experiment(session, rig))
 
 
 def record_procedures(
@@ -217,7 +218,7 @@ def record_procedures(
     backend: Backend | None = None,
     known: Knowledge | None = None,
     seed: int | None = None,
-    progress: Progress | None = None,
+    on_event: Watcher = ignore,
     operator: Operator | None = None,
 ) -> Recorded:
     """Carry out ``procedures`` as a session's steps, on ``backend`` or on the rig's own; either is closed at the end.
@@ -226,7 +227,7 @@ def record_procedures(
     Raises RigError and UsageError before anything moves; DeviceError, SafetyStopError, OperatorStopError and
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
-    terms = Terms(out, seed, progress, operator)
+    terms = Terms(out, seed, on_event, operator)
     return _recorded(terms, rig, session, of_procedures(procedures, rig), backend, known)
 
 
@@ -262,14 +263,14 @@ def _performed(
     backend: Backend | None = None,
     known: Knowledge | None = None,
 ) -> _Performed:
-    progress, operator = terms.progress or Silent(), terms.operator or Nobody()
+    emit, operator = terms.on_event, terms.operator or Nobody()
     if experiment.prompts is not None:
         terms.answers.check(experiment.prompts, session.place, somebody=operator.answers)
     past = Past() if terms.resume is None else read_past(terms.resume, rig)
     if experiment.prompts is not None:
         past.check(experiment.plan)
-    progress.plan(experiment.plan)
-    progress.state(SessionState.PREPARING)
+    emit(Planned(experiment.plan))
+    emit(StateChanged(SessionState.PREPARING))
     own_backend = backend is None
     if backend is None:
         backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=terms.seed, place=rig.place)
@@ -284,18 +285,18 @@ def _performed(
         planned_s = sum(step.duration_s for step in experiment.plan)
         recorder = stack.enter_context(_recorder(rig, terms.out, metadata, planned_s, lock_step=lock_step))
         so_far = SoFar(known or Knowledge(rig), devices=devices)
-        feed = stack.enter_context(_feed(rig, progress, lock_step=lock_step)) if terms.fits else NoFeed()
-        desk = Desk(operator, progress, loop.tell)
+        feed = stack.enter_context(_feed(rig, emit, lock_step=lock_step)) if terms.fits else NoFeed()
+        desk = Desk(operator, emit, loop.tell)
         plan = list(experiment.plan)
-        run = Run(rig, loop, feed, so_far, progress, recorder, desk, rehearsal, terms.answers, plan, past)
+        run = Run(rig, loop, feed, so_far, emit, recorder, desk, rehearsal, terms.answers, plan, past)
         loop.subscribe(run.take)
         if known is not None:
             run.learn(known)
         stack.callback(_put_away, loop, rehearsal)
-        _say_how_it_stands(loop, rig, progress)
+        _say_how_it_stands(loop, rig, emit)
         _perform(run, experiment, then="; now the final fit" if terms.fits else "")
     if recorder.dropped_parts:
-        progress.note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them")
+        emit(Note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them"))
     return _Performed(recorder.path, so_far.known, past)
 
 
@@ -317,13 +318,13 @@ def _warm_loop(
         yield loop
 
 
-def _say_how_it_stands(loop: BenchLoop, rig: Rig, progress: Progress) -> None:
+def _say_how_it_stands(loop: BenchLoop, rig: Rig, emit: Watcher) -> None:
     """Before anything moves: what the system denied the loop, and that the drives' watchdogs act."""
     for note in loop.notes:
-        progress.note(note)
+        emit(Note(note))
     if rig.supervision.verify_watchdogs:
         for finding in loop.verify_watchdogs():
-            progress.note(str(finding))
+            emit(Note(str(finding)))
 
 
 def _recorder(rig: Rig, out: Path, metadata: Mapping[str, str], planned_s: float, *, lock_step: bool) -> Recorder:
@@ -341,14 +342,14 @@ def _recorder(rig: Rig, out: Path, metadata: Mapping[str, str], planned_s: float
 def _perform(run: Run, experiment: Experiment, then: str) -> None:
     begun_ns, begun_s = run.loop.now_ns, perf_counter()
     run.rehearsal.begin(None)
-    run.progress.state(SessionState.RUNNING)
+    run.emit(StateChanged(SessionState.RUNNING))
     if run.past.left:
-        run.progress.note(f"goes on from {run.past.place}, of which {len(run.past.records)} procedures were finished")
+        run.emit(Note(f"goes on from {run.past.place}, of which {len(run.past.records)} procedures were finished"))
     perform(experiment.script(run.so_far), run)
     if run.past.left:
         raise UsageError(f"{run.past.place}: has more finished steps than this session; resume with the one recorded")
     bench_s, took_s = (run.loop.now_ns - begun_ns) * 1e-9, perf_counter() - begun_s
-    run.progress.note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x){then}")
+    run.emit(Note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x){then}"))
 
 
 def _put_away(loop: BenchLoop, rehearsal: Rehearsed) -> None:
@@ -358,11 +359,11 @@ def _put_away(loop: BenchLoop, rehearsal: Rehearsed) -> None:
 
 
 @contextmanager
-def _feed(rig: Rig, progress: Progress, *, lock_step: bool) -> Iterator[LiveFeed]:
+def _feed(rig: Rig, emit: Watcher, *, lock_step: bool) -> Iterator[LiveFeed]:
     feed = feed_for(rig, lock_step=lock_step)
     try:
         yield feed
     finally:
         feed.close()
         if feed.dropped:
-            progress.note(f"{feed.dropped} parts were not digested live; the final fit has them all")
+            emit(Note(f"{feed.dropped} parts were not digested live; the final fit has them all"))

@@ -1,4 +1,4 @@
-"""A session in a process of its own, watched from here: news come over a pipe, orders go back over another.
+"""A session in a process of its own, watched from here: events come over a pipe, orders go back over another.
 
 The session owes nothing to its watcher. One that is slow loses parts (they are in the recording); one that is gone
 ends the session as an operator's stop does, with the drives idle and the recording whole.
@@ -8,40 +8,100 @@ import atexit
 import multiprocessing
 import os
 import signal
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Thread
+from threading import Condition, Thread
 from types import FrameType, TracebackType
 from typing import Protocol, Self
 
 from norton_bench.errors import ExitCode
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.rig import Rig
+from norton_bench.session.events import Ended, PartMeasured, SessionEvent, SessionState, StateChanged, Summary, Watcher
 from norton_bench.session.failure import exit_code_of, sentence_of
-from norton_bench.session.news import Mailbox, News, ResultNews, StateNews, Teller
 from norton_bench.session.operator import Operator, Order
-from norton_bench.session.progress import Progress, SessionState, Summary
 from norton_bench.session.schema import Session
 
 # A stop idles the drives within a tick and finishes the recording.
 CLOSE_WITHIN_S = 20.0
 END_WITHIN_S = 5.0
+# About ten seconds of a session in wall time.
+MOST_PARTS = 256
+
+
+class Mailbox:
+    """Events on their way to a watcher, who may be slow: parts are bounded in number, all else is kept.
+
+    Between threads. Where too many parts wait, the oldest is dropped, and the next part says how many were.
+    """
+
+    def __init__(self, most_parts: int = MOST_PARTS) -> None:
+        self._most_parts = most_parts
+        self._events: deque[SessionEvent] = deque()
+        self._parts = 0
+        self._closed = False
+        self._changed = Condition()
+
+    def put(self, event: SessionEvent) -> None:
+        """Never waits."""
+        with self._changed:
+            self._events.append(event)
+            if isinstance(event, PartMeasured):
+                self._parts += 1
+                if self._parts > self._most_parts:
+                    self._drop_one()
+            self._changed.notify()
+
+    def take(self) -> tuple[SessionEvent, ...]:
+        """All there is, in order. Never waits."""
+        with self._changed:
+            events = tuple(self._events)
+            self._events.clear()
+            self._parts = 0
+            return events
+
+    def wait(self) -> SessionEvent | None:
+        """The next one, as soon as there is one; None once the box is closed and empty."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._events or self._closed)
+            if not self._events:
+                return None
+            event = self._events.popleft()
+            self._parts -= isinstance(event, PartMeasured)
+            return event
+
+    def close(self) -> None:
+        """Nothing more will be put."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+
+    def _drop_one(self) -> None:
+        places = [place for place, event in enumerate(self._events) if isinstance(event, PartMeasured)]
+        oldest, following = self._events[places[0]], self._events[places[1]]
+        assert isinstance(oldest, PartMeasured)
+        assert isinstance(following, PartMeasured)
+        self._events[places[1]] = replace(following, dropped=following.dropped + oldest.dropped + 1)
+        del self._events[places[0]]
+        self._parts -= 1
 
 
 class Hostable(Protocol):
     """What else may be performed in the child: goes there as a pickle."""
 
-    def perform(self, rig: Rig, *, out: Path, seed: int | None, progress: Progress, operator: Operator) -> object:
-        """Tells ``progress`` how it ended, whatever becomes of it."""
+    def perform(self, rig: Rig, *, out: Path, seed: int | None, on_event: Watcher, operator: Operator) -> object:
+        """The last event is ``Ended``, however it ends."""
         ...
 
 
 class HostedSession:
     """``session`` on ``rig``, under way in a spawned child as soon as this is made; results go to the folder ``out``.
 
-    Neither :meth:`news` nor :meth:`order` nor :meth:`stop` ever waits.
+    Neither :meth:`events` nor :meth:`order` nor :meth:`stop` ever waits.
     """
 
     def __init__(self, rig: Rig, session: Session | Hostable, *, out: Path, seed: int | None = None) -> None:
@@ -50,15 +110,15 @@ class HostedSession:
         self._out = out
         self._concluding = False
         self._mailbox = Mailbox()
-        news, news_end = context.Pipe(duplex=False)
+        events, events_end = context.Pipe(duplex=False)
         orders_end, self._orders = context.Pipe(duplex=False)
-        arguments = (rig, session, out, seed, self.stop_word, orders_end, news_end)
+        arguments = (rig, session, out, seed, self.stop_word, orders_end, events_end)
         self._process = context.Process(target=_host, args=arguments, name="session")
         self._process.start()
         # Held by the child alone from now on: so either side's end shows on the other.
-        news_end.close()
+        events_end.close()
         orders_end.close()
-        self._reader = Thread(target=self._read, args=(news,), name="session news", daemon=True)
+        self._reader = Thread(target=self._read, args=(events,), name="session events", daemon=True)
         self._reader.start()
         # Before multiprocessing's own, which would wait for the session to come to its natural end.
         atexit.register(self.close)
@@ -71,8 +131,8 @@ class HostedSession:
     def running(self) -> bool:
         return self._process.is_alive()
 
-    def news(self) -> Sequence[News]:
-        """What has come since this was last asked, in order; the last one ever is a ResultNews."""
+    def events(self) -> Sequence[SessionEvent]:
+        """What has come since this was last called, in order; the last one ever is ``Ended``."""
         return self._mailbox.take()
 
     def order(self, order: Order) -> None:
@@ -108,22 +168,22 @@ class HostedSession:
         ended = False
         with pipe, suppress(EOFError, OSError):
             while True:
-                news = pipe.recv()
-                ended = ended or isinstance(news, ResultNews)
-                if isinstance(news, StateNews):
-                    self._concluding = news.state is SessionState.CONCLUDING
-                self._mailbox.put(news)
+                event = pipe.recv()
+                ended = ended or isinstance(event, Ended)
+                if isinstance(event, StateChanged):
+                    self._concluding = event.state is SessionState.CONCLUDING
+                self._mailbox.put(event)
         if not ended:
-            self._tell_of_its_death()
+            self._report_its_death()
 
-    def _tell_of_its_death(self) -> None:
+    def _report_its_death(self) -> None:
         self._process.join(END_WITHIN_S)
         said = (
             f"the session's process ended without a word (exit code {self._process.exitcode}); what was measured is in "
             f"{self._out}: norton-bench recover repairs a recording that was cut off"
         )
-        self._mailbox.put(StateNews(SessionState.FAILED))
-        self._mailbox.put(ResultNews(Summary(ExitCode.EXPERIMENT_FAILED, said)))
+        self._mailbox.put(StateChanged(SessionState.FAILED))
+        self._mailbox.put(Ended(Summary(ExitCode.EXPERIMENT_FAILED, said)))
 
 
 class _Remote:
@@ -152,29 +212,29 @@ def _host(
     seed: int | None,
     stop: StopWord,
     orders: Connection,
-    news: Connection,
+    events: Connection,
 ) -> None:
-    """The child: runs the session and tells of it; its exit code is that of the command line."""
+    """The child: runs the session and sends its events; its exit code is that of the command line."""
     _be_nobodys_terminal(stop)
     mailbox = Mailbox()
-    sender = Thread(target=_send, args=(mailbox, news, stop), name="session news", daemon=True)
+    sender = Thread(target=_send, args=(mailbox, events, stop), name="session events", daemon=True)
     sender.start()
-    teller, told = Teller(mailbox.put), False
+    begun = False
     try:
-        from norton_bench.session.engine import run_session  # noqa: PLC0415  (its imports take seconds, and are told of)
+        from norton_bench.session.engine import run_session  # noqa: PLC0415  (its imports take seconds)
 
-        teller.state(SessionState.PREPARING)
-        told = True
+        mailbox.put(StateChanged(SessionState.PREPARING))
+        begun = True
         operator = _Remote(stop, orders)
         if isinstance(session, Session):
-            run_session(rig, session, out=out, seed=seed, progress=teller, operator=operator)
+            run_session(rig, session, out=out, seed=seed, on_event=mailbox.put, operator=operator)
         else:
-            session.perform(rig, out=out, seed=seed, progress=teller, operator=operator)
+            session.perform(rig, out=out, seed=seed, on_event=mailbox.put, operator=operator)
         code = ExitCode.OK
-    except BaseException as error:  # the watcher has been told by run_session, or is told here
+    except BaseException as error:  # run_session has sent it; what comes before is sent here
         code = exit_code_of(error)
-        if not told:
-            teller.result(Summary(code, sentence_of(error)))
+        if not begun:
+            mailbox.put(Ended(Summary(code, sentence_of(error))))
     finally:
         mailbox.close()
         sender.join(END_WITHIN_S)
@@ -183,8 +243,8 @@ def _host(
 
 def _send(mailbox: Mailbox, pipe: Connection, stop: StopWord) -> None:
     try:
-        while (news := mailbox.wait()) is not None:
-            pipe.send(news)
+        while (event := mailbox.wait()) is not None:
+            pipe.send(event)
     except OSError:
         stop.say("whoever watched is gone")
 

@@ -1,6 +1,6 @@
 """A session as a JUnit report: what a continuous integration server shows of it.
 
-There is no standard; what most tools write and read is told in https://github.com/testmoapp/junitxml: ``testsuites``,
+There is no standard; https://github.com/testmoapp/junitxml describes what most tools write and read: ``testsuites``,
 ``testsuite``, ``testcase`` with ``failure`` or ``skipped``, ``properties``. Steps are cases, and so are the final fit
 and every expectation; parameters are properties.
 """
@@ -16,14 +16,24 @@ from xml.etree import ElementTree as ET
 
 from norton_bench.errors import ExitCode, UsageError
 from norton_bench.models.parameters import HALF_INTERVAL
-from norton_bench.session.progress import PlannedStep, SessionState, Silent, Summary
+from norton_bench.session.events import (
+    Ended,
+    Note,
+    Planned,
+    PlannedStep,
+    SessionEvent,
+    SessionState,
+    StateChanged,
+    StepBegun,
+    Summary,
+)
 
 # XML 1.0 knows no other characters, however they are written.
 NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass
-class JUnitReport(Silent):
+class JUnitReport:
     """Watches a session that is called ``name``, and writes ``path`` when it is over."""
 
     path: Path
@@ -38,22 +48,23 @@ class JUnitReport(Silent):
     _started: datetime = field(default_factory=lambda: datetime.now(UTC))
     _started_s: float = field(default_factory=perf_counter)
 
-    def plan(self, steps: Sequence[PlannedStep]) -> None:
-        self._plan = tuple(steps)
-
-    def step(self, index: int, name: str) -> None:
-        self._end_step()
-        self._current = index
-        self._begun[index] = perf_counter()
-
-    def note(self, text: str) -> None:
-        self._notes.append(text)
-
-    def state(self, state: SessionState) -> None:
-        if state is SessionState.CONCLUDING:
-            self._end_step()
-            self._current = None
-            self._concluding_s = perf_counter()
+    def __call__(self, event: SessionEvent) -> None:
+        """Raises OSError where the disk has become full when the report is to be written."""
+        match event:
+            case Planned(steps):
+                self._plan = steps
+            case StepBegun(index):
+                self._end_step()
+                self._current = index
+                self._begun[index] = perf_counter()
+            case Note(text):
+                self._notes.append(text)
+            case StateChanged(SessionState.CONCLUDING):
+                self._end_step()
+                self._current = None
+                self._concluding_s = perf_counter()
+            case Ended(summary):
+                self._write(summary)
 
     def prepare(self) -> None:
         """Make its folder and see that it can be written. Raises UsageError where it cannot."""
@@ -63,8 +74,7 @@ class JUnitReport(Silent):
         except OSError as error:
             raise UsageError(f"--junit {self.path}: cannot be written ({error.strerror}); name another file") from error
 
-    def result(self, summary: Summary) -> None:
-        """Write it. Raises OSError where the disk has become full meanwhile."""
+    def _write(self, summary: Summary) -> None:
         if not summary.failure:
             self._end_step()
         tree = ET.ElementTree(self._suites(summary))
@@ -110,7 +120,7 @@ class JUnitReport(Silent):
         return cases
 
     def _conclusion(self, summary: Summary) -> list[ET.Element]:
-        """The final fit; what ended the session before its first step is told here too."""
+        """The final fit; what ended the session before its first step stands here too."""
         stepped = self._current is not None and self._current not in self._ended
         case = self._case("final fit" if not summary.failure or stepped else "session", "session")
         if self._concluding_s is not None:
@@ -128,9 +138,9 @@ class JUnitReport(Silent):
         for number, judged in enumerate(summary.expectations, 1):
             case = self._case(f"{number} {judged.name}", "expectations")
             if not judged.met:
-                _fail(case, judged.said, "NOT_AS_EXPECTED")
+                _fail(case, judged.sentence, "NOT_AS_EXPECTED")
             else:
-                ET.SubElement(case, "system-out").text = _clean(judged.said)
+                ET.SubElement(case, "system-out").text = _clean(judged.sentence)
             cases.append(case)
         return cases
 

@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 from norton_bench.errors import OperatorStopError, UsageError
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.files import nearest
-from norton_bench.session.progress import Progress, Prompt, SessionState
+from norton_bench.session.events import Note, Prompt, Question, SessionState, StateChanged, Watcher
 
 Kind = Literal["pause", "resume", "tare", "mark", "skip", "answer", "jog"]
 
@@ -127,7 +127,7 @@ class Desk:
     """
 
     operator: Operator
-    progress: Progress
+    emit: Watcher
     put_away: Callable[[str, str], None]
     paused: bool = field(default=False, init=False)
     wants_tare: bool = field(default=False, init=False)
@@ -151,7 +151,7 @@ class Desk:
         """While paused: until something else is ordered. Raises OperatorStopError."""
         if not self.paused:
             return
-        self.progress.state(SessionState.PAUSED)
+        self.emit(StateChanged(SessionState.PAUSED))
         self.put_away("operator", "paused")
         while self.paused and not self.wants_tare:
             self._look()
@@ -159,21 +159,21 @@ class Desk:
         # Orders are heard while this is put away, too: a new pause must not be told over.
         self.put_away("operator", "resumed" if resumed else "tare ordered")
         if not resumed:
-            self.progress.state(SessionState.RUNNING)
+            self.emit(StateChanged(SessionState.RUNNING))
 
     def ask(self, prompt: Prompt) -> str:
         """The operator's answer, one of the choices where there are any. Raises OperatorStopError."""
-        self.progress.state(SessionState.ASKING)
+        self.emit(StateChanged(SessionState.ASKING))
         self._answer = None
         answer = self._next_answer(prompt)
         while prompt.choices and answer not in prompt.choices:
-            self.progress.note(f'"{answer}" is none of {", ".join(prompt.choices)}')
+            self.emit(Note(f'"{answer}" is none of {", ".join(prompt.choices)}'))
             answer = self._next_answer(prompt)
-        self.progress.state(SessionState.RUNNING)
+        self.emit(StateChanged(SessionState.RUNNING))
         return answer
 
     def _next_answer(self, prompt: Prompt) -> str:
-        self.progress.ask(prompt)
+        self.emit(Question(prompt))
         while self._answer is None:
             self._look()
         answer, self._answer = self._answer.strip(), None
@@ -195,7 +195,7 @@ class Desk:
             self.wants_skip = True
         elif order.kind == "pause" and not self.paused:
             self.paused = True
-            self.progress.state(SessionState.PAUSING)
+            self.emit(StateChanged(SessionState.PAUSING))
         elif order.kind == "resume" and self.paused:
             self.paused = False
-            self.progress.state(SessionState.RUNNING)
+            self.emit(StateChanged(SessionState.RUNNING))

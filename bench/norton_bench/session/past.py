@@ -13,8 +13,8 @@ from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import NO_DEVICE_TIME, READINGS, Event, Measured, Table, join
 from norton_bench.rig.rig import Rig
+from norton_bench.session.events import PlannedStep
 from norton_bench.session.items import ASK
-from norton_bench.session.progress import PlannedStep
 
 # Kinds of events that a session leaves for the one that resumes it.
 FINISHED, ANSWERED = "step", "answer"

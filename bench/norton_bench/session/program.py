@@ -9,9 +9,9 @@ from norton_bench.procedures.knowledge import Adaptive, Procedure
 from norton_bench.procedures.modulated import modulated
 from norton_bench.rig.rig import Rig
 from norton_bench.session.conditions import Condition
+from norton_bench.session.events import PlannedStep
 from norton_bench.session.expectations import check_expectation
 from norton_bench.session.items import AskOptions, Block, Item, Session, Step, flat
-from norton_bench.session.progress import PlannedStep
 from norton_bench.session.script import Ask, Experiment, Planned, Remark, Script, SoFar, Turn
 from norton_bench.units import parse_quantity
 

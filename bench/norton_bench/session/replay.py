@@ -1,9 +1,9 @@
-"""A recording told once more: the same news that a running session gives, in bench time times a speed."""
+"""A recording played back: the events of a running session, in bench time times a speed."""
 
 import multiprocessing
 import signal
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import groupby
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -14,12 +14,21 @@ from norton_bench.identification.results import LiveEstimate
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import Measured
-from norton_bench.session.progress import PlannedStep, Progress, SessionState, Summary
+from norton_bench.session.events import (
+    PartMeasured,
+    Planned,
+    PlannedStep,
+    SessionEvent,
+    SessionState,
+    StateChanged,
+    StepBegun,
+    Summary,
+)
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 # The recorded event that ended a session before its time.
 STOP = "stop"
-# Told in pieces no longer than this, and wherever the estimates changed.
+# Measurements come in pieces no longer than this, and wherever the estimates changed.
 PIECE_NS = 500_000_000
 
 
@@ -39,7 +48,7 @@ class Replay:
         self._steps = _steps(self.measured, self._last_ns)
         self.speed, self.paused = 1.0, False
         self._from_s, self._since = 0.0, clock()
-        self._told_ns, self._told_steps, self._told_end = 0, 0, False
+        self._emitted_ns, self._emitted_steps, self._emitted_end = 0, 0, False
 
     @property
     def duration_s(self) -> float:
@@ -75,47 +84,48 @@ class Replay:
         self.set_speed(SPEEDS[min(max(place + steps, 0), len(SPEEDS) - 1)])
 
     def seek(self, to_s: float) -> None:
-        """Stand at ``to_s``. Everything up to there is told anew: to a watcher who has forgotten what was told."""
+        """Stand at ``to_s``. Everything up to there comes again: for a watcher who has forgotten it."""
         self._stand_at(min(max(to_s, 0.0), self.duration_s))
-        self._told_ns, self._told_steps, self._told_end = 0, 0, False
+        self._emitted_ns, self._emitted_steps, self._emitted_end = 0, 0, False
 
-    def tell(self, watcher: Progress) -> None:
-        """All that is new since this was last asked. Returns at once."""
+    def events(self) -> Iterator[SessionEvent]:
+        """All that are new since this was last called, in order. Never waits."""
         until_ns = self._first_ns + round(self.now_s * 1e9) + 1
-        if not self._told_ns:
-            self._told_ns = self._first_ns
-            watcher.plan([PlannedStep(name, (end_ns - start_ns) * 1e-9) for name, start_ns, end_ns in self._steps])
-            watcher.state(SessionState.RUNNING)
+        if not self._emitted_ns:
+            self._emitted_ns = self._first_ns
+            steps = (PlannedStep(name, (end_ns - start_ns) * 1e-9) for name, start_ns, end_ns in self._steps)
+            yield Planned(tuple(steps))
+            yield StateChanged(SessionState.RUNNING)
         for index, (name, start_ns, _) in enumerate(self._steps):
-            if self._told_ns <= start_ns < until_ns and index >= self._told_steps:
-                self._tell_part(watcher, start_ns)
-                watcher.step(index, name)
-                self._told_steps = index + 1
-        self._tell_part(watcher, until_ns)
-        if self.ended and not self._told_end:
-            self._told_end = True
-            watcher.state(SessionState.FAILED if self._stopped else SessionState.DONE)
+            if self._emitted_ns <= start_ns < until_ns and index >= self._emitted_steps:
+                yield from self._parts(start_ns)
+                yield StepBegun(index, name)
+                self._emitted_steps = index + 1
+        yield from self._parts(until_ns)
+        if self.ended and not self._emitted_end:
+            self._emitted_end = True
+            yield StateChanged(SessionState.FAILED if self._stopped else SessionState.DONE)
 
     @property
     def _stopped(self) -> bool:
         return any(event.kind == STOP for event in self.measured.events)
 
-    def _tell_part(self, watcher: Progress, until_ns: int) -> None:
+    def _parts(self, until_ns: int) -> Iterator[PartMeasured]:
         """The measurements up to there, in pieces, and each time what was known by then."""
-        for cut_ns in self._cuts[bisect_right(self._cuts, self._told_ns) : bisect_right(self._cuts, until_ns - 1)]:
-            watcher.part(self._piece(cut_ns + 1), self._known(cut_ns))
-        if until_ns > self._told_ns:
-            watcher.part(self._piece(until_ns), self._known(until_ns - 1))
+        for cut_ns in self._cuts[bisect_right(self._cuts, self._emitted_ns) : bisect_right(self._cuts, until_ns - 1)]:
+            yield PartMeasured(self._piece(cut_ns + 1), self._known(cut_ns))
+        if until_ns > self._emitted_ns:
+            yield PartMeasured(self._piece(until_ns), self._known(until_ns - 1))
 
     def _known(self, at_ns: int) -> LiveEstimate:
         known = bisect_right(self._stamps, at_ns)
         return self._live[known - 1] if known else LiveEstimate(0)
 
     def _piece(self, until_ns: int) -> Measured:
-        # What was said before the first tick is told with it.
-        since_ns = 0 if self._told_ns == self._first_ns else self._told_ns
+        # What happened before the first tick comes with it.
+        since_ns = 0 if self._emitted_ns == self._first_ns else self._emitted_ns
         piece = self.measured.between(since_ns, until_ns)
-        self._told_ns = until_ns
+        self._emitted_ns = until_ns
         return piece
 
     def _stand_at(self, now_s: float) -> None:

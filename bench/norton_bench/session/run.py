@@ -19,11 +19,11 @@ from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured, Table
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
+from norton_bench.session.events import Note, PartMeasured, Planned, PlannedStep, StepBegun, Watcher
 from norton_bench.session.items import ASK
 from norton_bench.session.live_feed import LiveFeed
 from norton_bench.session.operator import Answers, Desk, unanswered
 from norton_bench.session.past import ANSWERED, FINISHED, Past, before
-from norton_bench.session.progress import PlannedStep, Progress
 from norton_bench.session.rehearsal import Rehearsed
 from norton_bench.session.script import Action, Ask, ByHand, Remark, SoFar, Turn
 from norton_bench.session.supervision import learned
@@ -82,7 +82,7 @@ class Run:
     loop: BenchLoop
     feed: LiveFeed
     so_far: SoFar
-    progress: Progress
+    emit: Watcher
     recorder: Recorder
     desk: Desk
     rehearsal: Rehearsed
@@ -94,16 +94,16 @@ class Run:
     _live_ns: int = 0  # of the last live estimate that was recorded
 
     def take(self, part: Measured) -> None:
-        """One part from the loop: recorder first, then the live identifier, then whoever watches."""
+        """One part from the loop: to the recorder first, then to the live identifier, then to whoever watches."""
         self.recorder.put(part)
         self.feed(part)
         if self.feed.latest.stamp_ns > self._live_ns:
             self._live_ns = self.feed.latest.stamp_ns
             self.recorder.put_estimate(self.feed.latest)
-        self.progress.part(part, self.feed.latest)
+        self.emit(PartMeasured(part.without_frames(), self.feed.latest))
         for event in part.events:
             if event.kind in TROUBLES:
-                self.progress.note(event.text)
+                self.emit(Note(event.text))
         self.desk.listen()
 
     def learn(self, known: Knowledge) -> None:
@@ -114,7 +114,7 @@ class Run:
     def turn(self, yielded: Action | Turn | Remark) -> None:
         """Raises as the procedure does, and OperatorStopError."""
         if isinstance(yielded, Remark):
-            self.progress.note(yielded.text)
+            self.emit(Note(yielded.text))
             return
         index, action = (yielded.index, yielded.action) if isinstance(yielded, Turn) else (self._next, yielded)
         self._announce(index, action)
@@ -130,11 +130,11 @@ class Run:
         """After ``error``, which was final: prompts are asked, or told where the operator has left; nothing moves."""
         action = yielded.action if isinstance(yielded, Turn) else yielded
         if isinstance(action, Remark):
-            self.progress.note(action.text)
+            self.emit(Note(action.text))
         elif not isinstance(action, Ask):
-            self.progress.note(f"left out '{action.name}': nothing moves any more")
+            self.emit(Note(f"left out '{action.name}': nothing moves any more"))
         elif isinstance(error, OperatorStopError):
-            self.progress.note(action.text)
+            self.emit(Note(action.text))
         else:
             self._ask(action)
 
@@ -142,8 +142,8 @@ class Run:
         if index >= len(self.plan):
             duration_s = 0.0 if isinstance(action, Ask) else action.duration_s(self.rig)
             self.plan.append(PlannedStep(name_of(action), duration_s))
-            self.progress.plan(tuple(self.plan))
-        self.progress.step(index, name_of(action))
+            self.emit(Planned(tuple(self.plan)))
+        self.emit(StepBegun(index, name_of(action)))
         self._next = index + 1
 
     def _do(self, action: Action) -> None:
@@ -164,21 +164,21 @@ class Run:
             if ready is None and not self.desk.operator.answers:
                 raise unanswered(action.prompt, "the script")
             answer = self.desk.ask(action.prompt) if ready is None else ready
-            self.progress.note(f"{action.text} {answer}")
+            self.emit(Note(f"{action.text} {answer}"))
         self.loop.tell(ANSWERED, f"{action.name}: {answer}")
         self.so_far.answers[action.name] = answer
 
     def _adapt(self, step: Adaptive) -> None:
         """All procedures that it decides on, one after the other."""
         while (decision := step.following(self.so_far.known)).procedure is not None:
-            self.progress.note(decision.said)
+            self.emit(Note(decision.said))
             self.so_far.known = decision.known
             self._carry_out(decision.procedure)
             self._checkpoint()
             if self.desk.wants_skip:
                 self._tell_skipped(step.name)
                 return
-        self.progress.note(decision.said)
+        self.emit(Note(decision.said))
         self.so_far.known = decision.known
 
     def _carry_out(self, procedure: Procedure) -> None:
@@ -196,7 +196,7 @@ class Run:
         self.recorder.check()
         if isinstance(procedure, Sparing):
             for sentence in procedure.spared(self.so_far.known):
-                self.progress.note(sentence)
+                self.emit(Note(sentence))
                 self.loop.tell(PLAN, sentence)
         known = carry_out(procedure, self.so_far.known, self.loop, self._foresee)
         self.learn(with_last_on_disk(self._on_one_clock(known), self.recorder.path.parent))
@@ -238,9 +238,9 @@ class Run:
         self._carry_out_now(TareProcedure())
         tare, calibration = self.so_far.known.tare, self.so_far.known.calibration
         assert tare is not None
-        self.progress.note(f"tare: {tare.torque_bias_nm:+.3g} N*m at rest, noise {tare.torque_noise_nm:.2g} N*m")
+        self.emit(Note(f"tare: {tare.torque_bias_nm:+.3g} N*m at rest, noise {tare.torque_noise_nm:.2g} N*m"))
         if calibration is not None:  # measured with the shaft moving: friction has no share in it
-            self.progress.note(f"the bias found by 'calibrate', {calibration.torque_bias_nm:+.3g} N*m, stays in use")
+            self.emit(Note(f"the bias found by 'calibrate', {calibration.torque_bias_nm:+.3g} N*m, stays in use"))
 
     def _skipped(self, index: int, action: Action) -> bool:
         """Whether the operator wants the step left out, and nothing needs it."""
@@ -251,7 +251,7 @@ class Run:
             self._tell_skipped(name_of(action))
             return True
         self.desk.wants_skip = False
-        self.progress.note(f"'{name_of(action)}' cannot be left out: {why}")
+        self.emit(Note(f"'{name_of(action)}' cannot be left out: {why}"))
         return False
 
     def _why_needed(self, index: int, action: Action) -> str | None:
@@ -266,7 +266,7 @@ class Run:
     def _tell_skipped(self, name: str) -> None:
         self.desk.wants_skip = False
         self.loop.tell("operator", f"left out: {name}")
-        self.progress.note(f"'{name}' is left out, as ordered")
+        self.emit(Note(f"'{name}' is left out, as ordered"))
 
 
 def name_of(action: Action) -> str:

@@ -28,8 +28,9 @@ from norton_bench.identification.results import FitResult
 from norton_bench.models.parameters import Estimate
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Plan, Procedure
 from norton_bench.records import join
+from norton_bench.result import ParameterResult, parameter_result
 from norton_bench.rig.rig import Rig
-from norton_bench.session.progress import Found, PlannedStep, Prompt, found_in
+from norton_bench.session.events import PlannedStep, Prompt
 from norton_drivers.errors import DeviceError
 from norton_drivers.readings import DeviceIdentity
 
@@ -110,9 +111,9 @@ class SoFar:
             self._fitted_records = len(records)
         return self._fitted
 
-    def parameter(self, name: str) -> Found:
+    def parameter(self, name: str) -> ParameterResult:
         """What is known of a parameter by now, also where that is nothing. Raises UsageError for an unknown name."""
-        return found_in(self._estimates(), name, self.known.rig.command.unit)
+        return parameter_result(self._estimates(), name, self.known.rig.command.unit)
 
     def _estimates(self) -> tuple[Estimate, ...]:
         try:

@@ -10,12 +10,13 @@ from norton_bench.identification.tables.two_ports import two_ports
 from norton_bench.identification.trials import TrialFigures, last_driven, settled
 from norton_bench.report.facts_tables import line_facts, ports_facts, source_facts
 from norton_bench.report.section import Facts
+from norton_bench.result import ExpectationResult
 from norton_bench.session.conclusion import Conclusion
+from norton_bench.session.events import Summary
 from norton_bench.session.failure import exit_code_of, sentence_of
-from norton_bench.session.progress import Judged, Summary
 
 
-def summary_of(recording: Path, found: Conclusion, expected: tuple[Judged, ...] = ()) -> Summary:
+def summary_of(recording: Path, found: Conclusion, expected: tuple[ExpectationResult, ...] = ()) -> Summary:
     """Of a session that came to its end."""
     fit, checked = found.fit, found.validation
     return Summary(
@@ -78,7 +79,7 @@ def trials_sentence(trials: Sequence[TrialFigures]) -> str:
     )
 
 
-def exit_code_of_result(found: Conclusion, expected: tuple[Judged, ...] = ()) -> ExitCode:
+def exit_code_of_result(found: Conclusion, expected: tuple[ExpectationResult, ...] = ()) -> ExitCode:
     """A fit that is no result is a failure, and so is an expectation that was not met; nothing to fit is none."""
     if not all(judged.met for judged in expected):
         return ExitCode.EXPERIMENT_FAILED

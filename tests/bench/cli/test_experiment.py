@@ -23,8 +23,9 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.refinement import Refinement
 from norton_bench.records import Measured
+from norton_bench.result import ExpectationResult
 from norton_bench.session.conclusion import Conclusion
-from norton_bench.session.progress import Judged, PlannedStep
+from norton_bench.session.events import Note, PartMeasured, Planned, PlannedStep, StepBegun
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"
@@ -42,7 +43,7 @@ class Result:
     conclusion: Conclusion
     knowledge: Knowledge
     measured: Measured
-    expectations: tuple[Judged, ...] = ()
+    expectations: tuple[ExpectationResult, ...] = ()
 
 
 class Engine:
@@ -58,10 +59,13 @@ class Engine:
         self.asked = {"rig": rig, "session": session, **asked}
         recording = asked["out"] / "r.mcap"
         recording.write_text("")
-        asked["progress"].plan([PlannedStep("tare", 2.0)])
-        asked["progress"].step(0, "tare")
-        asked["progress"].part(Measured(), LiveEstimate(0))
-        asked["progress"].note("a remark")
+        for event in (
+            Planned((PlannedStep("tare", 2.0),)),
+            StepBegun(0, "tare"),
+            PartMeasured(Measured(), LiveEstimate(0)),
+            Note("a remark"),
+        ):
+            asked["on_event"](event)
         if self.error is not None:
             raise self.error
         ticks = np.zeros(3000, Measured().ticks.dtype)
@@ -224,8 +228,8 @@ def test_the_first_interrupt_asks_and_the_second_ends() -> None:
 
 def test_progress_says_how_long_it_takes(capsys: pytest.CaptureFixture[str]) -> None:
     lines = Lines(Output())
-    lines.plan([PlannedStep("tare", 2.0), PlannedStep("free", 10.0)])
-    lines.step(1, "free")
+    lines(Planned((PlannedStep("tare", 2.0), PlannedStep("free", 10.0))))
+    lines(StepBegun(1, "free"))
     assert capsys.readouterr().err.splitlines() == ["2 steps, about 12 s of bench time", "[2/2] free"]
 
 
@@ -233,9 +237,10 @@ def test_progress_on_a_terminal_draws_a_bar(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with showing_progress(Output(), tick_s=1e-3) as progress:
-        progress.plan([PlannedStep("free", 1.0)])
-        progress.step(0, "free")
-        progress.part(Measured(), LiveEstimate(1, (Estimate("inertia", 1.0, 0.1, "kg*m^2", Status.VALID),)))
-        progress.note("a remark")
+    with showing_progress(Output(), tick_s=1e-3) as on_event:
+        on_event(Planned((PlannedStep("free", 1.0),)))
+        on_event(StepBegun(0, "free"))
+        live = LiveEstimate(1, (Estimate("inertia", 1.0, 0.1, "kg*m^2", Status.VALID),))
+        on_event(PartMeasured(Measured(), live))
+        on_event(Note("a remark"))
     assert "a remark" in capsys.readouterr().err

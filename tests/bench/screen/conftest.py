@@ -2,7 +2,6 @@
 
 import asyncio
 import inspect
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,8 +11,8 @@ from norton_bench.recording.contents import Recording
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.experiment import Experiment
 from norton_bench.screen.sources import Replayed
+from norton_bench.session.events import SessionEvent, Summary
 from norton_bench.session.operator import Order
-from norton_bench.session.progress import Progress, SessionState, Summary
 from norton_bench.session.replay import Replay, load_replay
 from tests.bench.whole_session import RIG, SESSION, Performed, whole_session
 
@@ -44,19 +43,18 @@ class Clock:
 
 @dataclass
 class Stand:
-    """A session as the screen sees one: it tells what a recording tells, and keeps what is asked of it."""
+    """A session as the screen sees one: its events are those of a recording, and it keeps what is asked of it."""
 
     replay: Replay
     orders: list[Order] = field(default_factory=list)
     stops: list[str] = field(default_factory=list)
     closed: bool = False
-    told: list[Callable[[Progress], None]] = field(default_factory=list)  # what comes next, beside the measurements
+    next_events: list[SessionEvent] = field(default_factory=list)  # beside those of the replay
 
-    def tell(self, watcher: Progress) -> None:
-        self.replay.tell(watcher)
-        for say in self.told:
-            say(watcher)
-        self.told.clear()
+    def events(self) -> list[SessionEvent]:
+        events = [*self.replay.events(), *self.next_events]
+        self.next_events.clear()
+        return events
 
     def order(self, order: Order) -> None:
         self.orders.append(order)
@@ -113,7 +111,3 @@ def in_fixed_places(summary: Summary) -> Summary:
     runs = Path("runs/20260102-030405-sim-odrive")
     names = {name: getattr(summary, name) for name in ("recording", "network", "report")}
     return replace(summary, **{name: runs / path.name for name, path in names.items() if path is not None})
-
-
-def say_state(state: SessionState) -> Callable[[Progress], None]:
-    return lambda watcher: watcher.state(state)

@@ -21,8 +21,8 @@ from norton_bench.screen.screens.choices import ChoiceScreen
 from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import Confirm
 from norton_bench.session.engine import run_by_hand
+from norton_bench.session.events import Ended, Note, SessionEvent, SessionState, StateChanged, Summary
 from norton_bench.session.operator import Order
-from norton_bench.session.progress import SessionState, Silent, Summary
 from norton_bench.session.replay import Replay, load_replay
 from tests.bench.screen.conftest import RIGS, ROOT, Clock, Stand
 from tests.bench.screen.test_keys import shown, until
@@ -32,28 +32,20 @@ RIG = load_rig(RIGS / "sim-odrive.toml")
 HELD_S = 1.4
 
 
-class Told(Silent):
-    """What a session says on the way."""
-
-    def __init__(self) -> None:
-        self.notes: list[str] = []
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
-
-
 @pytest.fixture(scope="module")
 def jogged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     """A recording of a bench moved by hand, and what was said meanwhile."""
-    told, setpoints = Told(), Setpoints(0.03, LoadDoes.TORQUE, 0.02)
+    events: list[SessionEvent] = []
+    setpoints = Setpoints(0.03, LoadDoes.TORQUE, 0.02)
     script = JogScript(bounds_of(RIG), Preset(setpoints, HELD_S))
-    return run_by_hand(RIG, script, out=tmp_path_factory.mktemp("jog"), seed=1, progress=told), told.notes
+    recording = run_by_hand(RIG, script, out=tmp_path_factory.mktemp("jog"), seed=1, on_event=events.append)
+    return recording, [event.text for event in events if isinstance(event, Note)]
 
 
 @pytest.fixture
 def session(jogged: tuple[Path, list[str]], clock: Clock) -> Stand:
     stand = Stand(Replay(load_replay(jogged[0])[1], clock=clock))
-    stand.told += [lambda watcher, text=text: watcher.note(text) for text in jogged[1] if text.startswith("device ")]
+    stand.next_events += [Note(text) for text in jogged[1] if text.startswith("device ")]
     return stand
 
 
@@ -141,9 +133,9 @@ async def test_space_stops_it_while_a_question_is_open(by_hand: Experiment, sess
 async def test_after_a_stop_it_is_started_again(by_hand: Experiment, session: Stand, clock: Clock) -> None:
     async with at_hand(by_hand) as (app, pilot):
         await moving(app, pilot, clock, 0.5)
-        session.told += [
-            lambda watcher: watcher.state(SessionState.FAILED),
-            lambda watcher: watcher.result(Summary(ExitCode.INTERRUPTED, "stopped by the operator: space")),
+        session.next_events += [
+            StateChanged(SessionState.FAILED),
+            Ended(Summary(ExitCode.INTERRUPTED, "stopped by the operator: space")),
         ]
         await frame(app, pilot)
         assert not by_hand.live

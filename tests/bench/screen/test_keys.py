@@ -19,8 +19,8 @@ from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import Ask, Confirm, Mark
 from norton_bench.screen.screens.results import ResultsScreen
 from norton_bench.screen.settings import Settings
+from norton_bench.session.events import Ended, Note, Prompt, Question, SessionState, StateChanged, Summary
 from norton_bench.session.operator import Order
-from norton_bench.session.progress import Prompt, SessionState, Summary
 
 ROOT = Path(__file__).parents[3]
 RESULT = Summary(ExitCode.OK, report=Path("runs/report.html"))
@@ -90,7 +90,7 @@ async def test_pause_and_resume_share_a_key(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
         await pilot.press("p")
-        session.told.append(lambda watcher: watcher.state(SessionState.PAUSED))
+        session.next_events.append(StateChanged(SessionState.PAUSED))
         await frame(app, pilot)
         assert "resume" in shown(app)
         assert "pause" not in shown(app)
@@ -116,7 +116,7 @@ async def test_a_prompt_opens_by_itself_and_is_answered(live: Experiment, sessio
             (Prompt("load", "Which load is mounted?", ("none", "disc")), ["tab", "enter"], "disc"),
             (Prompt("who", "Who is there?"), ["h", "i", "enter"], "hi"),
         ):
-            session.told += [lambda w: w.state(SessionState.ASKING), lambda w, asked=prompt: w.ask(asked)]
+            session.next_events += [StateChanged(SessionState.ASKING), Question(prompt)]
             await frame(app, pilot)
             assert isinstance(app.screen, Ask)
             await pilot.press("escape")
@@ -126,7 +126,7 @@ async def test_a_prompt_opens_by_itself_and_is_answered(live: Experiment, sessio
             await pilot.press(*press)
             await pilot.pause()
             assert session.orders[-1] == Order("answer", answer)
-            session.told.append(lambda w: w.state(SessionState.RUNNING))
+            session.next_events.append(StateChanged(SessionState.RUNNING))
             await frame(app, pilot)
             assert "answer" not in shown(app)
 
@@ -167,7 +167,7 @@ async def test_results_follow_the_end(live: Experiment, session, monkeypatch: py
         await started(live, app, pilot)
         assert "results" not in shown(app)
         session.replay.seek(session.replay.duration_s)
-        session.told += [lambda w: w.state(SessionState.DONE), lambda w: w.result(RESULT)]
+        session.next_events += [StateChanged(SessionState.DONE), Ended(RESULT)]
         await frame(app, pilot)
         assert "start" in shown(app)  # once more
         await pilot.press("r")
@@ -288,7 +288,7 @@ async def test_space_stops_wherever_one_is(live: Experiment, session, way: str) 
 async def test_space_stops_while_asked_and_at_the_results(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
-        session.told += [lambda w: w.state(SessionState.ASKING), lambda w: w.ask(Prompt("who", "Who is there?"))]
+        session.next_events += [StateChanged(SessionState.ASKING), Question(Prompt("who", "Who is there?"))]
         await frame(app, pilot)
         await pilot.press("x", "space")
         assert len(session.stops) == 1
@@ -371,8 +371,8 @@ async def test_a_screenshot_that_cannot_be_written_says_why(live: Experiment, tm
 async def test_while_it_is_fitted_there_is_progress_and_no_key_that_does_nothing(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
-        session.told.append(lambda w: w.state(SessionState.CONCLUDING))
-        session.told.append(lambda w: w.note("final fit 2/4: friction models"))
+        session.next_events.append(StateChanged(SessionState.CONCLUDING))
+        session.next_events.append(Note("final fit 2/4: friction models"))
         await frame(app, pilot)
         assert not {"stop", "pause", "tare", "mark", "skip"} & shown(app)
         bar = "".join(text for row in at_experiment(app)._views(80, 1) for text, _ in row)
@@ -384,8 +384,8 @@ async def test_while_it_is_fitted_there_is_progress_and_no_key_that_does_nothing
         assert isinstance(app.screen, ResultsScreen)
         page = "".join(text for row in app.screen._rows(76, 20) for text, _ in row)
         assert "final fit 2/4: friction models" in page
-        session.told.append(lambda w: w.state(SessionState.DONE))
-        session.told.append(lambda w: w.result(RESULT))
+        session.next_events.append(StateChanged(SessionState.DONE))
+        session.next_events.append(Ended(RESULT))
         await frame(app, pilot)
         await until(pilot, lambda: "open_report" in shown(app))
 
@@ -393,7 +393,7 @@ async def test_while_it_is_fitted_there_is_progress_and_no_key_that_does_nothing
 async def test_leaving_while_it_is_fitted_says_what_is_given_up(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
-        session.told.append(lambda w: w.state(SessionState.CONCLUDING))
+        session.next_events.append(StateChanged(SessionState.CONCLUDING))
         await frame(app, pilot)
         await pilot.press("q")
         assert isinstance(app.screen, Confirm)

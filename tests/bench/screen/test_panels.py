@@ -12,6 +12,7 @@ from norton_bench.identification.results import LiveEstimate
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import TICK, Measured
 from norton_bench.report.words import number
+from norton_bench.result import ExpectationResult
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.experiment import Experiment, badge_of
 from norton_bench.screen.panels import result
@@ -21,7 +22,7 @@ from norton_bench.screen.panels.result import SIGNS, parameter_rows, result_rows
 from norton_bench.screen.picture.parts import Known
 from norton_bench.screen.picture.picture import Picture
 from norton_bench.screen.tones import Row, apart, fitted, heading, length
-from norton_bench.session.progress import Judged, SessionState, Summary
+from norton_bench.session.events import Ended, PartMeasured, SessionState, StateChanged, Summary
 
 WIDTHS = (20, 34, 36, 46, 60, 70, 88, 100, 196)
 
@@ -34,7 +35,7 @@ def texts(rows: list[Row]) -> list[str]:
 def at_end(replayed: Experiment) -> Experiment:
     assert replayed.replay is not None
     replayed.seek(replayed.replay.replay.duration_s)
-    replayed.tell()
+    replayed.update()
     return replayed
 
 
@@ -94,7 +95,7 @@ def test_the_final_fit_takes_the_place_of_live_values_and_says_so(at_end: Experi
     picture = at_end.picture
     assert "live" in texts(parameter_rows(picture.known, 40, 12))[0]
     final = tuple(replace(each, value=2 * each.value) for each in picture.known.estimates)
-    picture.result(Summary(ExitCode.OK, estimates=final))
+    picture.take(Ended(Summary(ExitCode.OK, estimates=final)))
     picture.known.take(LiveEstimate(2**62, at_end.picture.known.estimates[:1]))
     rows = texts(parameter_rows(picture.known, 40, 12))
     assert rows[0].startswith("Parameters final fit")
@@ -107,7 +108,7 @@ def test_the_final_fit_takes_the_place_of_live_values_and_says_so(at_end: Experi
 
 def test_without_a_final_fit_the_live_values_stay_and_are_named_so(at_end: Experiment) -> None:
     before = at_end.picture.known.estimates
-    at_end.picture.result(Summary(ExitCode.EXPERIMENT_FAILED, "stopped"))
+    at_end.picture.take(Ended(Summary(ExitCode.EXPERIMENT_FAILED, "stopped")))
     assert at_end.picture.known.estimates == before
     assert "live" in texts(parameter_rows(at_end.picture.known, 40, 12))[0]
 
@@ -138,7 +139,7 @@ def test_the_bar_says_where_it_is(at_end: Experiment, live: Experiment) -> None:
     assert "○ READY" in texts([title_row(live.picture, "x", "", 80, badge_of(live))])[0]
     signs = set()
     for state in SessionState:
-        live.picture.state(state)
+        live.picture.take(StateChanged(state))
         signs.add(badge_of(live)[0])
     assert len(signs) == len(list(SessionState))
 
@@ -149,7 +150,7 @@ def test_a_loop_that_is_late_says_how_much(rig: Rig) -> None:
     ticks["tick_ns"] = np.arange(500) * 1_000_000
     ticks["tick_ns"][400:] += 2_000_000
     ticks["lateness_ns"], ticks["work_ns"], ticks["receive_ns"] = 40_000, 120_000, 30_000
-    picture.part(Measured(ticks=ticks), LiveEstimate(0))
+    picture.take(PartMeasured(Measured(ticks=ticks), LiveEstimate(0)))
     rows = texts(health_rows(picture, 60, 20))
     loop = next(row for row in rows if "loop" in row)
     assert loop.startswith("▲ loop")
@@ -160,7 +161,7 @@ def test_a_loop_that_is_late_says_how_much(rig: Rig) -> None:
 
 def test_a_result_is_a_page(at_end: Experiment) -> None:
     estimates = at_end.picture.known.estimates
-    judged = (Judged("a", True, "τc is within 1 %"), Judged("b", False, "β is not within 1 %"))
+    judged = (ExpectationResult("a", True, "τc is within 1 %"), ExpectationResult("b", False, "β is not within 1 %"))
     verdict = ("The bandwidth is known badly: nothing above 20 Hz was excited, so raise the multisine's end.",)
     summary = Summary(ExitCode.OK, "", None, None, None, estimates, verdict, 0.024, 0.017, judged)
     for width in (60, 76, 116, 156, 196):

@@ -1,4 +1,4 @@
-"""What is known of a session by whoever watches: from a real recording, told as news."""
+"""What is known of a session by whoever watches: from a real recording, event by event."""
 
 from dataclasses import replace
 
@@ -14,14 +14,14 @@ from norton_bench.screen.experiment import Experiment
 from norton_bench.screen.picture.parts import Steps, half_width
 from norton_bench.screen.picture.picture import Line, Log, Picture, Tape
 from norton_bench.screen.plots.figure import Figure
-from norton_bench.session.progress import PlannedStep, SessionState
+from norton_bench.session.events import PartMeasured, PlannedStep, SessionState
 
 NAMES = ["tare", "calibrate", "free", "imposed", "validate"]
 
 
 def at(replayed: Experiment, moment_s: float) -> Picture:
     replayed.seek(moment_s)
-    replayed.tell()
+    replayed.update()
     return replayed.picture
 
 
@@ -59,14 +59,14 @@ def test_the_whole_recording_is_told_however_it_is_cut(replayed: Experiment) -> 
     replayed.seek(0.0)
     while not replay.ended:
         clock.now_s += 0.37  # type: ignore[attr-defined]
-        replayed.tell()
+        replayed.update()
     pieces = replayed.picture
     assert pieces.known.estimates == whole.known.estimates
     assert pieces.tape.rows().tobytes() == whole.tape.rows().tobytes()  # a rig without modulator has NaN there
     assert [step.state for step in pieces.steps.all] == [step.state for step in whole.steps.all] == ["done"] * 5
     assert {line.text for line in pieces.log.lines} == {line.text for line in whole.log.lines}
     assert np.allclose(pieces.source.branch(rising=True), whole.source.branch(rising=True))
-    assert pieces.state_now is SessionState.DONE
+    assert pieces.state is SessionState.DONE
 
 
 def test_parameters_converge(replayed: Experiment) -> None:
@@ -135,7 +135,7 @@ def test_a_silent_device_and_a_troubled_bus_are_named(rig: Rig) -> None:
     ticks["tick_ns"] = np.arange(10) * 1_000_000
     ticks["torque_age_ns"] = 2 * rig.limits.stale_after_ns
     events = (Event(5_000_000, "bus", "bus can0: error passive, once"),)
-    picture.part(Measured(ticks=ticks, events=events), LiveEstimate(0))
+    picture.take(PartMeasured(Measured(ticks=ticks, events=events), LiveEstimate(0)))
     states = {pulse.name: pulse.state for pulse in (*picture.health.devices(), *picture.health.buses())}
     assert states == {"actuator": "ok", "load": "ok", "torque sensor": "silent", "can0": "trouble"}
     assert picture.health.buses()[0].said == "error passive, once"
@@ -148,7 +148,7 @@ def test_lost_readings_are_counted_but_not_between_procedures(rig: Rig) -> None:
         part.ticks["tick_ns"] = first_ns + 99_000_000
         part.motion["arrival_ns"] = first_ns + np.arange(100) * 1_000_000
         part.motion["sequence"] = first + np.arange(100)
-        picture.part(part, LiveEstimate(0))
+        picture.take(PartMeasured(part, LiveEstimate(0)))
     assert picture.health.devices()[0].lost == 3
 
 

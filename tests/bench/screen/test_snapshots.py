@@ -14,7 +14,7 @@ from norton_bench.screen.experiment import Experiment, Opening
 from norton_bench.screen.screens.experiment import ExperimentScreen
 from norton_bench.screen.screens.questions import Ask, Mark
 from norton_bench.screen.screens.results import ResultsScreen
-from norton_bench.session.progress import Prompt
+from norton_bench.session.events import Ended, Prompt
 from tests.bench.screen.conftest import ROOT, Performed, in_fixed_places
 from tests.bench.screen.svg_grid import differences, seen
 
@@ -123,8 +123,9 @@ async def test_results_look_as_they_did(performed: Performed, replayed: Experime
     summary = in_fixed_places(performed.summary)
     done = Experiment(replayed.rig, "sessions/short.toml", lambda: pytest.fail("nobody started it"))
     replayed.replay.replay.seek(1e9)  # type: ignore[union-attr]
-    replayed.replay.tell(done.picture)  # type: ignore[union-attr]
-    done.picture.result(summary)
+    for event in replayed.replay.events():  # type: ignore[union-attr]
+        done.picture.take(event)
+    done.picture.take(Ended(summary))
     app = BenchApp(Opening(lambda _: Path()), done)
     async with app.run_test(size=size) as pilot:
         await pilot.pause()

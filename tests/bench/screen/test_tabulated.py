@@ -19,7 +19,7 @@ from norton_bench.screen.panels.result import result_rows
 from norton_bench.screen.picture.picture import STEP, Picture
 from norton_bench.screen.tones import Row, length
 from norton_bench.segments import Use
-from norton_bench.session.progress import Summary
+from norton_bench.session.events import PartMeasured, StepBegun, Summary
 
 RIGS = Path(__file__).parents[3] / "rigs"
 TICK_NS, PART_TICKS = 1_000_000, 100
@@ -57,7 +57,7 @@ def parts(*rows: tuple[str, str, float, float, float]) -> list[Measured]:
 def shown(rig: Rig, *rows: tuple[str, str, float, float, float]) -> Picture:
     picture = Picture(replace(rig, model="none", command=replace(rig.command, unit="rad")))
     for part in parts(*rows):
-        picture.part(part, LiveEstimate(0, ()))
+        picture.take(PartMeasured(part, LiveEstimate(0, ())))
     return picture
 
 
@@ -86,7 +86,7 @@ def test_a_reading_under_way_follows_its_newest_ticks(rig: Rig) -> None:
     second.ticks["segment"], second.ticks["position_rad"] = 0, -0.2
     picture = shown(rig)
     for part in (first, replace(second, segments=first.segments)):
-        picture.part(part, LiveEstimate(0, ()))
+        picture.take(PartMeasured(part, LiveEstimate(0, ())))
     (reading,) = picture.tabulated.readings.values()
     assert reading.position_rad == pytest.approx(-0.2)
 
@@ -125,7 +125,7 @@ def test_a_motor_with_gravity_is_drawn_as_places_once_it_is_tabulated(rig: Rig) 
     picture = Picture(rig)
     assert figures.source(picture).y.unit == "rad/s"
     for part in parts(*SOURCE):
-        picture.part(part, LiveEstimate(0, ()))
+        picture.take(PartMeasured(part, LiveEstimate(0, ())))
     assert figures.source(picture).y.unit == "rad"
 
 
@@ -182,14 +182,14 @@ def test_the_result_says_what_trials_came_to() -> None:
 def test_a_step_that_comes_twice_is_logged_twice(rig: Rig) -> None:
     picture = Picture(rig)
     for index in range(2):
-        picture.step(index, "tabulate_source")
+        picture.take(StepBegun(index, "tabulate_source"))
     assert [line.kind for line in picture.log.lines] == [STEP, STEP]
 
 
 def test_a_bench_without_a_torque_sensor_promises_nothing_that_needs_one() -> None:
     picture = Picture(load_rig(RIGS / "sim-in-situ.toml"))
     for part in parts(("in_situ", "trial 1", 0.1, 0.2, nan)):
-        picture.part(part, LiveEstimate(0, ()))
+        picture.take(PartMeasured(part, LiveEstimate(0, ())))
     for made in (figures.torque(picture, 5.0), figures.torque_velocity(picture), figures.torque_position(picture)):
         assert (made.traces, made.empty) == ((), "no torque sensor on this bench")
     assert figures.source(picture).empty == "found in situ, at the end"

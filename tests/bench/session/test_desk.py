@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from norton_bench.loop.stop_word import StopWord
+from norton_bench.session.events import SessionEvent, SessionState, StateChanged
 from norton_bench.session.operator import Desk, Order
-from norton_bench.session.progress import SessionState, Silent
 
 
 @dataclass
@@ -20,19 +20,13 @@ class Scripted:
         return self.batches.pop(0) if self.batches else ()
 
 
-@dataclass
-class States(Silent):
-    told: list[SessionState] = field(default_factory=list)
-
-    def state(self, state: SessionState) -> None:
-        self.told.append(state)
-
-
-def test_a_pause_that_is_ordered_as_another_ends_is_told_last() -> None:
+def test_a_pause_that_is_ordered_as_another_ends_comes_last() -> None:
     """What is put away passes through the loop's parts, at each of which orders are heard."""
-    operator, states = Scripted([[Order("pause")], [], [Order("resume")], [Order("pause")]]), States()
-    desk = Desk(operator, states, lambda _kind, _text: desk.listen())
+    events: list[SessionEvent] = []
+    operator = Scripted([[Order("pause")], [], [Order("resume")], [Order("pause")]])
+    desk = Desk(operator, events.append, lambda _kind, _text: desk.listen())
     desk.listen()
     desk.wait()
     assert desk.paused
-    assert states.told == [SessionState.PAUSING, SessionState.PAUSED, SessionState.RUNNING, SessionState.PAUSING]
+    states = (SessionState.PAUSING, SessionState.PAUSED, SessionState.RUNNING, SessionState.PAUSING)
+    assert events == [StateChanged(state) for state in states]

@@ -1,4 +1,4 @@
-"""A session in a child: told from afar as it is from near, and over, with the drives idle, when its watcher is."""
+"""A session in a child process: its events come as in one process; it ends, drives idle, when its watcher does."""
 
 import os
 import signal
@@ -13,10 +13,17 @@ import pytest
 from norton_bench.errors import ExitCode
 from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import load_rig
+from norton_bench.session.events import (
+    Ended,
+    PartMeasured,
+    Planned,
+    SessionEvent,
+    SessionState,
+    StateChanged,
+    StepBegun,
+)
 from norton_bench.session.hosted import HostedSession
-from norton_bench.session.news import News, PartNews, PlanNews, ResultNews, StateNews, StepNews
 from norton_bench.session.operator import Order
-from norton_bench.session.progress import SessionState
 from norton_bench.session.schema import parse_session
 
 ROOT = Path(__file__).parents[3]
@@ -31,57 +38,57 @@ def hosted(out: Path, text: str) -> HostedSession:
     return HostedSession(RIG, parse_session(text, place="test"), out=out, seed=1)
 
 
-def until(session: HostedSession, enough: Callable[[News], bool]) -> list[News]:
-    """All news up to the first that is ``enough``, and what came with it."""
-    heard: list[News] = []
+def until(session: HostedSession, enough: Callable[[SessionEvent], bool]) -> list[SessionEvent]:
+    """All events up to the first that is ``enough``, and what came with it."""
+    heard: list[SessionEvent] = []
     end = time.monotonic() + WAIT_S
     while not any(map(enough, heard)):
         assert time.monotonic() < end, heard[-3:]
-        heard += session.news()
+        heard += session.events()
         time.sleep(0.01)
     return heard
 
 
-def over(news: News) -> bool:
-    return isinstance(news, ResultNews)
+def over(event: SessionEvent) -> bool:
+    return isinstance(event, Ended)
 
 
-def summary(heard: list[News]) -> ResultNews:
-    assert isinstance(heard[-1], ResultNews)
+def summary(heard: list[SessionEvent]) -> Ended:
+    assert isinstance(heard[-1], Ended)
     return heard[-1]
 
 
 @pytest.fixture(scope="module")
-def heard(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[News]]:
+def heard(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[SessionEvent]]:
     with hosted(tmp_path_factory.mktemp("short"), SHORT) as session:
         session.order(Order("mark", "the fan was on"))
         yield until(session, over)
 
 
-def test_the_news_are_those_of_a_session(heard: list[News]) -> None:
-    (plan,) = (news for news in heard if isinstance(news, PlanNews))
+def test_the_events_are_those_of_a_session(heard: list[SessionEvent]) -> None:
+    (plan,) = (event for event in heard if isinstance(event, Planned))
     assert [step.name for step in plan.steps] == ["tare", "calibrate"]
-    assert [news.name for news in heard if isinstance(news, StepNews)] == ["tare", "calibrate"]
-    states = [news.state for news in heard if isinstance(news, StateNews)]
+    assert [event.name for event in heard if isinstance(event, StepBegun)] == ["tare", "calibrate"]
+    states = [event.state for event in heard if isinstance(event, StateChanged)]
     assert states[0] is SessionState.PREPARING
     assert states[-3:] == [SessionState.RUNNING, SessionState.CONCLUDING, SessionState.DONE]
     assert summary(heard).summary.exit_code == ExitCode.OK
 
 
-def test_the_parts_are_what_was_recorded(heard: list[News]) -> None:
-    parts = [news for news in heard if isinstance(news, PartNews)]
+def test_the_parts_are_what_was_recorded(heard: list[SessionEvent]) -> None:
+    parts = [event for event in heard if isinstance(event, PartMeasured)]
     path = summary(heard).summary.recording
     assert path is not None
     recorded = read_recording(path).measured
-    ticks = sum(len(news.measured.ticks) for news in parts)
+    ticks = sum(len(event.measured.ticks) for event in parts)
     assert ticks > 2000
-    assert ticks == len(recorded.ticks) or any(news.lost for news in parts)
+    assert ticks == len(recorded.ticks) or any(event.dropped for event in parts)
     assert parts[-1].measured.frames == ()
 
 
 def test_a_stop_ends_it_at_once(tmp_path: Path) -> None:
     with hosted(tmp_path, LONG) as session:
-        until(session, lambda news: isinstance(news, PartNews))
+        until(session, lambda event: isinstance(event, PartMeasured))
         session.stop("space")
         end = summary(until(session, over)).summary
     assert end.exit_code == ExitCode.INTERRUPTED
@@ -93,7 +100,7 @@ def test_a_stop_ends_it_at_once(tmp_path: Path) -> None:
 
 def test_closing_ends_it_too(tmp_path: Path) -> None:
     session = hosted(tmp_path, LONG)
-    until(session, lambda news: isinstance(news, PartNews))
+    until(session, lambda event: isinstance(event, PartMeasured))
     session.close()
     assert not session.running
     assert read_recording(tmp_path / "sim-odrive.mcap").complete
@@ -102,16 +109,16 @@ def test_closing_ends_it_too(tmp_path: Path) -> None:
 def test_closing_gives_up_a_fit(tmp_path: Path) -> None:
     """The drives are idle and the recording is whole by then: nobody has to wait."""
     session = hosted(tmp_path, SHORT + '[[step]]\ndo = "free"\nlevels = 3\ndwell = "100 ms"\nduration = "4 s"\n')
-    until(session, lambda news: news == StateNews(SessionState.CONCLUDING))
+    until(session, lambda event: event == StateChanged(SessionState.CONCLUDING))
     session.close()
     assert not session.running
     assert read_recording(tmp_path / "sim-odrive.mcap").complete
     assert not (tmp_path / "sim-odrive.report.html").exists()
 
 
-def test_a_child_that_dies_is_told_of(tmp_path: Path) -> None:
+def test_the_death_of_a_child_is_reported(tmp_path: Path) -> None:
     with hosted(tmp_path, LONG) as session:
-        until(session, lambda news: isinstance(news, PartNews))
+        until(session, lambda event: isinstance(event, PartMeasured))
         assert session.pid is not None
         os.kill(session.pid, signal.SIGKILL)
         end = summary(until(session, over)).summary
@@ -125,11 +132,10 @@ import sys, time
 from pathlib import Path
 from norton_bench.rig.load import load_rig
 from norton_bench.session.hosted import HostedSession
-from norton_bench.session.news import PartNews
 from norton_bench.session.schema import parse_session
 if __name__ == "__main__":
     session = HostedSession(load_rig(sys.argv[1]), parse_session(sys.argv[3], place="test"), out=Path(sys.argv[2]))
-    while not any(isinstance(news, PartNews) for news in session.news()):
+    while not any(isinstance(event, PartMeasured) for event in session.events()):
         time.sleep(0.01)
     print(session.pid, flush=True)
     time.sleep(600)

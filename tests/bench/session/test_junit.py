@@ -7,8 +7,18 @@ import pytest
 
 from norton_bench.errors import ExitCode, UsageError
 from norton_bench.models.parameters import Estimate, Status
+from norton_bench.result import ExpectationResult
+from norton_bench.session.events import (
+    Ended,
+    Note,
+    Planned,
+    PlannedStep,
+    SessionState,
+    StateChanged,
+    StepBegun,
+    Summary,
+)
 from norton_bench.session.junit import JUnitReport
-from norton_bench.session.progress import Judged, PlannedStep, SessionState, Summary
 
 PLAN = (PlannedStep("tare", 1.0), PlannedStep("imposed", 2.0, "v = 3"), PlannedStep("free", 1.0, certain=False))
 FOUND = Estimate("inertia", 5e-5, 1e-7, "kg*m^2", Status.VALID)
@@ -18,13 +28,13 @@ UNKNOWN = Estimate("coulomb_torque", float("nan"), float("inf"), "N*m", Status.U
 def reported(path: Path, steps: tuple[int, ...], summary: Summary) -> ET.Element:
     report = JUnitReport(path, "norton-bench.rig", {"seed": "1"})
     report.prepare()
-    report.plan(PLAN)
+    report(Planned(PLAN))
     for index in steps:
-        report.step(index, PLAN[index].name)
-    report.note("round 1\x1b[0m")
+        report(StepBegun(index, PLAN[index].name))
+    report(Note("round 1\x1b[0m"))
     if not summary.failure:
-        report.state(SessionState.CONCLUDING)
-    report.result(summary)
+        report(StateChanged(SessionState.CONCLUDING))
+    report(Ended(summary))
     (suite,) = ET.parse(path).getroot()
     return suite
 
@@ -39,7 +49,7 @@ def verdicts(suite: ET.Element) -> dict[str, str]:
 
 
 def test_a_session_that_came_through(tmp_path: Path) -> None:
-    expected = (Judged("inertia", True, "as it was"), Judged("inertia", False, "too wide"))
+    expected = (ExpectationResult("inertia", True, "as it was"), ExpectationResult("inertia", False, "too wide"))
     summary = Summary(ExitCode.EXPERIMENT_FAILED, estimates=(FOUND, UNKNOWN), expectations=expected)
     suite = reported(tmp_path / "new" / "j.xml", (0, 1), summary)
     assert verdicts(suite) == {

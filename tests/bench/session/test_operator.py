@@ -14,8 +14,19 @@ from norton_bench.procedures.rest import RestOptions, RestProcedure
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.recording.reader import read_recording
 from norton_bench.session.engine import run_script, run_session
+from norton_bench.session.events import (
+    Ended,
+    Note,
+    Planned,
+    PlannedStep,
+    Question,
+    SessionEvent,
+    SessionState,
+    StateChanged,
+    StepBegun,
+    Summary,
+)
 from norton_bench.session.operator import Answers, Order
-from norton_bench.session.progress import PlannedStep, Prompt, SessionState, Silent, Summary
 from norton_bench.session.schema import parse_session
 from norton_bench.session.script import Ask, Script, SoFar
 from tests.bench.half_rate import half_rate
@@ -26,7 +37,7 @@ REST = RestProcedure(RestOptions(duration_s=0.2))
 
 
 @dataclass
-class Attendant(Silent):
+class Attendant:
     """Watches a session, and gives what ``orders`` holds for a state as soon as the session has come to it."""
 
     planned: dict[SessionState, list[Order]] = field(default_factory=dict)
@@ -43,26 +54,22 @@ class Attendant(Silent):
         orders, self._waiting = self._waiting, []
         return orders
 
-    def state(self, state: SessionState) -> None:
-        self.heard.append(state.value)
-        if state in self.planned:
-            self._waiting += self.planned.pop(state)
-
-    def ask(self, prompt: Prompt) -> None:
-        self.heard.append(prompt.text)
-        self._waiting.append(Order("answer", self.replies.popleft()))
-
-    def note(self, text: str) -> None:
-        self.heard.append(text)
-
-    def plan(self, steps: Sequence[PlannedStep]) -> None:
-        self.plans.append(steps)
-
-    def step(self, index: int, name: str) -> None:
-        self.steps.append((index, name))
-
-    def result(self, summary: Summary) -> None:
-        self.summary = summary
+    def watch(self, event: SessionEvent) -> None:
+        match event:
+            case StateChanged(state):
+                self.heard.append(state.value)
+                self._waiting += self.planned.pop(state, [])
+            case Question(prompt):
+                self.heard.append(prompt.text)
+                self._waiting.append(Order("answer", self.replies.popleft()))
+            case Note(text):
+                self.heard.append(text)
+            case Planned(steps):
+                self.plans.append(steps)
+            case StepBegun(index, name):
+                self.steps.append((index, name))
+            case Ended(summary):
+                self.summary = summary
 
 
 def events(out: Path, *kinds: str) -> list[str]:
@@ -72,7 +79,7 @@ def events(out: Path, *kinds: str) -> list[str]:
 
 
 def performed(script: Callable[[SoFar], Script], out: Path, attendant: Attendant, **more: Answers) -> None:
-    run_script(RIG, script, out=out, seed=1, progress=attendant, operator=attendant, **more)
+    run_script(RIG, script, out=out, seed=1, on_event=attendant.watch, operator=attendant, **more)
 
 
 def two_rests(_so_far: SoFar) -> Script:
@@ -113,13 +120,15 @@ def test_a_step_is_left_out_unless_others_need_it(tmp_path: Path) -> None:
     text = '[[step]]\ndo = "rest"\nduration = "200 ms"\n[[step]]\ndo = "tare"\nduration = "500 ms"\n'
     attendant = Attendant({SessionState.RUNNING: [Order("skip")]})
     session = parse_session(text, place="test")
-    run_session(RIG, session, out=tmp_path, seed=1, progress=attendant, operator=attendant)
+    run_session(RIG, session, out=tmp_path, seed=1, on_event=attendant.watch, operator=attendant)
     assert events(tmp_path, "operator", "step") == ["left out: rest", "tare"]
     needed = '[[step]]\ndo = "tare"\nduration = "500 ms"\n[[step]]\ndo = "calibrate"\nduration = "2 s"\n'
     attendant = Attendant({SessionState.RUNNING: [Order("skip")]})
     again = tmp_path / "again"
     again.mkdir()
-    run_session(RIG, parse_session(needed, place="test"), out=again, seed=1, progress=attendant, operator=attendant)
+    run_session(
+        RIG, parse_session(needed, place="test"), out=again, seed=1, on_event=attendant.watch, operator=attendant
+    )
     assert "'tare' cannot be left out: 'calibrate' builds on it" in attendant.heard
     assert events(again, "step") == ["tare", "calibrate"]
 
@@ -195,7 +204,7 @@ def test_after_a_safety_stop_prompts_are_asked_and_nothing_moves(tmp_path: Path)
     attendant = Attendant(replies=deque(["done"]))
     with pytest.raises(SafetyStopError, match="torque sensor: silent"):
         run_session(
-            RIG, parse_session(text, place="test"), out=tmp_path, seed=1, progress=attendant, operator=attendant
+            RIG, parse_session(text, place="test"), out=tmp_path, seed=1, on_event=attendant.watch, operator=attendant
         )
     assert "left out 'rest': nothing moves any more" in attendant.heard
     assert events(tmp_path, "answer", "step") == ["clamp: done"]

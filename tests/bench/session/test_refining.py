@@ -1,6 +1,6 @@
 """Experiments that choose themselves, on the simulated bench through the real path."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from norton_bench.records import Measured
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Use
 from norton_bench.session.engine import SessionResult, run_session
-from norton_bench.session.progress import Silent
+from norton_bench.session.events import Note, SessionEvent
 from norton_bench.session.schema import Session, Step, refining_session
 from norton_sim.tools import true_parameters
 
@@ -37,14 +37,6 @@ STEPS = (
 )
 
 
-@dataclass
-class Listener(Silent):
-    notes: list[str] = field(default_factory=list)
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
-
-
 @dataclass(frozen=True)
 class Refined:
     result: SessionResult
@@ -53,9 +45,10 @@ class Refined:
 
 @pytest.fixture(scope="module")
 def refined(tmp_path_factory: pytest.TempPathFactory) -> Refined:
-    listener = Listener()
+    events: list[SessionEvent] = []
     out = tmp_path_factory.mktemp("refined")
-    return Refined(run_session(RIG, Session(STEPS, "test"), out=out, seed=SEED, progress=listener), listener.notes)
+    result = run_session(RIG, Session(STEPS, "test"), out=out, seed=SEED, on_event=events.append)
+    return Refined(result, [event.text for event in events if isinstance(event, Note)])
 
 
 def test_every_interval_becomes_as_narrow_as_asked(refined: Refined) -> None:

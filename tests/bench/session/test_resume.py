@@ -15,9 +15,9 @@ from norton_bench.records import Measured
 from norton_bench.session import engine
 from norton_bench.session.conclusion import conclude_recording
 from norton_bench.session.engine import SessionResult, run_session
+from norton_bench.session.events import Note, PartMeasured, PlannedStep, Question, SessionEvent, StepBegun
 from norton_bench.session.operator import Order
 from norton_bench.session.past import Past, before, read_past
-from norton_bench.session.progress import PlannedStep, Silent
 from norton_bench.session.schema import parse_session
 from tests.bench.half_rate import half_rate
 
@@ -50,7 +50,7 @@ SESSION = parse_session(TEXT, place="test.toml")
 
 
 @dataclass
-class Stopper(Silent):
+class Stopper:
     """Answers with A, and stops when step ``at`` has measured for a while."""
 
     at: int
@@ -65,20 +65,19 @@ class Stopper(Silent):
         orders, self._orders = self._orders, []
         return orders
 
-    def ask(self, prompt: object) -> None:
-        self._orders.append(Order("answer", "A"))
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
-
-    def step(self, index: int, name: str) -> None:
-        self.steps.append(name)
-        self._parts = 0
-
-    def part(self, measured: Measured, live: object) -> None:
-        self._parts += 1
-        if len(self.steps) == self.at and self._parts > 8:
-            self.stop.say("enough")
+    def watch(self, event: SessionEvent) -> None:
+        match event:
+            case Question():
+                self._orders.append(Order("answer", "A"))
+            case Note(text):
+                self.notes.append(text)
+            case StepBegun(_, name):
+                self.steps.append(name)
+                self._parts = 0
+            case PartMeasured():
+                self._parts += 1
+                if len(self.steps) == self.at and self._parts > 8:
+                    self.stop.say("enough")
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ class Both:
 
 def ran(out: Path, watcher: Stopper, resume: Path | None = None) -> SessionResult:
     out.mkdir()
-    return run_session(RIG, SESSION, out=out, seed=1, progress=watcher, operator=watcher, resume=resume)
+    return run_session(RIG, SESSION, out=out, seed=1, on_event=watcher.watch, operator=watcher, resume=resume)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """Watchdogs are tried before a session begins, and the guard is told what the session learns."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig, Supervision
 from norton_bench.session import engine
-from norton_bench.session.progress import Silent
+from norton_bench.session.events import Note, SessionEvent, Watcher, ignore
 from norton_bench.session.schema import Session, Step
 from norton_bench.session.supervision import told_to_guard
 from norton_drivers.registry import load_backend
@@ -27,26 +27,18 @@ FREE = load_rig(RIGS / "sim-free-shaft.toml")
 TARE = Step("tare", TareOptions(duration_s=0.5))
 
 
-@dataclass
-class Notes(Silent):
-    said: list[str] = field(default_factory=list)
-
-    def note(self, text: str) -> None:
-        self.said.append(text)
-
-
-def recorded(rig: Rig, out: Path, *steps: Step, notes: Notes | None = None) -> engine.Recorded:
-    return engine.record_session(rig, Session(steps, place="test"), out=out, seed=1, progress=notes)
+def recorded(rig: Rig, out: Path, *steps: Step, on_event: Watcher = ignore) -> engine.Recorded:
+    return engine.record_session(rig, Session(steps, place="test"), out=out, seed=1, on_event=on_event)
 
 
 def test_watchdogs_are_tried_noted_and_recorded_before_anything_moves(tmp_path: Path) -> None:
-    notes = Notes()
-    done = recorded(RIG, tmp_path, TARE, notes=notes)
+    events: list[SessionEvent] = []
+    done = recorded(RIG, tmp_path, TARE, on_event=events.append)
     measured = read_recording(done.recording).measured
     told = [(event.kind, event.text) for event in measured.events]
     assert [kind for kind, _ in told] == ["watchdog", "watchdog", "step"]
     for role, (_, text) in zip(("actuator", "load"), told[:2], strict=True):
-        assert text in notes.said
+        assert Note(text) in events
         start, milliseconds, unit = text.rsplit(" ", 2)
         assert (start, unit) == (f"watchdog of {role} verified:", "ms")
         assert 300 <= int(milliseconds) <= 420  # the rig's 300 ms, told by the next of ten heartbeats a second

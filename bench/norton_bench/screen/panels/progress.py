@@ -5,7 +5,7 @@ from norton_bench.screen.figures import FALLING, RISING
 from norton_bench.screen.picture.parts import Reading, Steps, StepState, Tabulated
 from norton_bench.screen.picture.picture import Log, Picture
 from norton_bench.screen.tones import BAD, GOOD, GRID, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
-from norton_bench.session.progress import SessionState
+from norton_bench.session.events import SessionState
 
 SIGNS = {
     "ahead": ("·", LABEL),
@@ -76,7 +76,7 @@ def title_row(picture: Picture, what: str, said: str, width: int, badge: Badge) 
     """
     words, tone = badge
     left: Row = [(f" {picture.rig.name}", STRONG), (f"  {what}", LABEL)]
-    paced = badge not in (REPLAYING, HALTED) and picture.state_now in PACED and picture.pace > 0
+    paced = badge not in (REPLAYING, HALTED) and picture.state in PACED and picture.pace > 0
     pace = f"{picture.pace:.1f}× " if paced and abs(picture.pace - 1) > 0.05 else ""
     right: Row = [(f"{said}  " if said else "", TEXT), (f"{pace} ", UNIT), (f" {words} ", tone)]
     return apart(left, right, width)

@@ -12,7 +12,7 @@ from norton_bench.report.section import Facts
 from norton_bench.report.words import interval, number, percent, pretty_unit, symbol
 from norton_bench.screen.picture.parts import Known, half_width
 from norton_bench.screen.tones import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
-from norton_bench.session.progress import Summary
+from norton_bench.session.events import Summary
 
 SIGNS = {
     Status.UNEXCITED: ("○", LABEL),
@@ -221,7 +221,7 @@ def _merit(summary: Summary, width: int) -> list[Row]:
             rows.append([(what.ljust(FACT), LABEL), (f"{percent(share)} of it", STRONG), said])
     for judged in summary.expectations:
         sign = ("✓ ", GOOD) if judged.met else ("✗ ", BAD)
-        rows.append(fitted([sign, (judged.said, TEXT)], width))
+        rows.append(fitted([sign, (judged.sentence, TEXT)], width))
     return [heading("Figures of merit", "", "", width), *(fitted(row, width) for row in rows)] if rows else []
 
 

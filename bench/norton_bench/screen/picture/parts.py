@@ -14,7 +14,7 @@ from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import Event, Measured, SegmentInfo, Table
 from norton_bench.report.streams import LEAST_PAUSE_NS
 from norton_bench.rig.rig import Rig
-from norton_bench.session.progress import PlannedStep
+from norton_bench.session.events import PlannedStep
 from norton_drivers.wiring import DeviceSettings
 
 WIDTH_95 = 1.96
@@ -51,7 +51,7 @@ class Known:
         return sum(estimate.status is Status.VALID for estimate in self.estimates)
 
     def take(self, live: LiveEstimate) -> None:
-        """Learn what the identifier says now; what it said already is no news."""
+        """Learn what the identifier says now; an estimate that has not changed counts for nothing."""
         if self.final or live.stamp_ns <= self._stamp_ns or not live.estimates:
             return
         self._stamp_ns = live.stamp_ns

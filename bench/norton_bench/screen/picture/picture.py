@@ -1,7 +1,6 @@
-"""Everything that is known of a session by whoever watches it. It takes the session's news, and draws nothing."""
+"""Everything that is known of a session by whoever watches it. It takes the session's events, and draws nothing."""
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 
@@ -13,7 +12,19 @@ from norton_bench.jog.signals import Signals
 from norton_bench.records import FOR_PROGRAMS, TICK, Measured, SegmentInfo, Table
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.picture.parts import Health, Known, Steps, Tabulated
-from norton_bench.session.progress import PlannedStep, Prompt, SessionState, Summary
+from norton_bench.session.events import (
+    Ended,
+    Note,
+    PartMeasured,
+    Planned,
+    Prompt,
+    Question,
+    SessionEvent,
+    SessionState,
+    StateChanged,
+    StepBegun,
+    Summary,
+)
 
 
 class Tape:
@@ -148,7 +159,7 @@ class Picture:
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self.state_now: SessionState | None = None
+        self.state: SessionState | None = None
         self.steps = Steps()
         self.tape = Tape(round(TAPE_S / rig.tick_s))
         self.source = SourceSeen()
@@ -161,7 +172,7 @@ class Picture:
         self.prompt: Prompt | None = None
         self.summary: Summary | None = None
         self.fitting = ""  # which part of the final fit goes on
-        self.changes = 0  # grows with every piece of news
+        self.changes = 0  # grows with every event
         self._first_ns: int | None = None
         self._now_ns = 0
         self._paces: list[tuple[float, float]] = []
@@ -181,7 +192,7 @@ class Picture:
     @property
     def concluding(self) -> bool:
         """Whether the final fit goes on: the drives are idle for good, and there is nothing left to order."""
-        return self.state_now is SessionState.CONCLUDING
+        return self.state is SessionState.CONCLUDING
 
     @property
     def first_ns(self) -> int:
@@ -195,17 +206,28 @@ class Picture:
         (began, began_s), (ended, ended_s) = self._paces[0], self._paces[-1]
         return (ended_s - began_s) / (ended - began) if ended > began else 0.0
 
-    def plan(self, steps: Sequence[PlannedStep]) -> None:
+    def take(self, event: SessionEvent) -> None:
+        """What happened last."""
         self.changes += 1
-        self.steps.plan(steps)
+        match event:
+            case Planned(steps):
+                self.steps.plan(steps)
+            case StepBegun(index, name):
+                self.steps.begin(index, self.now_s)
+                self.log.add(Line(self._log_s, STEP, f"{name} begins"))
+            case PartMeasured(measured, live):
+                self._take_part(measured, live)
+            case Note(text):
+                self.fitting = text if self.concluding else self.fitting
+                self.log.add(Line(self._log_s, "note", text))
+            case StateChanged(state):
+                self._take_state(state)
+            case Question(prompt):
+                self.prompt = prompt
+            case Ended(summary):
+                self._take_end(summary)
 
-    def step(self, index: int, name: str) -> None:
-        self.changes += 1
-        self.steps.begin(index, self.now_s)
-        self.log.add(Line(self._log_s, STEP, f"{name} begins"))
-
-    def part(self, measured: Measured, live: LiveEstimate) -> None:
-        self.changes += 1
+    def _take_part(self, measured: Measured, live: LiveEstimate) -> None:
         if len(measured.ticks):
             if self._first_ns is None:
                 self._first_ns = int(measured.ticks["tick_ns"][0])
@@ -224,15 +246,8 @@ class Picture:
             stamp_s = None if self._first_ns is None else (event.stamp_ns - self._first_ns) * 1e-9
             self.log.add(Line(stamp_s, event.kind, event.text))
 
-    def note(self, text: str) -> None:
-        self.changes += 1
-        if self.concluding:
-            self.fitting = text
-        self.log.add(Line(self._log_s, "note", text))
-
-    def state(self, state: SessionState) -> None:
-        self.changes += 1
-        self.state_now = state
+    def _take_state(self, state: SessionState) -> None:
+        self.state = state
         if state is not SessionState.ASKING:
             self.prompt = None
         if state is SessionState.CONCLUDING:
@@ -240,12 +255,7 @@ class Picture:
         if state in (SessionState.CONCLUDING, *OVER):
             self.steps.end(self.now_s, whole=state is not SessionState.FAILED)
 
-    def ask(self, prompt: Prompt) -> None:
-        self.changes += 1
-        self.prompt = prompt
-
-    def result(self, summary: Summary) -> None:
-        self.changes += 1
+    def _take_end(self, summary: Summary) -> None:
         self.summary = summary
         self.known.settle(summary.estimates)
         if summary.failure:

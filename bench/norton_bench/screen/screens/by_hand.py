@@ -22,7 +22,7 @@ from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import Confirm, Mark
 from norton_bench.screen.tones import Row
-from norton_bench.session.progress import SessionState, Summary
+from norton_bench.session.events import SessionState, Summary
 
 SHARES = (0.005, 0.01, 0.02, 0.05, 0.1)
 USUAL_SHARE = 2
@@ -70,8 +70,8 @@ class ByHandScreen(Screen[None]):
         self.set_interval(1 / self._fps, self._frame)
 
     def _frame(self) -> None:
-        """Read the news; draw, where the terminal has taken the last frame."""
-        self.experiment.tell()
+        """Read the events; draw, where the terminal has taken the last frame."""
+        self.experiment.update()
         self._attend()
         if self.app.screen is self and keeps_up(self.app._driver):
             self.draw_frame()
@@ -116,7 +116,7 @@ class ByHandScreen(Screen[None]):
 
     def _attend(self) -> None:
         """What cannot wait for a glance: that drives are enabled, and the end."""
-        state, summary = self.experiment.picture.state_now, self.experiment.summary
+        state, summary = self.experiment.picture.state, self.experiment.summary
         if state is not self._told_state:
             self._told_state, self._touched_s = state, time.monotonic()
             self.refresh_bindings()

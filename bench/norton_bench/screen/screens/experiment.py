@@ -19,7 +19,7 @@ from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Ask, Confirm, Mark
 from norton_bench.screen.tones import Row
-from norton_bench.session.progress import Prompt, SessionState, Summary
+from norton_bench.session.events import Prompt, SessionState, Summary
 
 VIEWS = ["Overview", "Loops", "Source", "Bench"]
 WINDOWS_S = (2.0, 5.0, 10.0, 20.0, 40.0)
@@ -71,8 +71,8 @@ class ExperimentScreen(Screen[None]):
         self.set_interval(1 / self._fps, self._frame)
 
     def _frame(self) -> None:
-        """Read the news; draw, where there are any and the terminal has taken the last frame."""
-        self.experiment.tell()
+        """Read the events; draw, where there are any and the terminal has taken the last frame."""
+        self.experiment.update()
         self._attend()
         if self.app.screen is self and keeps_up(self.app._driver):
             self.draw_frame()
@@ -131,14 +131,14 @@ class ExperimentScreen(Screen[None]):
         if prompt is not None and prompt is not self._asked and self.app.screen is self:
             self._asked = prompt
             self.action_answer()
-        state = self.experiment.picture.state_now
+        state = self.experiment.picture.state
         if state is not self._told_state:
             self._told_state = state
             self.refresh_bindings()
             self.draw_frame(all_of_it=True)
 
     def _tell_end(self) -> None:
-        """The end of a session is news wherever one looks."""
+        """Wherever the user looks, the end of a session is shown."""
         summary = self.experiment.summary
         if summary is not None and summary is not self._told_end and self.experiment.replay is None:
             self._told_end = summary
@@ -150,7 +150,7 @@ class ExperimentScreen(Screen[None]):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Keys that would do nothing now are not there."""
         experiment = self.experiment
-        replayed, state = experiment.replay is not None, experiment.picture.state_now
+        replayed, state = experiment.replay is not None, experiment.picture.state
         waiting = state is SessionState.ASKING
         may = {
             "start": not replayed and not experiment.live,

@@ -6,26 +6,28 @@ import pytest
 
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import Estimate, Status
+from norton_bench.result import ParameterResult, parameter_result
 from norton_bench.session.conditions import Condition, compared, share
-from norton_bench.session.progress import Found, found_in
 
-FOUND = Found("coulomb_torque", "N*m", 0.0204, 0.0204 / 196, Status.VALID)  # ± 1 %
-NOTHING = found_in((), "coulomb_torque", "N*m")
+FOUND = ParameterResult("coulomb_torque", "N*m", 0.0204, 0.0204 / 196, Status.VALID)  # ± 1 %
+NOTHING = parameter_result((), "coulomb_torque", "N*m")
 
 
 def test_the_interval_is_half_of_95_percent_over_the_value() -> None:
     assert FOUND.interval == pytest.approx(0.01)
     assert NOTHING.interval == inf
     assert isnan(NOTHING.value)
-    assert Found("inertia", "kg*m^2", 1.0, 0.1, Status.DOUBTFUL).interval == inf
+    assert ParameterResult("inertia", "kg*m^2", 1.0, 0.1, Status.DOUBTFUL).interval == inf
 
 
 def test_an_estimate_is_found_by_its_name() -> None:
     estimate = Estimate("torque_gain", 0.9, 0.1, "N*m/(A)", Status.AT_BOUND)
-    assert found_in((estimate,), "torque_gain", "A") == Found("torque_gain", "N*m/(A)", 0.9, 0.1, Status.AT_BOUND)
-    assert found_in((), "torque_gain", "A").unit == "N*m/(A)"
+    assert parameter_result((estimate,), "torque_gain", "A") == ParameterResult(
+        "torque_gain", "N*m/(A)", 0.9, 0.1, Status.AT_BOUND
+    )
+    assert parameter_result((), "torque_gain", "A").unit == "N*m/(A)"
     with pytest.raises(UsageError, match=r'"torque_gian" is no parameter; did you mean "torque_gain"\?'):
-        found_in((estimate,), "torque_gian", "A")
+        parameter_result((estimate,), "torque_gian", "A")
 
 
 @pytest.mark.parametrize(
@@ -42,14 +44,17 @@ def test_a_value_is_near_its_reference_or_not(tolerance: str, reference: str, me
     assert judged.met is met
     verb = "is" if met else "is not"
     off = "" if met else ", but 2 % off"
-    assert judged.said == f"coulomb_torque = 0.0204 ± 0.0002 N*m (valid): {verb} within {tolerance} of {reference}{off}"
+    assert (
+        judged.sentence
+        == f"coulomb_torque = 0.0204 ± 0.0002 N*m (valid): {verb} within {tolerance} of {reference}{off}"
+    )
 
 
 def test_what_is_not_valid_is_near_nothing() -> None:
-    learning = Found("coulomb_torque", "N*m", 0.02, 0.0, Status.LEARNING)
+    learning = ParameterResult("coulomb_torque", "N*m", 0.02, 0.0, Status.LEARNING)
     assert not learning.is_within("50 %", "0.02 N*m").met
     assert not learning.is_known_within("50 %").met
-    assert NOTHING.is_within("50 %", "0.02 N*m").said.startswith(
+    assert NOTHING.is_within("50 %", "0.02 N*m").sentence.startswith(
         "coulomb_torque is not known (unexcited): is not within"
     )
 
