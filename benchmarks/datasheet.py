@@ -28,7 +28,7 @@ from wide_family import RIGS, carried_out_by, drawn, span
 
 from norton_bench.datasheet.evidence import Evidence
 from norton_bench.datasheet.ripple import CHANCE
-from norton_bench.datasheet.sheet import sheet_of_fit
+from norton_bench.datasheet.sheet import sheet_of_result
 from norton_bench.errors import BenchError
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import fit_judged
@@ -38,6 +38,7 @@ from norton_bench.models.derived import derived
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
 from norton_bench.recording.reader import read_recording
+from norton_bench.result import Result
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
 from norton_sim.truth import read_truth, true_parameters
@@ -86,7 +87,16 @@ def evaluated(seed: int, kept: Path) -> Outcome:
         fit = fit_judged(sound(recording.measured), command_unit=rig.command.unit, tick_s=rig.tick_s)
     except BenchError as error:
         return Outcome(seed, refusal=str(error))
-    sheet = sheet_of_fit(fit.result, recording, diagnose(fit.result, fit.stretches), file=str(recordings[-1]))
+    result = Result(
+        recording.metadata["rig"],
+        recording.rig_text,
+        recording.metadata,
+        recordings[-1],
+        recording.measured,
+        fit=fit.result,
+        residuals=diagnose(fit.result, fit.stretches),
+    )
+    sheet = sheet_of_result(result)
     true = {figure.key: figure.value for figure in derived(true_network(rig, seed), sheet.points)}
     told = tuple(
         Told(seed, f.key, true[f.key], f.value, f.interval, f.status is Status.VALID)

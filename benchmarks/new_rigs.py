@@ -30,7 +30,7 @@ def _ended(devices: tuple[str, str, str], seed: int) -> str:
     rig = parse_rig(Interview(Prepared(answers(*devices)), "new").rig(), place="new.toml", backend="simulated")
     with tempfile.TemporaryDirectory() as folder:
         try:
-            found = run_session(rig, standard_session(rig), out=Path(folder), seed=seed).conclusion
+            found = run_session(rig, standard_session(rig), out=Path(folder), seed=seed)
         except (BenchError, DeviceError) as error:
             return f"{type(error).__name__}: {error}"
     return "done" if found.fit is not None else "done, tables alone"

@@ -35,9 +35,10 @@ from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
 from norton_bench.procedures.waves import Motion, from_velocity, multisine, multisine_motion, sine_motion
+from norton_bench.result import Result
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
-from norton_bench.session.conclusion import Conclusion, conclude_recording
+from norton_bench.session.conclusion import conclude_recording
 from norton_bench.session.engine import record_session
 from norton_bench.session.schema import standard_session
 from norton_sim.plant import Plant
@@ -175,13 +176,13 @@ def outcome(world: str, strength: float, seed: int, recording: Path | None = Non
     with TemporaryDirectory() as folder:
         try:
             path = recording or record_session(rig, standard_session(rig), out=Path(folder), seed=seed).recording
-            _, found = conclude_recording(path, Path(folder))
+            found = conclude_recording(path, Path(folder))
         except ExperimentError as error:
             return Outcome(world, strength, seed, refused=str(error))
         return compared(Outcome(world, strength, seed), rig, found)
 
 
-def compared(about: Outcome, rig: Rig, found: Conclusion) -> Outcome:
+def compared(about: Outcome, rig: Rig, found: Result) -> Outcome:
     """What was found, beside the truth."""
     assert found.fit is not None
     error = found.model_error
@@ -190,9 +191,9 @@ def compared(about: Outcome, rig: Rig, found: Conclusion) -> Outcome:
         named=() if error is None else tuple(each.kind.name for each in error.departures),
         all_valid=all(estimate.status is Status.VALID for estimate in found.fit.estimates),
     )
-    if found.network is None:
+    if found.network_file is None:
         return told
-    network = NortonNetwork.load(found.network)
+    network = NortonNetwork.load(found.network_file)
     if network.prediction is None:
         return told
     truth = read_truth(rig.simulated, seed=about.seed, place=rig.place, command_unit=rig.command.unit)

@@ -29,9 +29,10 @@ from norton_bench.identification.model_free.source_map import dwells, is_stairca
 from norton_bench.identification.results import SourceMap
 from norton_bench.procedures.catalogue import make_procedures
 from norton_bench.records import Measured
+from norton_bench.result import Result
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
-from norton_bench.session.conclusion import Conclusion, conclude
+from norton_bench.session.conclusion import conclude
 from norton_bench.session.engine import record_procedures
 from norton_bench.session.schema import standard_session
 from norton_drivers.registry import load_backend
@@ -113,7 +114,7 @@ def _one(rig: Rig, seed: int) -> Outcome:
     return _judged(found, found.source_map, rig, seed, eyes.means_nm(windows(done.measured)))
 
 
-def _judged(found: Conclusion, source: SourceMap, rig: Rig, seed: int, true_port_nm: list[float]) -> Outcome:
+def _judged(found: Result, source: SourceMap, rig: Rig, seed: int, true_port_nm: list[float]) -> Outcome:
     assert found.validation is not None
     true = true_velocity(rig, seed, source.command)
     low, high = np.quantile(source.resampled_rad_s, TAILS, axis=0)

@@ -191,12 +191,12 @@ def again(seed: int, kept: Path) -> Outcome | None:
 def evaluated(bench: Bench, rig: Rig, recording: Path) -> Outcome:
     with TemporaryDirectory() as folder:
         try:
-            conclusion = conclude_recording(recording, Path(folder))[1]
+            result = conclude_recording(recording, Path(folder))
         except BenchError as error:
             return Outcome(bench, refusal=str(error))
-    if conclusion.fit is None:
+    if result.fit is None:
         return Outcome(bench, refusal="nothing was identified")
-    return Outcome(bench, numbers_of(conclusion.fit, rig, bench.seed, recording))
+    return Outcome(bench, numbers_of(result.fit, rig, bench.seed, recording))
 
 
 def numbers_of(result: FitResult, rig: Rig, seed: int, recording: Path) -> tuple[Number, ...]:

@@ -19,14 +19,14 @@ def main(session_file: str | None = None) -> None:
     session = standard_session() if session_file is None else load_session(session_file)
     rig = load_rig(session.rig or RIG)
     result = run_session(rig, session, out=Path(mkdtemp(prefix="norton-bench-")), seed=1)
-    fit = result.conclusion.fit
+    fit = result.fit
     assert fit is not None
     for estimate in fit.estimates:
         print(
             f"{estimate.name:22} {estimate.value:10.4g} ± {estimate.std:.2g} {estimate.unit} ({estimate.status.value})"
         )
     print(f"what the data cannot tell: {'; '.join(fit.verdict) or 'nothing was asked that they cannot'}")
-    print(f"recording {result.recording}\nnetwork   {result.conclusion.network}\nreport    {result.conclusion.report}")
+    print(f"recording {result.recording}\nnetwork   {result.network_file}\nreport    {result.report_file}")
 
 
 if __name__ == "__main__":

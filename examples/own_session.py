@@ -30,8 +30,8 @@ def main(multisine_s: str = "8") -> None:
     heavier = {**rig.simulated, "actuator": {**rig.simulated["actuator"], "inertia": "8e-5 kg*m^2"}}
     session, out = own_session(float(multisine_s)), Path(mkdtemp(prefix="norton-bench-"))
     result = run_session(replace(rig, simulated=heavier), session, out=out, seed=2)
-    assert result.conclusion.fit is not None
-    inertia = result.conclusion.fit.estimate("inertia")
+    assert result.fit is not None
+    inertia = result.fit.estimate("inertia")
     print(f"inertia {inertia.value:.3g} ± {inertia.std:.1g} {inertia.unit}, where 8e-05 is true")
 
 

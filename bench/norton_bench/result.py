@@ -1,12 +1,29 @@
-"""What a fit says of one parameter, and whether that is what is expected of it."""
+"""The result of an experiment, whole, and what it says of one parameter or of what was expected of it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import inf, isfinite, nan
+from pathlib import Path
 
-from norton_bench.errors import UsageError
+from norton_bench.errors import ExitCode, UsageError
+from norton_bench.identification.ambiguity.conditions import Judgement
+from norton_bench.identification.in_situ import InSituResult
+from norton_bench.identification.ladder import Rung
+from norton_bench.identification.model_error import ModelError
+from norton_bench.identification.model_free.without_model import WithoutModel
+from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
+from norton_bench.identification.tables.exertion_table import ExertionTable
+from norton_bench.identification.tables.modulation import ModulatorPlaces
+from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.trials import TrialFigures
+from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, HALF_INTERVAL, Estimate, Status
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.recording.contents import RecordedEstimates
+from norton_bench.records import Measured
 from norton_bench.rig.files import nearest
-from norton_bench.units import parse_quantity
+from norton_bench.units import Units, parse_quantity
 
 
 @dataclass(frozen=True)
@@ -92,3 +109,75 @@ def check_name(name: str) -> None:
     """Raises UsageError where there is no such parameter."""
     if name not in BY_NAME:
         raise UsageError(f'"{name}" is no parameter; {nearest(name, BY_NAME)}')
+
+
+@dataclass(frozen=True)
+class Result:
+    """Everything that follows from one recording: what reports, tables, JSON and the screen are views of.
+
+    A part is None, or empty, where the session measured nothing that could tell. ``metadata`` says where the data come
+    from, by the names of the recording ("command_unit", "seed", "rig_file", ...); ``measured`` begins with what the
+    session that it resumed has finished. ``knowledge`` is what the session's procedures knew at its end, None for a
+    recording that is fitted again.
+    """
+
+    rig_name: str
+    rig_text: str = ""
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    recording: Path | None = None
+    measured: Measured | None = None
+    live: Sequence[LiveEstimate | RecordedEstimates] = ()
+    knowledge: Knowledge | None = None
+    notes: Sequence[str] = ()
+    fit: FitResult | None = None
+    validation: Validation | None = None
+    model_error: ModelError | None = None
+    source_map: SourceMap | None = None
+    blocked_map: BlockedMap | None = None
+    source: SourceTable | None = None
+    exertion: ExertionTable | None = None
+    modulator: ModulatorPlaces | None = None
+    without_model: WithoutModel | None = None
+    residuals: ResidualTests | None = None
+    conditions: Sequence[Judgement] = ()
+    ladder: Sequence[Rung] = ()
+    trials: Sequence[TrialFigures] = ()
+    in_situ: InSituResult | None = None
+    expectations: Sequence[ExpectationResult] = ()
+    network_file: Path | None = None
+    report_file: Path | None = None
+    motion_file: Path | None = None  # the motion source identified in situ, as CSV
+
+    @property
+    def command_unit(self) -> str:
+        return self.metadata.get("command_unit", "")
+
+    @property
+    def units(self) -> Units:
+        return Units(self.command_unit, self.metadata.get("modulation_unit", ""))
+
+    @property
+    def network(self) -> NortonNetwork | None:
+        return self.fit.network if self.fit is not None else None
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was identified: neither parameters nor tables, nor a source in situ."""
+        parts = (self.fit, self.source_map, self.blocked_map, self.source, self.exertion, self.in_situ)
+        return all(part is None for part in parts)
+
+    @property
+    def shortcoming(self) -> str:
+        """Why it is a failure: an expectation that was not met, or a fit that is no result. Empty where it is none."""
+        missed = sum(not each.met for each in self.expectations)
+        if missed:
+            return f"{missed} of {len(self.expectations)} expectations were not met"
+        return self.fit.shortcoming if self.fit is not None else ""
+
+    @property
+    def exit_code(self) -> ExitCode:
+        return ExitCode.EXPERIMENT_FAILED if self.shortcoming else ExitCode.OK
+
+    def parameter(self, name: str) -> ParameterResult:
+        """What the fit says of it, also where that is nothing. Raises UsageError for an unknown name."""
+        return parameter_result(self.fit.estimates if self.fit is not None else (), name, self.command_unit)

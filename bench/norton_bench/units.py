@@ -2,7 +2,7 @@
 
 import re
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import BeforeValidator
 
@@ -159,3 +159,10 @@ def _convert(value: float, written: str, unit: str, text: str) -> float:
 def quantity_in(unit: str) -> BeforeValidator:
     """For a pydantic field, ``Annotated[float, quantity_in("s")]``: written as a quantity, held as a float."""
     return BeforeValidator(lambda text: parse_quantity(text, unit))
+
+
+class Units(NamedTuple):
+    """Of the actuator's command, and of its modulator's, as the rig file writes them; "" where there is none."""
+
+    command: str
+    modulation: str = ""

@@ -7,9 +7,10 @@ import pytest
 
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
+from norton_bench.result import Result
 from norton_bench.rig.load import load_rig
-from norton_bench.session.engine import SessionResult, run_session
-from norton_bench.session.events import Ended, PartMeasured, SessionEvent, Summary
+from norton_bench.session.engine import run_session
+from norton_bench.session.events import Ended, PartMeasured, SessionEvent
 from norton_bench.session.schema import Session, Step
 from tests.bench.once import once
 
@@ -33,9 +34,9 @@ SESSION = Session(
 class Performed:
     """The session, its live estimates, one a part, and its folder, in which nobody else writes."""
 
-    result: SessionResult
+    result: Result
     live: list[LiveEstimate]
-    summary: Summary
+    summary: Ended
     out: Path
 
 
@@ -48,4 +49,4 @@ def _perform(out: Path) -> Performed:
     result = run_session(RIG, SESSION, out=out, seed=SEED, on_event=events.append)
     assert isinstance(events[-1], Ended)
     live = [event.live for event in events if isinstance(event, PartMeasured)]
-    return Performed(result, live, events[-1].summary, out)
+    return Performed(result, live, events[-1], out)

@@ -64,16 +64,16 @@ def _of_recording(file: Path, output: Output) -> "Sheet":
     """Fitted as ``fit`` and ``report`` do it, whose files are not written here."""
     from tempfile import TemporaryDirectory  # noqa: PLC0415
 
-    from norton_bench.datasheet.sheet import sheet_of_fit  # noqa: PLC0415
+    from norton_bench.datasheet.sheet import sheet_of_result  # noqa: PLC0415
     from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
     output.say(f"fitting {file}")
     with TemporaryDirectory() as folder:
-        recording, found = conclude_recording(file, Path(folder))
-    if found.fit is None:
+        result = conclude_recording(file, Path(folder))
+    if result.fit is None:
         raise UsageError(
             f"{file}: no model was fitted to this actuator, so no figures follow; its report has its tables"
         )
-    if not found.fit.converged:
-        raise ExperimentError(f"{file}: {found.fit.shortcoming}")
-    return sheet_of_fit(found.fit, recording, found.residuals, file=str(file))
+    if not result.fit.converged:
+        raise ExperimentError(f"{file}: {result.fit.shortcoming}")
+    return sheet_of_result(result)

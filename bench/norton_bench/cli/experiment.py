@@ -15,8 +15,8 @@ from norton_bench.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
     from norton_bench.cli.operator import CommandLineOperator
+    from norton_bench.result import Result
     from norton_bench.rig.rig import Rig
-    from norton_bench.session.engine import SessionResult
     from norton_bench.session.events import SessionEvent, Watcher
     from norton_bench.session.schema import Session
 
@@ -167,7 +167,7 @@ def perform(rig: "Rig", session: "Session", wishes: Wishes, output: Output) -> i
     return _show(result, output)
 
 
-def _run(rig: "Rig", session: "Session", folder: Path, wishes: Wishes, output: Output) -> "SessionResult":
+def _run(rig: "Rig", session: "Session", folder: Path, wishes: Wishes, output: Output) -> "Result":
     from norton_bench.cli.operator import operator_here  # noqa: PLC0415
     from norton_bench.session.engine import run_session  # noqa: PLC0415
     from norton_bench.session.operator import Answers  # noqa: PLC0415
@@ -215,7 +215,7 @@ def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:
         folder.rmdir()
 
 
-def _show(result: "SessionResult", output: Output) -> int:
+def _show(result: "Result", output: Output) -> int:
     from norton_bench.cli.results import (  # noqa: PLC0415
         events,
         expectation_figures,
@@ -226,27 +226,19 @@ def _show(result: "SessionResult", output: Output) -> int:
         until_sentences,
     )
 
-    found, refined = result.conclusion, result.knowledge.refinement
-    data: dict[str, Any] = {**identification(found, result.recording), "events": events(result.measured)}
-    view = [summary(found, result.recording)]
-    if refined is not None and found.fit is not None:
-        until = until_figures(refined, found.fit, len(result.measured.ticks) * result.knowledge.tick_s)
+    assert result.measured is not None
+    assert result.knowledge is not None
+    data: dict[str, Any] = {**identification(result), "events": events(result.measured)}
+    view = [summary(result)]
+    refined = result.knowledge.refinement
+    if refined is not None and result.fit is not None:
+        until = until_figures(refined, result.fit, len(result.measured.ticks) * result.knowledge.tick_s)
         data["until"] = until
         view.append(until_sentences(until))
     if result.expectations:
         data["expectations"] = [expectation_figures(each) for each in result.expectations]
         view += expected(result.expectations)
     output.result(data, *view)
-    return _judged(result, output)
-
-
-def _judged(result: "SessionResult", output: Output) -> int:
-    found = result.conclusion
-    missed = sum(not judged.met for judged in result.expectations)
-    if missed:
-        output.say(f"{missed} of {len(result.expectations)} expectations were not met")
-        return ExitCode.EXPERIMENT_FAILED
-    if found.fit is not None and found.fit.shortcoming:
-        output.say(found.fit.shortcoming)
-        return ExitCode.EXPERIMENT_FAILED
-    return ExitCode.OK
+    if result.shortcoming:
+        output.say(result.shortcoming)
+    return result.exit_code

@@ -59,12 +59,11 @@ def fit(
 
     output = Output(json, quiet)
     output.say(f"fitting {first}")
-    _, found = conclude_recording(first, _made(out))
-    output.result(identification(found, first), summary(found, first))
-    if found.fit is not None and found.fit.shortcoming:
-        output.say(found.fit.shortcoming)
-        return ExitCode.EXPERIMENT_FAILED
-    return ExitCode.OK
+    result = conclude_recording(first, _made(out))
+    output.result(identification(result), summary(result))
+    if result.shortcoming:
+        output.say(result.shortcoming)
+    return result.exit_code
 
 
 def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...]) -> None:
@@ -111,8 +110,8 @@ def report(recording: RecordingFile, /, *, out: Out = None, json: Json = False, 
 
     output = Output(json, quiet)
     output.say(f"fitting {recording}")
-    _, found = conclude_recording(recording, _made(out))
-    output.result({"report": found.report}, str(found.report))
+    result = conclude_recording(recording, _made(out))
+    output.result({"report": result.report_file}, str(result.report_file))
 
 
 def recover(recording: RecordingFile, /, *, json: Json = False) -> None:

@@ -20,30 +20,29 @@ from norton_bench.models.parameters import BY_NAME, UNITS, Estimate, PredictionE
 from norton_bench.procedures.refinement import Refinement, in_percent, widest_of, words
 from norton_bench.records import FOR_PROGRAMS, Measured
 from norton_bench.report.figures_network import bench_time_s
-from norton_bench.result import ExpectationResult
-from norton_bench.session.conclusion import Conclusion
+from norton_bench.result import ExpectationResult, Result
 from norton_bench.session.summary import of_trials
 
 
-def identification(found: Conclusion, recording: Path) -> dict[str, Any]:
+def identification(result: Result) -> dict[str, Any]:
     """What ``--json`` prints."""
-    fit = found.fit
+    fit = result.fit
     return {
         "parameters": {estimate.name: parameter(estimate) for estimate in (fit.estimates if fit else ())},
-        "validation": None if found.validation is None else validation_figures(found.validation),
-        "model_error": model_error_figures(found.model_error),
-        "without_model": model_free(found.source_map, found.without_model),
-        "residuals": residual_figures(found.residuals),
-        "conditions": [condition_figures(judged) for judged in found.conditions],
-        "tables": tables_data(found),
-        "ladder": [rung_figures(rung) for rung in found.ladder],
-        "trials": trials_figures(found.trials),
-        "in_situ": in_situ_figures(found.in_situ, found.motion_file),
+        "validation": None if result.validation is None else validation_figures(result.validation),
+        "model_error": model_error_figures(result.model_error),
+        "without_model": model_free(result.source_map, result.without_model),
+        "residuals": residual_figures(result.residuals),
+        "conditions": [condition_figures(judged) for judged in result.conditions],
+        "tables": tables_data(result),
+        "ladder": [rung_figures(rung) for rung in result.ladder],
+        "trials": trials_figures(result.trials),
+        "in_situ": in_situ_figures(result.in_situ, result.motion_file),
         "verdict": list(fit.verdict) if fit else [],
         "converged": bool(fit and fit.converged),
-        "recording": recording,
-        "network": found.network,
-        "report": found.report,
+        "recording": result.recording,
+        "network": result.network_file,
+        "report": result.report_file,
     }
 
 
@@ -191,24 +190,24 @@ def expected(expectations: Iterable[ExpectationResult]) -> list[RenderableType]:
     return [f"{'✓' if judged.met else '✗'} {judged.sentence}" for judged in expectations]
 
 
-def summary(found: Conclusion, recording: Path) -> RenderableType:
+def summary(result: Result) -> RenderableType:
     """The same for a terminal: table, validation, verdict, and where the files lie."""
     parts: list[RenderableType] = []
-    if found.fit is not None:
-        parts.append(parameter_table(found.fit.estimates))
-        parts += [f"· {remark}" for remark in found.fit.verdict]
-    parts += map(str, found.conditions)
-    if found.validation is not None:
-        parts.append(validation_sentence(found.validation))
-    if found.model_error is not None:
-        parts.append(prediction_sentence(found.model_error.prediction, found.units.command))
-    parts += of_trials(found)
-    parts += tables_view(found)
+    if result.fit is not None:
+        parts.append(parameter_table(result.fit.estimates))
+        parts += [f"· {remark}" for remark in result.fit.verdict]
+    parts += map(str, result.conditions)
+    if result.validation is not None:
+        parts.append(validation_sentence(result.validation))
+    if result.model_error is not None:
+        parts.append(prediction_sentence(result.model_error.prediction, result.units.command))
+    parts += of_trials(result)
+    parts += tables_view(result)
     files = (
-        ("recording", recording),
-        ("source", found.motion_file),
-        ("network", found.network),
-        ("report", found.report),
+        ("recording", result.recording),
+        ("source", result.motion_file),
+        ("network", result.network_file),
+        ("report", result.report_file),
     )
     parts.append(file_table(files))
     return Group(*parts)

@@ -132,8 +132,8 @@ def _session(one: OneOf) -> dict[str, Any]:
         "recording": one.recording,
         "parameters": {estimate.name: parameter(estimate) for estimate in one.fit.estimates},
         "converged": one.fit.converged,
-        "network": one.conclusion.network,
-        "report": one.conclusion.report,
+        "network": one.result.network_file,
+        "report": one.result.report_file,
     }
 
 

@@ -20,15 +20,15 @@ from norton_bench.identification.tables.sweeps import Branch
 from norton_bench.identification.tables.two_ports import two_ports
 from norton_bench.report.facts_tables import modulation_sentences, modulator_sentence
 from norton_bench.report.section import Facts
-from norton_bench.session.conclusion import Conclusion
+from norton_bench.result import Result
 from norton_bench.session.summary import tabulated
 
 
-def tables_data(found: Conclusion) -> dict[str, Any]:
+def tables_data(result: Result) -> dict[str, Any]:
     """What ``--json`` prints; half-widths are those of 95 % intervals."""
     return {
-        "source": None if found.source is None else _source(found.source),
-        "exertion": None if found.exertion is None else _exertion(found.exertion),
+        "source": None if result.source is None else _source(result.source),
+        "exertion": None if result.exertion is None else _exertion(result.exertion),
         "two_ports": [
             {
                 **_setting(row.setting),
@@ -38,20 +38,20 @@ def tables_data(found: Conclusion) -> dict[str, Any]:
                 "load_nm": _mean(row.load),
                 "exertion_nm": _mean(row.exertion),
             }
-            for row in two_ports(found.source, found.exertion)
+            for row in two_ports(result.source, result.exertion)
         ],
-        "modulation": _modulated(modulated(found.source, found.exertion)),
-        "modulator": None if found.modulator is None else _modulator(found.modulator),
-        "blocked": None if found.blocked_map is None else _blocked(found.blocked_map),
+        "modulation": _modulated(modulated(result.source, result.exertion)),
+        "modulator": None if result.modulator is None else _modulator(result.modulator),
+        "blocked": None if result.blocked_map is None else _blocked(result.blocked_map),
     }
 
 
-def tables_view(found: Conclusion) -> list[RenderableType]:
+def tables_view(result: Result) -> list[RenderableType]:
     """The same for a terminal, without every single reading."""
-    effect = modulated(found.source, found.exertion)
-    said = () if effect is None else modulation_sentences(effect, found.units)
-    stood = () if found.modulator is None else (modulator_sentence(found.modulator, found.units),)
-    return [*(_table(facts) for facts in tabulated(found)), *said, *stood]
+    effect = modulated(result.source, result.exertion)
+    said = () if effect is None else modulation_sentences(effect, result.units)
+    stood = () if result.modulator is None else (modulator_sentence(result.modulator, result.units),)
+    return [*(_table(facts) for facts in tabulated(result)), *said, *stood]
 
 
 def _source(table: SourceTable) -> list[dict[str, Any]]:

@@ -8,13 +8,11 @@ import numpy as np
 
 from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
-from norton_bench.identification.residuals.diagnosis import ResidualTests
-from norton_bench.identification.results import FitResult
 from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, has_covariance, interval_of, seen_to
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_statuses
 from norton_bench.models.parameters import BY_NAME, Status
 from norton_bench.networks.family import Network
-from norton_bench.recording.contents import Recording
+from norton_bench.result import Result
 from norton_bench.rig.load import parse_rig
 
 LEVEL = 1.96  # deviations, of 95 %
@@ -123,13 +121,16 @@ def sheet_of_network(network: Network, file: str) -> Sheet:
     return Sheet(name, file, network, parameters, told=scale, origin=origin)
 
 
-def sheet_of_fit(fit: FitResult, recording: Recording, tests: ResidualTests | None, *, file: str) -> Sheet:
-    """The same with what the recording tells beside it: statuses, and points measured at the port. The fit must have
-    converged."""
-    about = recording.metadata
+def sheet_of_result(result: Result) -> Sheet:
+    """The same with what the recording tells beside it: statuses, and points measured at the port. It must have a fit
+    that has converged, and its measurements."""
+    fit, about, measured = result.fit, result.metadata, result.measured
+    assert fit is not None
+    assert measured is not None
+    file = str(result.recording)
     parameters = tuple(Known(each.name, each.value, each.std, each.unit, each.status) for each in fit.estimates)
-    found = evidence(fit, recording.measured, tests, float(about["tick_s"]))
-    limits = _limits(recording.rig_text, file)
+    found = evidence(fit, measured, result.residuals, float(about["tick_s"]))
+    limits = _limits(result.rig_text, file)
     return Sheet(
         about["rig"], file, fit.network, parameters, limits, fit.verdict, found, recorded=True, origin=_origin(about)
     )

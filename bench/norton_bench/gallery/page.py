@@ -6,11 +6,11 @@ from pathlib import Path
 from norton_bench.errors import ExperimentError
 from norton_bench.gallery.claim import LEVEL
 from norton_bench.gallery.paper import Proof
-from norton_bench.report.data import ReportData
 from norton_bench.report.render import Figure, fill, write_page
 from norton_bench.report.section import Facts, Picture, Section
 from norton_bench.report.svg import standalone
 from norton_bench.report.words import number, pretty_unit
+from norton_bench.result import Result
 
 HEAD = ("seed", "figure", "expected", "found", f"± ({100 * LEVEL:g} %)", "unit", "")
 
@@ -34,7 +34,7 @@ def write_gallery(folder: Path, proofs: Sequence[Proof], command: str) -> tuple[
     passed = sum(row.passed for proof in proofs for row in proof.rows)
     rows = sum(len(proof.rows) for proof in proofs)
     text = fill(
-        data=ReportData("A general actuator model, shown"),
+        data=Result("A general actuator model, shown"),
         headline=[Figure(f"{passed} of {rows}", "rows pass"), Figure(str(len(first)), "claims")],
         rows=[],
         verdict=[],

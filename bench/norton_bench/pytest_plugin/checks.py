@@ -5,8 +5,7 @@ from math import isfinite
 from pathlib import Path
 
 from norton_bench.models.parameters import HALF_INTERVAL
-from norton_bench.result import ExpectationResult, ParameterResult
-from norton_bench.session.engine import SessionResult
+from norton_bench.result import ExpectationResult, ParameterResult, Result
 from norton_bench.units import parse_quantity
 
 
@@ -85,7 +84,7 @@ class CheckedParameter:
 class Outcome:
     """What came of a session. ``result`` has all of it."""
 
-    result: SessionResult
+    result: Result
 
     def __repr__(self) -> str:
         return f"<what {self.recording} tells>"
@@ -96,16 +95,17 @@ class Outcome:
 
     @property
     def recording(self) -> Path:
+        assert self.result.recording is not None
         return self.result.recording
 
     @property
     def report(self) -> Path | None:
-        return self.result.conclusion.report
+        return self.result.report_file
 
     def converged(self) -> bool:
         """The fit is a result: the data do not contradict themselves, and the actuator does what the model has."""
         __tracebackhide__ = True
-        fit = self.result.conclusion.fit
+        fit = self.result.fit
         met = fit is not None and not fit.shortcoming
         said = "nothing was measured to fit" if fit is None else "; ".join(fit.verdict) or "the fit did not converge"
         return _assert(ExpectationResult("fit", met, said))
@@ -113,7 +113,7 @@ class Outcome:
     def predicts(self, what: str, *, within: str) -> bool:
         """``what`` ("torque" or "velocity") under what no fit has seen, to this share of its rms."""
         __tracebackhide__ = True
-        checked = self.result.conclusion.validation
+        checked = self.result.validation
         error = float("nan") if checked is None else float(getattr(checked, f"{what}_relative"))
         met = isfinite(error) and error <= parse_quantity(within, "")
         return _assert(

@@ -8,7 +8,8 @@ from norton_bench.identification.tables.modulation import Modulated, ModulatorPl
 from norton_bench.identification.tables.source_table import SourceTable
 from norton_bench.identification.tables.two_ports import PortsRow
 from norton_bench.report.section import Facts
-from norton_bench.report.words import Units, number, pretty_unit, within
+from norton_bench.report.words import number, pretty_unit, within
+from norton_bench.units import Units
 
 
 def setting_head(units: Units) -> tuple[str, ...]:

@@ -17,7 +17,8 @@ from norton_bench.identification.tables.source_table import SourceTable
 from norton_bench.models.network import NortonNetwork
 from norton_bench.report.figures_network import Loop, legend
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure, thinned
-from norton_bench.report.words import Units, number, pretty_unit
+from norton_bench.report.words import number, pretty_unit
+from norton_bench.units import Units
 
 COLOURS = (MEASURED, PREDICTED, ACCENT, INK, MUTED)
 MARKERS = ("o", "s", "^", "v", "D")

@@ -8,14 +8,14 @@ from markupsafe import Markup
 
 from norton_bench.errors import ExperimentError
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.report.data import ReportData
 from norton_bench.report.equation import derived_facts, model_of
 from norton_bench.report.sections import sections
 from norton_bench.report.streams import stream_qualities
 from norton_bench.report.svg import style
 from norton_bench.report.words import TERMS, interval, percent, pretty_unit, symbol, to_its_digits
+from norton_bench.result import Result
 
-__all__ = ["ReportData", "render", "write_report"]
+__all__ = ["Result", "render", "write_report"]
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Figure:
     meaning: str
 
 
-def write_report(path: Path, data: ReportData) -> Path:
+def write_report(path: Path, data: Result) -> Path:
     """Write the report on ``data`` to ``path``, which it returns. Raises ExperimentError where it cannot be written."""
     return write_page(path, render(data))
 
@@ -54,7 +54,7 @@ def write_page(path: Path, text: str) -> Path:
     return path
 
 
-def render(data: ReportData) -> str:
+def render(data: Result) -> str:
     """The page."""
     with style():
         parts = sections(data)
@@ -100,7 +100,7 @@ def row(estimate: Estimate) -> Row:
     )
 
 
-def headline(data: ReportData) -> list[Figure]:
+def headline(data: Result) -> list[Figure]:
     """The few numbers that come first."""
     numbers = []
     if data.fit is not None:
@@ -115,7 +115,7 @@ def headline(data: ReportData) -> list[Figure]:
     return numbers
 
 
-def verdict(data: ReportData) -> list[str]:
+def verdict(data: Result) -> list[str]:
     """What the data cannot tell, in sentences."""
     if data.fit is None and (data.source is not None or data.exertion is not None):
         return ["No model was fitted: the actuator is described by its tables.", *data.notes]
@@ -130,7 +130,7 @@ def verdict(data: ReportData) -> list[str]:
     return [*sentences, *data.notes]
 
 
-def how_to_repeat(data: ReportData) -> list[tuple[str, str]]:
+def how_to_repeat(data: Result) -> list[tuple[str, str]]:
     """Commands, each with what it does."""
     known = data.metadata
     commands = []

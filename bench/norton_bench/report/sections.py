@@ -9,7 +9,6 @@ from norton_bench.guard.commands import Limited
 from norton_bench.identification.live.moved import changes
 from norton_bench.loop.timing import LoopTiming, loop_timing, timing_rows, timing_sentence
 from norton_bench.records import FOR_PROGRAMS, Table
-from norton_bench.report.data import ReportData
 from norton_bench.report.figures_fit import live_figure, residual_figure, timing_figure, validation_figure
 from norton_bench.report.figures_network import (
     bench_time_s,
@@ -33,15 +32,16 @@ from norton_bench.report.sections_without_model import residuals_section, source
 from norton_bench.report.streams import StreamQuality, stream_qualities
 from norton_bench.report.svg import picture
 from norton_bench.report.words import interval, number, percent, pretty_unit, to_its_digits
+from norton_bench.result import Result
 
 
-def sections(data: ReportData) -> list[Section]:
+def sections(data: Result) -> list[Section]:
     """Those for which there are data, in the order of the page."""
     made = [make(data) for make in MAKERS]
     return [section for section in made if section is not None]
 
 
-def conditions_section(data: ReportData) -> Section | None:
+def conditions_section(data: Result) -> Section | None:
     """The paper's three conditions for a network that measurements at its port determine."""
     if not data.conditions:
         return None
@@ -65,7 +65,7 @@ def conditions_section(data: ReportData) -> Section | None:
     return Section("conditions", "Is the model unique?", (lead,), tables=(Facts(head, rows),), points=points)
 
 
-def source_section(data: ReportData) -> Section | None:
+def source_section(data: Result) -> Section | None:
     if data.source_map is None and data.network is None:
         return None
     drawn = picture(
@@ -86,7 +86,7 @@ def source_section(data: ReportData) -> Section | None:
     return Section("source", "The motion source", tuple(sentences), (drawn,))
 
 
-def impedance_section(data: ReportData) -> Section | None:
+def impedance_section(data: Result) -> Section | None:
     if data.fit is None or data.measured is None:
         return None
     network = data.fit.network
@@ -109,7 +109,7 @@ def impedance_section(data: ReportData) -> Section | None:
     return Section("impedance", "The impedance", sentences, (drawn,))
 
 
-def blocked_section(data: ReportData) -> Section | None:
+def blocked_section(data: Result) -> Section | None:
     if data.blocked_map is None or not np.isfinite(data.blocked_map.torque_nm).any():
         return None
     drawn = picture(
@@ -122,7 +122,7 @@ def blocked_section(data: ReportData) -> Section | None:
     return Section("blocked", "Torque at standstill", (), (drawn,))
 
 
-def fit_section(data: ReportData) -> Section | None:
+def fit_section(data: Result) -> Section | None:
     fit = data.fit
     if fit is None:
         return None
@@ -151,7 +151,7 @@ def fit_section(data: ReportData) -> Section | None:
     return Section("fit", "The fit", sentences, (drawn,))
 
 
-def validation_section(data: ReportData) -> Section | None:
+def validation_section(data: Result) -> Section | None:
     checked = data.validation
     if checked is None:
         return None
@@ -183,7 +183,7 @@ def validation_section(data: ReportData) -> Section | None:
     return Section("validation", "Prediction of motion kept apart from the fit", sentences, figures)
 
 
-def live_section(data: ReportData) -> Section | None:
+def live_section(data: Result) -> Section | None:
     if not any(state.estimates for state in data.live) or data.measured is None:
         return None
     time_s = bench_time_s(data.measured, [state.stamp_ns for state in data.live])
@@ -197,7 +197,7 @@ def live_section(data: ReportData) -> Section | None:
     return Section("live", "How the estimates converged", _beside_final(data), (drawn,))
 
 
-def _beside_final(data: ReportData) -> tuple[str, ...]:
+def _beside_final(data: Result) -> tuple[str, ...]:
     """How far the last live values are from the final ones."""
     compared = () if data.fit is None else changes(data.live[-1].estimates, data.fit)
     if not compared:
@@ -209,7 +209,7 @@ def _beside_final(data: ReportData) -> tuple[str, ...]:
     )
 
 
-def timing_section(data: ReportData) -> Section | None:
+def timing_section(data: Result) -> Section | None:
     if data.measured is None or not len(data.measured.ticks):
         return None
     ticks = data.measured.ticks
@@ -230,7 +230,7 @@ def timing_section(data: ReportData) -> Section | None:
     )
 
 
-def events_section(data: ReportData) -> Section | None:
+def events_section(data: Result) -> Section | None:
     if data.measured is None or not data.measured.events:
         return None
     told = [event for event in data.measured.events if event.kind not in FOR_PROGRAMS]
@@ -281,7 +281,7 @@ def _stream_table(qualities: list[StreamQuality]) -> Facts:
     )
 
 
-MAKERS: tuple[Callable[[ReportData], Section | None], ...] = (
+MAKERS: tuple[Callable[[Result], Section | None], ...] = (
     conditions_section,
     tabulated_source_section,
     exertion_section,

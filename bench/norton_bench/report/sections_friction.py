@@ -9,9 +9,9 @@ from norton_bench.identification.friction.family import CONTAINS
 from norton_bench.identification.friction.fit import ROUGHNESS
 from norton_bench.identification.friction.laws import EXCESS
 from norton_bench.models.parameters import UNITS
-from norton_bench.report.data import ReportData
 from norton_bench.report.section import Facts, Section
 from norton_bench.report.words import number, percent, pretty_unit
+from norton_bench.result import Result
 
 # What each of those with a memory of the path assumes, and cannot leave out.
 ASSUMES = {
@@ -36,7 +36,7 @@ class Compared(Protocol):
     def train_relative(self) -> float: ...
 
 
-def friction_section(data: ReportData) -> Section | None:
+def friction_section(data: Result) -> Section | None:
     """How much of the torque each friction model leaves, on data that it was fitted to and on data that it was not."""
     if not data.ladder:
         return None
@@ -90,7 +90,7 @@ def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def model_error_section(data: ReportData) -> Section | None:
+def model_error_section(data: Result) -> Section | None:
     """How far the network's predictions are off, and within what range that was seen."""
     error = data.model_error
     if error is None:

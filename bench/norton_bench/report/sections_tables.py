@@ -8,7 +8,6 @@ from norton_bench.identification.tables.modulation import modulated
 from norton_bench.identification.tables.source_table import SourceTable
 from norton_bench.identification.tables.two_ports import two_ports
 from norton_bench.identification.trials import TAUGHT_HZ, TrialFigures, diverge, last_driven, settled
-from norton_bench.report.data import ReportData
 from norton_bench.report.facts_tables import (
     line_facts,
     modulation_sentences,
@@ -23,9 +22,10 @@ from norton_bench.report.figures_tables import exertion_figure, shaken_figure, s
 from norton_bench.report.section import Facts, Picture, Section
 from norton_bench.report.svg import picture
 from norton_bench.report.words import number, pretty_unit
+from norton_bench.result import Result
 
 
-def tabulated_source_section(data: ReportData) -> Section | None:
+def tabulated_source_section(data: Result) -> Section | None:
     if data.source is None:
         return None
     drawn = picture(
@@ -63,7 +63,7 @@ def _settling(table: SourceTable) -> str:
     return f"The slowest took {number(longest, 2)} s to come within 2\u00a0% of its final position."
 
 
-def exertion_section(data: ReportData) -> Section | None:
+def exertion_section(data: Result) -> Section | None:
     table = data.exertion
     if table is None:
         return None
@@ -102,7 +102,7 @@ def _swept(table: ExertionTable) -> tuple[str, ...]:
     )
 
 
-def two_ports_section(data: ReportData) -> Section | None:
+def two_ports_section(data: Result) -> Section | None:
     rows = two_ports(data.source, data.exertion)
     if not rows:
         return None
@@ -114,7 +114,7 @@ def two_ports_section(data: ReportData) -> Section | None:
     return Section("two-ports", "Actuator and load: two ports", (sentence,), tables=(ports_facts(rows, data.units),))
 
 
-def modulation_section(data: ReportData) -> Section | None:
+def modulation_section(data: Result) -> Section | None:
     found = modulated(data.source, data.exertion)
     if found is None and data.modulator is None:
         return None
@@ -129,7 +129,7 @@ def modulation_section(data: ReportData) -> Section | None:
     return Section("modulation", "What the modulation changes", sentences, tables=tables)
 
 
-def trials_section(data: ReportData) -> Section | None:
+def trials_section(data: Result) -> Section | None:
     """The report's sections on repeated movements.
 
     Zero torque, trial by trial.
@@ -147,7 +147,7 @@ def trials_section(data: ReportData) -> Section | None:
     return Section("trials", "Zero torque, trial by trial", sentences, (drawn,), (table,))
 
 
-def in_situ_section(data: ReportData) -> Section | None:
+def in_situ_section(data: Result) -> Section | None:
     """The actuator in situ: what it exerted, trial by trial, and its motion source."""
     found = data.in_situ
     if found is None or not found.trials:

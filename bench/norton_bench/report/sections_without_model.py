@@ -9,13 +9,13 @@ from norton_bench.identification.residuals.dependence import SIGNIFICANCE, Depen
 from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.identification.residuals.position_lines import Harmonic
 from norton_bench.identification.results import SourceMap
-from norton_bench.report.data import ReportData
 from norton_bench.report.figures_fit import residual_tests_figure
 from norton_bench.report.figures_network import Loop, presliding_loops
 from norton_bench.report.figures_tables import impedance_table_figure, operator_figure
 from norton_bench.report.section import Facts, Section
 from norton_bench.report.svg import picture
 from norton_bench.report.words import number, percent, pretty_unit
+from norton_bench.result import Result
 
 # Dependences smaller than this share of the residual's variance are told, but not explained.
 WORTH_A_WORD = 0.01
@@ -63,7 +63,7 @@ def source_sentences(source: SourceMap, unit: str) -> list[str]:
     return sentences
 
 
-def without_model_section(data: ReportData) -> Section | None:
+def without_model_section(data: Result) -> Section | None:
     found = data.without_model
     if found is None or data.fit is None:
         return None
@@ -103,7 +103,7 @@ def without_model_section(data: ReportData) -> Section | None:
     return Section("without-model", "The same without a motor model", tuple(sentences), tuple(figures), tables)
 
 
-def _loops(data: ReportData, deflection_rad: float) -> list[tuple[Loop, Loop]]:
+def _loops(data: Result, deflection_rad: float) -> list[tuple[Loop, Loop]]:
     if data.measured is None or data.fit is None or data.without_model is None or data.without_model.fitted is None:
         return []
     network = presliding_loops(data.measured, data.fit.trace, deflection_rad)
@@ -147,7 +147,7 @@ def _operator_sentences(operator: StopOperator, stops_alone: Prediction | None, 
     return sentences
 
 
-def _predictions(data: ReportData, found: WithoutModel) -> Facts:
+def _predictions(data: Result, found: WithoutModel) -> Facts:
     """Who predicts motion kept apart from the fits, and how well."""
     rows = []
     if data.validation is not None and isfinite(data.validation.torque_rms_nm):
@@ -169,7 +169,7 @@ def _figures(prediction: Prediction) -> tuple[str, str, str]:
     )
 
 
-def residuals_section(data: ReportData) -> Section | None:
+def residuals_section(data: Result) -> Section | None:
     tests = data.residuals
     if tests is None:
         return None

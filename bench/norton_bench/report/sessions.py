@@ -11,11 +11,11 @@ from matplotlib.figure import Figure as Drawing
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.sessions import Fitted, Together, differing
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.report.data import ReportData
 from norton_bench.report.render import Figure, fill, row, write_page
 from norton_bench.report.section import Facts, Section
 from norton_bench.report.svg import GRID, MEASURED, PREDICTED, figure, picture, style
 from norton_bench.report.words import number, power, pretty_unit, scale_of
+from norton_bench.result import Result
 
 _COLUMNS = 3
 
@@ -98,7 +98,7 @@ def render_sessions(data: SessionsData) -> str:
         )
     command = " ".join(["norton-bench fit", *(one.recording for one in data.sessions)])
     return fill(
-        data=ReportData(f"{data.rig_name}, {len(data.sessions)} sessions"),
+        data=Result(f"{data.rig_name}, {len(data.sessions)} sessions"),
         headline=numbers,
         rows=[row(estimate) for estimate in estimates],
         verdict=data.together.verdict,

@@ -1,23 +1,12 @@
 """Numbers as people read them."""
 
 from math import floor, isfinite, log10
-from typing import NamedTuple
 
 from norton_bench.models.parameters import BY_NAME, Estimate
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NO_NUMBER = "–"
 _UNIT_WORDS = (("N*m*s/rad", "N·m·s/rad"), ("kg*m^2", "kg·m²"), ("N*m", "N·m"), ("**", "^"), ("*", "·"), ("^2", "²"))
-
-
-class Units(NamedTuple):
-    """Of the actuator's command, and of its modulator's, as the rig file writes them; "" where there is none."""
-
-    command: str
-    modulation: str = ""
-
-
-NO_UNITS = Units("")
 
 
 def pretty_unit(unit: str) -> str:

@@ -11,7 +11,7 @@ from norton_bench.rig.rig import Rig
 from norton_bench.screen.panels.progress import BADGES, HALTED, REPLAYING, Badge
 from norton_bench.screen.picture.picture import OVER, Picture
 from norton_bench.screen.sources import Replayed, Running, Source
-from norton_bench.session.events import Planned, PlannedStep, Prompt, SessionState, Summary
+from norton_bench.session.events import Ended, Planned, PlannedStep, Prompt, SessionState
 from norton_bench.session.operator import Kind, Order
 from norton_bench.session.replay import load_replay
 from norton_bench.session.schema import Session, load_session, standard_session
@@ -78,7 +78,7 @@ class Experiment:
         return self.picture.prompt if self.live else None
 
     @property
-    def summary(self) -> Summary | None:
+    def summary(self) -> Ended | None:
         """How it ended; of a replay what the recording was found to tell."""
         return self.picture.summary if self.replay is None else self.replay.summary
 

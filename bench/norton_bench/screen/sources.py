@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Protocol
 
 from norton_bench.rig.rig import Rig
-from norton_bench.session.events import SessionEvent, Summary
+from norton_bench.session.events import Ended, SessionEvent
 from norton_bench.session.hosted import Hostable, HostedSession
 from norton_bench.session.operator import Order
 from norton_bench.session.replay import Refit, Replay
@@ -58,7 +58,7 @@ class Replayed:
         self._refit: Refit | None = None
 
     @property
-    def summary(self) -> Summary | None:
+    def summary(self) -> Ended | None:
         """What follows from the recording, once :meth:`fit` has found it."""
         return None if self._refit is None else self._refit.summary()
 

@@ -1,7 +1,7 @@
 """What follows from a recording: the fit, its validation, the maps, the network file and the report."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -9,38 +9,36 @@ from typing import TypeVar
 import numpy as np
 
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
+from norton_bench.identification.ambiguity.conditions import conditions, evidence_of
 from norton_bench.identification.ambiguity.tabulated import tabulated_conditions
 from norton_bench.identification.bench_ladder import bench_ladder
 from norton_bench.identification.in_situ import InSituResult, in_situ_result
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged
-from norton_bench.identification.ladder import Rung
 from norton_bench.identification.live.moved import with_what_moved
-from norton_bench.identification.model_error import ModelError, of_ladder
+from norton_bench.identification.model_error import of_ladder
 from norton_bench.identification.model_free.source_map import PortTorque, blocked_map, source_map
-from norton_bench.identification.model_free.without_model import WithoutModel, without_model
-from norton_bench.identification.residuals.diagnosis import ResidualTests, diagnose
-from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
+from norton_bench.identification.model_free.without_model import without_model
+from norton_bench.identification.residuals.diagnosis import diagnose
+from norton_bench.identification.results import FitResult, LiveEstimate
 from norton_bench.identification.soundness.recording import Sound, sound
-from norton_bench.identification.tables.exertion_table import ExertionTable, exertion_table
-from norton_bench.identification.tables.modulation import ModulatorPlaces, modulator_places
-from norton_bench.identification.tables.source_table import SourceTable, source_table
-from norton_bench.identification.trials import TrialFigures, trials
+from norton_bench.identification.tables.exertion_table import exertion_table
+from norton_bench.identification.tables.modulation import modulator_places
+from norton_bench.identification.tables.source_table import source_table
+from norton_bench.identification.trials import trials
 from norton_bench.identification.validation import validate_signals
 from norton_bench.models.network import STATUS
-from norton_bench.models.parameters import Estimate, Status
+from norton_bench.models.parameters import Status
 from norton_bench.procedures.iterate import IterateProcedure
-from norton_bench.recording.contents import RecordedEstimates, Recording
+from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import Measured
-from norton_bench.report.data import ReportData
-from norton_bench.report.words import NO_UNITS, Units
+from norton_bench.result import Result
 from norton_bench.rig.rig import NO_MODEL
 from norton_bench.segments import Use
 from norton_bench.session.past import with_past
 
 Part = TypeVar("Part")
-Result = TypeVar("Result")
+Value = TypeVar("Value")
 
 ITERATED = IterateProcedure.name
 # What is told while it goes on: it takes seconds, most of them the first of these.
@@ -52,36 +50,6 @@ REPORT_ALONE = "writing the report"
 Tell = Callable[[str], None]
 # What a recording must say of its making to be fitted.
 NEEDED = ("rig", "command_unit", "tick_s")
-
-
-@dataclass(frozen=True)
-class Conclusion:
-    """None where the session measured nothing that could tell. ``units`` are those of the tables."""
-
-    fit: FitResult | None = None
-    validation: Validation | None = None
-    model_error: ModelError | None = None
-    source_map: SourceMap | None = None
-    blocked_map: BlockedMap | None = None
-    without_model: WithoutModel | None = None
-    residuals: ResidualTests | None = None
-    conditions: tuple[Judgement, ...] = ()
-    ladder: tuple[Rung, ...] = ()
-    trials: tuple[TrialFigures, ...] = ()
-    in_situ: InSituResult | None = None
-    motion_file: Path | None = None  # the motion source found in situ, as CSV
-    network: Path | None = None
-    report: Path | None = None
-    source: SourceTable | None = None
-    exertion: ExertionTable | None = None
-    modulator: ModulatorPlaces | None = None
-    units: Units = NO_UNITS
-
-    @property
-    def empty(self) -> bool:
-        """Whether nothing was identified: neither parameters nor tables, nor a source in situ."""
-        told = (self.fit, self.source_map, self.blocked_map, self.source, self.exertion, self.in_situ)
-        return all(part is None for part in told)
 
 
 def _untold(_line: str) -> None:
@@ -98,88 +66,58 @@ def conclude(
     out: Path,
     notes: Sequence[str] = (),
     tell: Tell = _untold,
-) -> Conclusion:
+) -> Result:
     """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report.
 
     ``tell`` is called with a line when each part of it begins.
     """
     uses = {segment.use for segment in measured.segments}
-    in_situ = _where_measured(partial(in_situ_result, tick_s=float(metadata["tick_s"])), measured)
-    if Use.IDENTIFY not in uses and in_situ is None:
-        return Conclusion()
-    about = {**metadata, "recording": recording.name}
-    units = Units(metadata["command_unit"], metadata.get("modulation_unit", ""))
-    found = Conclusion(in_situ=in_situ, units=units)
-    if in_situ is not None:
-        found = replace(found, motion_file=_source_saved(in_situ, out / f"{recording.stem}.source.csv"))
-    if Use.IDENTIFY in uses:
-        learnt = live[-1].estimates if live else ()
-        found = _identified(found, measured, about, out / f"{recording.stem}.network.json", learnt, tell)
-    tell(REPORT_ALONE if found.fit is None else REPORT)
-    page = ReportData(
-        rig_name=metadata["rig"],
-        rig_text=rig_text,
-        metadata=about,
-        fit=found.fit,
-        validation=found.validation,
-        model_error=found.model_error,
-        source_map=found.source_map,
-        blocked_map=found.blocked_map,
-        source=found.source,
-        exertion=found.exertion,
-        modulator=found.modulator,
-        without_model=found.without_model,
-        residuals=found.residuals,
-        conditions=found.conditions,
-        ladder=found.ladder,
-        trials=found.trials,
-        in_situ=found.in_situ,
+    result = Result(
+        metadata["rig"],
+        rig_text,
+        {**metadata, "recording": recording.name},
+        recording,
+        measured,
         live=tuple(live),
-        measured=measured,
         notes=notes,
+        in_situ=_where_measured(partial(in_situ_result, tick_s=float(metadata["tick_s"])), measured),
     )
+    if Use.IDENTIFY not in uses and result.in_situ is None:
+        return result
+    if result.in_situ is not None:
+        result = replace(result, motion_file=_source_saved(result.in_situ, out / f"{recording.stem}.source.csv"))
+    if Use.IDENTIFY in uses:
+        result = _identified(result, measured, out / f"{recording.stem}.network.json", tell)
+    tell(REPORT_ALONE if result.fit is None else REPORT)
     from norton_bench.report.render import write_report  # noqa: PLC0415  (half a second that a session would begin later)
 
-    return replace(found, report=write_report(out / f"{recording.stem}.report.html", page))
+    return replace(result, report_file=write_report(out / f"{recording.stem}.report.html", result))
 
 
-def _identified(
-    found: Conclusion,
-    measured: Measured,
-    metadata: Mapping[str, str],
-    network: Path,
-    learnt: Sequence[Estimate],
-    tell: Tell,
-) -> Conclusion:
+def _identified(result: Result, measured: Measured, network_file: Path, tell: Tell) -> Result:
     """What needs no model, and the motor where the actuator is one."""
-    tick_s, believed = float(metadata["tick_s"]), sound(measured)
+    tick_s, believed = float(result.metadata["tick_s"]), sound(measured)
     told = believed.measured
-    found = replace(
-        found,
+    result = replace(
+        result,
         blocked_map=_where_measured(blocked_map, told),
         source=_where_measured(source_table, told),
         exertion=_where_measured(partial(exertion_table, tick_s=tick_s), told),
         modulator=_where_measured(modulator_places, told),
         trials=trials(measured, tick_s, ITERATED),
     )
-    if metadata.get("model") == NO_MODEL:
-        judged = tabulated_conditions(found.source, found.exertion)
-        return replace(found, source_map=_where_measured(source_map, told), conditions=judged)
-    return _fitted(found, believed, metadata, network, learnt, tell)
+    if result.metadata.get("model") == NO_MODEL:
+        judged = tabulated_conditions(result.source, result.exertion)
+        return replace(result, source_map=_where_measured(source_map, told), conditions=judged)
+    return _fitted(result, believed, network_file, tell)
 
 
-def _fitted(
-    found: Conclusion,
-    believed: Sound,
-    metadata: Mapping[str, str],
-    network: Path,
-    learnt: Sequence[Estimate],
-    tell: Tell,
-) -> Conclusion:
-    """The motor's parameters, and what checks them; ``learnt`` are the live values at the end."""
-    tick_s, segments = float(metadata["tick_s"]), believed.measured.segments
+def _fitted(so_far: Result, believed: Sound, network_file: Path, tell: Tell) -> Result:
+    """The motor's parameters, and what checks them."""
+    tick_s, segments = float(so_far.metadata["tick_s"]), believed.measured.segments
+    learnt = so_far.live[-1].estimates if so_far.live else ()
     tell(PARAMETERS)
-    fit = fit_judged(believed, command_unit=metadata["command_unit"], tick_s=tick_s)
+    fit = fit_judged(believed, command_unit=so_far.command_unit, tick_s=tick_s)
     stretches, unseen, error = fit.stretches, fit.unseen, fit.error
     tell(FRICTION)
     result, rungs = with_what_moved(fit.result, fit.fitted, learnt), bench_ladder(stretches, fit.fitted)
@@ -194,7 +132,7 @@ def _fitted(
     static = _where_measured(partial(source_map, port=port), believed.measured)
     evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
     return replace(
-        found,
+        so_far,
         fit=result,
         source_map=static,
         validation=checked,
@@ -203,14 +141,14 @@ def _fitted(
         residuals=diagnose(result, stretches),
         conditions=conditions(evidence),
         ladder=rungs,
-        network=_saved(result, network, metadata),
+        network_file=_saved(result, network_file, so_far.metadata),
     )
 
 
-def _where_measured(result_of: Callable[[Part], Result], measured: Part) -> Result | None:
+def _where_measured(value_of: Callable[[Part], Value], measured: Part) -> Value | None:
     """None where the session had no such part, or nothing of it can be believed."""
     try:
-        return result_of(measured)
+        return value_of(measured)
     except ExperimentError:
         return None
 
@@ -244,11 +182,11 @@ def check_metadata(path: Path, metadata: Mapping[str, str]) -> None:
             raise UsageError(f"{path}: its metadata lack '{key}'; it was not recorded by norton-bench")
 
 
-def conclude_recording(path: Path, out: Path | None = None, tell: Tell = _untold) -> tuple[Recording, Conclusion]:
+def conclude_recording(path: Path, out: Path | None = None, tell: Tell = _untold) -> Result:
     """The same, from a recording alone. Raises UsageError for a file that cannot be read or holds nothing to fit."""
     recording = read_recording(path, raw_frames=False)
     check_metadata(path, recording.metadata)
-    conclusion = conclude(
+    result = conclude(
         with_past(path, recording),
         rig_text=recording.rig_text,
         metadata=recording.metadata,
@@ -257,6 +195,6 @@ def conclude_recording(path: Path, out: Path | None = None, tell: Tell = _untold
         out=out if out is not None else path.parent,
         tell=tell,
     )
-    if conclusion.empty:
+    if result.empty:
         raise UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")
-    return recording, conclusion
+    return result

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TypeVar
@@ -17,10 +17,10 @@ from norton_bench.recording.disk import Need
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured
-from norton_bench.result import ExpectationResult, ParameterResult, parameter_result
+from norton_bench.result import Result
 from norton_bench.rig.rig import Rig
-from norton_bench.session.conclusion import Conclusion, conclude
-from norton_bench.session.events import Ended, Note, Planned, SessionState, StateChanged, Summary, Watcher, ignore
+from norton_bench.session.conclusion import conclude
+from norton_bench.session.events import Ended, Note, Planned, SessionState, StateChanged, Watcher, ignore
 from norton_bench.session.expectations import judge
 from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
 from norton_bench.session.operator import NO_ANSWERS, Answers, Desk, Nobody, Operator
@@ -31,7 +31,7 @@ from norton_bench.session.rehearsal import Rehearsed, rehearsed
 from norton_bench.session.run import Run
 from norton_bench.session.schema import Session
 from norton_bench.session.script import Experiment, Script, SoFar, perform
-from norton_bench.session.summary import summary_of, summary_of_failure
+from norton_bench.session.summary import ended, ended_by
 from norton_bench.session.warm_up import warm_up
 from norton_drivers.backend import Backend
 from norton_drivers.punctual import settled_memory
@@ -39,7 +39,7 @@ from norton_drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
 LOCK_STEP_PATIENCE_S = 30.0
-Result = TypeVar("Result")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -51,22 +51,6 @@ class Recorded:
     knowledge: Knowledge
     measured: Measured
     live: Sequence[RecordedEstimates]
-
-
-@dataclass(frozen=True)
-class SessionResult:
-    """What a session leaves behind. ``measured`` begins with what the session that it resumed has finished."""
-
-    recording: Path
-    conclusion: Conclusion
-    knowledge: Knowledge
-    measured: Measured
-    expectations: tuple[ExpectationResult, ...] = ()
-
-    def parameter(self, name: str) -> ParameterResult:
-        """What the final fit says of it, also where that is nothing. Raises UsageError for an unknown name."""
-        fit = self.conclusion.fit
-        return parameter_result(fit.estimates if fit is not None else (), name, self.knowledge.rig.command.unit)
 
 
 @dataclass(frozen=True)
@@ -96,7 +80,7 @@ def run_session(
     operator: Operator | None = None,
     answers: Answers | None = None,
     resume: Path | None = None,
-) -> SessionResult:
+) -> Result:
     """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
 
     ``on_event`` is told the result however the session ends; ``answers`` are given beforehand to its prompts, and
@@ -104,7 +88,7 @@ def run_session(
     :func:`record_session` does, and ExperimentError where the data tell nothing.
     """
     terms = Terms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
-    return _told(terms, rig, session, lambda: make_experiment(session, rig))
+    return _carried_out(terms, rig, session, lambda: make_experiment(session, rig))
 
 
 def run_script(
@@ -117,10 +101,10 @@ def run_script(
     operator: Operator | None = None,
     answers: Answers | None = None,
     resume: Path | None = None,
-) -> SessionResult:
+) -> Result:
     """The same for a script of your own (:mod:`norton_bench.session.script`), whose name goes into the recording."""
     terms = Terms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
-    return _told(terms, rig, _session_of(script), lambda: Experiment(script))
+    return _carried_out(terms, rig, _session_of(script), lambda: Experiment(script))
 
 
 def record_script(
@@ -144,10 +128,10 @@ def run_by_hand(
     ``on_event`` is told how it ended, however that is. Raises as :func:`record_procedures` does.
     """
     terms = Terms(out, seed, on_event, operator, fits=False)
-    return _with_its_end_told(
+    return _reporting_its_end(
         terms,
         lambda: _performed(terms, rig, _session_of(script), Experiment(script)).recording,
-        lambda recording: Summary(ExitCode.OK, recording=recording),
+        lambda recording: Ended(ExitCode.OK, recording=recording),
     )
 
 
@@ -155,34 +139,30 @@ def _session_of(script: Callable[[SoFar], Script]) -> Session:
     return Session((), getattr(script, "place", f"script {getattr(script, '__name__', type(script).__name__)}"))
 
 
-def _told(terms: Terms, rig: Rig, session: Session, experiment: Callable[[], Experiment]) -> SessionResult:
-    return _with_its_end_told(
-        terms,
-        lambda: _concluded(terms, rig, session, experiment()),
-        lambda result: summary_of(result.recording, result.conclusion, result.expectations),
-    )
+def _carried_out(terms: Terms, rig: Rig, session: Session, experiment: Callable[[], Experiment]) -> Result:
+    return _reporting_its_end(terms, lambda: _concluded(terms, rig, session, experiment()), ended)
 
 
-def _with_its_end_told(terms: Terms, perform: Callable[[], Result], summarise: Callable[[Result], Summary]) -> Result:
-    """Whoever watches is told the result, whatever it is."""
+def _reporting_its_end(terms: Terms, perform: Callable[[], Value], end_of: Callable[[Value], Ended]) -> Value:
+    """The last event, whatever the end is."""
     emit = terms.on_event
     earlier = set(terms.out.glob("*.mcap"))
     try:
         result = perform()
     except BaseException as error:
         emit(StateChanged(SessionState.FAILED))
-        emit(Ended(summary_of_failure(error, set(terms.out.glob("*.mcap")) - earlier)))
+        emit(ended_by(error, set(terms.out.glob("*.mcap")) - earlier))
         raise
     emit(StateChanged(SessionState.DONE))
-    emit(Ended(summarise(result)))
+    emit(end_of(result))
     return result
 
 
-def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment) -> SessionResult:
+def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment) -> Result:
     done = _recorded(terms, rig, session, experiment)
     terms.on_event(StateChanged(SessionState.CONCLUDING))
     refined = done.knowledge.refinement
-    conclusion = conclude(
+    result = conclude(
         done.measured,
         rig_text=rig.text,
         metadata=done.metadata,
@@ -192,8 +172,8 @@ def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment)
         notes=() if refined is None else refined.sentences,
         tell=lambda line: terms.on_event(Note(line)),
     )
-    expected = judge(session.expectations, conclusion, rig.command.unit)
-    return SessionResult(done.recording, conclusion, done.knowledge, done.measured, expected)
+    expectations = judge(session.expectations, result, rig.command.unit)
+    return replace(result, knowledge=done.knowledge, expectations=expectations)
 
 
 def record_session(

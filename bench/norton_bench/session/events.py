@@ -52,31 +52,6 @@ class Prompt:
 
 
 @dataclass(frozen=True)
-class Summary:
-    """How a session ended. Paths and estimates are there as far as it came; ``failure`` is empty where it came through.
-
-    ``torque_relative`` is the rms error of the predicted torque over the rms of the torque, under motion and command
-    that no fit has seen; ``velocity_relative`` the same for the free motion. None where nothing was validated.
-    ``trials`` says what repeated movements came to; ``tables`` are source and impedance as they were tabulated;
-    ``conditions`` whether the network can be told from its port.
-    """
-
-    exit_code: ExitCode
-    failure: str = ""
-    recording: Path | None = None
-    report: Path | None = None
-    network: Path | None = None
-    estimates: tuple[Estimate, ...] = ()
-    verdict: tuple[str, ...] = ()
-    torque_relative: float | None = None
-    velocity_relative: float | None = None
-    expectations: tuple[ExpectationResult, ...] = ()
-    trials: tuple[str, ...] = ()
-    tables: tuple[Facts, ...] = ()
-    conditions: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class Planned:
     """The steps ahead. It comes again, with more of them, where a script goes on after the last one."""
 
@@ -124,9 +99,27 @@ class Question:
 
 @dataclass(frozen=True)
 class Ended:
-    """The session is over. This is the last event, however it ended."""
+    """The session is over; this is the last event, however it ended. ``failure`` is empty where it came to its end.
 
-    summary: Summary
+    Files and figures are there as far as it came. ``torque_relative`` is the rms error of the predicted torque over the
+    rms of the torque, under motion and command that no fit has seen; ``velocity_relative`` the same for the free
+    motion; None where nothing was validated. ``trials`` says what repeated movements came to; ``tables`` are source and
+    impedance as they were tabulated; ``conditions`` whether the network can be told from its port.
+    """
+
+    exit_code: ExitCode
+    failure: str = ""
+    recording: Path | None = None
+    report: Path | None = None
+    network: Path | None = None
+    estimates: tuple[Estimate, ...] = ()
+    verdict: tuple[str, ...] = ()
+    torque_relative: float | None = None
+    velocity_relative: float | None = None
+    expectations: tuple[ExpectationResult, ...] = ()
+    trials: tuple[str, ...] = ()
+    tables: tuple[Facts, ...] = ()
+    conditions: tuple[str, ...] = ()
 
 
 SessionEvent = Planned | StepBegun | PartMeasured | Note | StateChanged | Question | Ended

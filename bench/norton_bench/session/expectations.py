@@ -5,22 +5,21 @@ from math import isfinite
 
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import BY_NAME
-from norton_bench.result import ExpectationResult, ParameterResult, allowed_deviation, parameter_result
+from norton_bench.result import ExpectationResult, ParameterResult, Result, allowed_deviation, parameter_result
 from norton_bench.rig.rig import Rig
-from norton_bench.session.conclusion import Conclusion
 from norton_bench.session.items import Expectation
 from norton_bench.units import parse_quantity
 
 
-def judge(expectations: Sequence[Expectation], found: Conclusion, command_unit: str) -> tuple[ExpectationResult, ...]:
+def judge(expectations: Sequence[Expectation], result: Result, command_unit: str) -> tuple[ExpectationResult, ...]:
     """All of them, in order."""
-    return tuple(_judged(expectation, found, command_unit) for expectation in expectations)
+    return tuple(_judged(expectation, result, command_unit) for expectation in expectations)
 
 
-def _judged(expectation: Expectation, found: Conclusion, command_unit: str) -> ExpectationResult:
+def _judged(expectation: Expectation, result: Result, command_unit: str) -> ExpectationResult:
     if expectation.condition is None:
-        return _prediction(expectation, found)
-    estimates = found.fit.estimates if found.fit is not None else ()
+        return _prediction(expectation, result)
+    estimates = result.fit.estimates if result.fit is not None else ()
     return _parameter(expectation, parameter_result(estimates, expectation.condition.parameter, command_unit))
 
 
@@ -37,8 +36,8 @@ def _parameter(expectation: Expectation, found: ParameterResult) -> ExpectationR
     return ExpectationResult(found.name, holds and (near is None or near.met), "; ".join(said))
 
 
-def _prediction(expectation: Expectation, found: Conclusion) -> ExpectationResult:
-    what, checked = expectation.validation, found.validation
+def _prediction(expectation: Expectation, result: Result) -> ExpectationResult:
+    what, checked = expectation.validation, result.validation
     error = float("nan")
     if checked is not None:
         error = float(checked.torque_relative if what == "torque" else checked.velocity_relative)

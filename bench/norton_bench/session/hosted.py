@@ -21,7 +21,7 @@ from typing import Protocol, Self
 from norton_bench.errors import ExitCode
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.rig import Rig
-from norton_bench.session.events import Ended, PartMeasured, SessionEvent, SessionState, StateChanged, Summary, Watcher
+from norton_bench.session.events import Ended, PartMeasured, SessionEvent, SessionState, StateChanged, Watcher
 from norton_bench.session.failure import exit_code_of, sentence_of
 from norton_bench.session.operator import Operator, Order
 from norton_bench.session.schema import Session
@@ -183,7 +183,7 @@ class HostedSession:
             f"{self._out}: norton-bench recover repairs a recording that was cut off"
         )
         self._mailbox.put(StateChanged(SessionState.FAILED))
-        self._mailbox.put(Ended(Summary(ExitCode.EXPERIMENT_FAILED, said)))
+        self._mailbox.put(Ended(ExitCode.EXPERIMENT_FAILED, said))
 
 
 class _Remote:
@@ -234,7 +234,7 @@ def _host(
     except BaseException as error:  # run_session has sent it; what comes before is sent here
         code = exit_code_of(error)
         if not begun:
-            mailbox.put(Ended(Summary(code, sentence_of(error))))
+            mailbox.put(Ended(code, sentence_of(error)))
     finally:
         mailbox.close()
         sender.join(END_WITHIN_S)

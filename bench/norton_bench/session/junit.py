@@ -25,7 +25,6 @@ from norton_bench.session.events import (
     SessionState,
     StateChanged,
     StepBegun,
-    Summary,
 )
 
 # XML 1.0 knows no other characters, however they are written.
@@ -63,8 +62,8 @@ class JUnitReport:
                 self._end_step()
                 self._current = None
                 self._concluding_s = perf_counter()
-            case Ended(summary):
-                self._write(summary)
+            case Ended():
+                self._write(event)
 
     def prepare(self) -> None:
         """Make its folder and see that it can be written. Raises UsageError where it cannot."""
@@ -74,7 +73,7 @@ class JUnitReport:
         except OSError as error:
             raise UsageError(f"--junit {self.path}: cannot be written ({error.strerror}); name another file") from error
 
-    def _write(self, summary: Summary) -> None:
+    def _write(self, summary: Ended) -> None:
         if not summary.failure:
             self._end_step()
         tree = ET.ElementTree(self._suites(summary))
@@ -85,7 +84,7 @@ class JUnitReport:
         if self._current is not None:
             self._ended.setdefault(self._current, perf_counter())
 
-    def _suites(self, summary: Summary) -> ET.Element:
+    def _suites(self, summary: Ended) -> ET.Element:
         cases = [*self._steps(summary), *self._conclusion(summary), *self._expectations(summary)]
         counts = {
             "tests": str(len(cases)),
@@ -104,7 +103,7 @@ class JUnitReport:
         ET.SubElement(suite, "system-out").text = _clean("\n".join(self._notes))
         return suites
 
-    def _steps(self, summary: Summary) -> list[ET.Element]:
+    def _steps(self, summary: Ended) -> list[ET.Element]:
         cases = []
         for index, step in enumerate(self._plan):
             case = self._case(f"{index + 1} {step.name}" + (f" ({step.label})" if step.label else ""), "steps")
@@ -119,7 +118,7 @@ class JUnitReport:
             cases.append(case)
         return cases
 
-    def _conclusion(self, summary: Summary) -> list[ET.Element]:
+    def _conclusion(self, summary: Ended) -> list[ET.Element]:
         """The final fit; what ended the session before its first step stands here too."""
         stepped = self._current is not None and self._current not in self._ended
         case = self._case("final fit" if not summary.failure or stepped else "session", "session")
@@ -133,7 +132,7 @@ class JUnitReport:
             _fail(case, "; ".join(summary.verdict) or "the fit is no result", summary.exit_code.name)
         return [case]
 
-    def _expectations(self, summary: Summary) -> list[ET.Element]:
+    def _expectations(self, summary: Ended) -> list[ET.Element]:
         cases = []
         for number, judged in enumerate(summary.expectations, 1):
             case = self._case(f"{number} {judged.name}", "expectations")
@@ -150,7 +149,7 @@ class JUnitReport:
         )
 
 
-def _figures(summary: Summary) -> dict[str, str]:
+def _figures(summary: Ended) -> dict[str, str]:
     """Every parameter's value, half of its 95 % interval, unit and status; what was predicted; where the files lie."""
     found = {}
     for estimate in summary.estimates:

@@ -15,6 +15,7 @@ from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import Measured
 from norton_bench.session.events import (
+    Ended,
     PartMeasured,
     Planned,
     PlannedStep,
@@ -22,7 +23,6 @@ from norton_bench.session.events import (
     SessionState,
     StateChanged,
     StepBegun,
-    Summary,
 )
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
@@ -162,7 +162,7 @@ READING = "reading the recording"
 
 
 class Refit:
-    """The conclusion of a recording, drawn in a process of its own: it takes seconds, and nobody is to wait for it.
+    """The result of a recording, from a fit in a process of its own: it takes seconds, and nobody is to wait for it.
 
     Under way as soon as it is made. Network and report go beside the recording, as with ``norton-bench fit``.
     """
@@ -173,17 +173,17 @@ class Refit:
         self._process = context.Process(target=_refit, args=(recording, emulated), name="refit", daemon=True)
         self._process.start()
         emulated.close()
-        self._summary: Summary | None = None
+        self._summary: Ended | None = None
         self._doing = READING
 
-    def summary(self) -> Summary | None:
+    def summary(self) -> Ended | None:
         """What came of it, once it is known. Returns at once."""
         while self._summary is None and self._pipe.poll():
             try:
-                came: str | Summary = self._pipe.recv()
+                came: str | Ended = self._pipe.recv()
             except EOFError:
-                came = Summary(ExitCode.EXPERIMENT_FAILED, "the fit ended without a word; run norton-bench fit")
-            if isinstance(came, Summary):
+                came = Ended(ExitCode.EXPERIMENT_FAILED, "the fit ended without a word; run norton-bench fit")
+            if isinstance(came, Ended):
                 self._summary = came
             else:
                 self._doing = came
@@ -203,11 +203,11 @@ class Refit:
 
 def _refit(recording: Path, pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the watcher's to interpret
-    from norton_bench.session.summary import summary_of, summary_of_failure  # noqa: PLC0415  (its imports take seconds)
+    from norton_bench.session.summary import ended, ended_by  # noqa: PLC0415  (its imports take seconds)
 
     try:
         from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
-        pipe.send(summary_of(recording, conclude_recording(recording, tell=pipe.send)[1]))
+        pipe.send(ended(conclude_recording(recording, tell=pipe.send)))
     except BaseException as error:  # told to whoever waits
-        pipe.send(summary_of_failure(error, [recording]))
+        pipe.send(ended_by(error, [recording]))

@@ -1,4 +1,4 @@
-"""What follows from several recordings of one actuator: each one's own conclusion, and that of all together."""
+"""What follows from several recordings of one actuator: each one's own result, and that of all together."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,9 +11,10 @@ from norton_bench.identification.sessions import Fitted, Together, together
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.report.sessions import SessionRow, SessionsData, write_sessions_report
+from norton_bench.result import Result
 from norton_bench.rig.rig import NO_MODEL
 from norton_bench.segments import Use
-from norton_bench.session.conclusion import NEEDED, Conclusion, check_metadata, conclude_recording
+from norton_bench.session.conclusion import NEEDED, check_metadata, conclude_recording
 from norton_bench.session.past import RESUMES
 
 WITHOUT_MODEL = "holds tables without a model, which cannot be combined; fit it alone"
@@ -26,7 +27,7 @@ class OneOf:
 
     recording: Path
     metadata: Mapping[str, str]
-    conclusion: Conclusion
+    result: Result
     fit: FitResult
 
 
@@ -102,11 +103,11 @@ def _one(path: Path, metadata: Mapping[str, str], out: Path | None) -> OneOf:
     try:
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
-        conclusion = conclude_recording(path, out)[1]
+        result = conclude_recording(path, out)
     except OSError as error:
         raise UsageError(f"{out}: the folder cannot be made ({error.strerror}); choose another") from error
     except ExperimentError as error:
         raise ExperimentError(f"{path}: {error}; leave it out") from error
-    if conclusion.fit is None:
+    if result.fit is None:
         raise UsageError(f"{path}: {WITHOUT_MODEL}")
-    return OneOf(path, metadata, conclusion, conclusion.fit)
+    return OneOf(path, metadata, result, result.fit)

@@ -1,62 +1,60 @@
-"""How a session ended, in the form that is told to whoever watches."""
+"""How a session ended, as the last of its events."""
 
 from collections.abc import Collection, Iterator, Sequence
 from math import isfinite
 from pathlib import Path
 
-from norton_bench.errors import ExitCode
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.tables.two_ports import two_ports
 from norton_bench.identification.trials import TrialFigures, last_driven, settled
 from norton_bench.report.facts_tables import line_facts, ports_facts, source_facts
 from norton_bench.report.section import Facts
-from norton_bench.result import ExpectationResult
-from norton_bench.session.conclusion import Conclusion
-from norton_bench.session.events import Summary
+from norton_bench.result import Result
+from norton_bench.session.events import Ended
 from norton_bench.session.failure import exit_code_of, sentence_of
 
 
-def summary_of(recording: Path, found: Conclusion, expected: tuple[ExpectationResult, ...] = ()) -> Summary:
+def ended(result: Result) -> Ended:
     """Of a session that came to its end."""
-    fit, checked = found.fit, found.validation
-    return Summary(
-        exit_code_of_result(found, expected),
-        recording=recording,
-        report=found.report,
-        network=found.network,
+    fit, checked = result.fit, result.validation
+    return Ended(
+        result.exit_code,
+        recording=result.recording,
+        report=result.report_file,
+        network=result.network_file,
         estimates=fit.estimates if fit else (),
         verdict=fit.verdict if fit else (),
         torque_relative=None if checked is None else _finite(checked.torque_relative),
         velocity_relative=None if checked is None else _finite(checked.velocity_relative),
-        expectations=expected,
-        trials=tuple(of_trials(found)),
-        tables=tabulated(found),
-        conditions=tuple(map(str, found.conditions)),
+        expectations=tuple(result.expectations),
+        trials=tuple(of_trials(result)),
+        tables=tabulated(result),
+        conditions=tuple(map(str, result.conditions)),
     )
 
 
-def of_trials(found: Conclusion) -> Iterator[str]:
+def of_trials(result: Result) -> Iterator[str]:
     """What movements that were repeated came to, in sentences."""
-    if found.in_situ is not None and found.in_situ.trials:
-        yield in_situ_sentence(found.in_situ)
-    if found.trials:
-        yield trials_sentence(found.trials)
+    if result.in_situ is not None and result.in_situ.trials:
+        yield in_situ_sentence(result.in_situ)
+    if result.trials:
+        yield trials_sentence(result.trials)
 
 
-def tabulated(found: Conclusion) -> tuple[Facts, ...]:
+def tabulated(result: Result) -> tuple[Facts, ...]:
     """What was tabulated, in short: without every single reading."""
     tables = []
-    if found.source is not None:
-        tables.append(source_facts(found.source, found.units))
-    if found.exertion is not None:
-        tables.append(line_facts(found.exertion, found.units))
-    rows = two_ports(found.source, found.exertion)
-    return (*tables, ports_facts(rows, found.units)) if rows else tuple(tables)
+    if result.source is not None:
+        tables.append(source_facts(result.source, result.units))
+    if result.exertion is not None:
+        tables.append(line_facts(result.exertion, result.units))
+    rows = two_ports(result.source, result.exertion)
+    return (*tables, ports_facts(rows, result.units)) if rows else tuple(tables)
 
 
-def summary_of_failure(error: BaseException, recordings: Collection[Path]) -> Summary:
+def ended_by(error: BaseException, recordings: Collection[Path]) -> Ended:
     """Of one that ``error`` ended; ``recordings`` are those that it left."""
-    return Summary(exit_code_of(error), sentence_of(error), recording=max(recordings, default=None))
+    return Ended(exit_code_of(error), sentence_of(error), recording=max(recordings, default=None))
 
 
 def in_situ_sentence(found: InSituResult) -> str:
@@ -77,15 +75,6 @@ def trials_sentence(trials: Sequence[TrialFigures]) -> str:
         f"Zero torque, {len(trials)} trials: {1e3 * last.with_noise_nm:.2f} mN·m at the port, at least "
         f"{last.below_db(trials[0]):.0f} dB below the undriven load; {end}."
     )
-
-
-def exit_code_of_result(found: Conclusion, expected: tuple[ExpectationResult, ...] = ()) -> ExitCode:
-    """A fit that is no result is a failure, and so is an expectation that was not met; nothing to fit is none."""
-    if not all(judged.met for judged in expected):
-        return ExitCode.EXPERIMENT_FAILED
-    if found.fit is not None and found.fit.shortcoming:
-        return ExitCode.EXPERIMENT_FAILED
-    return ExitCode.OK
 
 
 def _finite(number: float) -> float | None:

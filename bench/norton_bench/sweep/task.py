@@ -97,7 +97,7 @@ class Simulated:
         if self.keep is not None:
             folder = self.keep / self.name.replace(" ", "-")
             folder.mkdir(parents=True, exist_ok=True)
-            return run_session(self.rig, self.session, out=folder, seed=self.seed).conclusion.fit
+            return run_session(self.rig, self.session, out=folder, seed=self.seed).fit
         rig = replace(self.rig, candump=False)
         with TemporaryDirectory(prefix="norton-bench-") as folder_name:
             measured = record_session(rig, self.session, out=Path(folder_name), seed=self.seed).measured
@@ -123,7 +123,7 @@ class Recorded:
             # Recordings of a fleet have one name in many folders.
             folder = self.keep / f"{self.path.stem}-{sha256(self.name.encode()).hexdigest()[:8]}"
             folder.mkdir(parents=True, exist_ok=True)
-            return conclude_recording(self.path, folder)[1].fit
+            return conclude_recording(self.path, folder).fit
         recording = read_recording(self.path, raw_frames=False)
         check_metadata(self.path, recording.metadata)
         unit, tick_s = recording.metadata["command_unit"], float(recording.metadata["tick_s"])

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import types
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,29 +21,14 @@ from norton_bench.errors import ExitCode, SafetyStopError
 from norton_bench.identification.results import FitResult, LiveEstimate, Trace
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
+from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.refinement import Refinement
 from norton_bench.records import Measured
-from norton_bench.result import ExpectationResult
-from norton_bench.session.conclusion import Conclusion
+from norton_bench.result import Result
 from norton_bench.session.events import Note, PartMeasured, Planned, PlannedStep, StepBegun
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"
-
-
-@dataclass(frozen=True)
-class Knowledge:
-    refinement: Refinement | None = None
-    tick_s: float = 1e-3
-
-
-@dataclass(frozen=True)
-class Result:
-    recording: Path
-    conclusion: Conclusion
-    knowledge: Knowledge
-    measured: Measured
-    expectations: tuple[ExpectationResult, ...] = ()
 
 
 class Engine:
@@ -69,7 +54,8 @@ class Engine:
         if self.error is not None:
             raise self.error
         ticks = np.zeros(3000, Measured().ticks.dtype)
-        return Result(recording, Conclusion(self.fit), Knowledge(self.refinement), Measured(ticks=ticks))
+        known = Knowledge(rig, refinement=self.refinement)
+        return Result("sim", recording=recording, measured=Measured(ticks=ticks), knowledge=known, fit=self.fit)
 
 
 @pytest.fixture

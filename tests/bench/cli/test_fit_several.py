@@ -11,11 +11,10 @@ from norton_bench.cli.app import main
 from norton_bench.errors import ExitCode
 from norton_bench.identification.fit import fit
 from norton_bench.models.network import NortonNetwork
-from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
+from norton_bench.result import Result
 from norton_bench.session import several
-from norton_bench.session.conclusion import Conclusion
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
 
@@ -43,9 +42,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def fit_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each recording is fitted, and nothing else made of it: what takes the time is tested elsewhere."""
 
-    def conclude(path: Path, out: Path | None) -> tuple[Recording, Conclusion]:
-        recording = read_recording(path)
-        return recording, Conclusion(fit(recording.measured, command_unit="N*m", tick_s=TICK_S, draws=0))
+    def conclude(path: Path, out: Path | None) -> Result:
+        recorded = read_recording(path)
+        fitted = fit(recorded.measured, command_unit="N*m", tick_s=TICK_S, draws=0)
+        return Result("sim", metadata=recorded.metadata, recording=path, measured=recorded.measured, fit=fitted)
 
     monkeypatch.setattr("norton_bench.session.several.conclude_recording", conclude)
 

@@ -21,8 +21,7 @@ from norton_bench.identification.results import FitResult, Trace, Validation
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, PredictionError, Status
-from norton_bench.report.words import Units
-from norton_bench.session.conclusion import Conclusion
+from norton_bench.result import Result
 from norton_bench.session.summary import in_situ_sentence, trials_sentence
 
 TRACE = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
@@ -59,12 +58,20 @@ def shown(renderable: RenderableType) -> str:
 FILES = (Path("runs/a/r.mcap"), Path("runs/a/r.network.json"), Path("runs/a/r.report.html"))
 
 
-def concluded(fit: FitResult) -> Conclusion:
-    return Conclusion(fit, VALIDATION, network=FILES[1], report=FILES[2])
+def result_of(fit: FitResult) -> Result:
+    return Result(
+        "sim",
+        metadata={"command_unit": "N*m"},
+        recording=FILES[0],
+        fit=fit,
+        validation=VALIDATION,
+        network_file=FILES[1],
+        report_file=FILES[2],
+    )
 
 
 def test_json_has_the_documented_shape(fit: FitResult) -> None:
-    data = json.loads(to_json(identification(concluded(fit), FILES[0])))
+    data = json.loads(to_json(identification(result_of(fit))))
     assert data["parameters"]["torque_gain"] == {
         "value": 0.9004,
         "std": 0.0012,
@@ -87,27 +94,27 @@ def test_json_has_the_documented_shape(fit: FitResult) -> None:
 
 
 def test_the_models_error_is_told_to_programs_and_people(fit: FitResult) -> None:
-    found = replace(concluded(fit), model_error=MODEL_ERROR, units=Units("N*m"))
-    told = json.loads(to_json(identification(found, FILES[0])))["model_error"]
+    found = replace(result_of(fit), model_error=MODEL_ERROR)
+    told = json.loads(to_json(identification(found)))["model_error"]
     assert (told["torque_nm"], told["velocity_rad_s"], told["level"]) == (2e-3, None, 0.95)
     assert told["ranges"]["command"] == [-0.08, 0.08]
     assert told["zero_less_tare_nm"] == pytest.approx(1e-4)
     assert told["departures"][0]["cause"] == "stribeck"
     assert told["departures"][0]["periods_per_turn"] is None
-    said = " ".join(shown(summary(found, FILES[0])).split())
+    said = " ".join(shown(summary(found)).split())
     assert "right 95% of the time to: torque within 0.002 N*m rms; velocity -50 to 50 rad/s, command" in said
     assert "free velocity to 0.2 rad/s rms (3.4% of it; readings alone are 0.05 rad/s apart" in said
 
 
 def test_json_of_a_session_that_told_nothing() -> None:
-    data = json.loads(to_json(identification(Conclusion(), FILES[0])))
+    data = json.loads(to_json(identification(Result("sim"))))
     assert data["parameters"] == {}
     assert data["validation"] is data["network"] is data["report"] is None
 
 
 def test_a_repeated_movement_has_its_figures_and_a_sentence() -> None:
     trials = tuple(TrialFigures(n, torque, 2.9e-4, 1.5e-4) for n, torque in enumerate((1e-2, 3e-4, 3e-4, 3e-4), 1))
-    found = identification(Conclusion(trials=trials), Path("r.mcap"))["trials"]
+    found = identification(Result("sim", trials=trials))["trials"]
     assert found["converged"]
     assert found["below_first_db"] == pytest.approx(36.5, abs=0.1)
     assert found["with_noise_nm"] == [1e-2, 3e-4, 3e-4, 3e-4]
@@ -121,7 +128,7 @@ def test_a_repeated_movement_has_its_figures_and_a_sentence() -> None:
 def test_an_assembled_actuator_has_its_trials_and_the_file_of_its_source() -> None:
     trials = tuple(TrialFigures(n, torque, 1e-4, 1e-4, torque < 1e-3) for n, torque in enumerate((1e-2, 2e-4, 1e-2), 1))
     found = InSituResult(trials, None, ("the load's inertia is known",), ("after 3 trials there was still more",))
-    data = identification(Conclusion(in_situ=found, motion_file=FILES[1]), FILES[0])["in_situ"]
+    data = identification(Result("sim", in_situ=found, motion_file=FILES[1]))["in_situ"]
     assert data["driven"] == [False, True, False]
     assert data["below_first_db"] == pytest.approx(35.2, abs=0.1)
     assert data["reasons"] == ["after 3 trials there was still more"]
@@ -130,7 +137,7 @@ def test_an_assembled_actuator_has_its_trials_and_the_file_of_its_source() -> No
 
 
 def test_the_summary_names_parameters_verdict_and_files(fit: FitResult) -> None:
-    text = shown(summary(concluded(fit), FILES[0]))
+    text = shown(summary(result_of(fit)))
     row = next(line for line in text.splitlines() if "inertia" in line)
     # Half of a 95 % interval: 1.96 times the deviation of 1.2e-7.
     assert row.split() == ["Im", "inertia", "5.003e-5", "0.024e-5", "kg*m^2", "valid"]

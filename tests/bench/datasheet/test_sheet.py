@@ -15,27 +15,23 @@ from norton_bench.datasheet.data import sheet_data
 from norton_bench.datasheet.evidence import evidence
 from norton_bench.datasheet.pictures import Palette
 from norton_bench.datasheet.printed import pages, write_pdf
-from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_fit, sheet_of_network
+from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_network, sheet_of_result
 from norton_bench.datasheet.tables import remarks
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.identification.results import FitResult
-from norton_bench.recording.contents import Recording
-from norton_bench.recording.reader import read_recording
+from norton_bench.result import Result
 from tests.bench.models.test_derived import network
 from tests.bench.networks.some import PNEUMATIC
 from tests.bench.whole_session import whole_session
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[FitResult, Recording]:
-    result = whole_session(tmp_path_factory).result
-    assert result.conclusion.fit is not None
-    return result.conclusion.fit, read_recording(result.recording, raw_frames=False)
+def session(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return whole_session(tmp_path_factory).result
 
 
 @pytest.fixture(scope="module")
-def recorded(session: tuple[FitResult, Recording]) -> Sheet:
-    return sheet_of_fit(*session, None, file="some.mcap")
+def recorded(session: Result) -> Sheet:
+    return sheet_of_result(session)
 
 
 @pytest.fixture
@@ -59,12 +55,14 @@ def test_a_recording_adds_points_that_agree_with_its_network(recorded: Sheet) ->
     assert recorded.points[1].command == 0.5
 
 
-def test_friction_is_told_against_temperature_where_that_moved(session: tuple[FitResult, Recording]) -> None:
+def test_friction_is_told_against_temperature_where_that_moved(session: Result) -> None:
     """The simulated friction knows no temperature: a drive that warms up by 20 K changes nothing."""
-    fit, recording = session
-    ticks = recording.measured.ticks.copy()
+    fit, measured = session.fit, session.measured
+    assert fit is not None
+    assert measured is not None
+    ticks = measured.ticks.copy()
     ticks["transistor_temperature_c"] = np.linspace(25.0, 45.0, len(ticks))
-    warming = evidence(fit, replace(recording.measured, ticks=ticks), None, 1e-3).warming
+    warming = evidence(fit, replace(measured, ticks=ticks), None, 1e-3).warming
     assert warming is not None
     assert (warming.from_c, warming.to_c) == (25.0, 45.0)
     # Three deviations; and it tells a change of a tenth of the friction.
@@ -72,10 +70,11 @@ def test_friction_is_told_against_temperature_where_that_moved(session: tuple[Fi
     assert warming.half_width_nm < 0.1 * fit.network.coulomb_torque_nm
 
 
-def test_friction_that_falls_as_it_warms_is_told(session: tuple[FitResult, Recording]) -> None:
+def test_friction_that_falls_as_it_warms_is_told(session: Result) -> None:
     """Torque that opposes the motion is added to what was measured, in proportion to the temperature."""
-    fit, recording = session
-    measured, fallen_nm = recording.measured, 4e-3
+    fit, measured, fallen_nm = session.fit, session.measured, 4e-3
+    assert fit is not None
+    assert measured is not None
     ticks, torque, motion = measured.ticks.copy(), measured.torque.copy(), measured.motion
     ticks["transistor_temperature_c"] = np.linspace(25.0, 45.0, len(ticks))
     warmth = np.interp(torque["arrival_ns"], ticks["tick_ns"], np.linspace(0.0, 1.0, len(ticks)))
@@ -107,7 +106,7 @@ def test_on_paper_rows_stay_whole_under_a_head(recorded: Sheet) -> None:
     assert level >= {"figure", "value", "unit"}
 
 
-def test_steady_velocities_lie_on_the_network(session: tuple[FitResult, Recording], recorded: Sheet) -> None:
+def test_steady_velocities_lie_on_the_network(session: Result, recorded: Sheet) -> None:
     """What the shaft still does on its way to a velocity is left out."""
     assert recorded.evidence.sliding
     network = recorded.network

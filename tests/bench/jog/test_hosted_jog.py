@@ -44,9 +44,9 @@ def test_it_is_nudged_from_afar_and_ends_at_zero(tmp_path: Path) -> None:
         heard = until(session, lambda event: isinstance(event, Ended))
     end = heard[-1]
     assert isinstance(end, Ended)
-    assert end.summary.exit_code == ExitCode.OK
-    assert end.summary.recording is not None
-    recording = read_recording(end.summary.recording)
+    assert end.exit_code == ExitCode.OK
+    assert end.recording is not None
+    recording = read_recording(end.recording)
     assert recording.complete
     assert recording.metadata["session"] == "jog"
     assert recording.measured.ticks["command"][-1] == 0.0

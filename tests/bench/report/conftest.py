@@ -20,7 +20,7 @@ from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import PARAMETERS, Estimate, Status
 from norton_bench.records import MOTION, TICK, TORQUE, Event, Measured, SegmentInfo
-from norton_bench.report.data import ReportData
+from norton_bench.result import Result
 from norton_bench.segments import Use
 
 TICK_S = 1e-3
@@ -163,7 +163,7 @@ def rung(
 
 
 @pytest.fixture(scope="session")
-def full() -> ReportData:
+def full() -> Result:
     """A report with everything in it."""
     rng = np.random.default_rng(2)
     velocity, _, command, names = imposed()
@@ -206,7 +206,7 @@ def full() -> ReportData:
         verdict=("Km and Ka are known only as a product: no current was measured.",),
     )
     free = 20 * np.sin(2 * np.pi * 1.3 * time_s[last]) + 8 * np.sin(2 * np.pi * 5.1 * time_s[last])
-    return ReportData(
+    return Result(
         rig_name="sim-odrive",
         rig_text='[rig]\nname = "sim-odrive"  # <a rig>\n',
         metadata={
@@ -258,7 +258,7 @@ def full() -> ReportData:
 
 
 @pytest.fixture
-def without_numbers(full: ReportData) -> ReportData:
+def without_numbers(full: Result) -> Result:
     """The same, with everything that can be unknown unknown."""
     nothing = np.full(5, np.nan)
     trace = Trace(np.arange(5) * TICK_S, nothing, nothing, "N*m")

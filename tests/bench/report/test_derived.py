@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from norton_bench.models.parameters import Status
-from norton_bench.report.data import ReportData
 from norton_bench.report.equation import derived_facts
+from norton_bench.result import Result
 from tests.bench.report.test_words import read_back
 
 DRAWS, SEED = 200_000, 5
@@ -20,7 +20,7 @@ def ends(interval: str) -> tuple[float, float]:
     return low, high
 
 
-def test_values_and_intervals_follow_from_parameters_and_covariance(full: ReportData) -> None:
+def test_values_and_intervals_follow_from_parameters_and_covariance(full: Result) -> None:
     """Against draws of the parameters: correlated ones, so that leaving the covariance out would show."""
     assert full.fit is not None
     names = tuple(each.name for each in full.fit.estimates if each.status is Status.VALID)
@@ -48,7 +48,7 @@ def test_values_and_intervals_follow_from_parameters_and_covariance(full: Report
         assert low < read_back(value) < high
 
 
-def test_a_figure_whose_parameter_is_not_known_is_left_out(full: ReportData) -> None:
+def test_a_figure_whose_parameter_is_not_known_is_left_out(full: Result) -> None:
     assert full.fit is not None
     lost = tuple(
         replace(each, status=Status.AT_BOUND) if each.name == "viscous_damping" else each for each in full.fit.estimates
@@ -60,7 +60,7 @@ def test_a_figure_whose_parameter_is_not_known_is_left_out(full: ReportData) -> 
     assert derived_facts(replace(full.fit, estimates=nothing)) is None
 
 
-def test_without_a_covariance_there_is_no_interval(full: ReportData) -> None:
+def test_without_a_covariance_there_is_no_interval(full: Result) -> None:
     assert full.fit is not None
     facts = derived_facts(full.fit)
     assert facts is not None

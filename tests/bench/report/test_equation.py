@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from norton_bench.models.parameters import Status
-from norton_bench.report.data import ReportData
 from norton_bench.report.equation import DIGITS, model_of
+from norton_bench.result import Result
 from tests.bench.report.test_words import read_back
 
 NAMES = {"ωN": "source_velocity", "dτm/dt": "amplifier", "τ": "impedance", "dφ/dt": "contact"}
 
 
-def told(full: ReportData) -> dict[str, str]:
+def told(full: Result) -> dict[str, str]:
     """The right side of each equation with its values, by its left side."""
     assert full.fit is not None
     lines = model_of(full.fit, "N*m").lines
     return dict(line.values.split(" = ", 1) for line in lines)
 
 
-def test_the_printed_source_gives_the_networks_velocity(full: ReportData) -> None:
+def test_the_printed_source_gives_the_networks_velocity(full: Result) -> None:
     """Evaluated as a reader would, with the sign that the page prescribes."""
     assert full.network is not None
     above, _, under = told(full)["ωN"].partition(" / ")
@@ -30,14 +30,14 @@ def test_the_printed_source_gives_the_networks_velocity(full: ReportData) -> Non
         assert full.network.source_velocity(command) == pytest.approx(expected, rel=10.0**-DIGITS)
 
 
-def test_every_parameter_stands_in_the_equations(full: ReportData) -> None:
+def test_every_parameter_stands_in_the_equations(full: Result) -> None:
     assert set(told(full)) == set(NAMES)
     assert told(full)["τ"] == "τm − 5.000·10⁻⁵·dω/dt − 0.001000·ω − 10.00·φ − 0.01000·dφ/dt"
     assert told(full)["dτm/dt"] == "600.0·(0.9000·c − τm)"
     assert told(full)["dφ/dt"] == "ω − (10.00 / 0.02000)·|ω|·φ"
 
 
-def test_what_is_not_known_stays_a_symbol(full: ReportData) -> None:
+def test_what_is_not_known_stays_a_symbol(full: Result) -> None:
     assert full.fit is not None
     unknown = tuple(
         replace(each, status=Status.AT_BOUND) if each.name == "presliding_damping" else each
@@ -47,7 +47,7 @@ def test_what_is_not_known_stays_a_symbol(full: ReportData) -> None:
     assert lines[2].values.endswith("− σ1·dφ/dt")
 
 
-def test_a_negative_value_stands_in_brackets(full: ReportData) -> None:
+def test_a_negative_value_stands_in_brackets(full: Result) -> None:
     assert full.fit is not None
     turned = tuple(
         replace(each, value=-each.value) if each.name == "torque_gain" else each for each in full.fit.estimates
@@ -55,7 +55,7 @@ def test_a_negative_value_stands_in_brackets(full: ReportData) -> None:
     assert "((−0.9000)·c − τm)" in model_of(replace(full.fit, estimates=turned), "N*m").lines[0].values
 
 
-def test_without_torque_the_scale_is_said_to_be_open(full: ReportData) -> None:
+def test_without_torque_the_scale_is_said_to_be_open(full: Result) -> None:
     assert full.fit is not None
     network = full.fit.network.with_provenance({"scale": "free motion only"})
     model = model_of(replace(full.fit, network=network), "A")

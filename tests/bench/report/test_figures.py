@@ -5,24 +5,24 @@ from dataclasses import replace
 import numpy as np
 
 from norton_bench.identification.results import Trace
-from norton_bench.report.data import ReportData
 from norton_bench.report.figures_fit import close_up
 from norton_bench.report.figures_network import presliding_loops, sliding_samples, source_map_figure
 from norton_bench.report.svg import style
+from norton_bench.result import Result
 
 
-def test_small_loops_are_cut_out_by_their_segments(full: ReportData) -> None:
+def test_small_loops_are_cut_out_by_their_segments(full: Result) -> None:
     loops = presliding_loops(full.measured, full.fit.trace, deflection_rad=2e-3)
     assert [round(1e3 * np.ptp(loop.position_rad), 1) for loop in loops] == [10.0, 3.0, 1.0]
     assert all(abs(loop.position_rad.max() + loop.position_rad.min()) < 1e-12 for loop in loops)
     assert all(len(loop.measured_nm) == 1000 for loop in loops)
 
 
-def test_loops_that_mostly_slide_are_left_out(full: ReportData) -> None:
+def test_loops_that_mostly_slide_are_left_out(full: Result) -> None:
     assert len(presliding_loops(full.measured, full.fit.trace, deflection_rad=2e-4)) == 1
 
 
-def test_only_steady_velocities_stand_for_the_viscous_branch(full: ReportData) -> None:
+def test_only_steady_velocities_stand_for_the_viscous_branch(full: Result) -> None:
     sliding = sliding_samples(full.measured, full.fit.trace)
     asked = np.array([0.0, 6.0, -6.0, 24.0, -24.0, 48.0, -48.0])
     off = np.min(np.abs(sliding.velocity_rad_s[:, None] - asked), axis=1)
@@ -30,7 +30,7 @@ def test_only_steady_velocities_stand_for_the_viscous_branch(full: ReportData) -
     assert {float(v) for v in np.round(sliding.velocity_rad_s) if v in asked} == set(asked.tolist())
 
 
-def test_no_grid_gives_no_cloud(full: ReportData) -> None:
+def test_no_grid_gives_no_cloud(full: Result) -> None:
     assert sliding_samples(replace(full.measured, segments=()), full.fit.trace) is None
 
 
@@ -42,7 +42,7 @@ def test_the_close_up_is_where_most_happens() -> None:
     assert chosen[-1] >= 3399
 
 
-def test_the_source_is_drawn_with_its_corners(full: ReportData) -> None:
+def test_the_source_is_drawn_with_its_corners(full: Result) -> None:
     with style():
         axes, _ = source_map_figure(full.source_map, full.network, "N*m").axes
     line = axes.get_lines()[0]

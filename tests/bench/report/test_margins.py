@@ -6,7 +6,6 @@ from itertools import combinations
 import pytest
 from matplotlib.figure import Figure
 
-from norton_bench.report.data import ReportData
 from norton_bench.report.figures_fit import (
     live_figure,
     residual_figure,
@@ -27,8 +26,9 @@ from norton_bench.report.figures_network import (
 )
 from norton_bench.report.figures_tables import impedance_table_figure
 from norton_bench.report.svg import figure, style
+from norton_bench.result import Result
 
-FIGURES: dict[str, Callable[[ReportData], Figure]] = {
+FIGURES: dict[str, Callable[[Result], Figure]] = {
     "source map": lambda data: source_map_figure(data.source_map, data.network, "N*m"),
     "blocked": lambda data: blocked_figure(data.blocked_map, data.network, "N*m"),
     "impedance": lambda data: impedance_figure(
@@ -56,7 +56,7 @@ def boxes(picture: Figure) -> list[tuple[float, float, float, float]]:
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_a_figure_holds_its_panels_apart(name: str, full: ReportData) -> None:
+def test_a_figure_holds_its_panels_apart(name: str, full: Result) -> None:
     with style():
         picture = FIGURES[name](full)
         found = boxes(picture)

@@ -8,8 +8,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from norton_bench.errors import ExperimentError
 from norton_bench.models.parameters import Status
-from norton_bench.report.data import ReportData
 from norton_bench.report.render import render, write_report
+from norton_bench.result import Result
 
 SECTIONS = [
     "parameters",
@@ -59,7 +59,7 @@ class Outline(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def page_of_all(full: ReportData) -> str:
+def page_of_all(full: Result) -> str:
     return render(full)
 
 
@@ -79,7 +79,7 @@ def test_everything_known_shows_every_section(page_of_all: str) -> None:
     assert page.pictures == 14
 
 
-def test_the_same_data_give_the_same_bytes(full: ReportData, page_of_all: str, tmp_path) -> None:
+def test_the_same_data_give_the_same_bytes(full: Result, page_of_all: str, tmp_path) -> None:
     written = write_report(tmp_path / "a" / "r.html", full).read_bytes()
     assert written == page_of_all.encode()
     assert len(written) < 2_000_000
@@ -97,9 +97,9 @@ def test_no_stand_in_colour_is_left(page_of_all: str) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("missing", [f.name for f in fields(ReportData) if f.name not in ("rig_name", "rig_text")])
-def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
-    empty = ReportData(full.rig_name)
+@pytest.mark.parametrize("missing", [f.name for f in fields(Result) if f.name not in ("rig_name", "rig_text")])
+def test_any_part_may_be_missing(full: Result, missing: str) -> None:
+    empty = Result(full.rig_name)
     page = Outline(render(replace(full, **{missing: getattr(empty, missing)})))
     gone = {
         "fit": {"equation", "derived", "fit", "impedance", "without-model"},
@@ -118,12 +118,12 @@ def test_any_part_may_be_missing(full: ReportData, missing: str) -> None:
 
 
 def test_a_rig_alone_still_gives_a_page() -> None:
-    page = Outline(render(ReportData("bare")))
+    page = Outline(render(Result("bare")))
     assert page.sections == ["parameters", "glossary", "provenance"]
     assert "Nothing was fitted" in page.text
 
 
-def test_unknown_numbers_are_dashes(without_numbers: ReportData) -> None:
+def test_unknown_numbers_are_dashes(without_numbers: Result) -> None:
     page = Outline(render(without_numbers))
     assert "nan" not in page.text.lower().split()
     assert "did not converge" in page.text
@@ -186,14 +186,14 @@ def test_an_assembled_actuator_has_its_trials_and_its_source(page_of_all: str) -
     assert "Trials differ by 0.0080 rad/s rms." in page_of_all
 
 
-def test_text_from_outside_is_escaped(full: ReportData) -> None:
+def test_text_from_outside_is_escaped(full: Result) -> None:
     text = render(replace(full, rig_name="<b>x</b>"))
     assert "<b>x</b>" not in text
     assert "<a rig>" not in text
     assert "<removed>" not in text
 
 
-def test_a_report_that_cannot_be_written_says_so(full: ReportData, tmp_path) -> None:
+def test_a_report_that_cannot_be_written_says_so(full: Result, tmp_path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ExperimentError, match="cannot write the report"):
-        write_report(tmp_path / "file" / "r.html", ReportData("bare"))
+        write_report(tmp_path / "file" / "r.html", Result("bare"))

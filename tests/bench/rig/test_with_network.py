@@ -90,7 +90,7 @@ def fitted(rig, out, seed):
 
 
 def test_identified_exported_and_identified_again_it_is_the_same(tmp_path_factory, tmp_path, capsys):
-    first = whole_session(tmp_path_factory).result.conclusion.fit
+    first = whole_session(tmp_path_factory).result.fit
     path, network = tmp_path / "again.toml", tmp_path / "first.network.json"
     first.network.save(network)
     arguments = ["network", "export", str(network), "--to", "rig", "--rig", str(RIGS / "sim-odrive.toml")]

@@ -11,7 +11,7 @@ from norton_bench.recording.contents import Recording
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.experiment import Experiment
 from norton_bench.screen.sources import Replayed
-from norton_bench.session.events import SessionEvent, Summary
+from norton_bench.session.events import Ended, SessionEvent
 from norton_bench.session.operator import Order
 from norton_bench.session.replay import Replay, load_replay
 from tests.bench.whole_session import RIG, SESSION, Performed, whole_session
@@ -106,7 +106,7 @@ def live(session: Stand) -> Experiment:
     return Experiment(RIG, SESSION.place, lambda: session)
 
 
-def in_fixed_places(summary: Summary) -> Summary:
+def in_fixed_places(summary: Ended) -> Ended:
     """The same with files whose names do not change from run to run."""
     runs = Path("runs/20260102-030405-sim-odrive")
     names = {name: getattr(summary, name) for name in ("recording", "network", "report")}

@@ -21,7 +21,7 @@ from norton_bench.screen.screens.choices import ChoiceScreen
 from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import Confirm
 from norton_bench.session.engine import run_by_hand
-from norton_bench.session.events import Ended, Note, SessionEvent, SessionState, StateChanged, Summary
+from norton_bench.session.events import Ended, Note, SessionEvent, SessionState, StateChanged
 from norton_bench.session.operator import Order
 from norton_bench.session.replay import Replay, load_replay
 from tests.bench.screen.conftest import RIGS, ROOT, Clock, Stand
@@ -135,7 +135,7 @@ async def test_after_a_stop_it_is_started_again(by_hand: Experiment, session: St
         await moving(app, pilot, clock, 0.5)
         session.next_events += [
             StateChanged(SessionState.FAILED),
-            Ended(Summary(ExitCode.INTERRUPTED, "stopped by the operator: space")),
+            Ended(ExitCode.INTERRUPTED, "stopped by the operator: space"),
         ]
         await frame(app, pilot)
         assert not by_hand.live

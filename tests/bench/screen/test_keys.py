@@ -19,11 +19,11 @@ from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import Ask, Confirm, Mark
 from norton_bench.screen.screens.results import ResultsScreen
 from norton_bench.screen.settings import Settings
-from norton_bench.session.events import Ended, Note, Prompt, Question, SessionState, StateChanged, Summary
+from norton_bench.session.events import Ended, Note, Prompt, Question, SessionState, StateChanged
 from norton_bench.session.operator import Order
 
 ROOT = Path(__file__).parents[3]
-RESULT = Summary(ExitCode.OK, report=Path("runs/report.html"))
+RESULT = Ended(ExitCode.OK, report=Path("runs/report.html"))
 
 
 @asynccontextmanager

@@ -22,7 +22,7 @@ from norton_bench.screen.panels.result import SIGNS, parameter_rows, result_rows
 from norton_bench.screen.picture.parts import Known
 from norton_bench.screen.picture.picture import Picture
 from norton_bench.screen.tones import Row, apart, fitted, heading, length
-from norton_bench.session.events import Ended, PartMeasured, SessionState, StateChanged, Summary
+from norton_bench.session.events import Ended, PartMeasured, SessionState, StateChanged
 
 WIDTHS = (20, 34, 36, 46, 60, 70, 88, 100, 196)
 
@@ -95,7 +95,7 @@ def test_the_final_fit_takes_the_place_of_live_values_and_says_so(at_end: Experi
     picture = at_end.picture
     assert "live" in texts(parameter_rows(picture.known, 40, 12))[0]
     final = tuple(replace(each, value=2 * each.value) for each in picture.known.estimates)
-    picture.take(Ended(Summary(ExitCode.OK, estimates=final)))
+    picture.take(Ended(ExitCode.OK, estimates=final))
     picture.known.take(LiveEstimate(2**62, at_end.picture.known.estimates[:1]))
     rows = texts(parameter_rows(picture.known, 40, 12))
     assert rows[0].startswith("Parameters final fit")
@@ -108,7 +108,7 @@ def test_the_final_fit_takes_the_place_of_live_values_and_says_so(at_end: Experi
 
 def test_without_a_final_fit_the_live_values_stay_and_are_named_so(at_end: Experiment) -> None:
     before = at_end.picture.known.estimates
-    at_end.picture.take(Ended(Summary(ExitCode.EXPERIMENT_FAILED, "stopped")))
+    at_end.picture.take(Ended(ExitCode.EXPERIMENT_FAILED, "stopped"))
     assert at_end.picture.known.estimates == before
     assert "live" in texts(parameter_rows(at_end.picture.known, 40, 12))[0]
 
@@ -163,7 +163,7 @@ def test_a_result_is_a_page(at_end: Experiment) -> None:
     estimates = at_end.picture.known.estimates
     judged = (ExpectationResult("a", True, "τc is within 1 %"), ExpectationResult("b", False, "β is not within 1 %"))
     verdict = ("The bandwidth is known badly: nothing above 20 Hz was excited, so raise the multisine's end.",)
-    summary = Summary(ExitCode.OK, "", None, None, None, estimates, verdict, 0.024, 0.017, judged)
+    summary = Ended(ExitCode.OK, "", None, None, None, estimates, verdict, 0.024, 0.017, judged)
     for width in (60, 76, 116, 156, 196):
         page = texts(result_rows(summary, width))
         assert all(len(row) <= width for row in page)
@@ -172,7 +172,7 @@ def test_a_result_is_a_page(at_end: Experiment) -> None:
         assert any(row.startswith("✗ β is not") for row in page)
         assert re.sub(r"\s+", " ", " ".join(page)).count("raise the multisine's") == 1
     assert max(len(row.rstrip()) for row in texts(result_rows(summary, 156))) > 140
-    failed = texts(result_rows(Summary(ExitCode.SAFETY_STOP, "the port torque was 1.2 N*m"), 76))
+    failed = texts(result_rows(Ended(ExitCode.SAFETY_STOP, "the port torque was 1.2 N*m"), 76))
     assert failed[0] == "■ the port torque was 1.2 N*m"
 
 

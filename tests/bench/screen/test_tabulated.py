@@ -19,7 +19,7 @@ from norton_bench.screen.panels.result import result_rows
 from norton_bench.screen.picture.picture import STEP, Picture
 from norton_bench.screen.tones import Row, length
 from norton_bench.segments import Use
-from norton_bench.session.events import PartMeasured, StepBegun, Summary
+from norton_bench.session.events import Ended, PartMeasured, StepBegun
 
 RIGS = Path(__file__).parents[3] / "rigs"
 TICK_NS, PART_TICKS = 1_000_000, 100
@@ -131,7 +131,7 @@ def test_a_motor_with_gravity_is_drawn_as_places_once_it_is_tabulated(rig: Rig) 
 
 def test_the_result_shows_the_tables() -> None:
     facts = Facts(("port", "command [rad]", "rests at [rad]"), (("actuator", "0.1333", "0.1333 ± 0.0003"),))
-    rows = texts(result_rows(Summary(ExitCode.OK, tables=(facts, facts)), 80))
+    rows = texts(result_rows(Ended(ExitCode.OK, tables=(facts, facts)), 80))
     assert rows[0] == "✓ Done; what was found stands below."
     assert [row.split("─")[0].strip() for row in rows if row.startswith("Tables")] == ["Tables with 95 % intervals"]
     told = [row for row in rows if "0.1333 ± 0.0003" in row]
@@ -149,7 +149,7 @@ def test_a_narrow_panel_still_has_the_torque(rig: Rig) -> None:
 def test_a_table_that_is_wider_than_the_screen_goes_on_below() -> None:
     head = ("command [rad]", "modulation [N·m/rad]", "source [rad]", "stiffness [N·m/rad]", "friction [mN·m]")
     facts = Facts(head, (("0.2", "1", "0.19", "7.5", "16"), ("0.2", "4", "0.18", "9.5", "17")))
-    rows = texts(result_rows(Summary(ExitCode.OK, tables=(facts,)), 80))
+    rows = texts(result_rows(Ended(ExitCode.OK, tables=(facts,)), 80))
     heads = [row.split("  ") for row in rows if "command" in row]
     assert [[word.strip() for word in words if word.strip()] for words in heads] == [
         [*head[:2], *head[2:4]],
@@ -159,7 +159,7 @@ def test_a_table_that_is_wider_than_the_screen_goes_on_below() -> None:
         ["0.2", "4", "0.18", "9.5"],
         ["0.2", "4", "17"],
     ]
-    wide = texts(result_rows(Summary(ExitCode.OK, tables=(facts,)), 120))
+    wide = texts(result_rows(Ended(ExitCode.OK, tables=(facts,)), 120))
     assert sum("command" in row for row in wide) == 1
 
 
@@ -167,14 +167,14 @@ def test_the_result_says_whether_the_port_tells() -> None:
     said = (
         "Unique zero: does not hold; backlash: between -10 mrad and 10 mrad from its place of rest nothing is exerted."
     )
-    rows = texts(result_rows(Summary(ExitCode.OK, conditions=(said,)), 60))
+    rows = texts(result_rows(Ended(ExitCode.OK, conditions=(said,)), 60))
     place = next(index for index, row in enumerate(rows) if row.startswith("Conditions"))
     assert " ".join(row.strip(" ·") for row in rows[place + 1 :]).strip() == said
 
 
 def test_the_result_says_what_trials_came_to() -> None:
     said = "In situ, 9 trials: the actuator exerted 0.11 mN·m at last, at least 39 dB below the first."
-    rows = texts(result_rows(Summary(ExitCode.OK, trials=(said,)), 60))
+    rows = texts(result_rows(Ended(ExitCode.OK, trials=(said,)), 60))
     assert rows[0] == "✓ Done; what was found stands below."
     assert " ".join(rows[rows.index(next(row for row in rows if row.startswith("Trials"))) + 1 :]).strip() == said
 

@@ -67,8 +67,8 @@ def again(performed: Performed, tmp_path_factory: pytest.TempPathFactory) -> Cal
 
 
 def estimates(performed: Performed) -> tuple[Estimate, ...]:
-    assert performed.result.conclusion.fit is not None
-    return performed.result.conclusion.fit.estimates
+    assert performed.result.fit is not None
+    return performed.result.fit.estimates
 
 
 def test_every_parameter_is_found_within_its_own_deviation(performed: Performed) -> None:
@@ -83,7 +83,7 @@ def test_every_parameter_is_found_within_its_own_deviation(performed: Performed)
 
 
 def test_unseen_motion_is_predicted(performed: Performed) -> None:
-    fit, validation = performed.result.conclusion.fit, performed.result.conclusion.validation
+    fit, validation = performed.result.fit, performed.result.validation
     assert fit is not None
     assert validation is not None
     assert fit.converged
@@ -93,20 +93,20 @@ def test_unseen_motion_is_predicted(performed: Performed) -> None:
 
 
 def test_it_leaves_recording_network_and_report(performed: Performed) -> None:
-    conclusion = performed.result.conclusion
+    result = performed.result
     assert sorted(path.name for path in performed.out.iterdir()) == [
         "sim-odrive.candump.log",
         "sim-odrive.mcap",
         "sim-odrive.network.json",
         "sim-odrive.report.html",
     ]
-    assert conclusion.network is not None
-    assert conclusion.report is not None
-    network = NortonNetwork.load(conclusion.network)
+    assert result.network_file is not None
+    assert result.report_file is not None
+    network = NortonNetwork.load(result.network_file)
     values = {estimate.name: estimate.value for estimate in estimates(performed)}
     assert (network.inertia_kgm2, network.coulomb_torque_nm) == (values["inertia"], values["coulomb_torque"])
     assert network.provenance["seed"] == str(SEED)
-    report = conclusion.report.read_text()
+    report = result.report_file.read_text()
     assert all(name.replace("_", " ") in report or name in report for name in values)
 
 
@@ -134,18 +134,18 @@ def test_raw_frames_tell_everything_that_was_commanded(recording: Recording) -> 
 
 def test_a_recording_alone_gives_the_very_same_result(performed: Performed, tmp_path: Path) -> None:
     told: list[str] = []
-    _, conclusion = conclude_recording(performed.result.recording, tmp_path, told.append)
+    result = conclude_recording(performed.result.recording, tmp_path, told.append)
     assert told == [PARAMETERS, FRICTION, UNSEEN, REPORT]
-    assert conclusion.fit is not None
-    assert conclusion.fit.estimates == estimates(performed)
-    first, second = performed.result.conclusion.validation, conclusion.validation
+    assert result.fit is not None
+    assert result.fit.estimates == estimates(performed)
+    first, second = performed.result.validation, result.validation
     assert first is not None
     assert second is not None
     assert (second.torque_rms_nm, second.velocity_rms_rad_s) == (first.torque_rms_nm, first.velocity_rms_rad_s)
-    assert conclusion.network is not None
-    assert performed.result.conclusion.network is not None
-    then = json.loads(performed.result.conclusion.network.read_text())
-    now = json.loads(conclusion.network.read_text())
+    assert result.network_file is not None
+    assert performed.result.network_file is not None
+    then = json.loads(performed.result.network_file.read_text())
+    now = json.loads(result.network_file.read_text())
     assert now.pop("provenance").items() >= then.pop("provenance").items()
     assert now == then
 
@@ -155,7 +155,7 @@ def test_a_validation_that_was_not_read_costs_no_fit(performed: Performed, tmp_p
     begun_ns = next(segment.start_ns for segment in measured.segments if segment.use is Use.VALIDATE)
     deaf = replace(measured, torque=measured.torque[measured.torque["arrival_ns"] < begun_ns])
     recording = read_recording(performed.result.recording, raw_frames=False)
-    conclusion = conclude(
+    result = conclude(
         deaf,
         rig_text=recording.rig_text,
         metadata=recording.metadata,
@@ -163,10 +163,10 @@ def test_a_validation_that_was_not_read_costs_no_fit(performed: Performed, tmp_p
         recording=tmp_path / "deaf",
         out=tmp_path,
     )
-    assert conclusion.validation is None
-    assert conclusion.fit is not None
-    assert conclusion.fit.converged
-    assert any(sentence.startswith("validation: too little was read") for sentence in conclusion.fit.verdict)
+    assert result.validation is None
+    assert result.fit is not None
+    assert result.fit.converged
+    assert any(sentence.startswith("validation: too little was read") for sentence in result.fit.verdict)
 
 
 def test_a_recording_that_lost_its_end_and_was_recovered_tells_the_very_same(

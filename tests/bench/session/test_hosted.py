@@ -72,12 +72,12 @@ def test_the_events_are_those_of_a_session(heard: list[SessionEvent]) -> None:
     states = [event.state for event in heard if isinstance(event, StateChanged)]
     assert states[0] is SessionState.PREPARING
     assert states[-3:] == [SessionState.RUNNING, SessionState.CONCLUDING, SessionState.DONE]
-    assert summary(heard).summary.exit_code == ExitCode.OK
+    assert summary(heard).exit_code == ExitCode.OK
 
 
 def test_the_parts_are_what_was_recorded(heard: list[SessionEvent]) -> None:
     parts = [event for event in heard if isinstance(event, PartMeasured)]
-    path = summary(heard).summary.recording
+    path = summary(heard).recording
     assert path is not None
     recorded = read_recording(path).measured
     ticks = sum(len(event.measured.ticks) for event in parts)
@@ -90,7 +90,7 @@ def test_a_stop_ends_it_at_once(tmp_path: Path) -> None:
     with hosted(tmp_path, LONG) as session:
         until(session, lambda event: isinstance(event, PartMeasured))
         session.stop("space")
-        end = summary(until(session, over)).summary
+        end = summary(until(session, over))
     assert end.exit_code == ExitCode.INTERRUPTED
     assert end.failure == "stopped by the operator: space"
     assert end.recording is not None
@@ -121,7 +121,7 @@ def test_the_death_of_a_child_is_reported(tmp_path: Path) -> None:
         until(session, lambda event: isinstance(event, PartMeasured))
         assert session.pid is not None
         os.kill(session.pid, signal.SIGKILL)
-        end = summary(until(session, over)).summary
+        end = summary(until(session, over))
     assert end.exit_code == ExitCode.EXPERIMENT_FAILED
     assert "exit code -9" in end.failure
     assert "norton-bench recover" in end.failure

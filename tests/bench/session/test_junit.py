@@ -16,7 +16,6 @@ from norton_bench.session.events import (
     SessionState,
     StateChanged,
     StepBegun,
-    Summary,
 )
 from norton_bench.session.junit import JUnitReport
 
@@ -25,7 +24,7 @@ FOUND = Estimate("inertia", 5e-5, 1e-7, "kg*m^2", Status.VALID)
 UNKNOWN = Estimate("coulomb_torque", float("nan"), float("inf"), "N*m", Status.UNEXCITED)
 
 
-def reported(path: Path, steps: tuple[int, ...], summary: Summary) -> ET.Element:
+def reported(path: Path, steps: tuple[int, ...], summary: Ended) -> ET.Element:
     report = JUnitReport(path, "norton-bench.rig", {"seed": "1"})
     report.prepare()
     report(Planned(PLAN))
@@ -50,7 +49,7 @@ def verdicts(suite: ET.Element) -> dict[str, str]:
 
 def test_a_session_that_came_through(tmp_path: Path) -> None:
     expected = (ExpectationResult("inertia", True, "as it was"), ExpectationResult("inertia", False, "too wide"))
-    summary = Summary(ExitCode.EXPERIMENT_FAILED, estimates=(FOUND, UNKNOWN), expectations=expected)
+    summary = Ended(ExitCode.EXPERIMENT_FAILED, estimates=(FOUND, UNKNOWN), expectations=expected)
     suite = reported(tmp_path / "new" / "j.xml", (0, 1), summary)
     assert verdicts(suite) == {
         "1 tare": "",
@@ -70,19 +69,19 @@ def test_a_session_that_came_through(tmp_path: Path) -> None:
 
 
 def test_a_fit_that_is_no_result_fails(tmp_path: Path) -> None:
-    summary = Summary(ExitCode.EXPERIMENT_FAILED, verdict=("nothing moved",))
+    summary = Ended(ExitCode.EXPERIMENT_FAILED, verdict=("nothing moved",))
     assert verdicts(reported(tmp_path / "j.xml", (0, 1, 2), summary))["final fit"] == "nothing moved"
 
 
 def test_the_step_that_failed_says_why(tmp_path: Path) -> None:
-    suite = reported(tmp_path / "j.xml", (0, 1), Summary(ExitCode.SAFETY_STOP, "port torque: <2 N*m>"))
+    suite = reported(tmp_path / "j.xml", (0, 1), Ended(ExitCode.SAFETY_STOP, "port torque: <2 N*m>"))
     assert list(verdicts(suite).values()) == ["", "port torque: <2 N*m>", "not reached", "not reached"]
     (failure,) = suite.iter("failure")
     assert failure.get("type") == "SAFETY_STOP"
 
 
 def test_what_fails_before_the_first_step_is_a_case_too(tmp_path: Path) -> None:
-    suite = reported(tmp_path / "j.xml", (), Summary(ExitCode.CONNECTION, "can0 is not there"))
+    suite = reported(tmp_path / "j.xml", (), Ended(ExitCode.CONNECTION, "can0 is not there"))
     assert verdicts(suite)["session"] == "can0 is not there"
 
 

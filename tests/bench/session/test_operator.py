@@ -24,7 +24,6 @@ from norton_bench.session.events import (
     SessionState,
     StateChanged,
     StepBegun,
-    Summary,
 )
 from norton_bench.session.operator import Answers, Order
 from norton_bench.session.schema import parse_session
@@ -46,7 +45,7 @@ class Attendant:
     heard: list[str] = field(default_factory=list)
     plans: list[Sequence[PlannedStep]] = field(default_factory=list)
     steps: list[tuple[int, str]] = field(default_factory=list)
-    summary: Summary | None = None
+    summary: Ended | None = None
     replies: deque[str] = field(default_factory=deque)
     _waiting: list[Order] = field(default_factory=list)
 
@@ -68,8 +67,8 @@ class Attendant:
                 self.plans.append(steps)
             case StepBegun(index, name):
                 self.steps.append((index, name))
-            case Ended(summary):
-                self.summary = summary
+            case Ended():
+                self.summary = event
 
 
 def events(out: Path, *kinds: str) -> list[str]:

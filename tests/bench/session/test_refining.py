@@ -17,9 +17,10 @@ from norton_bench.procedures.refine import RefineProcedure
 from norton_bench.procedures.refinement import half_width
 from norton_bench.procedures.within import travel_left_rad
 from norton_bench.records import Measured
+from norton_bench.result import Result
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Use
-from norton_bench.session.engine import SessionResult, run_session
+from norton_bench.session.engine import run_session
 from norton_bench.session.events import Note, SessionEvent
 from norton_bench.session.schema import Session, Step, refining_session
 from norton_sim.tools import true_parameters
@@ -39,7 +40,7 @@ STEPS = (
 
 @dataclass(frozen=True)
 class Refined:
-    result: SessionResult
+    result: Result
     notes: list[str]
 
 
@@ -52,7 +53,7 @@ def refined(tmp_path_factory: pytest.TempPathFactory) -> Refined:
 
 
 def test_every_interval_becomes_as_narrow_as_asked(refined: Refined) -> None:
-    fit, log = refined.result.conclusion.fit, refined.result.knowledge.refinement
+    fit, log = refined.result.fit, refined.result.knowledge.refinement
     assert fit is not None
     assert log is not None
     assert log.finished
@@ -66,7 +67,7 @@ def test_every_interval_becomes_as_narrow_as_asked(refined: Refined) -> None:
 
 
 def test_the_truth_is_within_the_intervals(refined: Refined) -> None:
-    fit = refined.result.conclusion.fit
+    fit = refined.result.fit
     assert fit is not None
     truth = true_parameters(RIG.simulated, seed=SEED, place="", command_unit=RIG.command.unit)
     for estimate in fit.estimates:

@@ -12,9 +12,10 @@ from norton_bench.errors import OperatorStopError, UsageError
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import Measured
+from norton_bench.result import Result
 from norton_bench.session import engine
 from norton_bench.session.conclusion import conclude_recording
-from norton_bench.session.engine import SessionResult, run_session
+from norton_bench.session.engine import run_session
 from norton_bench.session.events import Note, PartMeasured, PlannedStep, Question, SessionEvent, StepBegun
 from norton_bench.session.operator import Order
 from norton_bench.session.past import Past, before, read_past
@@ -82,13 +83,13 @@ class Stopper:
 
 @dataclass(frozen=True)
 class Both:
-    whole: SessionResult
+    whole: Result
     first: Path
-    resumed: SessionResult
+    resumed: Result
     watched: Stopper
 
 
-def ran(out: Path, watcher: Stopper, resume: Path | None = None) -> SessionResult:
+def ran(out: Path, watcher: Stopper, resume: Path | None = None) -> Result:
     out.mkdir()
     return run_session(RIG, SESSION, out=out, seed=1, on_event=watcher.watch, operator=watcher, resume=resume)
 
@@ -127,14 +128,14 @@ def test_the_results_are_of_both_recordings(both: Both) -> None:
         one, other = both.whole.parameter(name), both.resumed.parameter(name)
         assert abs(one.value - other.value) < 4 * np.hypot(one.std, other.std), name
         assert other.interval < 2 * one.interval
-    fits = [result.conclusion.fit for result in (both.whole, both.resumed)]
+    fits = [result.fit for result in (both.whole, both.resumed)]
     assert fits[0] is not None
     assert fits[1] is not None
     assert fits[1].samples == pytest.approx(fits[0].samples, rel=0.02)
 
 
 def test_a_recording_that_resumes_another_is_fitted_with_it(both: Both, tmp_path: Path) -> None:
-    fit = conclude_recording(both.resumed.recording, tmp_path)[1].fit
+    fit = conclude_recording(both.resumed.recording, tmp_path).fit
     assert fit is not None
     assert fit.estimate("inertia").value == both.resumed.parameter("inertia").value
 

@@ -18,9 +18,10 @@ from norton_bench.procedures.options import (
     TareOptions,
     ValidateOptions,
 )
+from norton_bench.result import Result
 from norton_bench.rig.load import load_rig
 from norton_bench.session.conclusion import conclude_recording
-from norton_bench.session.engine import SessionResult, run_session
+from norton_bench.session.engine import run_session
 from norton_bench.session.schema import Session, Step, refining_session, standard_session
 from norton_sim.truth import Truth, read_truth
 from tests.bench.half_rate import half_rate
@@ -57,7 +58,7 @@ STEPS = {
 
 
 @cache
-def result_of(name: str) -> SessionResult:
+def result_of(name: str) -> Result:
     # Through a gap the port jumps: half of the ticks would miss how.
     rig = load_rig(RIGS / f"{name}.toml") if name == "sim-gear-train" else half_rate(name)
     calibrate = Step("calibrate", CalibrateOptions(duration_s=8.0 if name == "sim-gravity" else 4.0))
@@ -71,7 +72,7 @@ def truth_of(name: str) -> Truth:
 
 @pytest.mark.parametrize("name", ["sim-pneumatic", "sim-series-elastic", "sim-gear-train"])
 def test_the_source_is_where_the_closed_form_says(name):
-    table, actuator = result_of(name).conclusion.source, truth_of(name).actuator
+    table, actuator = result_of(name).source, truth_of(name).actuator
     assert table is not None
     for row in table.rows("actuator"):
         assert row.settled
@@ -81,7 +82,7 @@ def test_the_source_is_where_the_closed_form_says(name):
 
 
 def test_a_series_elastic_port_is_a_spring_by_any_measure():
-    exertion, actuator = result_of("sim-series-elastic").conclusion.exertion, truth_of("sim-series-elastic").actuator
+    exertion, actuator = result_of("sim-series-elastic").exertion, truth_of("sim-series-elastic").actuator
     assert exertion is not None
     (line,) = exertion.lines()
     assert line.stiffness.value == pytest.approx(actuator.stiffness_nm_rad, rel=0.03)
@@ -94,7 +95,7 @@ def test_a_series_elastic_port_is_a_spring_by_any_measure():
 
 
 def test_backlash_shows_as_a_range_without_torque_and_as_a_gap_of_the_source():
-    found, actuator = result_of("sim-gear-train").conclusion, truth_of("sim-gear-train").actuator
+    found, actuator = result_of("sim-gear-train"), truth_of("sim-gear-train").actuator
     (line,) = found.exertion.lines()
     assert line.zeros is not None
     assert line.zeros.width.value == pytest.approx(actuator.backlash.width_rad, abs=3e-3)
@@ -105,7 +106,7 @@ def test_backlash_shows_as_a_range_without_torque_and_as_a_gap_of_the_source():
 
 def test_backlash_is_told_as_a_source_that_is_not_unique_with_the_width_of_its_zeros():
     result, actuator = result_of("sim-gear-train"), truth_of("sim-gear-train").actuator
-    judged = json.loads(to_json(identification(result.conclusion, result.recording)))["conditions"]
+    judged = json.loads(to_json(identification(result)))["conditions"]
     assert [each["holds"] for each in judged] == [True, False, True]
     unique = judged[1]
     assert (unique["condition"], unique["figure"], unique["unit"]) == (
@@ -116,24 +117,24 @@ def test_backlash_is_told_as_a_source_that_is_not_unique_with_the_width_of_its_z
     low_rad, high_rad = unique["interval"]
     assert low_rad <= actuator.backlash.width_rad <= high_rad
     assert high_rad - low_rad < 0.3 * actuator.backlash.width_rad
-    page = result.conclusion.report.read_text()
+    page = result.report_file.read_text()
     assert "Unique zero: does not hold; backlash: between" in page
 
 
 @pytest.mark.parametrize("name", ["sim-pneumatic", "sim-series-elastic"])
 def test_a_spring_or_a_muscle_has_one_place_of_rest(name):
-    assert [each.holds for each in result_of(name).conclusion.conditions] == [True, True, True]
+    assert [each.holds for each in result_of(name).conditions] == [True, True, True]
 
 
 def test_a_slow_sweep_sees_the_friction_that_a_held_port_forgets():
-    exertion, muscle = result_of("sim-pneumatic").conclusion.exertion, truth_of("sim-pneumatic").actuator
+    exertion, muscle = result_of("sim-pneumatic").exertion, truth_of("sim-pneumatic").actuator
     (line,) = exertion.lines()
     sliding_nm = muscle.output.coulomb_torque_nm + muscle.output.viscous_damping_nm_s_rad * line.sweep.speed_rad_s
     assert line.sweep.friction.value == pytest.approx(sliding_nm, abs=line.sweep.friction.half_width + 1e-4)
 
 
 def test_a_muscles_exertion_bends_and_is_zero_at_its_source():
-    found, muscle = result_of("sim-pneumatic").conclusion, truth_of("sim-pneumatic").actuator
+    found, muscle = result_of("sim-pneumatic"), truth_of("sim-pneumatic").actuator
     setting = found.exertion.settings[0]
     displacement, torque, half = found.exertion.curve(setting)
     source = found.exertion.sources[setting].value
@@ -144,7 +145,7 @@ def test_a_muscles_exertion_bends_and_is_zero_at_its_source():
 
 
 def test_an_arm_answers_with_spring_damper_and_skeleton():
-    exertion, arm = result_of("sim-arm").conclusion.exertion, truth_of("sim-arm").actuator
+    exertion, arm = result_of("sim-arm").exertion, truth_of("sim-arm").actuator
     assert exertion is not None
     rows = [row for row in exertion.shaken if row.frequency_hz > 3]
     assert rows
@@ -157,7 +158,7 @@ def test_an_arm_answers_with_spring_damper_and_skeleton():
 
 def test_two_ports_differ_by_what_the_load_asks():
     result, truth = result_of("sim-gravity"), truth_of("sim-gravity")
-    table = json.loads(to_json(identification(result.conclusion, result.recording)))["tables"]
+    table = json.loads(to_json(identification(result)))["tables"]
     row = table["two_ports"][-1]
     weight_nm, load_nm = truth.actuator.gravity.amplitude_nm, truth.load.gravity.amplitude_nm
     torque_nm = truth.actuator.motor.Km * truth.actuator.motor.Ka * row["command"]
@@ -173,8 +174,8 @@ def test_two_ports_differ_by_what_the_load_asks():
 
 def test_a_recording_tells_the_same_again_and_the_report_shows_it(tmp_path):
     result = result_of("sim-series-elastic")
-    _, again = conclude_recording(result.recording, tmp_path)
-    assert again.source == result.conclusion.source
+    again = conclude_recording(result.recording, tmp_path)
+    assert again.source == result.source
     assert again.fit is None
     page = again.report.read_text()
     assert "The motion source, tabulated" in page

@@ -22,10 +22,11 @@ from norton_bench.procedures.options import (
 from norton_bench.procedures.rest import RestProcedure
 from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
 from norton_bench.report.facts_tables import modulator_sentence
-from norton_bench.report.words import Units
+from norton_bench.result import Result
 from norton_bench.session.conclusion import conclude_recording
-from norton_bench.session.engine import SessionResult, record_procedures, run_session
+from norton_bench.session.engine import record_procedures, run_session
 from norton_bench.session.schema import Session, Step, WrittenFault
+from norton_bench.units import Units
 from norton_sim.truth import Truth, read_truth
 from tests.bench.half_rate import half_rate
 
@@ -45,14 +46,14 @@ SEEDS = (1, 2)
 
 
 @cache
-def result() -> SessionResult:
+def result() -> Result:
     return run_session(RIG, Session(STEPS, "short"), out=Path(mkdtemp()), seed=SEEDS[0])
 
 
 @cache
 def found_on(seed: int) -> Modulated:
     """What a session concludes; at another seed, from its last step alone, on the bench that it has got to know."""
-    source, exertion = result().conclusion.source, result().conclusion.exertion
+    source, exertion = result().source, result().exertion
     if seed != SEEDS[0]:
         again = ModulatedProcedure(TabulateImpedanceProcedure(IMPEDANCE), (0.0, 4.0))
         recorded = record_procedures(
@@ -93,7 +94,7 @@ def test_the_source_stays_where_it_is(seed):
 
 
 def test_exertion_is_told_by_command_modulation_and_displacement():
-    true, told = truth(), json.loads(to_json(identification(result().conclusion, result().recording)))["tables"]
+    true, told = truth(), json.loads(to_json(identification(result())))["tables"]
     for held in told["exertion"]["held"]:
         place_rad = true.actuator.source_rad(held["command"]) + held["displacement_rad"]
         angle_rad = true.modulator.angle_rad(held["modulation"])
@@ -106,9 +107,9 @@ def test_exertion_is_told_by_command_modulation_and_displacement():
 
 
 def test_a_recording_tells_the_same_again_and_the_report_says_it(tmp_path):
-    _, again = conclude_recording(result().recording, tmp_path)
-    assert again.source == result().conclusion.source
-    assert again.exertion == result().conclusion.exertion
+    again = conclude_recording(result().recording, tmp_path)
+    assert again.source == result().source
+    assert again.exertion == result().exertion
     page = again.report.read_text()
     assert "What the modulation changes" in page
     assert "The modulation changes the impedance: from 0 to 4.00 N·m/rad the stiffness at the source goes from" in page
@@ -118,14 +119,14 @@ def test_a_recording_tells_the_same_again_and_the_report_says_it(tmp_path):
 
 
 def test_its_second_drive_went_where_it_was_sent_and_the_result_says_so():
-    found = result().conclusion.modulator
+    found = result().modulator
     assert found is not None
     assert found.followed
     travel = truth().modulator.angle_rad
     for stood in found.stood:
         assert len(stood.places_rad) >= 2
         assert stood.places_rad == pytest.approx([travel(stood.modulation)] * len(stood.places_rad), abs=2e-3)
-    assert "went where it was sent: under each modulation to one place" in result().conclusion.report.read_text()
+    assert "went where it was sent: under each modulation to one place" in result().report_file.read_text()
 
 
 def test_one_that_slips_on_its_way_is_named():

@@ -12,7 +12,7 @@ from norton_bench.report.section import Facts
 from norton_bench.report.words import interval, number, percent, pretty_unit, symbol
 from norton_bench.screen.picture.parts import Known, half_width
 from norton_bench.screen.tones import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
-from norton_bench.session.events import Summary
+from norton_bench.session.events import Ended
 
 SIGNS = {
     Status.UNEXCITED: ("○", LABEL),
@@ -102,7 +102,7 @@ GAP = 3  # between the columns of a table
 NAMING = ("port", "command", "modulation")  # columns that name a row
 
 
-def result_rows(summary: Summary, width: int) -> list[Row]:
+def result_rows(summary: Ended, width: int) -> list[Row]:
     """As many rows as it takes; where there is room, numbers at the left and sentences at the right."""
     wide = width >= TWO_COLUMNS
     left, right = (RESULT_WIDTH, width - RESULT_WIDTH - BETWEEN) if wide else (width, width)
@@ -131,7 +131,7 @@ def _beside(left: list[Row], right: list[Row], first: int, second: int) -> list[
     return [[*fitted(one, first), (" " * BETWEEN, TEXT), *fitted(other, second)] for one, other in pairs]
 
 
-def _end(summary: Summary, width: int) -> list[Row]:
+def _end(summary: Ended, width: int) -> list[Row]:
     """In a line how it went; where it failed, why."""
     if summary.failure:
         return [
@@ -164,7 +164,7 @@ def _parameter(estimate: Estimate, width: int) -> Row:
     return fitted([*row, (f"  {sign} {estimate.status.value}", tone)], width)
 
 
-def _trials(summary: Summary, width: int) -> list[Row]:
+def _trials(summary: Ended, width: int) -> list[Row]:
     lines = [line for said in summary.trials for line in wrap(said, width)]
     return [heading("Trials", "", "", width), *([(line, TEXT)] for line in lines)] if lines else []
 
@@ -212,7 +212,7 @@ def _listed(title: str, beside: str, sentences: tuple[str, ...], width: int) -> 
     return [heading(title, beside, "", width), *([(line, TEXT)] for line in lines)] if lines else []
 
 
-def _merit(summary: Summary, width: int) -> list[Row]:
+def _merit(summary: Ended, width: int) -> list[Row]:
     """How well what no fit has seen was predicted, and whether what was expected came true."""
     rows: list[Row] = []
     for what, share in (("torque", summary.torque_relative), ("velocity", summary.velocity_relative)):
@@ -225,7 +225,7 @@ def _merit(summary: Summary, width: int) -> list[Row]:
     return [heading("Figures of merit", "", "", width), *(fitted(row, width) for row in rows)] if rows else []
 
 
-def _files(summary: Summary, width: int) -> list[Row]:
+def _files(summary: Ended, width: int) -> list[Row]:
     files: list[tuple[str, Path | None]] = [
         ("recording", summary.recording),
         ("network", summary.network),

@@ -23,7 +23,6 @@ from norton_bench.session.events import (
     SessionState,
     StateChanged,
     StepBegun,
-    Summary,
 )
 
 
@@ -170,7 +169,7 @@ class Picture:
         self.log = Log()
         self.segment: SegmentInfo | None = None
         self.prompt: Prompt | None = None
-        self.summary: Summary | None = None
+        self.summary: Ended | None = None
         self.fitting = ""  # which part of the final fit goes on
         self.changes = 0  # grows with every event
         self._first_ns: int | None = None
@@ -224,8 +223,8 @@ class Picture:
                 self._take_state(state)
             case Question(prompt):
                 self.prompt = prompt
-            case Ended(summary):
-                self._take_end(summary)
+            case Ended():
+                self._take_end(event)
 
     def _take_part(self, measured: Measured, live: LiveEstimate) -> None:
         if len(measured.ticks):
@@ -255,7 +254,7 @@ class Picture:
         if state in (SessionState.CONCLUDING, *OVER):
             self.steps.end(self.now_s, whole=state is not SessionState.FAILED)
 
-    def _take_end(self, summary: Summary) -> None:
+    def _take_end(self, summary: Ended) -> None:
         self.summary = summary
         self.known.settle(summary.estimates)
         if summary.failure:

@@ -22,7 +22,7 @@ from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import Confirm, Mark
 from norton_bench.screen.tones import Row
-from norton_bench.session.events import SessionState, Summary
+from norton_bench.session.events import Ended, SessionState
 
 SHARES = (0.005, 0.01, 0.02, 0.05, 0.1)
 USUAL_SHARE = 2
@@ -50,7 +50,7 @@ class ByHandScreen(Screen[None]):
         self._share, self._touched_s = USUAL_SHARE, time.monotonic()
         self._frames, self._numbers_every = 0, max(1, ceil(NUMBERS_EVERY_S * fps))
         self._told_state: SessionState | None = None
-        self._told_end: Summary | None = None
+        self._told_end: Ended | None = None
 
     def compose(self) -> ComposeResult:
         yield Panel(self._title, id="title")

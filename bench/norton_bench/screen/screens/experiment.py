@@ -19,7 +19,7 @@ from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Ask, Confirm, Mark
 from norton_bench.screen.tones import Row
-from norton_bench.session.events import Prompt, SessionState, Summary
+from norton_bench.session.events import Ended, Prompt, SessionState
 
 VIEWS = ["Overview", "Loops", "Source", "Bench"]
 WINDOWS_S = (2.0, 5.0, 10.0, 20.0, 40.0)
@@ -45,7 +45,7 @@ class ExperimentScreen(Screen[None]):
         self._tables_every = max(1, ceil(TABLES_EVERY_S * fps))
         self._asked: Prompt | None = None
         self._told_state: SessionState | None = None
-        self._told_end: Summary | None = None
+        self._told_end: Ended | None = None
 
     def compose(self) -> ComposeResult:
         yield Panel(self._title, id="title")

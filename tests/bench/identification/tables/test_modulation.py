@@ -8,7 +8,7 @@ from norton_bench.identification.tables.means import Mean, Setting
 from norton_bench.identification.tables.modulation import modulated
 from norton_bench.identification.tables.source_table import SourceLevel, SourceTable
 from norton_bench.report.facts_tables import modulation_sentences
-from norton_bench.report.words import Units
+from norton_bench.units import Units
 
 UNITS = Units("rad", "N*m/rad")
 
