@@ -46,7 +46,7 @@ PERCENT = re.compile(rf"\s*({NUMBER.pattern})\s*%\s*")
 
 
 @dataclass(frozen=True)
-class Wishes:
+class RunOptions:
     """How an experiment is to run, beside its rig and its session."""
 
     out: Path | None = None
@@ -82,8 +82,8 @@ def identify(
     session = standard_session(rig) if asked is None else refining_session(rig, asked, at_most_s)
     output = Output(json, quiet)
     if dry_run:
-        return show_plan(rig, session, Wishes(seed=seed), output)
-    return perform(rig, session, Wishes(out, seed, junit), output)
+        return show_plan(rig, session, RunOptions(seed=seed), output)
+    return perform(rig, session, RunOptions(out, seed, junit), output)
 
 
 def run(
@@ -114,18 +114,18 @@ def run(
         raise UsageError(f'{session_file}: names no rig; add rig = "../rigs/my-rig.toml", or give --rig')
     rig, output = load_rig(place, backend=backend), Output(json, quiet)
     seed = session.seed if seed is None else seed
-    wishes = Wishes(out, seed, junit, resume, operator.parsed(answer or ()), yes)
-    return (show_plan if dry_run else perform)(rig, session, wishes, output)
+    options = RunOptions(out, seed, junit, resume, operator.parsed(answer or ()), yes)
+    return (show_plan if dry_run else perform)(rig, session, options, output)
 
 
-def show_plan(rig: "Rig", session: "Session", wishes: Wishes, output: Output) -> int:
+def show_plan(rig: "Rig", session: "Session", options: RunOptions, output: Output) -> int:
     """What the session would do, once everything is found to be in order."""
     from norton_bench.cli.plan import plan_data, plan_view  # noqa: PLC0415
     from norton_bench.session import dry_run  # noqa: PLC0415
     from norton_bench.session.operator import Answers  # noqa: PLC0415
 
-    found = dry_run.dry_run(session, rig, seed=wishes.seed)
-    Answers(wishes.answers, wishes.yes).check(found.prompts, session.place, somebody=True)
+    found = dry_run.dry_run(session, rig, seed=options.seed)
+    Answers(options.answers, options.yes).check(found.prompts, session.place, somebody=True)
     output.result(plan_data(found, session, rig), plan_view(found, session, rig))
     return ExitCode.OK
 
@@ -154,40 +154,40 @@ def _quantity(option: str, text: str, unit: str) -> float:
         raise UsageError(f"{option}: {error}") from None
 
 
-def perform(rig: "Rig", session: "Session", wishes: Wishes, output: Output) -> int:
+def perform(rig: "Rig", session: "Session", options: RunOptions, output: Output) -> int:
     """Run ``session`` and show what came of it; returns the exit code."""
-    folder = run_folder(wishes.out, rig.name)
+    folder = run_folder(options.out, rig.name)
     before = set(folder.iterdir())
     output.say("preparing; the very first run compiles for a while")
     try:
-        result = _run(rig, session, folder, wishes, output)
+        result = _run(rig, session, folder, options, output)
     except BaseException:  # whatever ended it, the data are worth a word
-        _say_what_is_kept(folder, before, output)
+        _name_recordings(folder, before, output)
         raise
     return _show(result, output)
 
 
-def _run(rig: "Rig", session: "Session", folder: Path, wishes: Wishes, output: Output) -> "Result":
+def _run(rig: "Rig", session: "Session", folder: Path, options: RunOptions, output: Output) -> "Result":
     from norton_bench.cli.operator import operator_here  # noqa: PLC0415
     from norton_bench.session.engine import run_session  # noqa: PLC0415
     from norton_bench.session.operator import Answers  # noqa: PLC0415
 
-    with operator_here() as operator, _watching(rig, session, wishes, operator, output) as on_event:
+    with operator_here() as operator, _watching(rig, session, options, operator, output) as on_event:
         return run_session(
             rig,
             session,
             out=folder,
-            seed=wishes.seed,
+            seed=options.seed,
             on_event=on_event,
             operator=operator,
-            answers=Answers(wishes.answers, wishes.yes),
-            resume=wishes.resume,
+            answers=Answers(options.answers, options.yes),
+            resume=options.resume,
         )
 
 
 @contextmanager
 def _watching(
-    rig: "Rig", session: "Session", wishes: Wishes, operator: "CommandLineOperator", output: Output
+    rig: "Rig", session: "Session", options: RunOptions, operator: "CommandLineOperator", output: Output
 ) -> Iterator["Watcher"]:
     """All who watch the session: the terminal, its operator, and the report for a CI server."""
     from norton_bench.cli.progress import showing_progress  # noqa: PLC0415
@@ -195,9 +195,9 @@ def _watching(
 
     with showing_progress(output, rig.tick_s) as shown:
         watchers: list[Watcher] = [shown, operator.watch]
-        if wishes.junit is not None:
-            about = {"rig": rig.place, "session": session.place, "seed": str(wishes.seed or "")}
-            junit = JUnitReport(wishes.junit, f"norton-bench.{rig.name}", about)
+        if options.junit is not None:
+            about = {"rig": rig.place, "session": session.place, "seed": str(options.seed or "")}
+            junit = JUnitReport(options.junit, f"norton-bench.{rig.name}", about)
             junit.prepare()
             watchers.append(junit)
 
@@ -208,7 +208,7 @@ def _watching(
         yield to_all
 
 
-def _say_what_is_kept(folder: Path, before: set[Path], output: Output) -> None:
+def _name_recordings(folder: Path, before: set[Path], output: Output) -> None:
     for recording in sorted(set(folder.glob("*.mcap")) - before):
         output.say(f"what was measured is kept in {recording}")
     if not any(folder.iterdir()):

@@ -59,7 +59,7 @@ class BlockedProcedure:
         levels = self._levels(known)[0]
         return self._clamped(known, levels) if known.rig.wiring.load is None else self._driven(known, levels)
 
-    def spared(self, known: Knowledge) -> tuple[str, ...]:
+    def reductions(self, known: Knowledge) -> tuple[str, ...]:
         return words_for(f"{self.name}: levels", self._levels(known)[1])
 
     def _levels(self, known: Knowledge) -> tuple[np.ndarray, float]:

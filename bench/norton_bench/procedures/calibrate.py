@@ -84,7 +84,7 @@ class CalibrateProcedure:
         if known.tare is None:
             raise ExperimentError("calibrate: needs the noise at rest; run the step 'tare' before it")
         fit = fit_load(measured, tick_s=known.tick_s)
-        if not told_well_enough(fit.result):
+        if not known_well_enough(fit.result):
             raise ExperimentError("calibrate: the load's fit did not converge; " + "; ".join(fit.result.verdict))
         actuator = self._actuator(known, measured) if known.rig.modelled else None
         return replace(known, calibration=calibration_from(fit, actuator, known), actuator=actuator)
@@ -145,7 +145,7 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
     )
 
 
-def told_well_enough(machine: FitResult) -> bool:
+def known_well_enough(machine: FitResult) -> bool:
     """Whether controllers and plans can build on a fit: converged, or not quite but sure of what margins come from.
 
     A friction contact much shorter than a count cannot be told, and a search for it may go on for ever; gain, inertia
@@ -168,7 +168,7 @@ def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
     if actuator is None or actuator.estimate("inertia").status is Status.RATIO_ONLY:
         return None
     inertia_kgm2 = actuator.network.inertia_kgm2
-    return inertia_kgm2 if told_well_enough(actuator) and inertia_kgm2 > 0.0 else None
+    return inertia_kgm2 if known_well_enough(actuator) and inertia_kgm2 > 0.0 else None
 
 
 def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:
@@ -189,7 +189,7 @@ def well_known(actuator: FitResult) -> bool:
 
     A search that has no end, for the bandwidth of an amplifier too quick to be seen, may be sure of that all the same.
     """
-    sound = (Status.VALID, Status.NOT_CONVERGED) if told_well_enough(actuator) else (Status.VALID,)
+    sound = (Status.VALID, Status.NOT_CONVERGED) if known_well_enough(actuator) else (Status.VALID,)
     return all(
         estimate.status in sound and estimate.std <= part * abs(estimate.value)
         for estimate, part in ((actuator.estimate(name), part) for name, part in WELL_KNOWN.items())

@@ -65,7 +65,7 @@ class ImposedProcedure:
             yield imposed(self.name, name, Use.IDENTIFY, sized.command, sized.motion)
         yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
 
-    def spared(self, known: Knowledge) -> tuple[str, ...]:
+    def reductions(self, known: Knowledge) -> tuple[str, ...]:
         smaller = tuple(
             sentence
             for name, sized in self._stretches(known)

@@ -80,7 +80,7 @@ class Shake:
         models = Models(Machine.of_fit(actuator), load)
         return replace(known, in_situ=_planned(self.options, Assembly(models, said), known))
 
-    def told(self, known: Knowledge) -> tuple[str, str]:
+    def recorded_event(self, known: Knowledge) -> tuple[str, str]:
         """The load's values."""
         assert known.in_situ is not None
         return LOAD_TAKEN, known.in_situ.load.as_text()

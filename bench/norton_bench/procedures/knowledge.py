@@ -86,30 +86,30 @@ class Procedure(Protocol):
 
 
 @runtime_checkable
-class Telling(Protocol):
-    """A procedure that finds something which its recording must tell, for the same to be concluded from that alone."""
+class Reporting(Protocol):
+    """A procedure that decides something which its recording must contain, so that a later fit decides the same."""
 
-    def told(self, known: Knowledge) -> tuple[str, str]:
+    def recorded_event(self, known: Knowledge) -> tuple[str, str]:
         """Kind and text of an event, once it has concluded."""
         ...
 
 
 @runtime_checkable
-class Sparing(Protocol):
-    """A procedure that asks for less than usual where the rig's limits demand it."""
+class Reducing(Protocol):
+    """A procedure that makes its plan smaller where the rig's limits demand it."""
 
-    def spared(self, known: Knowledge) -> tuple[str, ...]:
+    def reductions(self, known: Knowledge) -> tuple[str, ...]:
         """What it makes smaller, in sentences with what that costs; before it is carried out."""
         ...
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What an adaptive step does next: None when it is done. ``said`` is worth a line to whoever watches."""
+    """What an adaptive step does next: None when it is done. ``sentence`` is a note for the operator."""
 
     known: Knowledge
     procedure: Procedure | None
-    said: str
+    sentence: str
 
 
 @runtime_checkable

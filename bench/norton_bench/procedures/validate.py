@@ -59,7 +59,7 @@ class ValidateProcedure:
                 yield imposed(self.name, name, Use.VALIDATE, sized.command, sized.motion)
             yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
 
-    def spared(self, known: Knowledge) -> tuple[str, ...]:
+    def reductions(self, known: Knowledge) -> tuple[str, ...]:
         shares = [("free multisine", free_within(bounds_of(known), self._free(known)))]
         if known.rig.wiring.load is not None:
             shares += [(name, sized.share) for name, sized in self._driven(known)]

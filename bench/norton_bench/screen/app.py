@@ -11,9 +11,9 @@ from textual.events import Event, Key
 from textual.screen import Screen
 
 from norton_bench.errors import BenchError
+from norton_bench.screen.available import by_hand_choice, find_rigs, find_sessions, standard_choice
 from norton_bench.screen.experiment import Experiment, Opening
-from norton_bench.screen.found import by_hand_choice, find_rigs, find_sessions, standard_choice
-from norton_bench.screen.heeding import heeding
+from norton_bench.screen.keyboard import listening_to_keys
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.by_hand import ByHandScreen
 from norton_bench.screen.screens.choices import BY_HAND, ChoiceScreen, SessionChoice
@@ -57,7 +57,7 @@ class BenchApp(App[None]):
         self.set_keymap(dict(settings.keys))
 
     def get_driver_class(self) -> type[Driver]:
-        return heeding(super().get_driver_class(), self._heed)
+        return listening_to_keys(super().get_driver_class(), self._heed)
 
     def on_mount(self) -> None:
         self.run_worker(self._open(), exclusive=True, group="opening")

@@ -66,12 +66,12 @@ def _places(picture: Picture) -> Figure:
     """Where the port rests under each command, by the side from which the command came."""
     unit, readings = picture.rig.command.unit, picture.tabulated.sources
     markers = []
-    for tone, sign in enumerate((RISING, FALLING)):
+    for style, sign in enumerate((RISING, FALLING)):
         chosen = [each for each in readings if each.rising is (sign == RISING)]
         command, position_rad = (
             np.array([getattr(each, column) for each in chosen]) for column in ("command", "position_rad")
         )
-        markers.append(Markers(command, position_rad, sign, tone))
+        markers.append(Markers(command, position_rad, sign, style))
     return Figure(
         "Motion source" + (f", {readings[-1].what} port" if readings and readings[-1].what == EXTERNAL else ""),
         Axis("command", unit, LEAST.get(unit, 1e-3)),
@@ -86,7 +86,7 @@ def _velocities(picture: Picture) -> Figure:
     """Sweeps, settled levels by the side they were approached from, and the identified curve."""
     seen, unit = picture.source, picture.rig.command.unit
     rising, falling = seen.branch(rising=True), seen.branch(rising=False)
-    traces = (Trace(seen.cloud[:, 0], seen.cloud[:, 1], tone=2, cloud=True), *_identified(picture))
+    traces = (Trace(seen.cloud[:, 0], seen.cloud[:, 1], style=2, cloud=True), *_identified(picture))
     markers = (
         Markers(rising[:, 0], rising[:, 1], RISING, 0),
         Markers(falling[:, 0], falling[:, 1], FALLING, 1),
@@ -112,16 +112,16 @@ def _identified(picture: Picture) -> tuple[Trace, ...]:
     gain, damping, friction = (values[name] for name in NEEDED_FOR_SOURCE)
     commands = np.linspace(known[:, 0].min(), known[:, 0].max(), SOURCE_POINTS)
     driven = gain * commands
-    return (Trace(commands, np.sign(driven) * np.maximum(np.abs(driven) - friction, 0) / damping, tone=1),)
+    return (Trace(commands, np.sign(driven) * np.maximum(np.abs(driven) - friction, 0) / damping, style=1),)
 
 
 def _over_time(
     picture: Picture, window_s: float, title: str, unit: str, names: tuple[str, ...], *, feet: bool = True
 ) -> Figure:
     end_s = max(picture.now_s, window_s)
-    rows = picture.tape.since(picture.first_ns + round((end_s - window_s) * 1e9))
+    rows = picture.recent.since(picture.first_ns + round((end_s - window_s) * 1e9))
     time_s = (rows["tick_ns"] - picture.first_ns) * 1e-9
-    traces = [Trace(time_s, rows[name], tone, dashed=tone > 0) for tone, name in enumerate(names)]
+    traces = [Trace(time_s, rows[name], style, dashed=style > 0) for style, name in enumerate(names)]
     seen = [trace for trace in traces if len(rows) and np.isfinite(trace.y).any()]
     return Figure(
         title,
@@ -145,7 +145,7 @@ def _said(value: float, unit: str) -> str:
 
 def _of_segment(picture: Picture) -> tuple[Table, int]:
     """The ticks of the segment that runs, not too many, and how many of them are fresh."""
-    rows = picture.tape.since(picture.first_ns + round((picture.now_s - PHASE_S) * 1e9))
+    rows = picture.recent.since(picture.first_ns + round((picture.now_s - PHASE_S) * 1e9))
     rows = rows[rows["segment"] != NO_SEGMENT]
     if not len(rows):
         return rows, 0

@@ -1,4 +1,4 @@
-"""Past runs, from the files that they left: what each found, two of them beside each other, a parameter over time."""
+"""Earlier runs, from the files that they left: the result of each, two of them side by side, a parameter over time."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

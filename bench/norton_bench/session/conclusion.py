@@ -1,4 +1,4 @@
-"""What follows from a recording: the fit, its validation, the maps, the network file and the report."""
+"""From a recording to its result: the fit, its validation, the tables, the network file and the report."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -35,25 +35,25 @@ from norton_bench.records import Measured
 from norton_bench.result import Result
 from norton_bench.rig.rig import NO_MODEL
 from norton_bench.segments import Use
-from norton_bench.session.past import with_past
+from norton_bench.session.resume import with_earlier
 
 Part = TypeVar("Part")
 Value = TypeVar("Value")
 
 ITERATED = IterateProcedure.name
-# What is told while it goes on: it takes seconds, most of them the first of these.
+# Reported while it goes on: it takes seconds, most of them for the parameters.
 PARAMETERS = "final fit 1/4: parameters"
 FRICTION = "final fit 2/4: friction models"
 UNSEEN = "final fit 3/4: unseen motion"
 REPORT = "final fit 4/4: report"
 REPORT_ALONE = "writing the report"
-Tell = Callable[[str], None]
-# What a recording must say of its making to be fitted.
+OnStage = Callable[[str], None]
+# The metadata that a fit needs.
 NEEDED = ("rig", "command_unit", "tick_s")
 
 
-def _untold(_line: str) -> None:
-    """Nobody waits to be told."""
+def _unreported(_line: str) -> None:
+    """Nobody waits for it."""
 
 
 def conclude(
@@ -65,11 +65,11 @@ def conclude(
     recording: Path,
     out: Path,
     notes: Sequence[str] = (),
-    tell: Tell = _untold,
+    on_stage: OnStage = _unreported,
 ) -> Result:
     """Fit, validate and report what ``measured`` holds, into the folder ``out``; ``notes`` go into the report.
 
-    ``tell`` is called with a line when each part of it begins.
+    ``on_stage`` is called with a line when each part of it begins.
     """
     uses = {segment.use for segment in measured.segments}
     result = Result(
@@ -87,43 +87,43 @@ def conclude(
     if result.in_situ is not None:
         result = replace(result, motion_file=_source_saved(result.in_situ, out / f"{recording.stem}.source.csv"))
     if Use.IDENTIFY in uses:
-        result = _identified(result, measured, out / f"{recording.stem}.network.json", tell)
-    tell(REPORT_ALONE if result.fit is None else REPORT)
+        result = _identified(result, measured, out / f"{recording.stem}.network.json", on_stage)
+    on_stage(REPORT_ALONE if result.fit is None else REPORT)
     from norton_bench.report.render import write_report  # noqa: PLC0415  (half a second that a session would begin later)
 
     return replace(result, report_file=write_report(out / f"{recording.stem}.report.html", result))
 
 
-def _identified(result: Result, measured: Measured, network_file: Path, tell: Tell) -> Result:
+def _identified(result: Result, measured: Measured, network_file: Path, on_stage: OnStage) -> Result:
     """What needs no model, and the motor where the actuator is one."""
     tick_s, believed = float(result.metadata["tick_s"]), sound(measured)
-    told = believed.measured
+    cleaned = believed.measured
     result = replace(
         result,
-        blocked_map=_where_measured(blocked_map, told),
-        source=_where_measured(source_table, told),
-        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), told),
-        modulator=_where_measured(modulator_places, told),
+        blocked_map=_where_measured(blocked_map, cleaned),
+        source=_where_measured(source_table, cleaned),
+        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), cleaned),
+        modulator=_where_measured(modulator_places, cleaned),
         trials=trials(measured, tick_s, ITERATED),
     )
     if result.metadata.get("model") == NO_MODEL:
         judged = tabulated_conditions(result.source, result.exertion)
-        return replace(result, source_map=_where_measured(source_map, told), conditions=judged)
-    return _fitted(result, believed, network_file, tell)
+        return replace(result, source_map=_where_measured(source_map, cleaned), conditions=judged)
+    return _fitted(result, believed, network_file, on_stage)
 
 
-def _fitted(so_far: Result, believed: Sound, network_file: Path, tell: Tell) -> Result:
+def _fitted(so_far: Result, believed: Sound, network_file: Path, on_stage: OnStage) -> Result:
     """The motor's parameters, and what checks them."""
     tick_s, segments = float(so_far.metadata["tick_s"]), believed.measured.segments
     learnt = so_far.live[-1].estimates if so_far.live else ()
-    tell(PARAMETERS)
+    on_stage(PARAMETERS)
     fit = fit_judged(believed, command_unit=so_far.command_unit, tick_s=tick_s)
     stretches, unseen, error = fit.stretches, fit.unseen, fit.error
-    tell(FRICTION)
+    on_stage(FRICTION)
     result, rungs = with_what_moved(fit.result, fit.fitted, learnt), bench_ladder(stretches, fit.fitted)
     if error is not None and (error.departures or error.unexplained):
         result = replace(result, verdict=(*result.verdict, *of_ladder(rungs)))
-    tell(UNSEEN)
+    on_stage(UNSEEN)
     zero = None if fit.at is None else fit.at.zero
     checked = _where_measured(partial(validate_signals, result, unseen, zero=zero), segments) if unseen else None
     modelless = without_model(result, stretches, unseen, segments)
@@ -146,7 +146,7 @@ def _fitted(so_far: Result, believed: Sound, network_file: Path, tell: Tell) -> 
 
 
 def _where_measured(value_of: Callable[[Part], Value], measured: Part) -> Value | None:
-    """None where the session had no such part, or nothing of it can be believed."""
+    """None where the session had no such part, or its data are unusable."""
     try:
         return value_of(measured)
     except ExperimentError:
@@ -182,18 +182,18 @@ def check_metadata(path: Path, metadata: Mapping[str, str]) -> None:
             raise UsageError(f"{path}: its metadata lack '{key}'; it was not recorded by norton-bench")
 
 
-def conclude_recording(path: Path, out: Path | None = None, tell: Tell = _untold) -> Result:
+def conclude_recording(path: Path, out: Path | None = None, on_stage: OnStage = _unreported) -> Result:
     """The same, from a recording alone. Raises UsageError for a file that cannot be read or holds nothing to fit."""
     recording = read_recording(path, raw_frames=False)
     check_metadata(path, recording.metadata)
     result = conclude(
-        with_past(path, recording),
+        with_earlier(path, recording),
         rig_text=recording.rig_text,
         metadata=recording.metadata,
         live=recording.live,
         recording=path,
         out=out if out is not None else path.parent,
-        tell=tell,
+        on_stage=on_stage,
     )
     if result.empty:
         raise UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")

@@ -1,4 +1,4 @@
-"""A session from beginning to end: check, open, run step by step, put away, conclude."""
+"""A session from beginning to end: check, open the devices, run step by step, close the recording, fit."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -23,11 +23,11 @@ from norton_bench.session.conclusion import conclude
 from norton_bench.session.events import Ended, Note, Planned, SessionState, StateChanged, Watcher, ignore
 from norton_bench.session.expectations import judge
 from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
-from norton_bench.session.operator import NO_ANSWERS, Answers, Desk, Nobody, Operator
-from norton_bench.session.past import RESUMES, Past, behind, read_past
+from norton_bench.session.operator import NO_ANSWERS, Answers, Nobody, Operator, OperatorOrders
 from norton_bench.session.program import make_experiment, of_procedures
 from norton_bench.session.provenance import provenance
 from norton_bench.session.rehearsal import Rehearsed, rehearsed
+from norton_bench.session.resume import RESUMES, EarlierSession, after, read_earlier
 from norton_bench.session.run import Run
 from norton_bench.session.schema import Session
 from norton_bench.session.script import Experiment, Script, SoFar, perform
@@ -44,7 +44,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Recorded:
-    """What an experiment leaves behind before anything is concluded from it, as its recording has it."""
+    """What an experiment has measured, as its recording has it, before anything is fitted to it."""
 
     recording: Path
     metadata: Mapping[str, str]
@@ -55,10 +55,10 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Terms:
-    """How a session is to run: where its files go, who watches, who orders and answers, and what it goes on from.
+    """How a session is to run: where its files go, who watches it, who gives orders and answers, and what it resumes.
 
-    ``resume`` is a recording, or the folder of one, whose finished steps are not done again. ``fits`` says whether what
-    is measured is identified, live and at the end.
+    ``resume`` is a recording, or the folder of one, whose finished steps are not done again. ``fits`` says whether
+    parameters are identified, live and at the end.
     """
 
     out: Path
@@ -83,9 +83,9 @@ def run_session(
 ) -> Result:
     """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
 
-    ``on_event`` is told the result however the session ends; ``answers`` are given beforehand to its prompts, and
-    ``resume`` is a recording, or the folder of one, behind whose last finished step it goes on. Raises as
-    :func:`record_session` does, and ExperimentError where the data tell nothing.
+    ``on_event`` is called with every event; the last one is ``Ended``, however the session ends. ``answers`` answer its
+    prompts beforehand. ``resume`` is a recording, or the folder of one: the session goes on after its last
+    finished step. Raises as :func:`record_session` does, and ExperimentError where nothing can be fitted to the data.
     """
     terms = Terms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
     return _carried_out(terms, rig, session, lambda: make_experiment(session, rig))
@@ -123,9 +123,9 @@ def run_by_hand(
     on_event: Watcher = ignore,
     operator: Operator | None = None,
 ) -> Path:
-    """A script of which nothing is identified, neither live nor at the end; returns its recording.
+    """Run a script without identifying anything, neither live nor at the end; returns its recording.
 
-    ``on_event`` is told how it ended, however that is. Raises as :func:`record_procedures` does.
+    The last event is ``Ended``, however it ends. Raises as :func:`record_procedures` does.
     """
     terms = Terms(out, seed, on_event, operator, fits=False)
     return _reporting_its_end(
@@ -170,7 +170,7 @@ def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment)
         recording=done.recording,
         out=terms.out,
         notes=() if refined is None else refined.sentences,
-        tell=lambda line: terms.on_event(Note(line)),
+        on_stage=lambda line: terms.on_event(Note(line)),
     )
     expectations = judge(session.expectations, result, rig.command.unit)
     return replace(result, knowledge=done.knowledge, expectations=expectations)
@@ -203,7 +203,7 @@ def record_procedures(
 ) -> Recorded:
     """Carry out ``procedures`` as a session's steps, on ``backend`` or on the rig's own; either is closed at the end.
 
-    ``known`` is what another session on this bench has learned. The recording says which faults there were.
+    ``known`` is what another session on this bench has learned. The recording lists the faults that were injected.
     Raises RigError and UsageError before anything moves; DeviceError, SafetyStopError, OperatorStopError and
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
@@ -222,7 +222,7 @@ def _recorded(
     done = _performed(terms, rig, session, experiment, backend, known)
     found = read_recording(done.recording, raw_frames=False)
     return Recorded(
-        done.recording, found.metadata, done.knowledge, behind(done.past.records, found.measured), found.live
+        done.recording, found.metadata, done.knowledge, after(done.earlier.records, found.measured), found.live
     )
 
 
@@ -232,7 +232,7 @@ class _Performed:
 
     recording: Path
     knowledge: Knowledge
-    past: Past
+    earlier: EarlierSession
 
 
 def _performed(
@@ -246,9 +246,9 @@ def _performed(
     emit, operator = terms.on_event, terms.operator or Nobody()
     if experiment.prompts is not None:
         terms.answers.check(experiment.prompts, session.place, somebody=operator.answers)
-    past = Past() if terms.resume is None else read_past(terms.resume, rig)
+    earlier = EarlierSession() if terms.resume is None else read_earlier(terms.resume, rig)
     if experiment.prompts is not None:
-        past.check(experiment.plan)
+        earlier.check(experiment.plan)
     emit(Planned(experiment.plan))
     emit(StateChanged(SessionState.PREPARING))
     own_backend = backend is None
@@ -261,31 +261,34 @@ def _performed(
         loop = stack.enter_context(_warm_loop(terms, rig, backend, operator, in_process=lock_step or not own_backend))
         stack.enter_context(settled_memory())
         devices = tuple(loop.identify())
-        metadata = {**provenance(rig, session, terms.seed, devices), "loop": loop.place, RESUMES: past.place}
+        metadata = {**provenance(rig, session, terms.seed, devices), "loop": loop.place, RESUMES: earlier.place}
         planned_s = sum(step.duration_s for step in experiment.plan)
         recorder = stack.enter_context(_recorder(rig, terms.out, metadata, planned_s, lock_step=lock_step))
         so_far = SoFar(known or Knowledge(rig), devices=devices)
         feed = stack.enter_context(_feed(rig, emit, lock_step=lock_step)) if terms.fits else NoFeed()
-        desk = Desk(operator, emit, loop.tell)
+        orders = OperatorOrders(operator, emit, loop.tell)
         plan = list(experiment.plan)
-        run = Run(rig, loop, feed, so_far, emit, recorder, desk, rehearsal, terms.answers, plan, past)
+        run = Run(rig, loop, feed, so_far, emit, recorder, orders, rehearsal, terms.answers, plan, earlier)
         loop.subscribe(run.take)
         if known is not None:
             run.learn(known)
-        stack.callback(_put_away, loop, rehearsal)
-        _say_how_it_stands(loop, rig, emit)
+        stack.callback(_record_faults, loop, rehearsal)
+        _report_readiness(loop, rig, emit)
         _perform(run, experiment, then="; now the final fit" if terms.fits else "")
     if recorder.dropped_parts:
         emit(Note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them"))
-    return _Performed(recorder.path, so_far.known, past)
+    return _Performed(recorder.path, so_far.known, earlier)
 
 
 @contextmanager
 def _warm_loop(
     terms: Terms, rig: Rig, backend: Backend, operator: Operator, *, in_process: bool
 ) -> Iterator[BenchLoop]:
-    """The devices, open, and everything compiled. A port that is not there is told before the first run compiles,
-    where somebody reads the ports meanwhile: the loop's own process."""
+    """The devices, open, and all code compiled.
+
+    Where the loop has a process of its own the ports are opened first: a missing port is reported before the first run
+    compiles.
+    """
     if in_process:
         warm_up()
     opened: AbstractContextManager[BenchLoop] = (
@@ -298,8 +301,8 @@ def _warm_loop(
         yield loop
 
 
-def _say_how_it_stands(loop: BenchLoop, rig: Rig, emit: Watcher) -> None:
-    """Before anything moves: what the system denied the loop, and that the drives' watchdogs act."""
+def _report_readiness(loop: BenchLoop, rig: Rig, emit: Watcher) -> None:
+    """Before anything moves: notes of the loop (real-time rights that are missing), and the check of the watchdogs."""
     for note in loop.notes:
         emit(Note(note))
     if rig.supervision.verify_watchdogs:
@@ -323,17 +326,18 @@ def _perform(run: Run, experiment: Experiment, then: str) -> None:
     begun_ns, begun_s = run.loop.now_ns, perf_counter()
     run.rehearsal.begin(None)
     run.emit(StateChanged(SessionState.RUNNING))
-    if run.past.left:
-        run.emit(Note(f"goes on from {run.past.place}, of which {len(run.past.records)} procedures were finished"))
+    earlier = run.earlier
+    if earlier.left:
+        run.emit(Note(f"resumes {earlier.place}, of which {len(earlier.records)} procedures were finished"))
     perform(experiment.script(run.so_far), run)
-    if run.past.left:
-        raise UsageError(f"{run.past.place}: has more finished steps than this session; resume with the one recorded")
+    if earlier.left:
+        raise UsageError(f"{earlier.place}: has more finished steps than this session; resume with the one recorded")
     bench_s, took_s = (run.loop.now_ns - begun_ns) * 1e-9, perf_counter() - begun_s
     run.emit(Note(f"{bench_s:.0f} s of bench time took {took_s:.1f} s ({bench_s / took_s:.1f}x){then}"))
 
 
-def _put_away(loop: BenchLoop, rehearsal: Rehearsed) -> None:
-    """A recording says what was made to fail in it."""
+def _record_faults(loop: BenchLoop, rehearsal: Rehearsed) -> None:
+    """The recording lists the faults that were injected."""
     for stamp_ns, text in rehearsal.happened():
         loop.tell("fault", text, stamp_ns)
 
@@ -346,4 +350,4 @@ def _feed(rig: Rig, emit: Watcher, *, lock_step: bool) -> Iterator[LiveFeed]:
     finally:
         feed.close()
         if feed.dropped:
-            emit(Note(f"{feed.dropped} parts were not digested live; the final fit has them all"))
+            emit(Note(f"{feed.dropped} parts were not used live; the final fit has them all"))

@@ -1,7 +1,7 @@
 """A session in a process of its own, watched from here: events come over a pipe, orders go back over another.
 
-The session owes nothing to its watcher. One that is slow loses parts (they are in the recording); one that is gone
-ends the session as an operator's stop does, with the drives idle and the recording whole.
+The session never waits for its watcher. A slow watcher loses parts, which the recording has. A watcher that is gone
+ends the session as an operator's stop does: the drives idle, the recording complete.
 """
 
 import atexit
@@ -26,7 +26,7 @@ from norton_bench.session.failure import exit_code_of, sentence_of
 from norton_bench.session.operator import Operator, Order
 from norton_bench.session.schema import Session
 
-# A stop idles the drives within a tick and finishes the recording.
+# A stop idles the drives within a tick and closes the recording.
 CLOSE_WITHIN_S = 20.0
 END_WITHIN_S = 5.0
 # About ten seconds of a session in wall time.
@@ -91,7 +91,7 @@ class Mailbox:
 
 
 class Hostable(Protocol):
-    """What else may be performed in the child: goes there as a pickle."""
+    """What else may be run in the child process; it is sent there as a pickle."""
 
     def perform(self, rig: Rig, *, out: Path, seed: int | None, on_event: Watcher, operator: Operator) -> object:
         """The last event is ``Ended``, however it ends."""
@@ -115,7 +115,7 @@ class HostedSession:
         arguments = (rig, session, out, seed, self.stop_word, orders_end, events_end)
         self._process = context.Process(target=_host, args=arguments, name="session")
         self._process.start()
-        # Held by the child alone from now on: so either side's end shows on the other.
+        # From now on the child alone holds them, so that each side notices the end of the other.
         events_end.close()
         orders_end.close()
         self._reader = Thread(target=self._read, args=(events,), name="session events", daemon=True)
@@ -147,7 +147,7 @@ class HostedSession:
     def close(self) -> None:
         """Stop what still runs, and wait until it has; may be called twice. A final fit is given up."""
         atexit.unregister(self.close)
-        self.stop_word.say("whoever watched has left")
+        self.stop_word.say("the watcher has left")
         self._orders.close()
         self._process.join(0.0 if self._concluding else CLOSE_WITHIN_S)
         for end in (self._process.terminate, self._process.kill):
@@ -179,7 +179,7 @@ class HostedSession:
     def _report_its_death(self) -> None:
         self._process.join(END_WITHIN_S)
         said = (
-            f"the session's process ended without a word (exit code {self._process.exitcode}); what was measured is in "
+            f"the session's process ended unexpectedly (exit code {self._process.exitcode}); what was measured is in "
             f"{self._out}: norton-bench recover repairs a recording that was cut off"
         )
         self._mailbox.put(StateChanged(SessionState.FAILED))
@@ -187,7 +187,7 @@ class HostedSession:
 
 
 class _Remote:
-    """The operator at the far end of a pipe."""
+    """The operator at the other end of a pipe."""
 
     answers = True
 
@@ -201,7 +201,7 @@ class _Remote:
             while self._orders.poll():
                 came.append(self._orders.recv())
         except (EOFError, OSError):
-            self.stop.say("whoever watched is gone")
+            self.stop.say("the watcher is gone")
         return came
 
 
@@ -215,7 +215,7 @@ def _host(
     events: Connection,
 ) -> None:
     """The child: runs the session and sends its events; its exit code is that of the command line."""
-    _be_nobodys_terminal(stop)
+    _leave_the_terminal(stop)
     mailbox = Mailbox()
     sender = Thread(target=_send, args=(mailbox, events, stop), name="session events", daemon=True)
     sender.start()
@@ -246,11 +246,11 @@ def _send(mailbox: Mailbox, pipe: Connection, stop: StopWord) -> None:
         while (event := mailbox.wait()) is not None:
             pipe.send(event)
     except OSError:
-        stop.say("whoever watched is gone")
+        stop.say("the watcher is gone")
 
 
-def _be_nobodys_terminal(stop: StopWord) -> None:
-    """Ctrl-C is the watcher's to interpret, and the screen is the watcher's to draw on."""
+def _leave_the_terminal(stop: StopWord) -> None:
+    """Ctrl-C and the terminal belong to the watcher."""
 
     def end(_number: int, _frame: FrameType | None) -> None:
         if stop.heard() is not None:

@@ -1,4 +1,4 @@
-"""The live identifier as a consumer of the loop's parts: in line where time waits for it, else in its own process."""
+"""The live identifier takes the loop's parts: in the same process in lock step, in its own process in real time."""
 
 import multiprocessing
 import queue
@@ -15,8 +15,8 @@ from norton_bench.recording.contents import Recording, parts_of
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 
-# A minute of parts, for a fit of all that was recorded takes seconds: a worker that is further behind loses parts, and
-# says so, rather than holding up the loop.
+# A minute of parts, for a fit of the whole recording takes seconds. A worker that is further behind loses parts, which
+# is reported; it never delays the loop.
 GREATEST_BACKLOG = 600
 READY_WITHIN_S = 60.0
 
@@ -94,7 +94,7 @@ class ProcessFeed:
                 self.latest = self._estimates.get_nowait()
 
     def close(self) -> None:
-        """End the worker; whatever it has not digested is left."""
+        """End the worker, also where parts are waiting."""
         self._parts.cancel_join_thread()
         self._worker.terminate()
         self._worker.join()

@@ -1,6 +1,6 @@
-"""What an operator asks of a session: to stop, which the loop obeys at once, and orders that wait for a checkpoint.
+"""The operator of a session: a stop, which the loop obeys at once, and orders that wait for the next checkpoint.
 
-A checkpoint lies between procedures, and between the rounds of an adaptive step: the drives are idle there.
+A checkpoint lies between two procedures, and between two rounds of an adaptive step: the drives are idle there.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,7 +31,7 @@ class Order:
 
 
 class Operator(Protocol):
-    """Somebody who watches a session. ``answers`` tells whether prompts will be answered at all."""
+    """Who gives orders to a session. ``answers`` is False where nobody is there to answer prompts."""
 
     @property
     def stop(self) -> StopWord: ...
@@ -43,7 +43,7 @@ class Operator(Protocol):
 
 
 class Nobody:
-    """Nobody is there: nothing is ever ordered, and a prompt would wait forever."""
+    """No operator: no orders, and no answers to prompts."""
 
     answers = False
 
@@ -113,38 +113,37 @@ def parsed(written: Sequence[str]) -> dict[str, str]:
     return given
 
 
-# How often somebody who is waited for is looked after.
+# How often the session looks for an answer or an order while it waits.
 LOOK_S = 0.02
 
 
 @dataclass
-class Desk:
-    """The operator's desk: orders are heard at every part, marks obeyed at once, and all else between procedures.
+class OperatorOrders:
+    """Takes the operator's orders at every part. A mark is recorded at once; all else is done between procedures.
 
-    ``put_away`` takes kind and text of what the recording shall tell. The wants are orders not yet carried out.
-
-    All methods but :meth:`listen` belong between procedures, where the drives are idle.
+    ``record`` puts an event into the recording: its kind and its text. ``paused`` and the ``wants_...`` are orders not
+    yet carried out. All methods but :meth:`listen` belong between procedures, where the drives are idle.
     """
 
     operator: Operator
     emit: Watcher
-    put_away: Callable[[str, str], None]
+    record: Callable[[str, str], None]
     paused: bool = field(default=False, init=False)
     wants_tare: bool = field(default=False, init=False)
     wants_skip: bool = field(default=False, init=False)
     _answer: str | None = field(default=None, init=False)
 
     def listen(self) -> None:
-        """Take the orders that have come. Returns at once."""
+        """Take the orders that have come. Never waits."""
         for order in self.operator.orders():
             self._take(order)
 
     def obey_stop(self) -> None:
-        """Raises OperatorStopError where the stop was said."""
+        """Raises OperatorStopError where the operator has stopped the session."""
         reason = self.operator.stop.heard()
         if reason is not None:
             said = f"stopped by the operator: {reason}"
-            self.put_away("stop", said)
+            self.record("stop", said)
             raise OperatorStopError(said)
 
     def wait(self) -> None:
@@ -152,12 +151,12 @@ class Desk:
         if not self.paused:
             return
         self.emit(StateChanged(SessionState.PAUSED))
-        self.put_away("operator", "paused")
+        self.record("operator", "paused")
         while self.paused and not self.wants_tare:
             self._look()
         resumed = not self.paused
-        # Orders are heard while this is put away, too: a new pause must not be told over.
-        self.put_away("operator", "resumed" if resumed else "tare ordered")
+        # Orders are taken while this is recorded, too: the state of a new pause must stay the last one.
+        self.record("operator", "resumed" if resumed else "tare ordered")
         if not resumed:
             self.emit(StateChanged(SessionState.RUNNING))
 
@@ -186,7 +185,7 @@ class Desk:
 
     def _take(self, order: Order) -> None:
         if order.kind == "mark":
-            self.put_away("operator", f"mark: {order.text}" if order.text else "mark")
+            self.record("operator", f"mark: {order.text}" if order.text else "mark")
         elif order.kind == "answer":
             self._answer = order.text
         elif order.kind == "tare":

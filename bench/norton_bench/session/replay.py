@@ -182,7 +182,7 @@ class Refit:
             try:
                 came: str | Ended = self._pipe.recv()
             except EOFError:
-                came = Ended(ExitCode.EXPERIMENT_FAILED, "the fit ended without a word; run norton-bench fit")
+                came = Ended(ExitCode.EXPERIMENT_FAILED, "the fit ended unexpectedly; run norton-bench fit")
             if isinstance(came, Ended):
                 self._summary = came
             else:
@@ -208,6 +208,6 @@ def _refit(recording: Path, pipe: Connection) -> None:
     try:
         from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
-        pipe.send(ended(conclude_recording(recording, tell=pipe.send)))
+        pipe.send(ended(conclude_recording(recording, on_stage=pipe.send)))
     except BaseException as error:  # told to whoever waits
         pipe.send(ended_by(error, [recording]))

@@ -1,4 +1,4 @@
-"""One session under way: what its script yields is carried out, measured, recorded and told."""
+"""One running session: what its script yields is carried out, measured, recorded and reported."""
 
 from collections import deque
 from dataclasses import dataclass, field, fields, replace
@@ -13,7 +13,7 @@ from norton_bench.errors import OperatorStopError
 from norton_bench.loop.bench_loop import BenchLoop
 from norton_bench.procedures.carry_out import carry_out, follow
 from norton_bench.procedures.catalogue import CATALOGUE, needed_by
-from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Sparing, Telling
+from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Reducing, Reporting
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured, Table
@@ -22,17 +22,17 @@ from norton_bench.segments import Segment
 from norton_bench.session.events import Note, PartMeasured, Planned, PlannedStep, StepBegun, Watcher
 from norton_bench.session.items import ASK
 from norton_bench.session.live_feed import LiveFeed
-from norton_bench.session.operator import Answers, Desk, unanswered
-from norton_bench.session.past import ANSWERED, FINISHED, Past, before
+from norton_bench.session.operator import Answers, OperatorOrders, unanswered
 from norton_bench.session.rehearsal import Rehearsed
+from norton_bench.session.resume import ANSWERED, FINISHED, EarlierSession, before
 from norton_bench.session.script import Action, Ask, ByHand, Remark, SoFar, Turn
 from norton_bench.session.supervision import learned
 
 
 def with_last_on_disk(known: Knowledge, folder: Path) -> Knowledge:
-    """What procedures have measured, kept for later fits without filling the memory: mapped from files without a name.
+    """The same knowledge, its last record mapped from a file without a name in ``folder``.
 
-    The same knowledge, its last record mapped from a file in ``folder`` that vanishes with this process.
+    Later fits need every record; so they do not fill the memory. The file vanishes with this process.
     """
     if not known.records:
         return known
@@ -68,7 +68,7 @@ def _cut(content: "np.memmap[tuple[int], np.dtype[np.uint8]]", tables: dict[str,
 _TABLES = tuple(each.name for each in fields(Measured) if isinstance(getattr(Measured(), each.name), np.ndarray))
 
 
-# Kinds of events that whoever watches should see at once; an experiment goes on all the same.
+# Kinds of recorded events that are also shown at once; the experiment goes on.
 TROUBLES = ("bus", "device")
 # The kind of what is recorded of a plan that had to be made smaller.
 PLAN = "plan"
@@ -76,7 +76,10 @@ PLAN = "plan"
 
 @dataclass
 class Run:
-    """Performs a script (:class:`norton_bench.session.script.Performer`). ``past``: what another session did of it."""
+    """Performs a script (:class:`norton_bench.session.script.Performer`).
+
+    ``earlier`` is the session that this one resumes; its finished procedures are not done again.
+    """
 
     rig: Rig
     loop: BenchLoop
@@ -84,11 +87,11 @@ class Run:
     so_far: SoFar
     emit: Watcher
     recorder: Recorder
-    desk: Desk
+    orders: OperatorOrders
     rehearsal: Rehearsed
     answers: Answers
     plan: list[PlannedStep]
-    past: Past
+    earlier: EarlierSession
     _done: set[str] = field(default_factory=set)
     _next: int = 0
     _live_ns: int = 0  # of the last live estimate that was recorded
@@ -104,10 +107,10 @@ class Run:
         for event in part.events:
             if event.kind in TROUBLES:
                 self.emit(Note(event.text))
-        self.desk.listen()
+        self.orders.listen()
 
     def learn(self, known: Knowledge) -> None:
-        """Let the loop know it too."""
+        """Take it over, and pass it on to the loop."""
         self.so_far.known = known
         self.loop.learn(learned(known))
 
@@ -118,7 +121,7 @@ class Run:
             return
         index, action = (yielded.index, yielded.action) if isinstance(yielded, Turn) else (self._next, yielded)
         self._announce(index, action)
-        if not self.past.left:
+        if not self.earlier.left:
             self._checkpoint()
             if self._skipped(index, action):
                 return
@@ -127,7 +130,7 @@ class Run:
         self._done.add(name_of(action))
 
     def last_turn(self, yielded: Action | Turn | Remark, error: Exception) -> None:
-        """After ``error``, which was final: prompts are asked, or told where the operator has left; nothing moves."""
+        """After ``error``, which was final, nothing moves. Prompts are asked; after an operator's stop, only shown."""
         action = yielded.action if isinstance(yielded, Turn) else yielded
         if isinstance(action, Remark):
             self.emit(Note(action.text))
@@ -158,58 +161,58 @@ class Run:
             self._carry_out(action)
 
     def _ask(self, action: Ask) -> None:
-        answer = self.past.answer(action.name)
+        answer = self.earlier.answer(action.name)
         if answer is None:
             ready = self.answers.to(action.prompt)
-            if ready is None and not self.desk.operator.answers:
+            if ready is None and not self.orders.operator.answers:
                 raise unanswered(action.prompt, "the script")
-            answer = self.desk.ask(action.prompt) if ready is None else ready
+            answer = self.orders.ask(action.prompt) if ready is None else ready
             self.emit(Note(f"{action.text} {answer}"))
         self.loop.tell(ANSWERED, f"{action.name}: {answer}")
         self.so_far.answers[action.name] = answer
 
     def _adapt(self, step: Adaptive) -> None:
-        """All procedures that it decides on, one after the other."""
+        """Carry out the procedures that the step chooses, one after the other."""
         while (decision := step.following(self.so_far.known)).procedure is not None:
-            self.emit(Note(decision.said))
+            self.emit(Note(decision.sentence))
             self.so_far.known = decision.known
             self._carry_out(decision.procedure)
             self._checkpoint()
-            if self.desk.wants_skip:
-                self._tell_skipped(step.name)
+            if self.orders.wants_skip:
+                self._report_skipped(step.name)
                 return
-        self.emit(Note(decision.said))
+        self.emit(Note(decision.sentence))
         self.so_far.known = decision.known
 
     def _carry_out(self, procedure: Procedure) -> None:
-        known, record = self.so_far.known, self.past.finished(procedure.name)
+        known, record = self.so_far.known, self.earlier.finished(procedure.name)
         if record is not None:
             self.learn(replace(procedure.conclude(known, record), records=(*known.records, record)))
         else:
             self._carry_out_now(procedure)
-        if isinstance(procedure, Telling):
-            self.loop.tell(*procedure.told(self.so_far.known))
+        if isinstance(procedure, Reporting):
+            self.loop.tell(*procedure.recorded_event(self.so_far.known))
         if record is None:
             self.loop.tell(FINISHED, procedure.name)
 
     def _carry_out_now(self, procedure: Procedure) -> None:
         self.recorder.check()
-        if isinstance(procedure, Sparing):
-            for sentence in procedure.spared(self.so_far.known):
+        if isinstance(procedure, Reducing):
+            for sentence in procedure.reductions(self.so_far.known):
                 self.emit(Note(sentence))
                 self.loop.tell(PLAN, sentence)
         known = carry_out(procedure, self.so_far.known, self.loop, self._foresee)
         self.learn(with_last_on_disk(self._on_one_clock(known), self.recorder.path.parent))
 
     def _on_one_clock(self, known: Knowledge) -> Knowledge:
-        """With the past session's records moved to before this one's, once there is one of this one's."""
-        old = len(self.past.records)
+        """With the earlier session's records moved to before this one's first record, once there is one."""
+        old = len(self.earlier.records)
         if not old or len(known.records) != old + 1:
             return known
-        return replace(known, records=(*before(self.past.records, known.records[-1]), known.records[-1]))
+        return replace(known, records=(*before(self.earlier.records, known.records[-1]), known.records[-1]))
 
     def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
-        """The free motion to expect under zero torque, where a network is there that foresees it well enough."""
+        """With the free motion to expect under zero torque, where a network predicts it well enough."""
         known = self.so_far.known
         if known.calibration is None or known.actuator is None:
             return segment
@@ -223,18 +226,18 @@ class Run:
         )
 
     def _checkpoint(self) -> None:
-        """Between procedures: what was ordered meanwhile. Raises OperatorStopError, and as a tare does."""
-        desk = self.desk
-        desk.listen()
-        desk.obey_stop()
-        while desk.paused or desk.wants_tare:
-            if desk.wants_tare:
-                desk.wants_tare = False
+        """Between procedures: carry out what was ordered meanwhile. Raises OperatorStopError, and as a tare does."""
+        orders = self.orders
+        orders.listen()
+        orders.obey_stop()
+        while orders.paused or orders.wants_tare:
+            if orders.wants_tare:
+                orders.wants_tare = False
                 self._tare()
-            desk.wait()
+            orders.wait()
 
     def _tare(self) -> None:
-        """As ordered: no step of the session, which a session that resumes this one would look for."""
+        """As the operator ordered: it is no step, so that a session that resumes this one does not expect it."""
         self._carry_out_now(TareProcedure())
         tare, calibration = self.so_far.known.tare, self.so_far.known.calibration
         assert tare is not None
@@ -244,13 +247,13 @@ class Run:
 
     def _skipped(self, index: int, action: Action) -> bool:
         """Whether the operator wants the step left out, and nothing needs it."""
-        if not self.desk.wants_skip:
+        if not self.orders.wants_skip:
             return False
         why = self._why_needed(index, action)
         if why is None:
-            self._tell_skipped(name_of(action))
+            self._report_skipped(name_of(action))
             return True
-        self.desk.wants_skip = False
+        self.orders.wants_skip = False
         self.emit(Note(f"'{name_of(action)}' cannot be left out: {why}"))
         return False
 
@@ -263,8 +266,8 @@ class Run:
         later = next((name for name in names if action.name in needed_by(name, self.rig)), None)
         return None if later is None else f"'{later}' builds on it"
 
-    def _tell_skipped(self, name: str) -> None:
-        self.desk.wants_skip = False
+    def _report_skipped(self, name: str) -> None:
+        self.orders.wants_skip = False
         self.loop.tell("operator", f"left out: {name}")
         self.emit(Note(f"'{name}' is left out, as ordered"))
 

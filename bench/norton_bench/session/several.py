@@ -15,7 +15,7 @@ from norton_bench.result import Result
 from norton_bench.rig.rig import NO_MODEL
 from norton_bench.segments import Use
 from norton_bench.session.conclusion import NEEDED, check_metadata, conclude_recording
-from norton_bench.session.past import RESUMES
+from norton_bench.session.resume import RESUMES
 
 WITHOUT_MODEL = "holds tables without a model, which cannot be combined; fit it alone"
 IN_WORDS = {"rig": "rig", "command_unit": "command unit", "tick_s": "tick [s]"}

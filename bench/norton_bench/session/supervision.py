@@ -1,4 +1,4 @@
-"""What loop and guard are told as the session learns."""
+"""What the session knows, as the loop and the guard need it."""
 
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.guard.model import (
@@ -11,23 +11,23 @@ from norton_bench.guard.model import (
 )
 from norton_bench.identification.results import FitResult
 from norton_bench.loop.learned import Learned
-from norton_bench.procedures.calibrate import told_well_enough
+from norton_bench.procedures.calibrate import known_well_enough
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
 
 def learned(known: Knowledge) -> Learned:
-    """What the session knows by now, in the loop's terms."""
+    """What the loop needs to know."""
     tare, calibration = known.tare, known.calibration
     bias_nm = None if tare is None else tare.torque_bias_nm
     if calibration is not None:
         bias_nm = calibration.torque_bias_nm
-    return Learned(told_to_guard(known), bias_nm, calibration)
+    return Learned(guard_model_of(known), bias_nm, calibration)
 
 
-def told_to_guard(known: Knowledge) -> GuardModel:
-    """What the session knows by now, in the guard's terms."""
+def guard_model_of(known: Knowledge) -> GuardModel:
+    """The guard's model of the bench; empty before the tare."""
     tare, calibration = known.tare, known.calibration
     tared, shaken = _record(known, Use.TARE), _record(known, Use.CALIBRATE)
     if tare is None or tared is None:
@@ -67,8 +67,8 @@ def _load(calibration: LoadCalibration) -> Machine:
 
 
 def _actuator(fit: FitResult | None) -> Machine | None:
-    """None where the fit is not sure of what the actuator's balance is made of."""
-    if fit is None or not told_well_enough(fit):
+    """None where the fit does not know the terms of the actuator's torque balance well enough."""
+    if fit is None or not known_well_enough(fit):
         return None
     network = fit.network
     return Machine(
@@ -81,5 +81,5 @@ def _actuator(fit: FitResult | None) -> Machine | None:
 
 
 def _lag_s(command_delay_s: float, motion_delay_s: float, bandwidth_rad_s: float) -> float:
-    """From a command to the readings; delays count from the torque's, and torque and motion are met in the middle."""
+    """From a command to the readings. Delays count from the torque reading; torque and motion are taken half way."""
     return max(command_delay_s + 0.5 * motion_delay_s + 1.0 / bandwidth_rad_s, 0.0)

@@ -23,7 +23,7 @@ from norton_bench.session.conclusion import check_metadata, conclude_recording
 from norton_bench.session.engine import record_session, run_session
 from norton_bench.session.failure import sentence_of
 from norton_bench.session.items import Session
-from norton_bench.session.past import with_past
+from norton_bench.session.resume import with_earlier
 from norton_drivers.errors import DeviceError
 
 
@@ -127,7 +127,7 @@ class Recorded:
         recording = read_recording(self.path, raw_frames=False)
         check_metadata(self.path, recording.metadata)
         unit, tick_s = recording.metadata["command_unit"], float(recording.metadata["tick_s"])
-        measured = with_past(self.path, recording)
+        measured = with_earlier(self.path, recording)
         return fit_judged(sound(measured), command_unit=unit, tick_s=tick_s).result
 
 

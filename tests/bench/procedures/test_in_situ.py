@@ -63,10 +63,10 @@ def carried_out(
             known = before(known, watched)
         step, said = InSituProcedure(options), []
         while (decision := step.following(known)).procedure is not None:
-            said.append(decision.said)
+            said.append(decision.sentence)
             known = carry_out(decision.procedure, decision.known, watched)
         result = concluded(decision.known)
-        return Found(decision.known, result, watched.true_rms_nm, [*said, decision.said])
+        return Found(decision.known, result, watched.true_rms_nm, [*said, decision.sentence])
 
 
 def concluded(known: Knowledge) -> InSituResult:
@@ -228,7 +228,7 @@ def test_it_ends_and_says_so_where_more_is_left_than_movements_differ_by(found: 
     state = replace(found.known.in_situ, trials=trials, finished=False)
     decision = InSituProcedure(OPTIONS).following(replace(found.known, in_situ=state))
     assert decision.procedure is None
-    assert "after 7 trials there was still more than movements differ by" in decision.said
+    assert "after 7 trials there was still more than movements differ by" in decision.sentence
     assert not settled(figures(trials))
 
 

@@ -67,9 +67,9 @@ def carried_out(step: IterateProcedure, known: Knowledge, watched: Watched) -> I
     watched.true_rms_nm.clear()
     said = []
     while (decision := step.following(known)).procedure is not None:
-        said.append(decision.said)
+        said.append(decision.sentence)
         known = carry_out(decision.procedure, decision.known, watched)
-    return Iterated(decision.known, list(watched.true_rms_nm), [*said, decision.said])
+    return Iterated(decision.known, list(watched.true_rms_nm), [*said, decision.sentence])
 
 
 def with_actuator_off(known: Knowledge, share: float) -> Knowledge:
@@ -138,7 +138,7 @@ def test_it_ends_at_the_number_of_trials_and_says_so(iterated: Iterated) -> None
     assert decision.procedure is None
     assert decision.known.iteration is not None
     assert not decision.known.iteration.converged
-    assert "after 6 trials there was still more than noise" in decision.said
+    assert "after 6 trials there was still more than noise" in decision.sentence
 
 
 def test_it_stops_where_it_does_not_converge(iterated: Iterated) -> None:
@@ -148,7 +148,7 @@ def test_it_stops_where_it_does_not_converge(iterated: Iterated) -> None:
         replace(iterated.known, iteration=replace(iterated.state, trials=figures, finished=False))
     )
     assert decision.procedure is None
-    assert "does not converge" in decision.said
+    assert "does not converge" in decision.sentence
 
 
 def test_noise_that_was_learnt_is_no_failure_to_learn(iterated: Iterated) -> None:
@@ -185,7 +185,7 @@ def test_nothing_is_driven_by_a_fit_that_is_none(iterated: Iterated) -> None:
     known = replace(iterated.known, actuator=replace(iterated.known.actuator, converged=False))
     decision = STEP.following(known)
     assert decision.procedure is None
-    assert "did not converge" in decision.said
+    assert "did not converge" in decision.sentence
 
 
 def test_it_needs_a_load_drive() -> None:

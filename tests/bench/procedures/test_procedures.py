@@ -13,7 +13,7 @@ from norton_bench.identification.results import FitResult, Trace
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.blocked import BlockedProcedure
-from norton_bench.procedures.calibrate import CalibrateProcedure, first_friction, first_inertia_kgm2, told_well_enough
+from norton_bench.procedures.calibrate import CalibrateProcedure, first_friction, first_inertia_kgm2, known_well_enough
 from norton_bench.procedures.carry_out import carry_out
 from norton_bench.procedures.catalogue import CATALOGUE, make_procedures
 from norton_bench.procedures.free import FreeProcedure
@@ -271,10 +271,10 @@ def test_a_load_whose_contact_no_count_can_tell_will_do() -> None:
         gain = Estimate("torque_gain", 0.95, 0.01, "N*m/(N*m)", Status.NOT_CONVERGED)
         return replace(fit, estimates=(gain, *fit.estimates[1:]), converged=False, torque_relative=left)
 
-    assert told_well_enough(fit_with(0.01))
-    assert not told_well_enough(fit_with(0.2))
-    assert not told_well_enough(fit_with(0.01, left=0.6))
-    assert told_well_enough(replace(fit_with(0.2), converged=True))
+    assert known_well_enough(fit_with(0.01))
+    assert not known_well_enough(fit_with(0.2))
+    assert not known_well_enough(fit_with(0.01, left=0.6))
+    assert known_well_enough(replace(fit_with(0.2), converged=True))
 
 
 def shaken_nm(command: Command, tare: Tare | None) -> float:

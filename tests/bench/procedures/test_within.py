@@ -18,7 +18,7 @@ from norton_bench.procedures.blocked import BlockedProcedure
 from norton_bench.procedures.excitations import SHARE, Bounds
 from norton_bench.procedures.free import TOO_FAST, FreeProcedure
 from norton_bench.procedures.imposed import ImposedProcedure
-from norton_bench.procedures.knowledge import Knowledge, Plan, Procedure, Sparing, Tare
+from norton_bench.procedures.knowledge import Knowledge, Plan, Procedure, Reducing, Tare
 from norton_bench.procedures.validate import ValidateProcedure
 from norton_bench.procedures.waves import Motion
 from norton_bench.procedures.within import LEAST, bounds_of, words_for
@@ -81,8 +81,8 @@ def test_the_usual_plan_would_have_gone_beyond_the_power_limit_and_says_what_les
     usual = [segment for segment in played(procedure, replace(known, actuator=None)) if len(segment.velocity_rad_s)]
     torque_nm = STRONG.torque(usual[0].command, usual[0].position_rad, RIG.tick_s)
     assert np.max(np.abs(torque_nm * usual[0].velocity_rad_s)) > rig.limits.power_w
-    assert isinstance(procedure, Sparing)
-    sentences = procedure.spared(known)
+    assert isinstance(procedure, Reducing)
+    sentences = procedure.reductions(known)
     assert sentences
     assert all("times less finely" in sentence for sentence in sentences)
 
@@ -91,8 +91,8 @@ def test_the_usual_plan_would_have_gone_beyond_the_power_limit_and_says_what_les
 def test_nothing_is_made_smaller_that_fits(procedure: Procedure) -> None:
     weak = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")
     known = known_of(weak, span=(-0.08, 0.08))
-    assert isinstance(procedure, Sparing)
-    assert procedure.spared(known) == ()
+    assert isinstance(procedure, Reducing)
+    assert procedure.reductions(known) == ()
     blind = played(procedure, replace(known, actuator=None))
     for segment, other in zip(played(procedure, known), blind, strict=True):
         np.testing.assert_array_equal(segment.command, other.command)
@@ -169,9 +169,9 @@ def test_gentler_gains_are_said_to_cost_something(monkeypatch: pytest.MonkeyPatc
     """Coarse counts behind a stiff sensor: see the tests of the design."""
     monkeypatch.setattr(design, "DISTRUSTS", ())
     known = replace(known_of(STRONG), calibration=COARSE)
-    gentle = [sentence for sentence in ImposedProcedure().spared(known) if "times gentler" in sentence]
+    gentle = [sentence for sentence in ImposedProcedure().reductions(known) if "times gentler" in sentence]
     assert len(gentle) == 1
-    assert not [sentence for sentence in ImposedProcedure().spared(known_of(STRONG)) if "times gentler" in sentence]
+    assert not [sentence for sentence in ImposedProcedure().reductions(known_of(STRONG)) if "times gentler" in sentence]
 
 
 def test_a_damping_below_zero_does_not_make_the_motion_foreseen_run_away() -> None:

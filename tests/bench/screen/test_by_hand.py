@@ -195,7 +195,7 @@ def test_a_row_has_value_unit_age_and_extremes() -> None:
     assert ["port", "torque", "0.0000", "N·m", "1.0", "ms", "0.0000", "0.5000"] in text
     assert all(sum(len(run) for run, _ in row) <= 78 for row in rows)
     old = next(row for row in rows if any("velocity" in run for run, _ in row))
-    assert any(tone == "warning" and "250.0 ms" in run for run, tone in old)
+    assert any(style == "warning" and "250.0 ms" in run for run, style in old)
 
 
 @pytest.mark.parametrize("size", SIZES, ids=["80x24", "200x60"])

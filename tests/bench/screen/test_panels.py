@@ -21,7 +21,7 @@ from norton_bench.screen.panels.progress import clock, log_rows, step_rows, titl
 from norton_bench.screen.panels.result import SIGNS, parameter_rows, result_rows, sparkline
 from norton_bench.screen.picture.parts import Known
 from norton_bench.screen.picture.picture import Picture
-from norton_bench.screen.tones import Row, apart, fitted, heading, length
+from norton_bench.screen.styles import Row, apart, fitted, heading, length
 from norton_bench.session.events import Ended, PartMeasured, SessionState, StateChanged
 
 WIDTHS = (20, 34, 36, 46, 60, 70, 88, 100, 196)

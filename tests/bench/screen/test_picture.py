@@ -12,7 +12,7 @@ from norton_bench.rig.rig import Rig
 from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment
 from norton_bench.screen.picture.parts import Steps, half_width
-from norton_bench.screen.picture.picture import Line, Log, Picture, Tape
+from norton_bench.screen.picture.picture import Line, Log, Picture, RecentTicks
 from norton_bench.screen.plots.figure import Figure
 from norton_bench.session.events import PartMeasured, PlannedStep, SessionState
 
@@ -62,7 +62,7 @@ def test_the_whole_recording_is_told_however_it_is_cut(replayed: Experiment) -> 
         replayed.update()
     pieces = replayed.picture
     assert pieces.known.estimates == whole.known.estimates
-    assert pieces.tape.rows().tobytes() == whole.tape.rows().tobytes()  # a rig without modulator has NaN there
+    assert pieces.recent.rows().tobytes() == whole.recent.rows().tobytes()  # a rig without modulator has NaN there
     assert [step.state for step in pieces.steps.all] == [step.state for step in whole.steps.all] == ["done"] * 5
     assert {line.text for line in pieces.log.lines} == {line.text for line in whole.log.lines}
     assert np.allclose(pieces.source.branch(rising=True), whole.source.branch(rising=True))
@@ -153,18 +153,18 @@ def test_lost_readings_are_counted_but_not_between_procedures(rig: Rig) -> None:
 
 
 def test_a_tape_keeps_the_last_and_in_order() -> None:
-    tape = Tape(100)
+    recent = RecentTicks(100)
     for first in range(0, 1000, 30):
         rows = np.zeros(30, TICK)
         rows["tick_ns"] = np.arange(first, first + 30)
-        tape.append(rows)
-    kept = tape.rows()["tick_ns"]
+        recent.append(rows)
+    kept = recent.rows()["tick_ns"]
     assert len(kept) == 100
     assert np.all(np.diff(kept) == 1)
-    assert tape.since(int(kept[-3]))["tick_ns"].tolist() == kept[-3:].tolist()
+    assert recent.since(int(kept[-3]))["tick_ns"].tolist() == kept[-3:].tolist()
     more = np.zeros(5000, TICK)
-    tape.append(more)
-    assert len(tape.rows()) == 100
+    recent.append(more)
+    assert len(recent.rows()) == 100
 
 
 def test_steps_left_out_and_stopped_say_so() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from norton_bench.screen.plots import drawing as braille
 from norton_bench.screen.plots.drawing import GUTTER, Drawer
 from norton_bench.screen.plots.figure import Axis, Figure, Markers, Trace, label, prefixed, settled, ticks
-from norton_bench.screen.tones import length
+from norton_bench.screen.styles import length
 
 VIEW = braille.View(0.0, 7.0, 0.0, 7.0, 4, 2)  # 8 by 8 dots, a dot a unit
 TIME_S = np.linspace(0.0, 10.0, 10_001)

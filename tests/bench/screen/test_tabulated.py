@@ -17,7 +17,7 @@ from norton_bench.screen import figures
 from norton_bench.screen.panels.progress import table_rows
 from norton_bench.screen.panels.result import result_rows
 from norton_bench.screen.picture.picture import STEP, Picture
-from norton_bench.screen.tones import Row, length
+from norton_bench.screen.styles import Row, length
 from norton_bench.segments import Use
 from norton_bench.session.events import Ended, PartMeasured, StepBegun
 

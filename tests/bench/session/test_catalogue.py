@@ -1,4 +1,4 @@
-"""Past runs by the files that they left."""
+"""Earlier runs, by the files that they left."""
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path

@@ -157,4 +157,4 @@ def test_a_watcher_that_is_killed_stops_the_session_and_leaves_the_recording_who
     recording = read_recording(tmp_path / "sim-odrive.mcap")
     assert recording.complete
     (stop,) = (event for event in recording.measured.events if event.kind == "stop")
-    assert "whoever watched is gone" in stop.text
+    assert "the watcher is gone" in stop.text

@@ -11,7 +11,7 @@ import pytest
 from norton_bench.cli import app
 from norton_bench.errors import ExitCode
 from norton_bench.recording.reader import read_recording
-from norton_bench.session.past import past_of
+from norton_bench.session.resume import finished_in_all
 
 ROOT = Path(__file__).parents[3]
 SESSION = f"""\
@@ -72,7 +72,7 @@ def test_the_report_alone_has_the_section_too(told: dict[str, Any], tmp_path: Pa
 
 def test_a_session_that_goes_on_from_it_finds_the_shaking_and_every_trial(told: dict[str, Any]) -> None:
     path = Path(told["recording"])
-    names = [name for name, _ in past_of(path, read_recording(path, raw_frames=False))]
+    names = [name for name, _ in finished_in_all(path, read_recording(path, raw_frames=False))]
     assert names == ["tare", "in_situ", *["in_situ"] * len(told["in_situ"]["driven"])]
 
 

@@ -131,7 +131,7 @@ def test_a_fit_that_does_not_converge_is_given_something_better(
     assert procedure.following(known).procedure is not None
     decision = procedure.following(replace(known, actuator=None))
     assert decision.procedure is None
-    assert "did not converge" in decision.said
+    assert "did not converge" in decision.sentence
 
 
 def test_nothing_is_offered_where_the_load_can_do_nothing(refined: Refined) -> None:
@@ -139,7 +139,7 @@ def test_nothing_is_offered_where_the_load_can_do_nothing(refined: Refined) -> N
     known = replace(refined.result.knowledge, rig=rig, refinement=None)
     decision = RefineProcedure(RefineOptions(until=0.001, at_most_s=100.0)).following(known)
     assert decision.procedure is None
-    assert "nothing that the rig's limits allow" in decision.said
+    assert "nothing that the rig's limits allow" in decision.sentence
 
 
 def test_the_window_of_positions_is_counted_from_where_the_shaft_first_stood() -> None:

@@ -18,7 +18,7 @@ from norton_bench.session.conclusion import conclude_recording
 from norton_bench.session.engine import run_session
 from norton_bench.session.events import Note, PartMeasured, PlannedStep, Question, SessionEvent, StepBegun
 from norton_bench.session.operator import Order
-from norton_bench.session.past import Past, before, read_past
+from norton_bench.session.resume import EarlierSession, before, read_earlier
 from norton_bench.session.schema import parse_session
 from tests.bench.half_rate import half_rate
 
@@ -157,7 +157,7 @@ def planned(*names: str) -> list[PlannedStep]:
 )
 def test_what_a_session_may_have_finished_is_taken(plan: str, finished: str) -> None:
     records = [(name, Measured()) for name in finished.split()]
-    Past("r.mcap", (), deque(records)).check(planned(*plan.split()))
+    EarlierSession("r.mcap", (), deque(records)).check(planned(*plan.split()))
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_what_a_session_may_have_finished_is_taken(plan: str, finished: str) -> 
 def test_what_it_cannot_have_finished_is_refused(plan: str, finished: str, said: str) -> None:
     records = [(name, Measured()) for name in finished.split()]
     with pytest.raises(UsageError, match=said):
-        Past("r.mcap", (), deque(records)).check(planned(*plan.split()))
+        EarlierSession("r.mcap", (), deque(records)).check(planned(*plan.split()))
 
 
 def test_the_wrong_recording_is_refused_before_anything_is_opened(both: Both, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,7 +184,7 @@ def test_the_wrong_recording_is_refused_before_anything_is_opened(both: Both, mo
 
 def test_records_are_put_before_the_later_one(both: Both) -> None:
     later = read_recording(both.resumed.recording).measured
-    earlier = before(read_past(both.first, RIG).records, later)
+    earlier = before(read_earlier(both.first, RIG).records, later)
     assert [len(record.events) for record in earlier] == [0, 0, 0]
     for name, stamp in (("ticks", "tick_ns"), ("motion", "arrival_ns"), ("torque", "arrival_ns")):
         stamps = np.concatenate([getattr(record, name)[stamp] for record in (*earlier, later)])

@@ -16,7 +16,7 @@ from norton_bench.rig.rig import Rig, Supervision
 from norton_bench.session import engine
 from norton_bench.session.events import Note, SessionEvent, Watcher, ignore
 from norton_bench.session.schema import Session, Step
-from norton_bench.session.supervision import told_to_guard
+from norton_bench.session.supervision import guard_model_of
 from norton_drivers.registry import load_backend
 from norton_sim.firmware.odrive import ODriveAxis
 from tests.bench.half_rate import half_rate
@@ -74,7 +74,7 @@ def test_the_guard_is_told_what_tare_and_calibrate_find(tmp_path: Path, monkeypa
 
     monkeypatch.setattr(engine, "load_backend", load)
     done = recorded(RIG, tmp_path, TARE, Step("calibrate", CalibrateOptions(duration_s=4.0)))
-    known = told_to_guard(done.knowledge)
+    known = guard_model_of(done.knowledge)
     truth = backends[0]._truth
     assert known.torque is not None
     assert known.torque.noise_nm == pytest.approx(truth.torque_sensor.noise_nm, rel=0.1)
@@ -100,7 +100,7 @@ def test_the_guard_is_told_what_tare_and_calibrate_find(tmp_path: Path, monkeypa
 
 
 def test_of_a_lone_actuator_it_is_told_what_there_is(tmp_path: Path) -> None:
-    known = told_to_guard(recorded(FREE, tmp_path, TARE).knowledge)
+    known = guard_model_of(recorded(FREE, tmp_path, TARE).knowledge)
     assert (known.torque, known.load_amperes_per_nm, known.load, known.actuator) == (None, None, None, None)
     assert known.amperes_per_command == pytest.approx(18.0, rel=0.05)
     assert known.moving_command is not None
@@ -108,4 +108,4 @@ def test_of_a_lone_actuator_it_is_told_what_there_is(tmp_path: Path) -> None:
 
 
 def test_before_the_tare_nothing_is_known() -> None:
-    assert told_to_guard(Knowledge(RIG)) == EMPTY_MODEL
+    assert guard_model_of(Knowledge(RIG)) == EMPTY_MODEL

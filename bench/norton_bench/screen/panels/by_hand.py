@@ -8,7 +8,7 @@ from norton_bench.jog.hands import DEVICE, Bounds
 from norton_bench.report.words import pretty_unit
 from norton_bench.screen.panels.health import health_rows
 from norton_bench.screen.picture.picture import Picture
-from norton_bench.screen.tones import LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+from norton_bench.screen.styles import LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
 from norton_bench.segments import LoadMode
 
 READY = "Nothing moves before s: it enables the drives at zero."
@@ -68,8 +68,8 @@ def asked_rows(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, 
     end = f" torques end at {bounds.speed_rad_s:.4g} rad/s"
     if asking.left_s is None:
         return [*rows, [(end + (LOAD_KEYS if picture.rig.wiring.load is not None else ""), LABEL)]]
-    tone = WARNING if asking.left_s < BEFORE_ZERO_S else LABEL
-    return [*rows, [(f"{end}; without a key all goes back to zero in ", LABEL), (f"{asking.left_s:.0f} s", tone)]]
+    style = WARNING if asking.left_s < BEFORE_ZERO_S else LABEL
+    return [*rows, [(f"{end}; without a key all goes back to zero in ", LABEL), (f"{asking.left_s:.0f} s", style)]]
 
 
 def _sizes(picture: Picture, bounds: Bounds, share: float) -> str:
@@ -91,7 +91,7 @@ def imposes(picture: Picture) -> bool:
 
 def pushes(picture: Picture) -> bool:
     """Whether anything is asked for by hand but zero."""
-    rows, segment = picture.tape.rows(), picture.segment
+    rows, segment = picture.recent.rows(), picture.segment
     if segment is None or segment.procedure != NAME or not len(rows):
         return False
     pushed = segment.mode == LoadMode.TORQUE.value and rows["load_torque_nm"][-1] != 0.0

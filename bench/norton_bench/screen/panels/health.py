@@ -8,7 +8,7 @@ from norton_bench.loop.timing import Spread, loop_timing
 from norton_bench.report.words import pretty_unit
 from norton_bench.screen.picture.parts import Health, Pulse
 from norton_bench.screen.picture.picture import Picture
-from norton_bench.screen.tones import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+from norton_bench.screen.styles import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
 
 SIGNS = {"ok": ("●", GOOD), "silent": ("✗", BAD), "trouble": ("▲", WARNING), "unheard": ("○", LABEL)}
 LOOKED_BACK_S = 5.0
@@ -34,8 +34,8 @@ def in_short(health: Health) -> str:
 
 
 def _pulse(pulse: Pulse, width: int) -> Row:
-    sign, tone = SIGNS[pulse.state]
-    left: Row = [(f"{sign} ", tone), (pulse.name.ljust(NAME), TEXT)]
+    sign, style = SIGNS[pulse.state]
+    left: Row = [(f"{sign} ", style), (pulse.name.ljust(NAME), TEXT)]
     if width >= WITH_PLACE:
         left.append((pulse.kind.ljust(KIND)[:KIND], LABEL))
     numbers = _known(pulse.rate_hz, "{:.0f} Hz").rjust(RATE) + _known(pulse.age_ms, "{:.1f} ms").rjust(AGE)
@@ -54,12 +54,12 @@ def _known(value: float, form: str) -> str:
 def _loop(picture: Picture, width: int) -> list[Row]:
     """Lateness, work and stages of the last seconds; in lock step time waits for the loop, and nothing can be late."""
     tick_ns = picture.rig.tick_ns
-    found = loop_timing(picture.tape.rows()[-round(LOOKED_BACK_S * 1e9 / tick_ns) :])
+    found = loop_timing(picture.recent.rows()[-round(LOOKED_BACK_S * 1e9 / tick_ns) :])
     rate = f"{1e9 / tick_ns:.0f} Hz"
     if found is None:
         return [[("○ ", LABEL), ("loop".ljust(NAME), TEXT), (rate, LABEL)]]
-    sign, tone = SIGNS["trouble" if found.skipped else "ok"]
-    left: Row = [(f"{sign} ", tone), ("loop".ljust(NAME), TEXT), (rate, LABEL)]
+    sign, style = SIGNS["trouble" if found.skipped else "ok"]
+    left: Row = [(f"{sign} ", style), ("loop".ljust(NAME), TEXT), (rate, LABEL)]
     if found.in_lock_step:
         return [apart(left, [("lock step, never late", LABEL)], width)]
     skipped = f"{found.skipped} of {found.ticks + found.skipped} skipped" if found.skipped else "no tick skipped"

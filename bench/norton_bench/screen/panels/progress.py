@@ -4,7 +4,7 @@ from norton_bench.report.words import number, pretty_unit
 from norton_bench.screen.figures import FALLING, RISING
 from norton_bench.screen.picture.parts import Reading, Steps, StepState, Tabulated
 from norton_bench.screen.picture.picture import Log, Picture
-from norton_bench.screen.tones import BAD, GOOD, GRID, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+from norton_bench.screen.styles import BAD, GOOD, GRID, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
 from norton_bench.session.events import SessionState
 
 SIGNS = {
@@ -32,9 +32,9 @@ def step_rows(steps: Steps, width: int, height: int) -> list[Row]:
 
 
 def _row(step: StepState, width: int) -> Row:
-    sign, tone = SIGNS[step.state]
+    sign, style = SIGNS[step.state]
     name = step.planned.name + (f" {step.planned.label}" if step.planned.label else "")
-    left: Row = [(f"{sign} ", tone), (name, TEXT if step.state != "ahead" else LABEL)]
+    left: Row = [(f"{sign} ", style), (name, TEXT if step.state != "ahead" else LABEL)]
     if step.state == "running":
         full = round(step.share * BAR)
         said = f" {step.took_s:3.0f} of ~{step.planned.duration_s:.0f} s"
@@ -52,7 +52,7 @@ def clock(seconds: float) -> str:
     return f"{whole // 60}:{whole % 60:02d}"
 
 
-Badge = tuple[str, str]  # what it says, and its tone
+Badge = tuple[str, str]  # what it says, and its style
 REPLAYING, HALTED = ("▶ REPLAY", "badge-good"), ("‖ REPLAY", "badge-calm")
 BADGES: dict[SessionState | None, Badge] = {
     None: ("○ READY", "badge-calm"),
@@ -74,11 +74,11 @@ def title_row(picture: Picture, what: str, said: str, width: int, badge: Badge) 
 
     Rig and session; at the right ``said``, the pace, and the ``badge``.
     """
-    words, tone = badge
+    words, style = badge
     left: Row = [(f" {picture.rig.name}", STRONG), (f"  {what}", LABEL)]
     paced = badge not in (REPLAYING, HALTED) and picture.state in PACED and picture.pace > 0
     pace = f"{picture.pace:.1f}× " if paced and abs(picture.pace - 1) > 0.05 else ""
-    right: Row = [(f"{said}  " if said else "", TEXT), (f"{pace} ", UNIT), (f" {words} ", tone)]
+    right: Row = [(f"{said}  " if said else "", TEXT), (f"{pace} ", UNIT), (f" {words} ", style)]
     return apart(left, right, width)
 
 
@@ -106,7 +106,7 @@ def _running(picture: Picture, width: int) -> tuple[str, str]:
 
 
 EVENT_KIND, TIME = 9, 8
-TONES = {"stop": BAD, "fault": WARNING, "bus": WARNING, "device": WARNING, "drive": WARNING, "operator": TEXT}
+KIND_STYLES = {"stop": BAD, "fault": WARNING, "bus": WARNING, "device": WARNING, "drive": WARNING, "operator": TEXT}
 
 
 def log_rows(log: Log, width: int, height: int, *, back: int = 0) -> list[Row]:
@@ -122,7 +122,11 @@ def log_rows(log: Log, width: int, height: int, *, back: int = 0) -> list[Row]:
         kind = "" if line.kind == "note" else line.kind
         rows.append(
             fitted(
-                [(time.rjust(TIME), LABEL), (f" {kind:<{EVENT_KIND}}", UNIT), (line.text, TONES.get(line.kind, LABEL))],
+                [
+                    (time.rjust(TIME), LABEL),
+                    (f" {kind:<{EVENT_KIND}}", UNIT),
+                    (line.text, KIND_STYLES.get(line.kind, LABEL)),
+                ],
                 width,
             )
         )

@@ -11,7 +11,7 @@ from norton_bench.models.parameters import Estimate, Status
 from norton_bench.report.section import Facts
 from norton_bench.report.words import interval, number, percent, pretty_unit, symbol
 from norton_bench.screen.picture.parts import Known, half_width
-from norton_bench.screen.tones import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
+from norton_bench.screen.styles import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
 from norton_bench.session.events import Ended
 
 SIGNS = {
@@ -55,7 +55,7 @@ def parameter_rows(known: Known, width: int, height: int, *, before: str = LEARN
 
 
 def _row(estimate: Estimate, widths: list[float], width: int) -> Row:
-    sign, tone = SIGNS[estimate.status]
+    sign, style = SIGNS[estimate.status]
     row: Row = [(symbol(estimate).ljust(SYMBOL), STRONG)]
     if width >= WITH_NAME:
         row.append((estimate.name.replace("_", " ").ljust(NAME), LABEL))
@@ -67,7 +67,7 @@ def _row(estimate: Estimate, widths: list[float], width: int) -> Row:
     if width >= WITH_INTERVAL:
         row.append((f"{interval(estimate.value, estimate.std):>{INTERVAL}}"[:INTERVAL], LABEL))
     share = _plus_minus(half_width(estimate), WIDTH if roomy else SHORT_WIDTH)
-    row += [(share, TEXT), (f" {sign} {estimate.status.value:<{STATUS - 3}}", tone)]
+    row += [(share, TEXT), (f" {sign} {estimate.status.value:<{STATUS - 3}}", style)]
     room = width - sum(len(text) for text, _ in row)
     return [*row, (sparkline(widths, room), UNIT)] if room >= LEAST_SPARK else fitted(row, width)
 
@@ -154,14 +154,14 @@ def _parameters(estimates: tuple[Estimate, ...], width: int) -> list[Row]:
 
 
 def _parameter(estimate: Estimate, width: int) -> Row:
-    sign, tone = SIGNS[estimate.status]
+    sign, style = SIGNS[estimate.status]
     row: Row = [(symbol(estimate).ljust(SYMBOL), STRONG)]
     if width >= RESULT_WIDTH:
         row.append((estimate.name.replace("_", " ").ljust(NAME), LABEL))
     row.append((f"{number(estimate.value, 5):>{RESULT_VALUE}}", TEXT))
     row.append((f" {pretty_unit(estimate.unit):<{RESULT_UNIT}}", UNIT))
     row.append((f"{interval(estimate.value, estimate.std):>{RESULT_INTERVAL}}", LABEL))
-    return fitted([*row, (f"  {sign} {estimate.status.value}", tone)], width)
+    return fitted([*row, (f"  {sign} {estimate.status.value}", style)], width)
 
 
 def _trials(summary: Ended, width: int) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Rows of characters with tones as a widget: drawn when the terminal is next written to, and at no other time."""
+"""Rows of characters with styles as a widget: drawn when the terminal is next written to, and at no other time."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -11,14 +11,14 @@ from textual.widget import Widget
 
 from norton_bench.screen.plots.drawing import Drawer
 from norton_bench.screen.plots.figure import Figure
-from norton_bench.screen.tones import TONES, Row, fitted
+from norton_bench.screen.styles import STYLES, Row, fitted
 
 
 class Rows(Widget):
     """What :meth:`draw` gives, line by line. Takes no focus and no keys."""
 
     can_focus = False
-    COMPONENT_CLASSES: ClassVar[set[str]] = {f"tone--{tone}" for tone in TONES}
+    COMPONENT_CLASSES: ClassVar[set[str]] = {f"style--{style}" for style in STYLES}
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002  (textual's own name)
         super().__init__(id=id)
@@ -51,14 +51,14 @@ class Rows(Widget):
 
     def _strip(self, row: Row, width: int) -> Strip:
         """Every character of ours is one column wide, so nothing needs measuring."""
-        segments = [Segment(text, self._style(tone)) for text, tone in fitted(row, width)]
+        segments = [Segment(text, self._style(style)) for text, style in fitted(row, width)]
         return Strip(segments, width)
 
-    def _style(self, tone: str) -> Style:
+    def _style(self, style: str) -> Style:
         """Looked up once: textual works each of them out anew from all ancestors."""
-        if tone not in self._styles:
-            self._styles[tone] = self.get_component_rich_style(f"tone--{tone}")
-        return self._styles[tone]
+        if style not in self._styles:
+            self._styles[style] = self.get_component_rich_style(f"style--{style}")
+        return self._styles[style]
 
 
 class Panel(Rows):

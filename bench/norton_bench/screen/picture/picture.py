@@ -26,7 +26,7 @@ from norton_bench.session.events import (
 )
 
 
-class Tape:
+class RecentTicks:
     """The last stretch of the ticks, in columns that can be drawn without copying.
 
     Keeps the last ``length`` rows; :meth:`rows` gives them as one piece.
@@ -144,7 +144,7 @@ class Log:
         self.total += 1
 
 
-TAPE_S = 40.0
+RECENT_S = 40.0
 PACE_OVER_S = 2.0
 # What a recording says of a step that is done, for whoever resumes it; the steps show that already.
 FINISHED_STEP = "step"
@@ -160,7 +160,7 @@ class Picture:
         self.rig = rig
         self.state: SessionState | None = None
         self.steps = Steps()
-        self.tape = Tape(round(TAPE_S / rig.tick_s))
+        self.recent = RecentTicks(round(RECENT_S / rig.tick_s))
         self.source = SourceSeen()
         self.tabulated = Tabulated()
         self.known = Known()
@@ -232,7 +232,7 @@ class Picture:
                 self._first_ns = int(measured.ticks["tick_ns"][0])
             self._now_ns = int(measured.ticks["tick_ns"][-1])
         self.segment = measured.segments[-1] if measured.segments else self.segment
-        self.tape.append(measured.ticks)
+        self.recent.append(measured.ticks)
         self.source.take(measured)
         self.tabulated.take(measured)
         self.health.take(measured)

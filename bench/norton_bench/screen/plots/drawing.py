@@ -1,4 +1,4 @@
-"""A figure to rows of characters, each with the tone it is drawn in. No terminal is needed for it."""
+"""A figure to rows of characters, each with the style it is drawn in. No terminal is needed for it."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.screen.plots.figure import Axis, Figure, Range, Trace, label, prefixed, settled, ticks, tidy_step
-from norton_bench.screen.tones import GRID, LABEL, RULE, TRACES, Row, heading
+from norton_bench.screen.styles import GRID, LABEL, RULE, TRACES, Row, heading
 
 Dots = npt.NDArray[np.bool_]
 
@@ -161,17 +161,17 @@ def _plane(view: View, figure: Figure, traces: list[Trace]) -> list[Row]:
     else:
         codes, owner = np.zeros((view.height, view.width), np.uint8), np.full((view.height, view.width), -1)
     characters = np.where(codes > 0, codes.astype(np.int32) + BLANK, ord(" "))
-    tones = np.where(owner >= 0, np.array([*(trace.tone for trace in traces), 0])[owner], -1)
+    styles = np.where(owner >= 0, np.array([*(trace.style for trace in traces), 0])[owner], -1)
     if view.bottom < 0 < view.top:
         zero = round(float(view.place(np.zeros(1), np.zeros(1))[1][0])) // ROWS
         bare = codes[zero] == 0
-        characters[zero, bare], tones[zero, bare] = ord("┈"), -2
+        characters[zero, bare], styles[zero, bare] = ord("┈"), -2
     for marks in figure.markers:
         x, y = view.place(marks.x, marks.y)
         column, row = np.rint(x).astype(int) // COLUMNS, np.rint(y).astype(int) // ROWS
         inside = (column >= 0) & (column < view.width) & (row >= 0) & (row < view.height)
-        characters[row[inside], column[inside]], tones[row[inside], column[inside]] = ord(marks.sign), marks.tone
-    return [_runs(characters[row], tones[row]) for row in range(view.height)]
+        characters[row[inside], column[inside]], styles[row[inside], column[inside]] = ord(marks.sign), marks.style
+    return [_runs(characters[row], styles[row]) for row in range(view.height)]
 
 
 def _dots(view: View, trace: Trace, growing: bool) -> Dots:
@@ -181,10 +181,10 @@ def _dots(view: View, trace: Trace, growing: bool) -> Dots:
     return line(view, x, y, dashed=trace.dashed)
 
 
-def _runs(characters: IntArray, tones: IntArray) -> Row:
-    edges = [0, *(np.flatnonzero(np.diff(tones)) + 1).tolist(), len(tones)]
+def _runs(characters: IntArray, styles: IntArray) -> Row:
+    edges = [0, *(np.flatnonzero(np.diff(styles)) + 1).tolist(), len(styles)]
     text = "".join(map(chr, characters.tolist()))
-    names = [GRID if tones[first] < 0 else TRACES[tones[first]] for first in edges[:-1]]
+    names = [GRID if styles[first] < 0 else TRACES[styles[first]] for first in edges[:-1]]
     return [(text[first:last], name) for first, last, name in zip(edges, edges[1:], names, strict=False)]
 
 

@@ -13,11 +13,11 @@ NOTHING_YET = "nothing measured yet"
 
 @dataclass(frozen=True)
 class Trace:
-    """One curve or cloud, arrays of shape (n,), in SI units. ``tone`` is 0 for the main one, 1 beside it, 2 faint."""
+    """One curve or cloud, arrays of shape (n,), in SI units. ``style`` is 0 for the main one, 1 beside it, 2 faint."""
 
     x: FloatArray
     y: FloatArray
-    tone: int = 0
+    style: int = 0
     dashed: bool = False
     cloud: bool = False
 
@@ -29,7 +29,7 @@ class Markers:
     x: FloatArray
     y: FloatArray
     sign: str
-    tone: int = 0
+    style: int = 0
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Figure:
     traces: tuple[Trace, ...] = ()
     markers: tuple[Markers, ...] = ()
     latest: str = ""
-    legend: str = ""  # what the second tone is
+    legend: str = ""  # what the second style is
     growing: bool = False
     feet: bool = True  # numbers below; not where the plot beneath shares them
     empty: str = NOTHING_YET

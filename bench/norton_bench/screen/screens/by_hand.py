@@ -13,7 +13,7 @@ from norton_bench.jog.by_hand import Jog
 from norton_bench.jog.hands import bounds_of
 from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment, badge_of
-from norton_bench.screen.heeding import keeps_up
+from norton_bench.screen.keyboard import keeps_up
 from norton_bench.screen.panels.by_hand import Asking, asked_rows, device_rows, imposes, pushes, ready_rows
 from norton_bench.screen.panels.health import in_short, signal_rows
 from norton_bench.screen.panels.progress import log_rows, title_row
@@ -21,7 +21,7 @@ from norton_bench.screen.panels.rows import Panel, Plot
 from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import Confirm, Mark
-from norton_bench.screen.tones import Row
+from norton_bench.screen.styles import Row
 from norton_bench.session.events import Ended, SessionState
 
 SHARES = (0.005, 0.01, 0.02, 0.05, 0.1)

@@ -12,7 +12,7 @@ from textual.screen import Screen
 from textual.widgets import Footer, Label, OptionList, Static
 from textual.widgets.option_list import Option
 
-from norton_bench.screen.found import Choice
+from norton_bench.screen.available import Choice
 from norton_bench.screen.screens import keys
 
 IMPOSSIBLE = "✗"

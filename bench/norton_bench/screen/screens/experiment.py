@@ -10,7 +10,7 @@ from textual.widgets import Footer
 
 from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment, badge_of
-from norton_bench.screen.heeding import keeps_up
+from norton_bench.screen.keyboard import keeps_up
 from norton_bench.screen.panels.health import health_rows, in_short
 from norton_bench.screen.panels.progress import clock, log_rows, step_rows, table_rows, title_row, view_row
 from norton_bench.screen.panels.result import LEARNT, LEARNT_IN_SITU, parameter_rows
@@ -18,7 +18,7 @@ from norton_bench.screen.panels.rows import Panel, Plot
 from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Ask, Confirm, Mark
-from norton_bench.screen.tones import Row
+from norton_bench.screen.styles import Row
 from norton_bench.session.events import Ended, Prompt, SessionState
 
 VIEWS = ["Overview", "Loops", "Source", "Bench"]

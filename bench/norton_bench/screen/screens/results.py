@@ -15,7 +15,7 @@ from norton_bench.screen.panels.progress import title_row
 from norton_bench.screen.panels.result import result_rows
 from norton_bench.screen.panels.rows import Panel
 from norton_bench.screen.screens import keys
-from norton_bench.screen.tones import LABEL, STRONG, Row
+from norton_bench.screen.styles import LABEL, STRONG, Row
 
 LOOK_EVERY_S = 0.2
 GRAPHICAL = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")

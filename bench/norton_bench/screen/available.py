@@ -20,20 +20,20 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Found:
+class Available:
     """Files of one kind, as choices, in order."""
 
     paths: Sequence[Path]
     choices: Sequence[Choice]
 
 
-def find_rigs(folder: Path) -> Found:
+def find_rigs(folder: Path) -> Available:
     """Every TOML file in folder/rigs, or else in the folder, that has a section [rig]."""
     paths = [path for path in _files(folder, "rigs") if "[rig]" in _text(path)]
     return _found(folder, paths, lambda path: _rig(load_rig(path)))
 
 
-def find_sessions(folder: Path, rig: Rig) -> Found:
+def find_sessions(folder: Path, rig: Rig) -> Available:
     """Every TOML file in folder/sessions, or else in the folder, that has a section [[step]].
 
     Those that ``rig`` cannot perform come last, each with the reason. Takes a second the first time.
@@ -41,7 +41,7 @@ def find_sessions(folder: Path, rig: Rig) -> Found:
     paths = [path for path in _files(folder, "sessions") if "[[step]]" in _text(path)]
     found = _found(folder, paths, lambda path: _performed(load_session(path), rig))
     order = sorted(range(len(paths)), key=lambda place: bool(found.choices[place].mistake))
-    return Found([found.paths[place] for place in order], [found.choices[place] for place in order])
+    return Available([found.paths[place] for place in order], [found.choices[place] for place in order])
 
 
 def by_hand_choice(rig: Rig) -> Choice:
@@ -62,8 +62,8 @@ def _files(folder: Path, name: str) -> list[Path]:
     return sorted((own if own.is_dir() else folder).glob("*.toml"))
 
 
-def _found(folder: Path, paths: Sequence[Path], say: Callable[[Path], str]) -> Found:
-    return Found(paths, [_choice(folder, path, say) for path in paths])
+def _found(folder: Path, paths: Sequence[Path], say: Callable[[Path], str]) -> Available:
+    return Available(paths, [_choice(folder, path, say) for path in paths])
 
 
 def _choice(folder: Path, path: Path, say: Callable[[Path], str]) -> Choice:

@@ -1,4 +1,4 @@
-"""What a session that was interrupted has finished: read from its recording, and put before what goes on from there."""
+"""Resume: what an interrupted session has finished is read from its recording and put before the new measurements."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -18,7 +18,7 @@ from norton_bench.session.items import ASK
 
 # Kinds of events that a session leaves for the one that resumes it.
 FINISHED, ANSWERED = "step", "answer"
-# The recording that a recording goes on from.
+# The key of the metadata that names the recording which a session resumes.
 RESUMES = "resumes"
 # Between two recordings: long enough for nobody to take it for a missing reading.
 PAUSE_NS = 2_000_000_000
@@ -27,10 +27,10 @@ ABOUT_THE_PAUSE = 500
 
 
 @dataclass
-class Past:
-    """Finished procedures and given answers, which are taken from here in order instead of being done again.
+class EarlierSession:
+    """Finished procedures and given answers of the session that is resumed; they are taken in order, not done again.
 
-    ``records`` are those of the procedures, one each, on the clock on which they were measured.
+    ``records`` are the measurements of the procedures, one each, with the time stamps of that session.
     """
 
     place: str = ""
@@ -93,7 +93,7 @@ def _possible(steps: Sequence[PlannedStep], place: int) -> Iterator[int]:
             return
 
 
-def read_past(path: Path, rig: Rig) -> Past:
+def read_earlier(path: Path, rig: Rig) -> EarlierSession:
     """What the recording at ``path``, or the newest one in that folder, has finished; with those it resumed itself.
 
     Raises UsageError where it cannot be read, is of another rig, or has finished nothing.
@@ -101,32 +101,32 @@ def read_past(path: Path, rig: Rig) -> Past:
     path = _newest(path) if path.is_dir() else path
     recording = read_recording(path, raw_frames=False)
     _check_rig(path, recording, rig)
-    records = past_of(path, recording)
+    records = finished_in_all(path, recording)
     if not records:
         raise UsageError(f"{path}: no step was finished in it; run the session from its beginning")
     finished = [(name, record) for name, record in records]
     answers = [_answer(event) for event in recording.measured.events if event.kind == ANSWERED]
-    return Past(str(path), tuple(record for _, record in finished), deque(finished), deque(answers))
+    return EarlierSession(str(path), tuple(record for _, record in finished), deque(finished), deque(answers))
 
 
-def past_of(path: Path, recording: Recording) -> list[tuple[str, Measured]]:
+def finished_in_all(path: Path, recording: Recording) -> list[tuple[str, Measured]]:
     """Name and record of every finished procedure, those of the recordings that it resumed first, on its own clock."""
     own = _finished_in(recording.measured)
     resumed = resumed_path(path, recording)
     if resumed is None:
         return own
-    earlier = past_of(resumed, read_recording(resumed, raw_frames=False))
+    earlier = finished_in_all(resumed, read_recording(resumed, raw_frames=False))
     names, records = [name for name, _ in earlier], [record for _, record in earlier]
     return [*zip(names, before(records, recording.measured), strict=True), *own]
 
 
-def with_past(path: Path, recording: Recording) -> Measured:
-    """All that was measured in a recording, behind what those it resumes have finished."""
+def with_earlier(path: Path, recording: Recording) -> Measured:
+    """All that was measured in a recording, after what the recordings that it resumes have finished."""
     resumed = resumed_path(path, recording)
     if resumed is None:
         return recording.measured
-    earlier = [record for _, record in past_of(resumed, read_recording(resumed, raw_frames=False))]
-    return behind(earlier, recording.measured)
+    earlier = [record for _, record in finished_in_all(resumed, read_recording(resumed, raw_frames=False))]
+    return after(earlier, recording.measured)
 
 
 def resumed_path(path: Path, recording: Recording) -> Path | None:
@@ -140,16 +140,16 @@ def resumed_path(path: Path, recording: Recording) -> Path | None:
     raise UsageError(f"{path}: resumes {written}, which is not there; put it beside this recording")
 
 
-def behind(records: Sequence[Measured], later: Measured) -> Measured:
-    """``later``, behind ``records`` that were moved to before it."""
+def after(records: Sequence[Measured], later: Measured) -> Measured:
+    """``records``, moved in time to before ``later``, and then ``later``."""
     return join([*before(records, later), later]) if records else later
 
 
 def before(records: Sequence[Measured], later: Measured) -> list[Measured]:
-    """``records``, one after the other as they are, moved to end before ``later`` begins.
+    """``records``, moved in time so that they end before ``later`` begins.
 
-    Stamps and numbers of readings and segments go on from one to the other. Positions stay as they were read, for most
-    encoders know them still. A sensor's own clock, which may have been restarted, is moved so that it goes on too.
+    Time stamps and the numbers of readings and segments continue from one to the other. Positions stay as they were
+    read: most encoders are absolute, or kept their count. A sensor's own clock may have been restarted; it is moved.
     """
     if not records or not len(later.ticks):
         return list(records)
@@ -209,8 +209,10 @@ class _Shift:
 
 
 def _on_device(later: Measured, records: Sequence[Measured], time_ns: int) -> int | None:
-    """Between the sensor's clock then and now, once the host's is moved by ``time_ns``: as the readings about the pause
-    tell it, whose delay on the way is the same on average."""
+    """What to add to the sensor's own stamps, once the host's are moved by ``time_ns``; None where it sends none.
+
+    From the readings on either side of the pause: on average they were delayed equally on their way.
+    """
     older = next((record.torque for record in reversed(records) if len(record.torque)), None)
     if older is None or not len(later.torque):
         return None
@@ -222,7 +224,7 @@ def _on_device(later: Measured, records: Sequence[Measured], time_ns: int) -> in
 
 
 def _count(later: Measured, records: Sequence[Measured], stream: str) -> int:
-    """So that the first reading of the later one comes next but one: their numbers tell that some are missing."""
+    """What to add so that one number is left out between the two: it shows that readings are missing there."""
     after, earlier = getattr(later, stream), [getattr(record, stream) for record in records]
     last = max((int(table["sequence"][-1]) for table in earlier if len(table)), default=0)
     return (int(after["sequence"][0]) if len(after) else 0) - last - 2
@@ -240,7 +242,7 @@ def _finished_in(measured: Measured) -> list[tuple[str, Measured]]:
 
 
 def _record(measured: Measured, finished: Event, since_ns: int) -> Measured | None:
-    """What the procedure has measured that finished then, and began after ``since_ns``."""
+    """What the procedure that finished then has measured; it began after ``since_ns``."""
     begun = [
         segment.start_ns
         for segment in measured.segments

@@ -1,11 +1,11 @@
-"""The operator's desk by itself: in which order things are told."""
+"""The operator's orders by itself: in which order things are told."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.session.events import SessionEvent, SessionState, StateChanged
-from norton_bench.session.operator import Desk, Order
+from norton_bench.session.operator import OperatorOrders, Order
 
 
 @dataclass
@@ -24,9 +24,9 @@ def test_a_pause_that_is_ordered_as_another_ends_comes_last() -> None:
     """What is put away passes through the loop's parts, at each of which orders are heard."""
     events: list[SessionEvent] = []
     operator = Scripted([[Order("pause")], [], [Order("resume")], [Order("pause")]])
-    desk = Desk(operator, events.append, lambda _kind, _text: desk.listen())
-    desk.listen()
-    desk.wait()
-    assert desk.paused
+    orders = OperatorOrders(operator, events.append, lambda _kind, _text: orders.listen())
+    orders.listen()
+    orders.wait()
+    assert orders.paused
     states = (SessionState.PAUSING, SessionState.PAUSED, SessionState.RUNNING, SessionState.PAUSING)
     assert events == [StateChanged(state) for state in states]

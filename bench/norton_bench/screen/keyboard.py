@@ -15,16 +15,16 @@ from textual.message import Message
 MOST_UNWRITTEN = 2
 
 
-def heeding(base: type[Driver], heed: Callable[[str], None]) -> type[Driver]:
-    """The platform's driver, which shows every key to ``heed`` before anything else happens with it."""
+def listening_to_keys(base: type[Driver], on_key: Callable[[str], None]) -> type[Driver]:
+    """The platform's driver, which shows every key to ``on_key`` before anything else happens with it."""
 
-    class Heeding(base):  # type: ignore[valid-type,misc]  # a class by its value
+    class KeyListener(base):  # type: ignore[valid-type,misc]  # a class by its value
         def process_message(self, message: Message) -> None:
             if isinstance(message, Key):
-                heed(message.key)
+                on_key(message.key)
             super().process_message(message)
 
-    return Heeding
+    return KeyListener
 
 
 def keeps_up(driver: Any) -> bool:

@@ -1,6 +1,6 @@
 """What a piece of text is, in one word; the style sheet says what it looks like. Plain data, no terminal needed."""
 
-Run = tuple[str, str]  # text and tone
+Run = tuple[str, str]  # text and style
 Row = list[Run]
 
 # The three of traces, what is around them, and what is said of anything.
@@ -8,7 +8,7 @@ TRACES = ("first", "second", "faint")
 HEADING, UNIT, LABEL, RULE, GRID = "heading", "unit", "label", "rule", "grid"
 TEXT, STRONG, GOOD, WARNING, BAD = "text", "strong", "good", "warning", "bad"
 BADGES = ("badge-calm", "badge-good", "badge-warning", "badge-bad")
-TONES = (*TRACES, HEADING, UNIT, LABEL, RULE, GRID, TEXT, STRONG, GOOD, WARNING, BAD, *BADGES)
+STYLES = (*TRACES, HEADING, UNIT, LABEL, RULE, GRID, TEXT, STRONG, GOOD, WARNING, BAD, *BADGES)
 
 
 def length(row: Row) -> int:
@@ -19,9 +19,9 @@ def length(row: Row) -> int:
 def fitted(row: Row, width: int) -> Row:
     """Cut or filled up to ``width`` characters."""
     done: Row = []
-    for text, tone in row:
+    for text, style in row:
         if width > 0:
-            done.append((text[:width], tone))
+            done.append((text[:width], style))
             width -= len(done[-1][0])
     return [*done, (" " * width, TEXT)] if width > 0 else done
 
@@ -34,7 +34,7 @@ def apart(left: Row, right: Row, width: int) -> Row:
 
 
 def heading(title: str, unit: str, latest: str, width: int, legend: str = "") -> Row:
-    """One row: title and unit, what the second tone is, a rule, and what is to be said at its right end."""
+    """One row: title and unit, what the second style is, a rule, and what is to be said at its right end."""
     left: Row = [(title, HEADING)] + ([(f" {unit}", UNIT)] if unit else [])
     right: Row = [(f" {latest}", "first")] if latest else []
     explained: Row = [*left, (f"  {legend}", "second")] if legend else left
