@@ -36,6 +36,7 @@ import msgpack
 import numpy as np
 
 from norton_bench.errors import BenchError, ExperimentError
+from norton_bench.events import PartMeasured, SessionEvent
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.recording import wire
 from norton_bench.recording.frames import log_name
@@ -45,7 +46,6 @@ from norton_bench.recording.streams import STREAMS
 from norton_bench.records import Measured
 from norton_bench.rig.load import load_rig
 from norton_bench.session.engine import record_session
-from norton_bench.session.events import PartMeasured, SessionEvent
 from norton_bench.session.schema import Session, Step
 from norton_drivers.codecs.odrive import Command
 from norton_drivers.readings import RawFrame

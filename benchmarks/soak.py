@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.events import Note, PartMeasured, SessionEvent
 from norton_bench.procedures.catalogue import make_procedures
 from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
 from norton_bench.recording.reader import read_so_far
@@ -30,7 +31,6 @@ from norton_bench.records import NO_DEVICE_TIME, Measured, Table
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.session.engine import record_session
-from norton_bench.session.events import Note, PartMeasured, SessionEvent
 from norton_bench.session.schema import Session, Step
 
 Stamps = npt.NDArray[np.int64]

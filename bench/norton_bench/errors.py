@@ -1,5 +1,7 @@
 """Errors that reach the user: one sentence with the place and the mend, and the exit code they end the program with."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from enum import IntEnum
 
 
@@ -49,3 +51,12 @@ class OperatorStopError(BenchError):
     """The operator stopped the experiment; the drives are idle."""
 
     exit_code = ExitCode.INTERRUPTED
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """For the end of a message about a word that is not ``known``: the closest one, or all there are."""
+    choices = sorted(known)
+    close = get_close_matches(word.lower(), choices, n=1, cutoff=0.6)
+    if close:
+        return f'did you mean "{close[0]}"?'
+    return "known: " + (", ".join(choices) or "none")

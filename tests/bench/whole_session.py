@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from norton_bench.events import Ended, PartMeasured, SessionEvent
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions, ValidateOptions
 from norton_bench.result import Result
 from norton_bench.rig.load import load_rig
 from norton_bench.session.engine import run_session
-from norton_bench.session.events import Ended, PartMeasured, SessionEvent
 from norton_bench.session.schema import Session, Step
 from tests.bench.once import once
 

@@ -15,9 +15,9 @@ from norton_bench.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
     from norton_bench.cli.operator import CommandLineOperator
+    from norton_bench.events import SessionEvent, Watcher
     from norton_bench.result import Result
     from norton_bench.rig.rig import Rig
-    from norton_bench.session.events import SessionEvent, Watcher
     from norton_bench.session.schema import Session
 
 SessionFile = Annotated[Path, Parameter(name="SESSION", help="A session file.")]

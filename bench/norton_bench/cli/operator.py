@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from types import FrameType
 
 from norton_bench.cli.output import complain
+from norton_bench.events import Prompt, Question, SessionEvent, SessionState, StateChanged
 from norton_bench.loop.stop_word import StopWord
-from norton_bench.session.events import Prompt, Question, SessionEvent, SessionState, StateChanged
 from norton_bench.session.operator import Order
 
 PAUSED = "Paused, the drives are idle. Enter goes on; t: tare, s: leave out the next step, a: abort."

@@ -10,10 +10,7 @@ from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 
 from norton_bench.cli.output import Output
-from norton_bench.identification.results import LiveEstimate
-from norton_bench.models.parameters import Status
-from norton_bench.records import Measured
-from norton_bench.session.events import (
+from norton_bench.events import (
     Note,
     PartMeasured,
     Planned,
@@ -25,6 +22,9 @@ from norton_bench.session.events import (
     Watcher,
     ignore,
 )
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.models.parameters import Status
+from norton_bench.records import Measured
 
 
 class Lines:

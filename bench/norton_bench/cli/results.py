@@ -16,11 +16,12 @@ from norton_bench.identification.ladder import Rung
 from norton_bench.identification.model_error import ModelError
 from norton_bench.identification.results import FitResult, Validation
 from norton_bench.identification.trials import TrialFigures, last_driven, settled
+from norton_bench.models.parameter_result import ExpectationResult
 from norton_bench.models.parameters import BY_NAME, UNITS, Estimate, PredictionError
 from norton_bench.procedures.refinement import Refinement, in_percent, widest_of, words
 from norton_bench.records import FOR_PROGRAMS, Measured
 from norton_bench.report.figures_network import bench_time_s
-from norton_bench.result import ExpectationResult, Result
+from norton_bench.result import Result
 from norton_bench.session.summary import of_trials
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError, UsageError
+from norton_bench.events import PartMeasured, SessionEvent
 from norton_bench.faults.case import Case, Detection, Outcome, Verdict, allowed_ns, judge
 from norton_bench.loop.devices import open_devices
 from norton_bench.procedures.calibrate import CalibrateProcedure
@@ -24,7 +25,6 @@ from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
 from norton_bench.session.engine import record_procedures
-from norton_bench.session.events import PartMeasured, SessionEvent
 from norton_bench.session.schema import Session, WrittenFault
 from norton_drivers.errors import DeviceError
 from norton_drivers.registry import load_backend

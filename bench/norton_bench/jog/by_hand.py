@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from norton_bench.events import Watcher
 from norton_bench.jog.hands import DEAD_MAN_S, Board, bounds_of
 from norton_bench.rig.rig import Rig
-from norton_bench.session.events import Watcher
 from norton_bench.session.operator import Operator
 
 

@@ -7,9 +7,9 @@ from math import isfinite, nan
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.events import Note, PartMeasured, SessionEvent
 from norton_bench.records import Measured, Table
 from norton_bench.rig.rig import Rig
-from norton_bench.session.events import Note, PartMeasured, SessionEvent
 
 
 @dataclass(frozen=True)

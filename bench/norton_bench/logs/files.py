@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
-from norton_bench.errors import UsageError
+from norton_bench.errors import UsageError, nearest
 from norton_bench.extras import extra
 from norton_bench.logs.column_map import LogSection
-from norton_bench.rig.files import nearest
 
 SUFFIXES = {
     ".csv": "csv",

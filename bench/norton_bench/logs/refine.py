@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import BoolArray
-from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.errors import ExperimentError, UsageError, nearest
 from norton_bench.identification.friction.fit import FrictionFit
 from norton_bench.identification.statistics import held_out_rms, simplest_as_good
 from norton_bench.logs.column_map import ColumnMap, Units
@@ -18,7 +18,6 @@ from norton_bench.logs.equation import Problem
 from norton_bench.logs.results import UNEXCITED_BEYOND, ErrorFigures, Step
 from norton_bench.logs.servo import LADDER, UNITS, Box, ServoFit, ServoLog, ServoModel, Trial, fit_servo
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.rig.files import nearest
 
 # Resistance between the supply and the switches that is reckoned with, over the winding's.
 SOURCE_SHARE = 0.3

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 
+from norton_bench.models.parameter_result import ExpectationResult, ParameterResult
 from norton_bench.models.parameters import HALF_INTERVAL
-from norton_bench.result import ExpectationResult, ParameterResult, Result
+from norton_bench.result import Result
 from norton_bench.units import parse_quantity
 
 

@@ -6,8 +6,9 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
+from norton_bench.errors import nearest
 from norton_bench.rig.driver_options import Commanded, amplifier_options, declared_by, read_options, wrong_unit
-from norton_bench.rig.files import Mistakes, nearest
+from norton_bench.rig.files import Mistakes
 from norton_bench.rig.schema import (
     ActuatorSection,
     BusSection,

@@ -5,7 +5,6 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -13,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from norton_bench.errors import UsageError
+from norton_bench.errors import UsageError, nearest
 
 # What to do with a file of each kind that was given in the place of another.
 MENDS = {
@@ -187,15 +186,6 @@ def sentence(
 def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
     """The keys of a section as a user writes them."""
     return {info.alias or name: info for name, info in model.model_fields.items()}
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """The mend for a word that is not ``known``: the one that was meant, or all there are."""
-    choices = sorted(known)
-    close = get_close_matches(word.lower(), choices, n=1, cutoff=0.6)
-    if close:
-        return f'did you mean "{close[0]}"?'
-    return "known: " + (", ".join(choices) or "none")
 
 
 def toml(value: object) -> str:

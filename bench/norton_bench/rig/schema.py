@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
-from norton_bench.rig.files import nearest
+from norton_bench.errors import nearest
 from norton_bench.units import check_unit, parse_quantity, quantity_in, same_dimension
 
 UNLIMITED = "unlimited"

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from norton_bench.events import Ended, Planned, PlannedStep, Prompt, SessionState
 from norton_bench.jog.by_hand import Jog
 from norton_bench.jog.course import NAME
 from norton_bench.rig.load import load_rig, parse_rig
@@ -11,7 +12,6 @@ from norton_bench.rig.rig import Rig
 from norton_bench.screen.panels.progress import BADGES, HALTED, REPLAYING, Badge
 from norton_bench.screen.picture.picture import OVER, Picture
 from norton_bench.screen.sources import Replayed, Running, Source
-from norton_bench.session.events import Ended, Planned, PlannedStep, Prompt, SessionState
 from norton_bench.session.operator import Kind, Order
 from norton_bench.session.replay import load_replay
 from norton_bench.session.schema import Session, load_session, standard_session

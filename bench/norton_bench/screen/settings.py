@@ -10,8 +10,8 @@ from typing import Any
 from platformdirs import user_config_path
 from pydantic import BaseModel, ConfigDict, Field
 
-from norton_bench.errors import UsageError
-from norton_bench.rig.files import Mistakes, nearest, parse_toml, read_text, toml
+from norton_bench.errors import UsageError, nearest
+from norton_bench.rig.files import Mistakes, parse_toml, read_text, toml
 
 PLACE = "NORTON_BENCH_CONFIG"
 STOP_KEY, STOP = "space", "stop"

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
+from norton_bench.events import Ended, SessionEvent
 from norton_bench.rig.rig import Rig
-from norton_bench.session.events import Ended, SessionEvent
 from norton_bench.session.hosted import Hostable, HostedSession
 from norton_bench.session.operator import Order
 from norton_bench.session.replay import Refit, Replay

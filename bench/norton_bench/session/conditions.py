@@ -4,10 +4,9 @@ import re
 from dataclasses import dataclass
 from operator import ge, gt, le, lt
 
-from norton_bench.errors import UsageError
+from norton_bench.errors import UsageError, nearest
+from norton_bench.models.parameter_result import ParameterResult, check_name
 from norton_bench.models.parameters import BY_NAME, Status
-from norton_bench.result import ParameterResult, check_name
-from norton_bench.rig.files import nearest
 from norton_bench.session.script import SoFar
 from norton_bench.units import parse_quantity
 

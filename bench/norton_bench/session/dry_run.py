@@ -12,11 +12,11 @@ from math import inf
 import numpy as np
 
 from norton_bench.errors import RigError
+from norton_bench.events import PlannedStep, Prompt
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure
 from norton_bench.records import NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
-from norton_bench.session.events import PlannedStep, Prompt
 from norton_bench.session.items import Session
 from norton_bench.session.program import Made, make_program
 from norton_bench.session.rehearsal import rehearsed

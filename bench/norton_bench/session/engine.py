@@ -8,6 +8,7 @@ from time import perf_counter
 from typing import TypeVar
 
 from norton_bench.errors import ExitCode, UsageError
+from norton_bench.events import Ended, Note, Planned, SessionState, StateChanged, Watcher, ignore
 from norton_bench.loop.bench_loop import BenchLoop
 from norton_bench.loop.in_process import loop_in_process
 from norton_bench.loop.process import LoopProcess
@@ -20,7 +21,6 @@ from norton_bench.records import Measured
 from norton_bench.result import Result
 from norton_bench.rig.rig import Rig
 from norton_bench.session.conclusion import conclude
-from norton_bench.session.events import Ended, Note, Planned, SessionState, StateChanged, Watcher, ignore
 from norton_bench.session.expectations import judge
 from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
 from norton_bench.session.operator import NO_ANSWERS, Answers, Nobody, Operator, OperatorOrders

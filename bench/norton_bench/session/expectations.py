@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from math import isfinite
 
 from norton_bench.errors import UsageError
+from norton_bench.models.parameter_result import ExpectationResult, ParameterResult, allowed_deviation, parameter_result
 from norton_bench.models.parameters import BY_NAME
-from norton_bench.result import ExpectationResult, ParameterResult, Result, allowed_deviation, parameter_result
+from norton_bench.result import Result
 from norton_bench.rig.rig import Rig
 from norton_bench.session.items import Expectation
 from norton_bench.units import parse_quantity

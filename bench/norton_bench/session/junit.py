@@ -15,8 +15,7 @@ from time import perf_counter
 from xml.etree import ElementTree as ET
 
 from norton_bench.errors import ExitCode, UsageError
-from norton_bench.models.parameters import HALF_INTERVAL
-from norton_bench.session.events import (
+from norton_bench.events import (
     Ended,
     Note,
     Planned,
@@ -26,6 +25,7 @@ from norton_bench.session.events import (
     StateChanged,
     StepBegun,
 )
+from norton_bench.models.parameters import HALF_INTERVAL
 
 # XML 1.0 knows no other characters, however they are written.
 NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from time import sleep
 from typing import Literal, Protocol
 
-from norton_bench.errors import OperatorStopError, UsageError
+from norton_bench.errors import OperatorStopError, UsageError, nearest
+from norton_bench.events import Note, Prompt, Question, SessionState, StateChanged, Watcher
 from norton_bench.loop.stop_word import StopWord
-from norton_bench.rig.files import nearest
-from norton_bench.session.events import Note, Prompt, Question, SessionState, StateChanged, Watcher
 
 Kind = Literal["pause", "resume", "tare", "mark", "skip", "answer", "jog"]
 

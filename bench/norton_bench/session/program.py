@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from norton_bench.errors import UsageError
+from norton_bench.events import PlannedStep
 from norton_bench.procedures.catalogue import make_procedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
 from norton_bench.procedures.modulated import modulated
 from norton_bench.rig.rig import Rig
 from norton_bench.session.conditions import Condition
-from norton_bench.session.events import PlannedStep
 from norton_bench.session.expectations import check_expectation
 from norton_bench.session.items import AskOptions, Block, Item, Session, Step, flat
 from norton_bench.session.script import Ask, Experiment, Planned, Remark, Script, SoFar, Turn

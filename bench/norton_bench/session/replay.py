@@ -10,11 +10,7 @@ from pathlib import Path
 from time import perf_counter
 
 from norton_bench.errors import ExitCode, UsageError
-from norton_bench.identification.results import LiveEstimate
-from norton_bench.recording.contents import Recording
-from norton_bench.recording.reader import read_recording
-from norton_bench.records import Measured
-from norton_bench.session.events import (
+from norton_bench.events import (
     Ended,
     PartMeasured,
     Planned,
@@ -24,6 +20,10 @@ from norton_bench.session.events import (
     StateChanged,
     StepBegun,
 )
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.recording.contents import Recording
+from norton_bench.recording.reader import read_recording
+from norton_bench.records import Measured
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 # The recorded event that ended a session before its time.

@@ -9,11 +9,11 @@ from typing import Any, cast
 import numpy as np
 
 from norton_bench.errors import UsageError
+from norton_bench.events import PlannedStep
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import NO_DEVICE_TIME, READINGS, Event, Measured, Table, join
 from norton_bench.rig.rig import Rig
-from norton_bench.session.events import PlannedStep
 from norton_bench.session.items import ASK
 
 # Kinds of events that a session leaves for the one that resumes it.

@@ -10,6 +10,7 @@ import numpy as np
 
 from norton_bench.control.preview import foreseeing, with_preview
 from norton_bench.errors import OperatorStopError
+from norton_bench.events import Note, PartMeasured, Planned, PlannedStep, StepBegun, Watcher
 from norton_bench.loop.bench_loop import BenchLoop
 from norton_bench.procedures.carry_out import carry_out, follow
 from norton_bench.procedures.catalogue import CATALOGUE, needed_by
@@ -19,7 +20,6 @@ from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured, Table
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
-from norton_bench.session.events import Note, PartMeasured, Planned, PlannedStep, StepBegun, Watcher
 from norton_bench.session.items import ASK
 from norton_bench.session.live_feed import LiveFeed
 from norton_bench.session.operator import Answers, OperatorOrders, unanswered

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from norton_bench.errors import UsageError
+from norton_bench.errors import UsageError, nearest
 from norton_bench.procedures.catalogue import make_procedures
 from norton_bench.procedures.options import (
     STEPS,
@@ -19,7 +19,7 @@ from norton_bench.procedures.options import (
     ValidateOptions,
 )
 from norton_bench.procedures.refine import RefineProcedure
-from norton_bench.rig.files import Mistakes, check_kind, nearest, parse_toml, read_text, toml
+from norton_bench.rig.files import Mistakes, check_kind, parse_toml, read_text, toml
 from norton_bench.rig.rig import Command, Rig
 from norton_bench.session.items import Expectation, ExpectModel, Session, Step, WrittenFault, flat
 from norton_bench.session.unroll import Unroller, Values, settled

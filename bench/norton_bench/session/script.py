@@ -22,15 +22,15 @@ from itertools import islice
 from typing import Protocol
 
 from norton_bench.errors import BenchError, ExperimentError
+from norton_bench.events import PlannedStep, Prompt
 from norton_bench.identification.fit import fit
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.results import FitResult
+from norton_bench.models.parameter_result import ParameterResult, parameter_result
 from norton_bench.models.parameters import Estimate
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Plan, Procedure
 from norton_bench.records import join
-from norton_bench.result import ParameterResult, parameter_result
 from norton_bench.rig.rig import Rig
-from norton_bench.session.events import PlannedStep, Prompt
 from norton_drivers.errors import DeviceError
 from norton_drivers.readings import DeviceIdentity
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
-from norton_bench.errors import UsageError
+from norton_bench.errors import UsageError, nearest
 from norton_bench.procedures.options import STEPS
-from norton_bench.rig.files import Mistakes, nearest, toml
+from norton_bench.rig.files import Mistakes, toml
 from norton_bench.session.conditions import Condition
 from norton_bench.session.items import ASK, CONTROL, GROUP, MODELS, Block, ControlModel, Item, Step
 from norton_bench.units import RANGE

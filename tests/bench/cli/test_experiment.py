@@ -18,6 +18,7 @@ from norton_bench.cli.interrupt import operator_stop
 from norton_bench.cli.output import Output
 from norton_bench.cli.progress import Lines, showing_progress
 from norton_bench.errors import ExitCode, SafetyStopError
+from norton_bench.events import Note, PartMeasured, Planned, PlannedStep, StepBegun
 from norton_bench.identification.results import FitResult, LiveEstimate, Trace
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
@@ -25,7 +26,6 @@ from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.refinement import Refinement
 from norton_bench.records import Measured
 from norton_bench.result import Result
-from norton_bench.session.events import Note, PartMeasured, Planned, PlannedStep, StepBegun
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from norton_bench.errors import ExitCode
+from norton_bench.events import Ended, Note, PartMeasured, SessionEvent
 from norton_bench.jog.by_hand import Jog
 from norton_bench.recording.reader import read_recording
-from norton_bench.session.events import Ended, Note, PartMeasured, SessionEvent
 from norton_bench.session.hosted import HostedSession
 from norton_bench.session.operator import Order
 from tests.bench.half_rate import half_rate

@@ -8,6 +8,7 @@ import pytest
 from textual.pilot import Pilot
 
 from norton_bench.errors import ExitCode
+from norton_bench.events import Ended, Note, SessionEvent, SessionState, StateChanged
 from norton_bench.jog.by_hand import Jog
 from norton_bench.jog.hands import LoadDoes, Preset, Setpoints, bounds_of
 from norton_bench.jog.script import JogScript
@@ -21,7 +22,6 @@ from norton_bench.screen.screens.choices import ChoiceScreen
 from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import Confirm
 from norton_bench.session.engine import run_by_hand
-from norton_bench.session.events import Ended, Note, SessionEvent, SessionState, StateChanged
 from norton_bench.session.operator import Order
 from norton_bench.session.replay import Replay, load_replay
 from tests.bench.screen.conftest import RIGS, ROOT, Clock, Stand

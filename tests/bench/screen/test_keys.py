@@ -10,6 +10,7 @@ from textual.pilot import Pilot
 from textual.widgets import Input, OptionList
 
 from norton_bench.errors import ExitCode
+from norton_bench.events import Ended, Note, Prompt, Question, SessionState, StateChanged
 from norton_bench.screen.app import BenchApp
 from norton_bench.screen.experiment import Experiment, Opening
 from norton_bench.screen.screens import keys
@@ -19,7 +20,6 @@ from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import Ask, Confirm, Mark
 from norton_bench.screen.screens.results import ResultsScreen
 from norton_bench.screen.settings import Settings
-from norton_bench.session.events import Ended, Note, Prompt, Question, SessionState, StateChanged
 from norton_bench.session.operator import Order
 
 ROOT = Path(__file__).parents[3]

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExitCode
+from norton_bench.events import Ended, PartMeasured, SessionState, StateChanged
 from norton_bench.identification.results import LiveEstimate
+from norton_bench.models.parameter_result import ExpectationResult
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import TICK, Measured
 from norton_bench.report.words import number
-from norton_bench.result import ExpectationResult
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.experiment import Experiment, badge_of
 from norton_bench.screen.panels import result
@@ -22,7 +23,6 @@ from norton_bench.screen.panels.result import SIGNS, parameter_rows, result_rows
 from norton_bench.screen.picture.parts import Known
 from norton_bench.screen.picture.picture import Picture
 from norton_bench.screen.styles import Row, apart, fitted, heading, length
-from norton_bench.session.events import Ended, PartMeasured, SessionState, StateChanged
 
 WIDTHS = (20, 34, 36, 46, 60, 70, 88, 100, 196)
 

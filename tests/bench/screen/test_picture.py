@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from norton_bench.events import PartMeasured, PlannedStep, SessionState
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import TICK, Event, Measured
@@ -14,7 +15,6 @@ from norton_bench.screen.experiment import Experiment
 from norton_bench.screen.picture.parts import Steps, half_width
 from norton_bench.screen.picture.picture import Line, Log, Picture, RecentTicks
 from norton_bench.screen.plots.figure import Figure
-from norton_bench.session.events import PartMeasured, PlannedStep, SessionState
 
 NAMES = ["tare", "calibrate", "free", "imposed", "validate"]
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from textual.pilot import Pilot
 
+from norton_bench.events import Ended, Prompt
 from norton_bench.records import Measured
 from norton_bench.screen.app import BenchApp
 from norton_bench.screen.experiment import Experiment, Opening
 from norton_bench.screen.screens.experiment import ExperimentScreen
 from norton_bench.screen.screens.questions import Ask, Mark
 from norton_bench.screen.screens.results import ResultsScreen
-from norton_bench.session.events import Ended, Prompt
 from tests.bench.screen.conftest import ROOT, Performed, in_fixed_places
 from tests.bench.screen.svg_grid import differences, seen
 

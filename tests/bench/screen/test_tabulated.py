@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExitCode
+from norton_bench.events import Ended, PartMeasured, StepBegun
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.records import TICK, Measured, SegmentInfo
 from norton_bench.report.section import Facts
@@ -19,7 +20,6 @@ from norton_bench.screen.panels.result import result_rows
 from norton_bench.screen.picture.picture import STEP, Picture
 from norton_bench.screen.styles import Row, length
 from norton_bench.segments import Use
-from norton_bench.session.events import Ended, PartMeasured, StepBegun
 
 RIGS = Path(__file__).parents[3] / "rigs"
 TICK_NS, PART_TICKS = 1_000_000, 100

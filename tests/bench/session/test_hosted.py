@@ -11,9 +11,7 @@ from pathlib import Path
 import pytest
 
 from norton_bench.errors import ExitCode
-from norton_bench.recording.reader import read_recording
-from norton_bench.rig.load import load_rig
-from norton_bench.session.events import (
+from norton_bench.events import (
     Ended,
     PartMeasured,
     Planned,
@@ -22,6 +20,8 @@ from norton_bench.session.events import (
     StateChanged,
     StepBegun,
 )
+from norton_bench.recording.reader import read_recording
+from norton_bench.rig.load import load_rig
 from norton_bench.session.hosted import HostedSession
 from norton_bench.session.operator import Order
 from norton_bench.session.schema import parse_session

@@ -6,9 +6,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from norton_bench.errors import ExitCode, UsageError
-from norton_bench.models.parameters import Estimate, Status
-from norton_bench.result import ExpectationResult
-from norton_bench.session.events import (
+from norton_bench.events import (
     Ended,
     Note,
     Planned,
@@ -17,6 +15,8 @@ from norton_bench.session.events import (
     StateChanged,
     StepBegun,
 )
+from norton_bench.models.parameter_result import ExpectationResult
+from norton_bench.models.parameters import Estimate, Status
 from norton_bench.session.junit import JUnitReport
 
 PLAN = (PlannedStep("tare", 1.0), PlannedStep("imposed", 2.0, "v = 3"), PlannedStep("free", 1.0, certain=False))

@@ -5,9 +5,9 @@ from threading import Thread
 import numpy as np
 import pytest
 
+from norton_bench.events import Note, PartMeasured
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.records import Measured
-from norton_bench.session.events import Note, PartMeasured
 from norton_bench.session.hosted import Mailbox
 
 

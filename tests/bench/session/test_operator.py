@@ -8,13 +8,7 @@ from pathlib import Path
 import pytest
 
 from norton_bench.errors import OperatorStopError, SafetyStopError, UsageError
-from norton_bench.loop.stop_word import StopWord
-from norton_bench.procedures.options import TareOptions
-from norton_bench.procedures.rest import RestOptions, RestProcedure
-from norton_bench.procedures.tare import TareProcedure
-from norton_bench.recording.reader import read_recording
-from norton_bench.session.engine import run_script, run_session
-from norton_bench.session.events import (
+from norton_bench.events import (
     Ended,
     Note,
     Planned,
@@ -25,6 +19,12 @@ from norton_bench.session.events import (
     StateChanged,
     StepBegun,
 )
+from norton_bench.loop.stop_word import StopWord
+from norton_bench.procedures.options import TareOptions
+from norton_bench.procedures.rest import RestOptions, RestProcedure
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.recording.reader import read_recording
+from norton_bench.session.engine import run_script, run_session
 from norton_bench.session.operator import Answers, Order
 from norton_bench.session.schema import parse_session
 from norton_bench.session.script import Ask, Script, SoFar

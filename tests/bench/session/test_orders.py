@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from norton_bench.events import SessionEvent, SessionState, StateChanged
 from norton_bench.loop.stop_word import StopWord
-from norton_bench.session.events import SessionEvent, SessionState, StateChanged
 from norton_bench.session.operator import OperatorOrders, Order
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from norton_bench.cli.results import until_figures, until_sentences
 from norton_bench.errors import RigError, UsageError
+from norton_bench.events import Note, SessionEvent
 from norton_bench.identification.fit import fit
 from norton_bench.models.parameters import Status
 from norton_bench.procedures import refine
@@ -21,7 +22,6 @@ from norton_bench.result import Result
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Use
 from norton_bench.session.engine import run_session
-from norton_bench.session.events import Note, SessionEvent
 from norton_bench.session.schema import Session, Step, refining_session
 from norton_sim.tools import true_parameters
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import OperatorStopError, UsageError
+from norton_bench.events import Note, PartMeasured, PlannedStep, Question, SessionEvent, StepBegun
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import Measured
@@ -16,7 +17,6 @@ from norton_bench.result import Result
 from norton_bench.session import engine
 from norton_bench.session.conclusion import conclude_recording
 from norton_bench.session.engine import run_session
-from norton_bench.session.events import Note, PartMeasured, PlannedStep, Question, SessionEvent, StepBegun
 from norton_bench.session.operator import Order
 from norton_bench.session.resume import EarlierSession, before, read_earlier
 from norton_bench.session.schema import parse_session

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from norton_bench.errors import SafetyStopError
+from norton_bench.events import Note, SessionEvent, Watcher, ignore
 from norton_bench.guard.model import EMPTY_MODEL
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
@@ -14,7 +15,6 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig, Supervision
 from norton_bench.session import engine
-from norton_bench.session.events import Note, SessionEvent, Watcher, ignore
 from norton_bench.session.schema import Session, Step
 from norton_bench.session.supervision import guard_model_of
 from norton_drivers.registry import load_backend

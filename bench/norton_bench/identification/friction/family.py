@@ -1,6 +1,6 @@
 """All models of friction, from the simplest on, by their names."""
 
-from norton_bench.errors import UsageError
+from norton_bench.errors import UsageError, nearest
 from norton_bench.identification.friction.asymmetric import Asymmetric
 from norton_bench.identification.friction.laws import (
     CoulombViscous,
@@ -12,7 +12,6 @@ from norton_bench.identification.friction.laws import (
     Stribeck,
 )
 from norton_bench.identification.friction.model import FrictionModel, Path
-from norton_bench.rig.files import nearest
 
 FAMILY: tuple[FrictionModel, ...] = (
     CoulombViscous(),

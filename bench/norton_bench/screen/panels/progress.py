@@ -1,11 +1,11 @@
 """How far the session has come: the bar, the steps, the event log, and what is tabulated reading by reading."""
 
+from norton_bench.events import SessionState
 from norton_bench.report.words import number, pretty_unit
 from norton_bench.screen.figures import FALLING, RISING
 from norton_bench.screen.picture.parts import Reading, Steps, StepState, Tabulated
 from norton_bench.screen.picture.picture import Log, Picture
 from norton_bench.screen.styles import BAD, GOOD, GRID, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
-from norton_bench.session.events import SessionState
 
 SIGNS = {
     "ahead": ("·", LABEL),

@@ -7,12 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.results import LiveEstimate
-from norton_bench.jog.signals import Signals
-from norton_bench.records import FOR_PROGRAMS, TICK, Measured, SegmentInfo, Table
-from norton_bench.rig.rig import Rig
-from norton_bench.screen.picture.parts import Health, Known, Steps, Tabulated
-from norton_bench.session.events import (
+from norton_bench.events import (
     Ended,
     Note,
     PartMeasured,
@@ -24,6 +19,11 @@ from norton_bench.session.events import (
     StateChanged,
     StepBegun,
 )
+from norton_bench.identification.results import LiveEstimate
+from norton_bench.jog.signals import Signals
+from norton_bench.records import FOR_PROGRAMS, TICK, Measured, SegmentInfo, Table
+from norton_bench.rig.rig import Rig
+from norton_bench.screen.picture.parts import Health, Known, Steps, Tabulated
 
 
 class RecentTicks:

@@ -9,6 +9,7 @@ from textual.containers import Container
 from textual.screen import Screen
 from textual.widgets import Footer
 
+from norton_bench.events import Ended, SessionState
 from norton_bench.jog.by_hand import Jog
 from norton_bench.jog.hands import bounds_of
 from norton_bench.screen import figures
@@ -22,7 +23,6 @@ from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import Confirm, Mark
 from norton_bench.screen.styles import Row
-from norton_bench.session.events import Ended, SessionState
 
 SHARES = (0.005, 0.01, 0.02, 0.05, 0.1)
 USUAL_SHARE = 2

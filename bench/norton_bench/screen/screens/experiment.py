@@ -8,6 +8,7 @@ from textual.containers import Container
 from textual.screen import Screen
 from textual.widgets import Footer
 
+from norton_bench.events import Ended, Prompt, SessionState
 from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment, badge_of
 from norton_bench.screen.keyboard import keeps_up
@@ -19,7 +20,6 @@ from norton_bench.screen.plots.figure import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Ask, Confirm, Mark
 from norton_bench.screen.styles import Row
-from norton_bench.session.events import Ended, Prompt, SessionState
 
 VIEWS = ["Overview", "Loops", "Source", "Bench"]
 WINDOWS_S = (2.0, 5.0, 10.0, 20.0, 40.0)

@@ -7,8 +7,8 @@ from textual.containers import Horizontal, Vertical
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Label
 
+from norton_bench.events import Prompt
 from norton_bench.screen.screens.keys import key
-from norton_bench.session.events import Prompt
 
 FIT_GIVEN_UP = "The final fit is given up. The recording is whole: norton-bench fit RECORDING makes the fit again."
 SPACE_STOPS = "space stops: join words with -"

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from norton_bench.errors import ExitCode
 from norton_bench.identification.results import LiveEstimate
+from norton_bench.models.parameter_result import ExpectationResult
 from norton_bench.models.parameters import Estimate
 from norton_bench.records import Measured
 from norton_bench.report.section import Facts
-from norton_bench.result import ExpectationResult
 
 
 class SessionState(Enum):
