@@ -42,8 +42,7 @@ from norton_bench.recording import wire
 from norton_bench.recording.frames import log_name
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recover import recover
-from norton_bench.recording.streams import STREAMS
-from norton_bench.records import Measured
+from norton_bench.records import TABLES, Measured
 from norton_bench.rig.load import load_rig
 from norton_bench.session.engine import record_session
 from norton_bench.session.schema import Session, Step
@@ -307,11 +306,11 @@ def wrong_rows(kept: Measured, witness: Path) -> int:
         while isinstance(part := wire.receive(file), wire.Part):
             parts.append(part)
     wrong = 0
-    for stream in STREAMS:
-        theirs = np.frombuffer(b"".join(part.tables.get(stream.table, b"") for part in parts), stream.dtype)
-        ours = getattr(kept, stream.table)
+    for stream in TABLES:
+        theirs = np.frombuffer(b"".join(part.tables.get(stream.name, b"") for part in parts), stream.kind.columns)
+        ours = getattr(kept, stream.name)
         common = min(len(ours), len(theirs))
-        if not common and stream.table == "ticks":
+        if not common and stream.name == "ticks":
             raise ExperimentError(f"{witness} and the recording have no tick in common")
         wrong += sum(a.tobytes() != b.tobytes() for a, b in zip(ours[:common], theirs[:common], strict=True))
     return wrong

@@ -23,6 +23,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from norton_bench.loop.alignment import Alignment
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.admittance import AdmittanceController
@@ -30,7 +31,6 @@ from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import foreseeing, with_preview
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.trials import TRIAL
-from norton_bench.loop.alignment import Alignment
 from norton_bench.loop.devices import open_devices
 from norton_bench.loop.gate import guard_for
 from norton_bench.loop.loop import Loop

@@ -1,15 +1,19 @@
 """What was measured: raw streams with their own time stamps, and the ticks. The form in which the loop hands data to
 the recorder, the identifier and the screen, and in which a recording is read back."""
 
-from collections.abc import Iterable, Sequence
+# ruff: noqa: RUF009 (_table makes a dataclass field)
+
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from functools import cached_property
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from norton_bench.segments import Use
-from norton_drivers.readings import RawFrame
+from norton_drivers.readings import RawFrame, TorqueReading
 
 Table = npt.NDArray[np.void]
 
@@ -53,14 +57,97 @@ TICK = np.dtype(
         ("load_motor_temperature_c", "f8"),
     ]
 )
+NO_DEVICE_TIME = np.iinfo(np.int64).min
+
+# One row a reading.
 MOTION = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("position_rad", "f8"), ("velocity_rad_s", "f8")])
 CURRENT = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("current_a", "f8")])
 TORQUE = np.dtype(
     [("arrival_ns", "i8"), ("device_ns", "i8"), ("sequence", "i8"), ("torque_nm", "f8"), ("valid", "?")]
 )  # device_ns is NO_DEVICE_TIME where the sensor sends none
-NO_DEVICE_TIME = np.iinfo(np.int64).min
-# The tables of readings in Measured, each with the arrivals of its own device.
-READINGS = ("motion", "load_motion", "torque", "current", "load_current", "modulator_motion", "modulator_current")
+
+
+class Quantity(NamedTuple):
+    """One measured value of a reading: its column, and its name and unit for people."""
+
+    column: str
+    name: str
+    unit: str
+
+
+def _torque_row(reading: TorqueReading) -> tuple[float, ...]:
+    sequence, arrival_ns, torque_nm, device_ns, valid = reading
+    return arrival_ns, NO_DEVICE_TIME if device_ns is None else device_ns, sequence, torque_nm, valid
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of table: one row a message in a recording, whose protobuf message is called ``message``.
+
+    ``stamp`` is the column that gives a row's time. A kind of reading has ``quantities``; ``take`` is the method with
+    which a device gives its new readings, ``instrument`` the part of the device that measures, where it is not the
+    device itself. A reading's fields are named like the columns; where they are not, ``convert`` makes a row of a
+    reading.
+    """
+
+    message: str
+    columns: "np.dtype[np.void]"
+    stamp: str = "arrival_ns"
+    quantities: tuple[Quantity, ...] = ()
+    take: str = ""
+    instrument: str = ""
+    convert: Callable[[Any], tuple[float, ...]] | None = None
+
+    @cached_property
+    def row(self) -> Callable[[Any], tuple[float, ...]]:
+        """Makes a row, in the order of the columns, of a reading."""
+        return self.convert or attrgetter(*(self.columns.names or ()))
+
+
+TICKS = Kind("Tick", TICK, stamp="tick_ns")
+MOTIONS = Kind(
+    "Motion",
+    MOTION,
+    quantities=(Quantity("position_rad", "angle", "rad"), Quantity("velocity_rad_s", "velocity", "rad/s")),
+    take="take_motion",
+    instrument="encoder",
+)
+CURRENTS = Kind("Current", CURRENT, quantities=(Quantity("current_a", "current", "A"),), take="take_current")
+TORQUES = Kind(
+    "Torque",
+    TORQUE,
+    quantities=(Quantity("torque_nm", "torque", "N*m"),),
+    take="take_torque",
+    convert=_torque_row,
+)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The readings of one kind that one device gives: a line in the table of signals, :class:`Measured`.
+
+    ``role`` is the device's section in the rig file, ``topic`` the stream's place in a recording, ``label`` its name
+    for people, ``age`` the column of ``TICK`` with the age of its newest reading ("" where ticks do not hold it).
+    Nothing is measured without a ``required`` stream of a device that the rig has.
+    """
+
+    kind: Kind
+    topic: str
+    role: str = ""
+    label: str = ""
+    age: str = ""
+    required: bool = False
+    name: str = ""  # of its field in Measured, and of its table in exports
+
+    @property
+    def source(self) -> str:
+        """The instrument for people, such as "actuator encoder"."""
+        return f"{self.role.replace('_', ' ')} {self.kind.instrument}".rstrip()
+
+
+def _table(stream: Stream) -> Any:
+    """A field of :class:`Measured`: an empty table unless it is given."""
+    return field(default_factory=lambda: np.empty(0, stream.kind.columns), metadata={"stream": stream})
 
 
 @dataclass(frozen=True)
@@ -109,37 +196,50 @@ PLAIN_CHAIN = Chain()
 
 @dataclass(frozen=True)
 class Measured:
-    """Everything measured over a stretch of time. Tables are sorted by time; readings appear once each."""
+    """Everything measured over a stretch of time, and the table of signals: each stream of readings is one line here.
 
-    ticks: Table = field(default_factory=lambda: np.empty(0, TICK))
-    motion: Table = field(default_factory=lambda: np.empty(0, MOTION))  # the actuator's encoder
-    load_motion: Table = field(default_factory=lambda: np.empty(0, MOTION))
-    torque: Table = field(default_factory=lambda: np.empty(0, TORQUE))
-    current: Table = field(default_factory=lambda: np.empty(0, CURRENT))  # the actuator's amplifier
+    Whatever handles all streams alike follows from these lines: what the loop takes from the devices and hands on,
+    recordings and exports, what is shown and reported, and the sections that a rig file may have. How to add one is
+    told in docs/adding-a-signal.md.
+
+    Tables are sorted by time; every reading stands in them once.
+    """
+
+    ticks: Table = _table(Stream(TICKS, "/ticks"))
+    motion: Table = _table(
+        Stream(MOTIONS, "/actuator/motion", "actuator", "actuator motion", "motion_age_ns", required=True)
+    )
+    load_motion: Table = _table(
+        Stream(MOTIONS, "/load/motion", "load", "load motion", "load_motion_age_ns", required=True)
+    )
+    torque: Table = _table(Stream(TORQUES, "/torque", "torque_sensor", "port torque", "torque_age_ns", required=True))
+    current: Table = _table(Stream(CURRENTS, "/actuator/current", "actuator", "actuator current"))
     segments: tuple[SegmentInfo, ...] = ()
     events: tuple[Event, ...] = ()
     frames: tuple[RawFrame, ...] = ()
-    load_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
+    load_current: Table = _table(Stream(CURRENTS, "/load/current", "load", "load current"))
     chain: Chain = PLAIN_CHAIN
-    modulator_motion: Table = field(default_factory=lambda: np.empty(0, MOTION))  # the encoder of the second drive
-    modulator_current: Table = field(default_factory=lambda: np.empty(0, CURRENT))
+    modulator_motion: Table = _table(
+        Stream(MOTIONS, "/modulator/motion", "modulator", "modulator motion", "modulator_motion_age_ns", required=True)
+    )
+    modulator_current: Table = _table(Stream(CURRENTS, "/modulator/current", "modulator", "modulator current"))
 
     @property
     def empty(self) -> bool:
         """Whether nothing was measured, and nothing happened."""
-        told = bool(self.segments or self.events or self.frames)
-        return not told and not any(len(table) for table in (self.ticks, *(getattr(self, name) for name in READINGS)))
+        happened = self.segments or self.events or self.frames
+        return not happened and not any(len(getattr(self, table.name)) for table in TABLES)
 
     def between(self, start_ns: int, end_ns: int) -> "Measured":
         """The part with ``start_ns <= stamp < end_ns`` (by tick or arrival); frames and events too."""
 
-        def cut(table: Table, key: str) -> Table:
-            first, last = np.searchsorted(table[key], [start_ns, end_ns])
+        def cut(name: str, stamp: str) -> Table:
+            table: Table = getattr(self, name)
+            first, last = np.searchsorted(table[stamp], [start_ns, end_ns])
             return table[first:last]
 
-        tables: dict[str, Any] = {name: cut(getattr(self, name), "arrival_ns") for name in READINGS}
+        tables: dict[str, Any] = {each.name: cut(each.name, each.kind.stamp) for each in TABLES}
         return Measured(
-            ticks=cut(self.ticks, "tick_ns"),
             **tables,
             segments=tuple(s for s in self.segments if s.start_ns < end_ns and s.end_ns > start_ns),
             events=tuple(e for e in self.events if start_ns <= e.stamp_ns < end_ns),
@@ -149,6 +249,13 @@ class Measured:
 
     def without_frames(self) -> "Measured":
         return replace(self, frames=())
+
+
+# The tables of Measured, the ticks first; and those of readings, the signals.
+TABLES: tuple[Stream, ...] = tuple(
+    replace(each.metadata["stream"], name=each.name) for each in fields(Measured) if "stream" in each.metadata
+)
+STREAMS = TABLES[1:]
 
 
 def stacked(tables: Sequence[Table]) -> Table:
@@ -161,10 +268,8 @@ def stacked(tables: Sequence[Table]) -> Table:
 def join(parts: Iterable[Measured]) -> Measured:
     """One after the other, in time order; a segment that spans several parts is named once, with its last end."""
     pieces: Sequence[Measured] = tuple(parts)
-    tables = {
-        f.name: stacked([getattr(piece, f.name) for piece in pieces])
-        for f in fields(Measured)
-        if pieces and isinstance(getattr(pieces[0], f.name), np.ndarray)
+    tables: dict[str, Any] = {
+        each.name: stacked([getattr(piece, each.name) for piece in pieces]) for each in TABLES if pieces
     }
     segments = {segment.index: segment for piece in pieces for segment in piece.segments}
     return Measured(

@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import Any, cast
 
 from norton_drivers.backend import BackendFactory
-from norton_drivers.devices import Amplifier, TorqueSensor
+from norton_drivers.devices import Amplifier, Device, TorqueSensor
 from norton_drivers.errors import WiringError
 from norton_drivers.link import Link
 from norton_drivers.recognition import Recognition
@@ -17,6 +17,13 @@ from norton_drivers.wiring import DeviceSettings
 BACKENDS = "norton_bench.backends"
 AMPLIFIERS = "norton_bench.amplifiers"
 TORQUE_SENSORS = "norton_bench.torque_sensors"
+DRIVES = ("actuator", "load", "modulator")
+
+
+def group_of(role: str) -> str:
+    """The group of a device's drivers. A sensor's role says what it is, and has a number where a rig has several:
+    "temperature_sensor" and "temperature_sensor_2" are of the group "norton_bench.temperature_sensors"."""
+    return AMPLIFIERS if role in DRIVES else f"norton_bench.{role.rstrip('_0123456789')}s"
 
 
 def names(group: str) -> list[str]:
@@ -82,3 +89,9 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> TorqueSensor:
     """Raises WiringError for an unknown driver or a wrong option, ConnectionFailedError for a port."""
     factory = load(TORQUE_SENSORS, settings.driver, asked_by=f"[{settings.role}] driver")
     return cast(Callable[[DeviceSettings, Link], TorqueSensor], factory)(settings, link)
+
+
+def open_device(settings: DeviceSettings, link: Link) -> Device:
+    """A device of any role. Raises WiringError for an unknown driver or a wrong option, ConnectionFailedError."""
+    factory = load(group_of(settings.role), settings.driver, asked_by=f"[{settings.role}] driver")
+    return cast(Callable[[DeviceSettings, Link], Device], factory)(settings, link)

@@ -24,7 +24,7 @@ class DeviceSettings:
     (the actuator's positive rotation, seen at the port; positive torque accelerates the load that way).
     """
 
-    role: str  # "actuator", "load", "torque_sensor" or "modulator"
+    role: str  # its section in the rig file: "actuator", "load", "torque_sensor", "modulator", or a further sensor's
     driver: str
     bus: str | None = None  # the name of a CAN bus
     port: str | None = None  # a serial port: a path or any pyserial URL
@@ -48,8 +48,9 @@ class Wiring:
     command_unit: str = "N*m"  # of the actuator's command
     modulator: DeviceSettings | None = None  # the actuator's second drive, which sets its impedance
     modulation_unit: str = ""  # of its command
+    sensors: tuple[DeviceSettings, ...] = ()  # further ones, which only the recording and the screen need
 
     def devices(self) -> tuple[DeviceSettings, ...]:
         """The devices that are there, the actuator first."""
-        present = (self.actuator, self.load, self.torque_sensor, self.modulator)
+        present = (self.actuator, self.load, self.torque_sensor, self.modulator, *self.sensors)
         return tuple(device for device in present if device is not None)

@@ -140,7 +140,7 @@ def bitrate_of(wiring: Wiring, bus: str | None) -> int:
 
 def _in_units(options: Mapping[str, Any], driver: str, role: str, where: str) -> dict[str, Any]:
     """Quantities as numbers, in the units that the driver declares."""
-    group = registry.TORQUE_SENSORS if role == "torque_sensor" else registry.AMPLIFIERS
+    group = registry.group_of(role)
     factory = registry.load(group, driver, asked_by=f"{where} driver")
     units = getattr(sys.modules[factory.__module__], "OPTION_UNITS", {})
     return {

@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from norton_bench.loop.alignment import Alignment
 from norton_bench.loop.devices import Devices, open_devices
 from norton_bench.loop.gate import guard_for
 from norton_bench.loop.loop import Loop
 from norton_bench.loop.outbox import Outbox
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
+from norton_bench.sample import Alignment
 from norton_drivers.registry import load_backend
 from norton_sim.backend import SimulatedBackend
 from norton_sim.firmware.odrive import ODriveAxis

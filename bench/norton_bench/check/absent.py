@@ -15,7 +15,7 @@ from norton_drivers.backend import Backend
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
 from norton_drivers.recognition import Recognition
-from norton_drivers.registry import open_amplifier, open_torque_sensor
+from norton_drivers.registry import open_device
 from norton_drivers.wiring import DeviceSettings
 
 _NAMED = 6  # of what nobody knows, no more are named than this
@@ -144,7 +144,7 @@ def explain_noise(
 
 def _baud_of(settings: DeviceSettings) -> int | None:
     """What the rig file says, else the driver's default; None for a driver that has no such option."""
-    group = registry.TORQUE_SENSORS if settings.role == "torque_sensor" else registry.AMPLIFIERS
+    group = registry.group_of(settings.role)
     model = declared_by(group, settings.driver).model
     info = keys_of(model).get(OPTION) if model is not None else None
     return None if info is None else int(settings.options.get(OPTION, info.default))
@@ -154,9 +154,8 @@ def _speaks(settings: DeviceSettings, baud: int, backend: Backend) -> bool:
     """Whether the driver understands the device at this rate. A port that refuses the rate does not."""
     link = Link(backend, ())
     tried = replace(settings, options={**settings.options, OPTION: baud})
-    open_it = open_torque_sensor if settings.role == "torque_sensor" else open_amplifier
     try:
-        open_it(tried, link).identify(_TRY_S)
+        open_device(tried, link).identify(_TRY_S)
     except DeviceError:
         return False
     finally:

@@ -150,7 +150,7 @@ class _Seen:
 
 def _contradictions(each: Watched) -> Iterator[Problem]:
     for name in each.readings:
-        if name != "current" and contradictory(each.values(name)):
+        if each.streams[name].required and contradictory(each.values(name)):
             yield ExperimentError(
                 f"[{each.settings.role}] {name} readings jump to and fro between two values: two devices share its "
                 "address; give each one of its own"

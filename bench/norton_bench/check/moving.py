@@ -9,7 +9,6 @@ import numpy as np
 from norton_bench.check.findings import Problem
 from norton_bench.errors import ExperimentError
 from norton_bench.guard.guard import Guard
-from norton_bench.loop.alignment import Alignment
 from norton_bench.loop.devices import Devices, open_devices
 from norton_bench.loop.loop import Loop, never_stop
 from norton_bench.loop.outbox import Outbox
@@ -25,6 +24,7 @@ from norton_bench.procedures.tare import (
 from norton_bench.procedures.waves import coasting, growth, hold, pushed, ramp
 from norton_bench.records import Measured, Table, join
 from norton_bench.rig.rig import Rig
+from norton_bench.sample import Alignment
 from norton_bench.segments import Use
 from norton_bench.units import same_dimension
 from norton_drivers.backend import Backend

@@ -4,27 +4,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import pstdev
+from typing import Any, cast
 
 from norton_bench.check.findings import Problem, StreamCheck
 from norton_bench.check.survey import Survey
 from norton_bench.errors import ExperimentError
+from norton_bench.records import STREAMS, Stream
 from norton_bench.rig.rig import Rig
+from norton_drivers.devices import Amplifier
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
-from norton_drivers.readings import (
-    CurrentReading,
-    DeviceIdentity,
-    DriveState,
-    DriveStatus,
-    MotionReading,
-    TorqueReading,
-)
-from norton_drivers.registry import open_amplifier, open_torque_sensor
+from norton_drivers.readings import DeviceIdentity, DriveState, DriveStatus, TorqueReading
+from norton_drivers.registry import AMPLIFIERS, group_of, open_device
 from norton_drivers.wiring import DeviceSettings
 
 POLL_NS = 1_000_000
-
-Reading = MotionReading | CurrentReading | TorqueReading
 
 
 @dataclass
@@ -34,33 +28,32 @@ class Watched:
     settings: DeviceSettings
     identity: DeviceIdentity | None = None
     status: Callable[[], DriveStatus] | None = None
-    takes: Mapping[str, Callable[[], Sequence[Reading]]] = field(default_factory=dict)
-    readings: dict[str, list[Reading]] = field(default_factory=dict)
+    streams: Mapping[str, Stream] = field(default_factory=dict)
+    takes: Mapping[str, Callable[[], Sequence[Any]]] = field(default_factory=dict)
+    readings: dict[str, list[Any]] = field(default_factory=dict)
     ages_ns: dict[str, list[int]] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     asked_ns: tuple[int, int] = (0, 0)  # when it was being asked who it is
     command_unit: str | None = None  # of an open drive's commands
 
     def values(self, stream: str) -> list[float]:
-        """The stream's readings as one number each: position, torque or current."""
-        return [_value(reading) for reading in self.readings.get(stream, ())]
+        """The stream's readings as one number each, such as the position, torque or current."""
+        column = self.streams[stream].kind.quantities[0].column
+        return [getattr(reading, column) for reading in self.readings.get(stream, ())]
 
 
 def open_watched(settings: DeviceSettings, link: Link, survey: Survey) -> Watched:
     """Open a device and ask who it is; what goes wrong is kept as its problem."""
     found, begun_ns = Watched(settings), link.clock.now_ns()
     try:
-        if settings.role == "torque_sensor":
-            sensor = open_torque_sensor(settings, link)
-            found.takes = {"torque": sensor.take_torque}
-            link.set_tap(survey.note)
-            found.identity = sensor.identify()
-        else:
-            drive = open_amplifier(settings, link)
-            found.takes = {"motion": drive.take_motion, "current": drive.take_current}
+        device = open_device(settings, link)
+        found.streams = {_name(each): each for each in STREAMS if each.role == settings.role}
+        found.takes = {name: getattr(device, each.kind.take) for name, each in found.streams.items()}
+        if group_of(settings.role) == AMPLIFIERS:
+            drive = cast(Amplifier, device)
             found.status, found.command_unit = drive.status, drive.command_unit
-            link.set_tap(survey.note)
-            found.identity = drive.identify()
+        link.set_tap(survey.note)
+        found.identity = device.identify()
     except DeviceError as error:
         found.problems.append(error)
     found.asked_ns = (begun_ns, link.clock.now_ns())
@@ -92,10 +85,9 @@ def _take(each: Watched, now_ns: int) -> None:
             each.ages_ns.setdefault(name, []).append(now_ns - readings[-1].arrival_ns)
 
 
-def _value(reading: Reading) -> float:
-    if isinstance(reading, MotionReading):
-        return reading.position_rad
-    return reading.torque_nm if isinstance(reading, TorqueReading) else reading.current_a
+def _name(stream: Stream) -> str:
+    """What a check calls it, the device being named beside: "motion", "current"."""
+    return stream.kind.message.lower()
 
 
 def streams_of(each: Watched, watch_s: float) -> tuple[StreamCheck, ...]:
@@ -125,7 +117,7 @@ def stream_problems(each: Watched, streams: Sequence[StreamCheck], rig: Rig) -> 
     """Streams that are missing, too slow for the guard, or invalid by their own word."""
     role, stale_s = each.settings.role, rig.limits.stale_after_ns * 1e-9
     for stream in streams:
-        needed = stream.name != "current"
+        needed = each.streams[stream.name].required
         if needed and stream.readings == 0:
             yield DeviceTimeoutError(
                 f"[{role}] sends no {stream.name} readings; switch on its cyclic messages, check power and cable"

@@ -225,7 +225,12 @@ class Estimator:
             return False
         if not self.seen:
             self._settle(sample)
-        ages_s = 1e-9 * sample.torque_age_ns, 1e-9 * sample.load_motion_age_ns, 1e-9 * sample.motion_age_ns
+        late_ns = sample.lateness_ns  # the controller steps from deadline to deadline
+        ages_s = (
+            1e-9 * (sample.torque_age_ns - late_ns),
+            1e-9 * (sample.load_motion_age_ns - late_ns),
+            1e-9 * (sample.motion_age_ns - late_ns),
+        )
         counts = sample.torque_count, sample.load_motion_count, sample.motion_count
         core.sense(
             self.states,
@@ -236,7 +241,7 @@ class Estimator:
             ages_s,
             self._delays_s,
             counts,
-            1e-9 * (sample.tick_ns - self._begun_ns),
+            1e-9 * (sample.tick_ns - late_ns - self._begun_ns),
             self.tick_s,
             self.observer.rows,
             self.observer.gain,
@@ -285,7 +290,7 @@ class Estimator:
 
     def _settle(self, sample: Sample) -> None:
         """Begin at rest where the readings are."""
-        self._begun_ns = sample.tick_ns
+        self._begun_ns = sample.tick_ns - sample.lateness_ns
         self._clocks[:, 1] = self.tick_s
         twist = sample.torque_nm / self.calibration.sensor_stiffness_nm_rad
         self.states[:] = 0.0

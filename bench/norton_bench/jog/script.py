@@ -86,7 +86,8 @@ def introductions(rig: Rig, devices: tuple[DeviceIdentity, ...]) -> Iterator[str
     """Each device in a sentence: who it says to be, and what the rig file tells its driver."""
     wiring = rig.wiring
     # In the order in which devices are asked.
-    present = [each for each in (wiring.actuator, wiring.load, wiring.modulator, wiring.torque_sensor) if each]
+    fitted = (wiring.actuator, wiring.load, wiring.modulator, wiring.torque_sensor, *wiring.sensors)
+    present = [each for each in fitted if each]
     for settings, found in zip(present, devices, strict=True):
         yield f"{DEVICE}{settings.role}: {_said(found)}; {_set(settings)}"
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.events import Note, PartMeasured, SessionEvent
-from norton_bench.records import Measured, Table
+from norton_bench.records import STREAMS, Measured, Table
 from norton_bench.rig.rig import Rig
 
 
@@ -27,14 +27,18 @@ class Seen:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a signal comes from. ``age`` is the tick's column of its age. An ``optional`` one need not be measured."""
+    """Where a signal comes from: the ticks, whose column ``age`` says how old it is, or the readings of ``stream``.
+
+    An ``optional`` one need not be measured.
+    """
 
     device: str
     name: str
     unit: str
     values: Callable[[Table], FloatArray]
-    age: str | None = None
+    age: str = ""
     optional: bool = False
+    stream: str = ""
 
 
 class Signals:
@@ -43,7 +47,7 @@ class Signals:
     def __init__(self, rig: Rig) -> None:
         self._sources = tuple(_sources(rig))
         self._seen = {(each.device, each.name): Seen(each.device, each.name, each.unit) for each in self._sources}
-        self._currents_ns: dict[str, int] = {}  # arrivals of the newest, by device
+        self._arrivals_ns: dict[str, int] = {}  # of the newest reading, by stream
 
     def take(self, part: Measured) -> None:
         """A few microseconds for each signal."""
@@ -51,10 +55,10 @@ class Signals:
             return
         last, now_ns = part.ticks[-1], int(part.ticks["tick_ns"][-1])
         for each in self._sources:
-            if each.name == "current":
-                self._take_current(each, part, now_ns)
+            if each.stream:
+                self._take_readings(each, part, now_ns)
             else:
-                age_ns = -1 if each.age is None else int(last[each.age])
+                age_ns = int(last[each.age]) if each.age else -1
                 self._update(each, each.values(part.ticks), age_ns * 1e-9 if age_ns >= 0 else nan)
 
     def seen(self) -> tuple[Seen, ...]:
@@ -70,14 +74,12 @@ class Signals:
         for key, seen in self._seen.items():
             self._seen[key] = Seen(seen.device, seen.name, seen.unit, seen.value, seen.age_s, seen.value, seen.value)
 
-    def _take_current(self, source: Source, part: Measured, now_ns: int) -> None:
-        table = part.current if source.device == "actuator" else part.load_current
-        if source.device == "modulator":
-            table = part.modulator_current
+    def _take_readings(self, source: Source, part: Measured, now_ns: int) -> None:
+        table: Table = getattr(part, source.stream)
         if len(table):
-            self._currents_ns[source.device] = int(table["arrival_ns"][-1])
+            self._arrivals_ns[source.stream] = int(table["arrival_ns"][-1])
         values = source.values(table) if len(table) else np.array([self._seen[source.device, source.name].value])
-        arrival_ns = self._currents_ns.get(source.device)
+        arrival_ns = self._arrivals_ns.get(source.stream)
         self._update(source, values, nan if arrival_ns is None else max(now_ns - arrival_ns, 0) * 1e-9)
 
     def _update(self, source: Source, values: FloatArray, age_s: float) -> None:
@@ -100,28 +102,40 @@ def _column(name: str) -> Callable[[Table], FloatArray]:
 def _sources(rig: Rig) -> Iterator[Source]:
     wiring = rig.wiring
     yield Source("actuator", "command", rig.command.unit, _column("command"))
-    yield from _machine("actuator", "", "motion_age_ns")
+    yield from _machine("actuator", "")
     if wiring.load is not None:
         yield Source("load", "torque command", "N*m", _column("load_torque_nm"))
-        yield from _machine("load", "load_", "load_motion_age_ns")
+        yield from _machine("load", "load_")
     if wiring.torque_sensor is not None:
         yield Source("port", "torque", "N*m", _column("torque_nm"), "torque_age_ns")
         yield Source("port", "power", "W", lambda ticks: ticks["torque_nm"] * ticks["velocity_rad_s"], "torque_age_ns")
     if rig.modulation is not None:
         yield Source("modulator", "command", rig.modulation.unit, _column("modulation"))
         yield Source("modulator", "angle", "rad", _column("modulator_position_rad"), "modulator_motion_age_ns")
-        yield Source("modulator", "current", "A", _column("current_a"), optional=True)
+        yield from _read("modulator")
         temperature = _column("modulator_transistor_temperature_c")
         yield Source("modulator", "transistors", "°C", temperature, optional=True)
+    for sensor in wiring.sensors:
+        yield from _read(sensor.role)
 
 
-def _machine(device: str, prefix: str, age: str) -> Iterator[Source]:
+def _machine(device: str, prefix: str) -> Iterator[Source]:
+    age = f"{prefix}motion_age_ns"
     yield Source(device, "angle", "rad", _column(f"{prefix}position_rad"), age)
     yield Source(device, "velocity", "rad/s", _column(f"{prefix}velocity_rad_s"), age)
-    yield Source(device, "current", "A", _column("current_a"), optional=True)
+    yield from _read(device)
     yield Source(device, "supply", "V", _column(f"{prefix}supply_v"), optional=True)
     yield Source(device, "transistors", "°C", _column(f"{prefix}transistor_temperature_c"), optional=True)
     yield Source(device, "motor", "°C", _column(f"{prefix}motor_temperature_c"), optional=True)
+
+
+def _read(role: str) -> Iterator[Source]:
+    """What the device measures and no tick repeats."""
+    for stream in STREAMS:
+        if stream.role == role and not stream.age:
+            for each in stream.kind.quantities:
+                device, values = role.replace("_", " "), _column(each.column)
+                yield Source(device, each.name, each.unit, values, optional=True, stream=stream.name)
 
 
 class Held:

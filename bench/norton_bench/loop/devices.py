@@ -1,22 +1,24 @@
 """The devices of one bench as the loop handles them: opened, enabled, received from, sent to and stopped together."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import nan
+from typing import Any
 
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.guard.commands import Commands, DriveHealth
 from norton_bench.loop.watchdogs import WatchdogFinding, fall_silent, has_none
+from norton_bench.records import STREAMS, Stream
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
 from norton_drivers.backend import Backend
 from norton_drivers.clock import Clock
 from norton_drivers.devices import Amplifier, Device, TorqueSensor
 from norton_drivers.link import Link
-from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, MotionReading, TorqueReading
-from norton_drivers.registry import open_amplifier, open_torque_sensor
+from norton_drivers.readings import DeviceIdentity, DriveState
+from norton_drivers.registry import open_amplifier, open_device, open_torque_sensor
 
 # A drive that was told to idle says so with its next heartbeat; waiting longer than this is pointless.
 IDLE_WITHIN_NS = 500_000_000
@@ -26,38 +28,32 @@ STOP_AGAIN_NS = 50_000_000
 STREAMS_WITHIN_NS = 1_000_000_000
 
 
-@dataclass(slots=True)
-class Arrivals:
-    """What arrived since the last tick, oldest first."""
+# What arrived since the last tick, oldest first, by the stream's name; no entry where nothing did.
+Arrivals = dict[str, list[Any]]
 
-    motion: list[MotionReading] = field(default_factory=list)
-    load_motion: list[MotionReading] = field(default_factory=list)
-    torque: list[TorqueReading] = field(default_factory=list)
-    current: list[CurrentReading] = field(default_factory=list)
-    load_current: list[CurrentReading] = field(default_factory=list)
-    modulator_motion: list[MotionReading] = field(default_factory=list)
-    modulator_current: list[CurrentReading] = field(default_factory=list)
 
-    def add(self, later: "Arrivals") -> None:
-        """What arrived after these."""
-        self.motion += later.motion
-        self.load_motion += later.load_motion
-        self.torque += later.torque
-        self.current += later.current
-        self.load_current += later.load_current
-        self.modulator_motion += later.modulator_motion
-        self.modulator_current += later.modulator_current
+def add(arrivals: Arrivals, later: Arrivals) -> None:
+    """Put what arrived ``later`` behind ``arrivals``."""
+    for name, readings in later.items():
+        if name in arrivals:
+            arrivals[name] += readings
+        else:
+            arrivals[name] = readings
 
 
 @dataclass(frozen=True)
 class Devices:
-    """The actuator's amplifier and, where the rig has them, load drive, torque sensor and the actuator's modulator."""
+    """The actuator's amplifier and, where the rig has them, load drive, torque sensor and the actuator's modulator.
+
+    ``sensors`` are those that nothing but the recording and the screen needs.
+    """
 
     link: Link
     actuator: Amplifier
     load: Amplifier | None = None
     torque_sensor: TorqueSensor | None = None
     modulator: Amplifier | None = None
+    sensors: tuple[Device, ...] = ()
 
     @property
     def clock(self) -> Clock:
@@ -69,21 +65,29 @@ class Devices:
 
     def all(self) -> tuple[Device, ...]:
         """Every device that is there."""
-        return self.drives if self.torque_sensor is None else (*self.drives, self.torque_sensor)
+        sensor = () if self.torque_sensor is None else (self.torque_sensor,)
+        return (*self.drives, *sensor, *self.sensors)
+
+    @cached_property
+    def streams(self) -> tuple[tuple[Stream, Callable[[], list[Any]]], ...]:
+        """Every stream that the devices give, each with what takes its new readings."""
+        devices: dict[str, Device | None] = {
+            "actuator": self.actuator,
+            "load": self.load,
+            "torque_sensor": self.torque_sensor,
+            "modulator": self.modulator,
+            **{sensor.role: sensor for sensor in self.sensors},
+        }
+        return tuple(
+            (stream, getattr(device, stream.kind.take))
+            for stream in STREAMS
+            if (device := devices.get(stream.role)) is not None
+        )
 
     def receive(self) -> Arrivals:
         """Everything that has arrived. Raises ConnectionFailedError where a port is lost."""
         self.link.poll()
-        load, sensor, modulator = self.load, self.torque_sensor, self.modulator
-        return Arrivals(
-            self.actuator.take_motion(),
-            [] if load is None else load.take_motion(),
-            [] if sensor is None else sensor.take_torque(),
-            self.actuator.take_current(),
-            [] if load is None else load.take_current(),
-            [] if modulator is None else modulator.take_motion(),
-            [] if modulator is None else modulator.take_current(),
-        )
+        return {stream.name: readings for stream, take in self.streams if (readings := take())}
 
     def send(self, commands: Commands) -> Commands:
         """Returns what the wires carry, which is what acts: each protocol rounds in its way.
@@ -198,7 +202,7 @@ class Devices:
         arrived = self.receive()
         while self._silent(arrived) and self.clock.now_ns() < deadline_ns:
             self.link.wait()
-            arrived.add(self.receive())
+            add(arrived, self.receive())
         if missing := self._silent(arrived):
             raise ExperimentError(
                 f"no readings from: {', '.join(missing)}; check power, cable and the device's cyclic messages"
@@ -206,13 +210,7 @@ class Devices:
         return arrived
 
     def _silent(self, arrived: Arrivals) -> list[str]:
-        streams = (
-            ("actuator encoder", True, arrived.motion),
-            ("load encoder", self.load is not None, arrived.load_motion),
-            ("torque sensor", self.torque_sensor is not None, arrived.torque),
-            ("modulator encoder", self.modulator is not None, arrived.modulator_motion),
-        )
-        silent = [name for name, expected, readings in streams if expected and not readings]
+        silent = [each.source for each, _ in self.streams if each.required and each.name not in arrived]
         return [*silent, *(f"{drive.role} drive's heartbeat" for drive in self.drives if self._beats_late(drive))]
 
     def _beats_late(self, drive: Amplifier) -> bool:
@@ -232,6 +230,7 @@ def open_devices(rig: Rig, backend: Backend) -> Devices:
             open_amplifier(wiring.load, link) if wiring.load is not None else None,
             open_torque_sensor(wiring.torque_sensor, link) if wiring.torque_sensor is not None else None,
             open_amplifier(wiring.modulator, link) if wiring.modulator is not None else None,
+            tuple(open_device(sensor, link) for sensor in wiring.sensors),
         )
         check_command_units(rig, devices)
     except BaseException:

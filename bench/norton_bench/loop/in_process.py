@@ -5,13 +5,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
-from norton_bench.loop.alignment import Alignment
 from norton_bench.loop.devices import open_devices
 from norton_bench.loop.gate import guard_for
 from norton_bench.loop.loop import Loop, never_stop
 from norton_bench.loop.outbox import Outbox
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
+from norton_bench.sample import Alignment
 from norton_drivers.backend import Backend
 from norton_drivers.punctual import LOOP_PRIORITY, punctual
 

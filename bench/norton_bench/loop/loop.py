@@ -12,7 +12,6 @@ from norton_bench.control.admittance import AdmittanceController
 from norton_bench.errors import BenchError, OperatorStopError
 from norton_bench.guard.commands import Commands, DriveHealth
 from norton_bench.guard.guard import Guard
-from norton_bench.loop.alignment import Alignment
 from norton_bench.loop.devices import Arrivals, Devices
 from norton_bench.loop.learned import Learned
 from norton_bench.loop.load_strategy import LoadStrategy, strategy_for
@@ -22,7 +21,7 @@ from norton_bench.loop.troubles import TroubleLog
 from norton_bench.loop.unrolled import Unrolled
 from norton_bench.loop.watchdogs import WatchdogFinding
 from norton_bench.records import NO_SEGMENT, Measured, SegmentInfo, join
-from norton_bench.sample import Sample, Target
+from norton_bench.sample import Alignment, Sample, Target
 from norton_bench.segments import LoadMode, Segment, Use
 from norton_drivers.errors import DeviceError
 from norton_drivers.readings import DeviceIdentity, DriveState, DriveStatus
@@ -137,7 +136,8 @@ class Loop:
 
     def _enabled(self) -> Iterator[None]:
         begun = self.devices.await_streams()
-        self._sample(self.devices.clock.now_ns(), begun)
+        now_ns = self._clock.now_ns()
+        self.alignment.update(now_ns, now_ns, begun)
         self.devices.enable()
         try:
             self._start()
@@ -231,7 +231,7 @@ class Loop:
 
     def _start(self) -> None:
         now_ns = self.devices.clock.now_ns()
-        sample = self._sample(now_ns, self.devices.receive())
+        sample = self.alignment.update(now_ns, now_ns, self.devices.receive())
         self.guard.begin(sample)
         self._troubles.begin(now_ns)
         self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
@@ -249,13 +249,11 @@ class Loop:
     ) -> tuple[Sample, bool]:
         clock, deadline_ns = self._clock, self._next_ns
         now_ns = clock.now_ns()
-        sample = self._sample(now_ns, arrivals)
-        # The controller steps from deadline to deadline.
-        seen = sample if now_ns == deadline_ns else sample.counted_from(deadline_ns)
+        sample = self.alignment.update(now_ns, deadline_ns, arrivals)
         if not self._begun:
-            strategy.begin(seen)
+            strategy.begin(sample)
             self._begun = True
-        wish = Commands(command, strategy.wish(seen, index), 0, modulation)
+        wish = Commands(command, strategy.wish(sample, index), 0, modulation)
         controlled_ns = clock.now_ns()
         self._obey_operator()
         drives = self.devices.health()
@@ -271,17 +269,6 @@ class Loop:
         full = self.outbox.put(row, arrivals)
         self._put_ns = clock.now_ns() - stages.sent_ns
         return sample, full
-
-    def _sample(self, now_ns: int, arrivals: Arrivals) -> Sample:
-        return self.alignment.update(
-            now_ns,
-            arrivals.motion,
-            arrivals.load_motion,
-            arrivals.torque,
-            arrivals.current,
-            arrivals.load_current,
-            arrivals.modulator_motion,
-        )
 
     def _obey_operator(self) -> None:
         reason = self.stop_request()

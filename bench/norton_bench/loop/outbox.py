@@ -2,25 +2,23 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from norton_bench.loop.devices import Arrivals
+from norton_bench.loop.devices import Arrivals, add
 from norton_bench.records import (
-    CURRENT,
-    MOTION,
-    NO_DEVICE_TIME,
     PLAIN_CHAIN,
+    STREAMS,
     TICK,
-    TORQUE,
     Chain,
     Event,
+    Kind,
     Measured,
     SegmentInfo,
     Table,
 )
-from norton_drivers.readings import CurrentReading, MotionReading, RawFrame, TorqueReading
+from norton_drivers.readings import RawFrame
 
 Consumer = Callable[[Measured], None]
 
@@ -57,14 +55,14 @@ class Outbox:
     part_ticks: int = PART_TICKS
     chain: Chain = PLAIN_CHAIN  # of the devices whose readings these are
     _rows: list[tuple[float, ...]] = field(default_factory=list, init=False)
-    _arrivals: Arrivals = field(default_factory=Arrivals, init=False)
+    _arrivals: Arrivals = field(default_factory=dict, init=False)
     _events: list[Event] = field(default_factory=list, init=False)
     _frames: list[RawFrame] = field(default_factory=list, init=False)
 
     def put(self, row: tuple[float, ...], arrivals: Arrivals) -> bool:
         """Keep one tick's row (in the order of TICK) and what arrived; True once a part is full."""
         self._rows.append(row)
-        self._arrivals.add(arrivals)
+        add(self._arrivals, arrivals)
         return len(self._rows) >= self.part_ticks
 
     def put_frame(self, frame: RawFrame) -> None:
@@ -78,40 +76,26 @@ class Outbox:
 
     def hand_on(self, segment: SegmentInfo | None = None) -> Measured:
         """Give what has been collected to the consumers; returns it too. ``segment`` is what it belongs to so far."""
+        tables: dict[str, Any] = {
+            stream.name: _table(self._arrivals.get(stream.name, ()), stream.kind) for stream in STREAMS
+        }
         part = Measured(
             ticks=np.array(self._rows, TICK),
-            motion=_table(self._arrivals.motion, MOTION),
-            load_motion=_table(self._arrivals.load_motion, MOTION),
-            torque=_torque_table(self._arrivals.torque),
-            current=_table(self._arrivals.current, CURRENT),
-            load_current=_table(self._arrivals.load_current, CURRENT),
-            modulator_motion=_table(self._arrivals.modulator_motion, MOTION),
-            modulator_current=_table(self._arrivals.modulator_current, CURRENT),
+            **tables,
             segments=() if segment is None else (segment,),
             events=tuple(self._events),
             frames=tuple(self._frames),
             chain=self.chain,
         )
-        self._rows, self._arrivals, self._events, self._frames = [], Arrivals(), [], []
+        self._rows, self._arrivals, self._events, self._frames = [], {}, [], []
         for consumer in self.consumers:
             consumer(part)
         return part
 
 
-def _table(readings: Sequence[MotionReading] | Sequence[CurrentReading], dtype: "np.dtype[np.void]") -> Table:
-    """Column by column: a reading's fields are named like the table's."""
-    table = np.empty(len(readings), dtype)
-    if readings:
-        for name, column in zip(readings[0]._fields, zip(*readings, strict=True), strict=True):
-            table[name] = column
+def _table(readings: Sequence[Any], kind: Kind) -> Table:
+    """Column by column, which takes a third of the time that rows take."""
+    table = np.empty(len(readings), kind.columns)
+    for name, column in zip(kind.columns.names or (), zip(*map(kind.row, readings), strict=True), strict=False):
+        table[name] = column
     return table
-
-
-def _torque_table(readings: list[TorqueReading]) -> Table:
-    return np.array(
-        [
-            (r.arrival_ns, NO_DEVICE_TIME if r.device_ns is None else r.device_ns, r.sequence, r.torque_nm, r.valid)
-            for r in readings
-        ],
-        TORQUE,
-    )

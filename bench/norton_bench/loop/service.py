@@ -15,7 +15,6 @@ from types import FrameType
 from typing import Any
 
 from norton_bench.errors import BenchError
-from norton_bench.loop.alignment import Alignment
 from norton_bench.loop.devices import open_devices
 from norton_bench.loop.gate import guard_for
 from norton_bench.loop.loop import Loop
@@ -39,6 +38,7 @@ from norton_bench.loop.session_watch import Pulse, SessionWatch
 from norton_bench.loop.shared_outbox import SharedMemory, SharedOutbox
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.rig import Rig
+from norton_bench.sample import Alignment
 from norton_drivers.cores import kept_awake, take_core
 from norton_drivers.errors import DeviceError
 from norton_drivers.punctual import LOOP_PRIORITY, punctual

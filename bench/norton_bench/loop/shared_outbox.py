@@ -12,7 +12,7 @@ import numpy as np
 
 from norton_bench.loop.devices import Arrivals
 from norton_bench.loop.ring import Ring, RingReader, RingWriter
-from norton_bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Event, Measured, SegmentInfo, Table
+from norton_bench.records import STREAMS, TABLES, TICK, Event, Measured, SegmentInfo, Table
 from norton_bench.rig.rig import Rig
 from norton_drivers.readings import RawFrame
 
@@ -23,16 +23,6 @@ READINGS_A_TICK, FRAMES_A_TICK = 4, 16
 EVENTS = 256
 
 CODES = {"i8": "q", "i4": "i", "u4": "I", "f8": "d", "b1": "?"}
-TABLES = {
-    "ticks": TICK,
-    "motion": MOTION,
-    "load_motion": MOTION,
-    "torque": TORQUE,
-    "current": CURRENT,
-    "load_current": CURRENT,
-    "modulator_motion": MOTION,
-    "modulator_current": CURRENT,
-}
 # A frame's stamp, identifier, channel by its place, marks, count of bytes, bytes. Longer chunks take several records.
 FRAME = Struct("<qiBBB64s")
 FRAME_BYTES = 64
@@ -50,8 +40,8 @@ class SharedMemory:
         self.channels = (*(bus.name for bus in wiring.buses), *dict.fromkeys(ports))
         ticks = round(KEPT_S / rig.tick_s)
         self.tables = {
-            name: Ring(ticks * (1 if name == "ticks" else READINGS_A_TICK), kind.itemsize)
-            for name, kind in TABLES.items()
+            table.name: Ring(ticks * (READINGS_A_TICK if table in STREAMS else 1), table.kind.columns.itemsize)
+            for table in TABLES
         }
         self.frames = Ring(ticks * FRAMES_A_TICK, FRAME.size)
         self.events = Ring(EVENTS, EVENT.size)
@@ -61,18 +51,25 @@ class SharedOutbox:
     """What the loop puts its ticks into, instead of :class:`norton_bench.loop.outbox.Outbox`: nothing piles up here."""
 
     def __init__(self, memory: SharedMemory) -> None:
-        self._tick, self._motion = _struct(TICK), _struct(MOTION)
-        self._torque, self._current = _struct(TORQUE), _struct(CURRENT)
-        self._rings = {name: RingWriter(ring) for name, ring in memory.tables.items()}
+        rings = {name: RingWriter(ring) for name, ring in memory.tables.items()}
+        self._tick, self._tick_ring = _struct(TICK), rings["ticks"]
+        # Of each stream: what makes a row of a reading, packs it, and puts it into its ring.
+        self._streams = {
+            stream.name: (stream.kind.row, _struct(stream.kind.columns).pack, rings[stream.name].put)
+            for stream in STREAMS
+        }
         self._frame_ring, self._event_ring = RingWriter(memory.frames), RingWriter(memory.events)
         self._places = {channel: place for place, channel in enumerate(memory.channels)}
         self._frames: list[RawFrame] = []
 
     def put(self, row: tuple[float, ...], arrivals: Arrivals) -> bool:
         """One tick's row (in the order of TICK), what arrived, and the frames of both."""
-        self._put_readings(arrivals)
+        for name, readings in arrivals.items():
+            values, pack, put = self._streams[name]
+            for reading in readings:
+                put(pack(*values(reading)))
         self.put_waiting()
-        self._rings["ticks"].put(self._tick.pack(*row))
+        self._tick_ring.put(self._tick.pack(*row))
         return False
 
     def put_frame(self, frame: RawFrame) -> None:
@@ -101,24 +98,6 @@ class SharedOutbox:
         self.put_waiting()
         return Measured(segments=() if segment is None else (segment,))
 
-    def _put_readings(self, arrivals: Arrivals) -> None:
-        rings, motion, current = self._rings, self._motion, self._current
-        for m in arrivals.motion:
-            rings["motion"].put(motion.pack(m.arrival_ns, m.sequence, m.position_rad, m.velocity_rad_s))
-        for m in arrivals.load_motion:
-            rings["load_motion"].put(motion.pack(m.arrival_ns, m.sequence, m.position_rad, m.velocity_rad_s))
-        for t in arrivals.torque:
-            device_ns = NO_DEVICE_TIME if t.device_ns is None else t.device_ns
-            rings["torque"].put(self._torque.pack(t.arrival_ns, device_ns, t.sequence, t.torque_nm, t.valid))
-        for c in arrivals.current:
-            rings["current"].put(current.pack(c.arrival_ns, c.sequence, c.current_a))
-        for c in arrivals.load_current:
-            rings["load_current"].put(current.pack(c.arrival_ns, c.sequence, c.current_a))
-        for m in arrivals.modulator_motion:
-            rings["modulator_motion"].put(motion.pack(m.arrival_ns, m.sequence, m.position_rad, m.velocity_rad_s))
-        for c in arrivals.modulator_current:
-            rings["modulator_current"].put(current.pack(c.arrival_ns, c.sequence, c.current_a))
-
 
 @dataclass
 class SharedInbox:
@@ -140,7 +119,7 @@ class SharedInbox:
         """What has come since the last call; without the segment it belongs to."""
         events, frames = tuple(self._new_events()), tuple(self._new_frames())
         tables: dict[str, Any] = {
-            name: _table(self._all(reader), TABLES[name]) for name, reader in self._tables.items()
+            table.name: _table(self._all(self._tables[table.name]), table.kind.columns) for table in TABLES
         }
         return Measured(**tables, events=events, frames=frames)
 

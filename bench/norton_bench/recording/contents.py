@@ -7,8 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from norton_bench.models.parameters import Estimate
-from norton_bench.recording.streams import STREAMS
-from norton_bench.records import Measured
+from norton_bench.records import STREAMS, Measured
 
 
 class EstimatesLike(Protocol):
@@ -70,10 +69,10 @@ def _part(measured: Measured, ticks: slice, start_ns: int, end_ns: int) -> Measu
     """These ticks, and the readings that arrived from ``start_ns`` until before ``end_ns``."""
     rows = measured.ticks[ticks]
     tables = {}
-    for stream in STREAMS[1:]:
-        table = getattr(measured, stream.table)
-        first, last = np.searchsorted(table[stream.stamp], [start_ns, end_ns])
-        tables[stream.table] = table[first:last]
+    for stream in STREAMS:
+        table = getattr(measured, stream.name)
+        first, last = np.searchsorted(table[stream.kind.stamp], [start_ns, end_ns])
+        tables[stream.name] = table[first:last]
     first_ns, last_ns = (int(rows["tick_ns"][end]) for end in (0, -1))
     return Measured(
         ticks=rows,

@@ -12,8 +12,8 @@ from norton_bench.extras import extra
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.frames import log_lines, log_name
 from norton_bench.recording.reader import read_recording
-from norton_bench.recording.streams import STREAMS
 from norton_bench.recording.wire import Frames
+from norton_bench.records import TABLES
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -36,9 +36,9 @@ def export(path: Path, format: str, out_dir: Path) -> list[Path]:  # noqa: A002
 
 
 def tables_of(recording: Recording) -> dict[str, Columns]:
-    """Every stream by its name, as columns of equal length; frames' data in hexadecimal."""
+    """Every table by its name, as columns of equal length; frames' data in hexadecimal."""
     measured = recording.measured
-    tables = {stream.table: _columns(getattr(measured, stream.table)) for stream in STREAMS}
+    tables = {table.name: _columns(getattr(measured, table.name)) for table in TABLES}
     tables["segments"] = {
         name: np.array([getattr(segment, name) for segment in measured.segments])
         for name in ("index", "procedure", "name", "mode", "start_ns", "end_ns", "preview")

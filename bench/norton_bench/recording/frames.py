@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.recording.layout import Layout, Rows
-from norton_bench.recording.streams import raw_fields
+from norton_bench.recording.schemas import raw_fields
 from norton_bench.recording.wire import Frames
 from norton_drivers.readings import ERROR_FRAME, RawFrame
 

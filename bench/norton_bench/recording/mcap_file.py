@@ -38,7 +38,7 @@ from mcap.records import (
 from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC
 
 from norton_bench.recording.layout import HEADER, Rows
-from norton_bench.recording.streams import PROFILE
+from norton_bench.recording.schemas import PROFILE
 
 CHUNK_BYTES = 16 * 1024
 _COPIED_BYTES = 1 << 20

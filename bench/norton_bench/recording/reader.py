@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -14,7 +14,7 @@ from norton_bench.recording import frames
 from norton_bench.recording.contents import RecordedEstimates, Recording
 from norton_bench.recording.layout import HEADER, Rows, table_from
 from norton_bench.recording.scan import KeepChannel, Scan, scan
-from norton_bench.recording.streams import (
+from norton_bench.recording.schemas import (
     ESTIMATES,
     EVENTS,
     METADATA,
@@ -23,12 +23,10 @@ from norton_bench.recording.streams import (
     RAW_PREFIX,
     RIG_FILE,
     SEGMENTS,
-    STREAMS,
-    Stream,
     layout_in,
     message_class,
 )
-from norton_bench.records import Chain, Event, Measured, SegmentInfo, Table
+from norton_bench.records import TABLES, Chain, Event, Measured, SegmentInfo, Stream, Table
 from norton_bench.segments import Use
 from norton_drivers.readings import RawFrame
 
@@ -119,7 +117,7 @@ def _chain(metadata: Mapping[str, str]) -> Chain:
 
 def _measured(found: Scan, segments: Iterable[SegmentInfo], chain: Chain) -> Measured:
     return Measured(
-        **{stream.table: _table(found, stream) for stream in STREAMS},
+        **cast(dict[str, Any], {stream.name: _table(found, stream) for stream in TABLES}),
         segments=tuple({segment.index: segment for segment in segments}.values()),
         events=tuple(_event(message) for message in _messages(found, EVENTS, "Event")),
         frames=frames_in(found),
@@ -128,9 +126,10 @@ def _measured(found: Scan, segments: Iterable[SegmentInfo], chain: Chain) -> Mea
 
 
 def _table(found: Scan, stream: Stream) -> Table:
-    pieces = [table_from(rows, stream.dtype) for _, rows in _fixed_rows(found, stream.topic)]
-    table = np.concatenate(pieces) if pieces else np.empty(0, stream.dtype)
-    stamps = table[stream.stamp]
+    kind = stream.kind
+    pieces = [table_from(rows, kind.columns) for _, rows in _fixed_rows(found, stream.topic)]
+    table = np.concatenate(pieces) if pieces else np.empty(0, kind.columns)
+    stamps = table[kind.stamp]
     return table if (np.diff(stamps) >= 0).all() else table[np.argsort(stamps, kind="stable")]
 
 

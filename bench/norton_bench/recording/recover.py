@@ -9,7 +9,7 @@ from norton_bench.recording.frames import log_lines, log_name
 from norton_bench.recording.mcap_file import McapFile
 from norton_bench.recording.reader import frames_in
 from norton_bench.recording.scan import Scan, scan
-from norton_bench.recording.streams import METADATA, OUTCOME
+from norton_bench.recording.schemas import METADATA, OUTCOME
 from norton_bench.recording.wire import Frames
 
 

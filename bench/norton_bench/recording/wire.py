@@ -7,8 +7,7 @@ from typing import BinaryIO
 
 from norton_bench.recording.contents import EstimatesLike, RecordedEstimates
 from norton_bench.recording.disk import RESERVE_BYTES
-from norton_bench.recording.streams import STREAMS
-from norton_bench.records import Event, Measured, SegmentInfo
+from norton_bench.records import TABLES, Event, Measured, SegmentInfo
 from norton_drivers.readings import RawFrame
 
 _LENGTH_BYTES = 8
@@ -69,7 +68,7 @@ Message = Start | Part | RecordedEstimates | Stop
 
 def part_of(measured: Measured) -> Part:
     """``measured`` in the form that travels."""
-    tables = {stream.table: getattr(measured, stream.table) for stream in STREAMS}
+    tables = {table.name: getattr(measured, table.name) for table in TABLES}
     return Part(
         tables={name: table.tobytes() for name, table in tables.items() if len(table)},
         segments=measured.segments,

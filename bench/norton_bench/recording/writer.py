@@ -28,7 +28,7 @@ from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.recording.disk import Place, Reserve, Syncing
 from norton_bench.recording.layout import HEADER, MESSAGE_OPCODE, RECORD_PREFIX, Layout, fields_of
 from norton_bench.recording.mcap_file import Block, McapFile, no_room
-from norton_bench.recording.streams import (
+from norton_bench.recording.schemas import (
     ESTIMATES,
     EVENTS,
     FORMAT,
@@ -38,14 +38,12 @@ from norton_bench.recording.streams import (
     RAW_MESSAGE,
     RIG_FILE,
     SEGMENTS,
-    STREAMS,
-    Stream,
     full_name,
     message_class,
     raw_topic,
     schema_bytes,
 )
-from norton_bench.records import Event, SegmentInfo
+from norton_bench.records import TABLES, Event, SegmentInfo, Stream
 
 _PACKAGES = ("norton-bench", "numpy", "scipy", "numba", "filterpy", "python-can", "cantools", "pyserial", "mcap")
 
@@ -67,10 +65,10 @@ class RecordingFile:
         self._channels: dict[str, int] = {}
         self._sequences: Counter[int] = Counter()
         self._raw_frames = 0
-        self._layouts = {stream.table: Layout(fields_of(stream.dtype)) for stream in STREAMS}
+        self._layouts = {table.name: Layout(fields_of(table.kind.columns)) for table in TABLES}
         self._mcap.add_metadata(METADATA, {**metadata, **versions(), "format": FORMAT})
         self._mcap.add_attachment(Attachment(0, 0, RIG_FILE, "application/toml", rig_text.encode()))
-        self._streams = [(stream, self._channel(stream.topic, stream.message)) for stream in STREAMS]
+        self._streams = [(table, self._channel(table.topic, table.kind.message)) for table in TABLES]
         for topic, message in ((EVENTS, "Event"), (SEGMENTS, "Segment"), (ESTIMATES, "Estimates")):
             self._channel(topic, message)
 
@@ -85,7 +83,7 @@ class RecordingFile:
     def add(self, part: wire.Part) -> None:
         """Write a part so that it survives the death of both processes."""
         for stream, channel in self._streams:
-            if data := part.tables.get(stream.table):
+            if data := part.tables.get(stream.name):
                 self._add_table(stream, channel, data)
         for rows in frames.encode(part.frames, self._raw_channel, self._raw_frames):
             self._mcap.add(Block.of(rows))
@@ -113,9 +111,9 @@ class RecordingFile:
         self._mcap.finish()
 
     def _add_table(self, stream: Stream, channel: int, data: bytes) -> None:
-        table = np.frombuffer(data, stream.dtype)
-        rows = self._layouts[stream.table].encode(
-            table, channel=channel, first_sequence=self._sequences[channel], stamp=stream.stamp
+        table = np.frombuffer(data, stream.kind.columns)
+        rows = self._layouts[stream.name].encode(
+            table, channel=channel, first_sequence=self._sequences[channel], stamp=stream.kind.stamp
         )
         self._sequences[channel] += len(table)
         self._mcap.add(Block.of(rows))

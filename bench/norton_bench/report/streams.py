@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from norton_bench.arrays import IntArray
-from norton_bench.records import Measured, SegmentInfo, Table
+from norton_bench.records import STREAMS, Measured, SegmentInfo, Stream, Table
 
 # Longer than any stall that the loop lives through.
 LEAST_PAUSE_NS = 60_000_000
@@ -33,22 +33,8 @@ class StreamQuality:
 
 def stream_qualities(measured: Measured) -> list[StreamQuality]:
     """One entry for every stream that has readings. Between steps nothing is recorded, and nothing lost."""
-    ticks, pauses_ns = measured.ticks, _pauses_ns(measured.segments)
-    streams = [
-        ("actuator motion", measured.motion, ("position_rad", "velocity_rad_s"), ticks["motion_age_ns"]),
-        ("load motion", measured.load_motion, ("position_rad", "velocity_rad_s"), ticks["load_motion_age_ns"]),
-        ("port torque", measured.torque, ("torque_nm",), ticks["torque_age_ns"]),
-        ("actuator current", measured.current, ("current_a",), np.empty(0, np.int64)),
-        ("load current", measured.load_current, ("current_a",), np.empty(0, np.int64)),
-        (
-            "modulator motion",
-            measured.modulator_motion,
-            ("position_rad", "velocity_rad_s"),
-            ticks["modulator_motion_age_ns"],
-        ),
-        ("modulator current", measured.modulator_current, ("current_a",), np.empty(0, np.int64)),
-    ]
-    return [_quality(name, table, values, ages, pauses_ns) for name, table, values, ages in streams if len(table) > 1]
+    pauses_ns = _pauses_ns(measured.segments)
+    return [_quality(stream, measured, pauses_ns) for stream in STREAMS if len(getattr(measured, stream.name)) > 1]
 
 
 def lost_readings(arrival_ns: IntArray, sequence: IntArray) -> int:
@@ -73,13 +59,16 @@ def _pauses_ns(segments: tuple[SegmentInfo, ...]) -> IntArray:
     return np.array([(end_ns + start_ns) // 2 for end_ns, start_ns in ends], np.int64)
 
 
-def _quality(name: str, table: Table, values: tuple[str, ...], ages_ns: IntArray, pauses_ns: IntArray) -> StreamQuality:
+def _quality(stream: Stream, measured: Measured, pauses_ns: IntArray) -> StreamQuality:
+    table: Table = getattr(measured, stream.name)
+    ages_ns = measured.ticks[stream.age] if stream.age else np.empty(0, np.int64)
     runs = [run for run in np.split(table, np.searchsorted(table["arrival_ns"], pauses_ns)) if len(run) > 1]
     steps_ms = np.concatenate([np.diff(run["arrival_ns"]) for run in runs]) * 1e-6
-    same = np.all([table[value][1:] == table[value][:-1] for value in values], axis=0)
+    values = [table[quantity.column] for quantity in stream.kind.quantities]
+    same = np.all([each[1:] == each[:-1] for each in values], axis=0)
     ages_ms = ages_ns[ages_ns >= 0] * 1e-6
     return StreamQuality(
-        name=name,
+        name=stream.label,
         readings=len(table),
         rate_hz=1e3 / float(np.mean(steps_ms)) if np.any(steps_ms > 0) else float("nan"),
         lost=sum(lost_readings(run["arrival_ns"], run["sequence"]) for run in runs),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from norton_bench.errors import nearest
+from norton_bench.records import STREAMS
 from norton_bench.rig.driver_options import Commanded, amplifier_options, declared_by, read_options, wrong_unit
 from norton_bench.rig.files import Mistakes
 from norton_bench.rig.schema import (
@@ -24,7 +25,9 @@ from norton_drivers import registry
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import CanBusSettings
 
-DEVICES = ("actuator", "load", "torque_sensor", "modulator")
+FITTED = ("actuator", "load", "torque_sensor", "modulator")  # what an experiment may need
+SENSORS = tuple(dict.fromkeys(stream.role for stream in STREAMS if stream.role not in FITTED))
+DEVICES = (*FITTED, *SENSORS)
 SECTIONS = ("rig", "bus", *DEVICES, "limits", "guard", "recording", "simulated")
 MENDS = {
     "rig": 'add [rig] with name = "my-bench", rate = "1 kHz" and backend = "hardware"',
@@ -49,11 +52,13 @@ class Draft:
     limits: LimitsSection | None
     guard: GuardSection | None
     recording: RecordingSection | None
+    sensors: Mapping[str, DeviceSection | None] = field(default_factory=dict)  # further ones, by role
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of each device, by its role
 
     def devices(self) -> dict[str, DeviceSection]:
         """The devices that could be read, by role."""
-        found: dict[str, DeviceSection | None] = {role: getattr(self, role) for role in DEVICES}
+        found: dict[str, DeviceSection | None] = {role: getattr(self, role) for role in FITTED}
+        found.update(self.sensors)
         return {role: device for role, device in found.items() if device is not None}
 
     def has(self, section: str) -> bool:
@@ -85,6 +90,7 @@ def read_draft(written: Mapping[str, Any], folder: Path, mistakes: Mistakes) -> 
         limits=_section(LimitsSection, written, "limits", mistakes, context),
         guard=_section(GuardSection, {"guard": {}, **written}, "guard", mistakes),
         recording=_section(RecordingSection, {"recording": {}, **written}, "recording", mistakes),
+        sensors={role: _section(DeviceSection, written, role, mistakes) for role in SENSORS},
     )
     options = {role: _options(device, role, folder, mistakes) for role, device in draft.devices().items()}
     return Draft(**{**vars(draft), "options": options})
@@ -109,7 +115,7 @@ def _buses(written: Mapping[str, Any], mistakes: Mistakes) -> dict[str, BusSecti
 
 
 def _options(device: DeviceSection, role: str, folder: Path, mistakes: Mistakes) -> Mapping[str, Any]:
-    group = registry.TORQUE_SENSORS if role == "torque_sensor" else registry.AMPLIFIERS
+    group = registry.group_of(role)
     known = registry.names(group)
     if device.driver not in known:
         mistakes.add(f"[{role}] driver", f'"{device.driver}" is not installed; {nearest(device.driver, known)}')

@@ -83,6 +83,7 @@ def _wiring(draft: Draft, rig: RigSection, actuator: ActuatorSection) -> Wiring:
         command_unit=actuator.command.unit,
         modulator=_drive("modulator", draft.modulator, draft.options["modulator"]) if draft.modulator else None,
         modulation_unit=draft.modulator.command.unit if draft.modulator else "",
+        sensors=tuple(_device(role, sensor, draft.options[role]) for role, sensor in draft.sensors.items() if sensor),
     )
 
 

@@ -12,7 +12,7 @@ from norton_bench.errors import UsageError
 from norton_bench.events import PlannedStep
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
-from norton_bench.records import NO_DEVICE_TIME, READINGS, Event, Measured, Table, join
+from norton_bench.records import NO_DEVICE_TIME, STREAMS, Event, Measured, Table, join
 from norton_bench.rig.rig import Rig
 from norton_bench.session.items import ASK
 
@@ -161,7 +161,7 @@ def before(records: Sequence[Measured], later: Measured) -> list[Measured]:
         device_ns=_on_device(later, records, time_ns),
         # One further: -1 stands for no segment at all.
         segments=min((segment.index for segment in later.segments), default=0) - segments - 1,
-        counted={name: _count(later, records, name) for name in READINGS},
+        counted={each.name: _count(later, records, each.name) for each in STREAMS},
     )
     return [shift.applied(record) for record in records]
 
@@ -179,7 +179,9 @@ class _Shift:
         return replace(
             record,
             ticks=self._ticks(record.ticks),
-            **cast(dict[str, Any], {name: self._readings(getattr(record, name), name) for name in READINGS}),
+            **cast(
+                dict[str, Any], {each.name: self._readings(getattr(record, each.name), each.name) for each in STREAMS}
+            ),
             segments=tuple(
                 replace(
                     each,

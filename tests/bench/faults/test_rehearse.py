@@ -8,8 +8,8 @@ from norton_bench.errors import RigError
 from norton_bench.faults.campaign import cases
 from norton_bench.faults.case import Case, Expected, Outcome, Verdict
 from norton_bench.faults.rehearse import Prepared, prepare, rehearse
-from norton_bench.loop.alignment import Alignment
 from norton_bench.rig.load import load_rig
+from norton_bench.sample import Alignment
 
 RIGS = Path(__file__).parents[3] / "rigs"
 RIG = load_rig(RIGS / "sim-odrive.toml")

@@ -7,34 +7,34 @@ from hypothesis import strategies as st
 
 from norton_bench.recording import frames
 from norton_bench.recording.layout import HEADER, Layout, fields_of, table_from, varint
-from norton_bench.recording.streams import RAW_MESSAGE, STREAMS, layout_in, message_class, raw_fields, schema_bytes
+from norton_bench.recording.schemas import RAW_MESSAGE, layout_in, message_class, raw_fields, schema_bytes
 from norton_bench.recording.wire import Frames
-from norton_bench.records import TICK
+from norton_bench.records import TABLES, TICK
 from norton_drivers.readings import RawFrame
 
 INTEGERS = st.integers(-(2**63), 2**63 - 1)
 
 
-@pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream.table)
+@pytest.mark.parametrize("kind", [table.kind for table in TABLES], ids=[table.name for table in TABLES])
 @given(data=st.data())
-def test_rows_are_what_protobuf_reads(stream, data) -> None:
-    row = np.zeros(1, stream.dtype)
-    for name in stream.dtype.names:
+def test_rows_are_what_protobuf_reads(kind, data) -> None:
+    row = np.zeros(1, kind.columns)
+    for name in kind.columns.names:
         info = {"i8": INTEGERS, "i4": st.integers(-(2**31), 2**31 - 1), "u4": st.integers(0, 2**32 - 1)}
-        kind = stream.dtype[name].str.lstrip("<|")
-        choice = info.get(kind, st.booleans() if kind == "b1" else st.floats(width=64))
-        row[name] = data.draw(choice) if name != stream.stamp else abs(data.draw(INTEGERS) // 2)
-    records = Layout(fields_of(stream.dtype)).encode(row, channel=3, first_sequence=9, stamp=stream.stamp)
-    message = message_class(stream.message).FromString(records.tobytes()[HEADER.itemsize :])
-    for name in stream.dtype.names:
+        code = kind.columns[name].str.lstrip("<|")
+        choice = info.get(code, st.booleans() if code == "b1" else st.floats(width=64))
+        row[name] = data.draw(choice) if name != kind.stamp else abs(data.draw(INTEGERS) // 2)
+    records = Layout(fields_of(kind.columns)).encode(row, channel=3, first_sequence=9, stamp=kind.stamp)
+    message = message_class(kind.message).FromString(records.tobytes()[HEADER.itemsize :])
+    for name in kind.columns.names:
         np.testing.assert_equal(getattr(message, name), row[name][0].item())
-    assert (records["chan"][0], records["seq"][0], records["log"][0]) == (3, 9, row[stream.stamp][0])
+    assert (records["chan"][0], records["seq"][0], records["log"][0]) == (3, 9, row[kind.stamp][0])
 
 
-@pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream.table)
-def test_a_layout_is_read_back_from_its_own_schema(stream) -> None:
-    described = layout_in(schema_bytes(stream.message), f"norton_bench.{stream.message}")
-    assert described == Layout(fields_of(stream.dtype))
+@pytest.mark.parametrize("kind", [table.kind for table in TABLES], ids=[table.name for table in TABLES])
+def test_a_layout_is_read_back_from_its_own_schema(kind) -> None:
+    described = layout_in(schema_bytes(kind.message), f"norton_bench.{kind.message}")
+    assert described == Layout(fields_of(kind.columns))
 
 
 @given(length=st.integers(0, 20_000), content=st.data())

@@ -9,8 +9,7 @@ import pytest
 from norton_bench.recording.contents import parts_of
 from norton_bench.recording.reader import read_recording, read_so_far
 from norton_bench.recording.recorder import Recorder
-from norton_bench.recording.streams import STREAMS
-from norton_bench.records import MOTION, TICK, Measured, SegmentInfo
+from norton_bench.records import MOTION, TABLES, TICK, Measured, SegmentInfo
 from norton_bench.segments import Use
 
 TICK_NS = 1_000_000
@@ -37,8 +36,8 @@ def test_parts_come_back_as_they_were_put(tmp_path: Path, late_ns: int) -> None:
     found = list(parts_of(read_recording(tmp_path / "r.mcap")))
     assert len(found) == len(put)
     for one, other in zip(found, put, strict=True):
-        for stream in STREAMS:
-            assert getattr(one, stream.table).tobytes() == getattr(other, stream.table).tobytes(), stream.table
+        for stream in TABLES:
+            assert getattr(one, stream.name).tobytes() == getattr(other, stream.name).tobytes(), stream.name
         assert one.segments == (replace(other.segments[0], end_ns=300 * TICK_NS),)
 
 

@@ -17,7 +17,7 @@ from norton_bench.procedures.waves import imposed, velocity_steps
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recover import recover
-from norton_bench.recording.streams import OUTCOME
+from norton_bench.recording.schemas import OUTCOME
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

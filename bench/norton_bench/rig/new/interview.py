@@ -95,7 +95,7 @@ class Interview:
         self, role: str, *, optional: bool = True, default: str | None = None, without: str = ""
     ) -> Section | None:
         """``without`` is what comes of there being none."""
-        group = registry.TORQUE_SENSORS if role == "torque_sensor" else registry.AMPLIFIERS
+        group = registry.group_of(role)
         drivers = tuple(registry.installed(group))
         known = (NONE, *drivers) if optional else drivers
         text = f"{SECTIONS[role]}: its driver" + (f' ("{NONE}" where there is none{without})' if optional else "")

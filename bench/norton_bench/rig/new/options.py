@@ -192,4 +192,4 @@ def bitrate_for(devices: Sequence[tuple[str, str]], rate_hz: float) -> tuple[str
 
 def _delivered(role: str, driver: str) -> str | None:
     """The bitrate that its maker sets, where its driver knows one."""
-    return declared_by(registry.TORQUE_SENSORS if role == "torque_sensor" else registry.AMPLIFIERS, driver).bitrate
+    return declared_by(registry.group_of(role), driver).bitrate

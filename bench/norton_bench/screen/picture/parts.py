@@ -12,7 +12,7 @@ from norton_bench.events import PlannedStep
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.identification.tables import exertion_table, source_table
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.records import Event, Measured, SegmentInfo, Table
+from norton_bench.records import STREAMS, Event, Measured, SegmentInfo, Table
 from norton_bench.report.streams import LEAST_PAUSE_NS
 from norton_bench.rig.rig import Rig
 from norton_drivers.wiring import DeviceSettings
@@ -227,13 +227,14 @@ def _what(segment: SegmentInfo) -> str:
 
 RATE_OVER_NS = 2_000_000_000
 TROUBLE_FOR_NS = 5_000_000_000
-# By role: the table of its readings, and what a tick says of their age and of the drive's temperature.
-STREAMS = {
-    "actuator": ("motion", "motion_age_ns", "transistor_temperature_c"),
-    "load": ("load_motion", "load_motion_age_ns", "load_transistor_temperature_c"),
-    "torque_sensor": ("torque", "torque_age_ns", None),
-    "modulator": ("modulator_motion", "modulator_motion_age_ns", "modulator_transistor_temperature_c"),
+# What a tick says of a drive's temperature, by its role.
+TEMPERATURES = {
+    "actuator": "transistor_temperature_c",
+    "load": "load_transistor_temperature_c",
+    "modulator": "modulator_transistor_temperature_c",
 }
+# A device whose readings no tick repeats may be slow: probes send one to ten readings a second.
+SLOW_NS = 3_000_000_000
 TROUBLES = ("bus", "device")
 
 
@@ -276,6 +277,10 @@ class Stream:
         while self._counts and self._counts[0][0] < now_ns - RATE_OVER_NS:
             self._counts.popleft()
 
+    def age_ns(self, now_ns: int) -> int:
+        """Of the newest reading; -1 before there is one."""
+        return -1 if self._last is None else now_ns - self._last[0]
+
     @property
     def rate_hz(self) -> float:
         """NaN until there is a stretch to count in."""
@@ -291,6 +296,7 @@ class Health:
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
         self._streams = {device.role: Stream() for device in rig.wiring.devices()}
+        self._main = {each.role: each for each in reversed(STREAMS)}  # the first stream of each device
         self._last: Table | None = None
         self._troubles: dict[str, Event] = {}
         self._now_ns = 0
@@ -303,7 +309,7 @@ class Health:
             return
         self._last, self._now_ns = part.ticks[-1:].copy(), int(part.ticks["tick_ns"][-1])
         for role, stream in self._streams.items():
-            stream.take(getattr(part, STREAMS[role][0]), self._now_ns)
+            stream.take(getattr(part, self._main[role].name), self._now_ns)
 
     def devices(self) -> list[Pulse]:
         """One for each device, in the order of the rig file."""
@@ -317,23 +323,23 @@ class Health:
         ]
 
     def _device(self, device: DeviceSettings) -> Pulse:
-        _, age_name, temperature_name = STREAMS[device.role]
         place = device.bus or device.port or ""
         name = device.role.replace("_", " ")
         if self._last is None:
             return Pulse(name, device.driver, place, "unheard")
-        age_ns = int(self._last[age_name][0])
-        silent = age_ns > self._rig.limits.stale_after_ns
-        stream = self._streams[device.role]
+        stream, temperature = self._streams[device.role], TEMPERATURES.get(device.role)
+        age_ns, most_ns = stream.age_ns(self._now_ns), SLOW_NS
+        if self._main[device.role].age:
+            age_ns, most_ns = int(self._last[self._main[device.role].age][0]), self._rig.limits.stale_after_ns
         pulse = Pulse(
             name,
             device.driver,
             place,
-            "silent" if silent else "ok",
+            "silent" if age_ns > most_ns else "ok",
             stream.rate_hz,
             age_ns * 1e-6 if age_ns >= 0 else nan,
             stream.lost,
-            nan if temperature_name is None else float(self._last[temperature_name][0]),
+            nan if temperature is None else float(self._last[temperature][0]),
         )
         return self._troubled(pulse, device.role)
 

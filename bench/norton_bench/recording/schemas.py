@@ -1,16 +1,14 @@
-"""What a recording holds: its topics, and which column of which table goes where."""
+"""What a recording holds beside the tables of :class:`norton_bench.records.Measured`, and the schemas of it all."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import numpy as np
 from google.protobuf import descriptor_pool, message_factory
 from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 
 from norton_bench.recording.layout import BYTES, KINDS, Field, Layout, fields_of, layout_of
-from norton_bench.records import CURRENT, MOTION, TICK, TORQUE
+from norton_bench.records import TABLES
 
 FORMAT = "1"
 PACKAGE = "norton_bench"
@@ -19,28 +17,6 @@ METADATA = "norton_bench"  # what was known at the start
 OUTCOME = "norton_bench.outcome"  # what was known at the end
 RIG_FILE = "rig.toml"
 
-
-@dataclass(frozen=True)
-class Stream:
-    """One table of :class:`norton_bench.records.Measured`, written a message a row."""
-
-    table: str  # the attribute's name
-    topic: str
-    message: str
-    dtype: np.dtype[np.void]
-    stamp: str  # the column that is the message's log time
-
-
-STREAMS = (
-    Stream("ticks", "/ticks", "Tick", TICK, "tick_ns"),
-    Stream("motion", "/actuator/motion", "Motion", MOTION, "arrival_ns"),
-    Stream("load_motion", "/load/motion", "Motion", MOTION, "arrival_ns"),
-    Stream("torque", "/torque", "Torque", TORQUE, "arrival_ns"),
-    Stream("current", "/actuator/current", "Current", CURRENT, "arrival_ns"),
-    Stream("load_current", "/load/current", "Current", CURRENT, "arrival_ns"),
-    Stream("modulator_motion", "/modulator/motion", "Motion", MOTION, "arrival_ns"),
-    Stream("modulator_current", "/modulator/current", "Current", CURRENT, "arrival_ns"),
-)
 
 EVENTS = "/events"
 SEGMENTS = "/segments"
@@ -141,7 +117,7 @@ def layout_in(schema: bytes, name: str) -> Layout:
 def _fixed_fields(message: str) -> Iterable[Field]:
     if message == RAW_MESSAGE:
         return raw_fields(0)
-    return fields_of({stream.message: stream.dtype for stream in STREAMS}[message])
+    return fields_of({table.kind.message: table.kind.columns for table in TABLES}[message])
 
 
 def _proto_type(field: Field) -> int:
