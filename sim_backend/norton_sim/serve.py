@@ -17,14 +17,13 @@ from typing import Any, Protocol
 
 import can
 
-from norton_drivers.backend import Backend
 from norton_drivers.codecs.slcan import FLAG_BUS_ERROR as BUS_ERROR_FLAG
 from norton_drivers.codecs.slcan import FLAG_BUS_OFF as BUS_OFF_FLAG
 from norton_drivers.codecs.slcan import SlcanFrame, SlcanStream, encode_flags
 from norton_drivers.errors import WiringError
 from norton_drivers.hardware import HardwareBackend
-from norton_drivers.ports import CanPort
-from norton_drivers.punctual import SERVER_PRIORITY, punctual
+from norton_drivers.ports import Backend, CanPort
+from norton_drivers.real_time import SERVER_PRIORITY, in_real_time
 from norton_drivers.wiring import CanBusSettings, Wiring
 from norton_sim.assembly import build_world, mount
 from norton_sim.connectors import CanConnector, SerialConnector
@@ -250,7 +249,7 @@ def serve(
             open_wires.callback(_witness(witness, world, wall.start_ns).close)
         on_ready()
         standstills = Standstills()
-        with punctual(SERVER_PRIORITY):
+        with in_real_time(SERVER_PRIORITY):
             while not stop():
                 waiting = wires.waiting(min(wall.due_s(), CYCLE_S))
                 now_ns = time.monotonic_ns()  # what comes while others are received must find the world as it was

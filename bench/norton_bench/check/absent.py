@@ -11,9 +11,9 @@ from norton_bench.check.watch import POLL_NS, Watched
 from norton_bench.rig.driver_options import declared_by
 from norton_bench.rig.files import keys_of
 from norton_drivers import registry
-from norton_drivers.backend import Backend
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
+from norton_drivers.ports import Backend
 from norton_drivers.recognition import Recognition
 from norton_drivers.registry import open_amplifier, open_torque_sensor
 from norton_drivers.wiring import DeviceSettings

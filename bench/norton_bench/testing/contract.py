@@ -129,7 +129,7 @@ class DriverContract:
 
     def test_its_options_are_declared(self) -> None:
         declared = declared_by(self.group, self.set_up(1).settings.driver)
-        assert declared.model is not None, "its module has no subclass of norton_drivers.options.DeviceOptions"
+        assert declared.model is not None, "its module has no subclass of norton_drivers.wiring.DeviceOptions"
         known = {field.alias or name for name, field in declared.model.model_fields.items()}
         assert set(declared.units) <= known, "OPTION_UNITS names options that are none"
         assert set(declared.files) <= known, "OPTION_FILES names options that are none"

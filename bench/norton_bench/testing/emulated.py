@@ -6,7 +6,7 @@ Values are in the device's own positive sense: what ``direction`` makes of them 
 from dataclasses import dataclass
 from typing import Protocol
 
-from norton_drivers.backend import Backend
+from norton_drivers.ports import Backend
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 

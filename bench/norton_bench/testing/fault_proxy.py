@@ -7,10 +7,9 @@ from typing import Any, cast
 
 import can
 
-from norton_drivers.backend import Backend
 from norton_drivers.clock import Clock
 from norton_drivers.codecs.can_errors import ErrorClass
-from norton_drivers.ports import CanPort, SerialLine, SerialPort
+from norton_drivers.ports import Backend, CanPort, SerialLine, SerialPort
 from norton_drivers.wiring import CanBusSettings
 
 JUNK_AT_A_TIME = 40

@@ -10,7 +10,7 @@ from enum import IntEnum
 from struct import Struct
 from typing import Self
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 
 NODE_MAX = 127
 NMT_ID = 0x000

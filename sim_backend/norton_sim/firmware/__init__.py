@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from norton_drivers.odrive import ODriveOptions
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.ascii_lines import AsciiSensor
 from norton_sim.firmware.bota import BotaSensor
 from norton_sim.firmware.canopen_sensor import CanopenSensor

@@ -1,9 +1,9 @@
 """A torque sensor that prints its reading, line by line, without being asked."""
 
 from norton_drivers.ascii_lines import AsciiOptions
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.lines import signed_text
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.site import Site, TorqueSignal
 
 LINE_PERIOD_NS = 2_000_000

@@ -2,7 +2,7 @@
 
 from norton_drivers.bota import BotaOptions
 from norton_drivers.codecs.bota import BotaFrame
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.site import Site, TorqueSignal
 
 SAMPLE_PERIOD_NS = 1_000_000

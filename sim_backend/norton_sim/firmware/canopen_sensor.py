@@ -10,7 +10,7 @@ from math import isfinite
 from norton_drivers.canopen.sensor import CanopenSensorOptions
 from norton_drivers.codecs.canopen import mapping_word
 from norton_drivers.codecs.canopen_torque import TorqueField
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.canopen.node import CanopenNode
 from norton_sim.firmware.canopen.objects import I16, I32, U8, U16, U32, Entry
 from norton_sim.firmware.site import Site, TorqueSignal

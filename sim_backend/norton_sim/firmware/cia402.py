@@ -13,7 +13,7 @@ from typing import cast
 from norton_drivers.canopen.cia402 import Cia402Options
 from norton_drivers.codecs.canopen import ABORT_VALUE
 from norton_drivers.codecs.cia402 import REMOTE, VOLTAGE_ENABLED, Mode, Object, State, statusword_of
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.canopen.node import ERROR_HEARTBEAT_LOST, CanopenNode
 from norton_sim.firmware.canopen.objects import I8, I16, I32, U8, U16, U32, AbortError, Entry
 from norton_sim.firmware.canopen.process_data import SentPdo, Timer

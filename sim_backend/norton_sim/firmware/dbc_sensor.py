@@ -6,7 +6,7 @@ from typing import Any
 from cantools.database.can.signal import Signal
 
 from norton_drivers.dbc_sensor import DbcOptions, load_message
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.site import Site, TorqueSignal
 
 SAMPLE_PERIOD_NS = 1_000_000

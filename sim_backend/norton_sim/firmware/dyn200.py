@@ -22,7 +22,7 @@ from norton_drivers.codecs.modbus import (
     is_sound,
 )
 from norton_drivers.dyn200 import Dyn200Options
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.site import Site, TorqueSignal
 
 MOST_REGISTERS = 12

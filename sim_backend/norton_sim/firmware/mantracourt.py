@@ -8,11 +8,11 @@ Source: Mantracourt, "DSC User Manual", appendix B.
 from functools import partial
 from math import isfinite
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.lines import LineStream, signed_text
 from norton_drivers.codecs.mantracourt import NOT_UNDERSTOOD, question_in
 from norton_drivers.mantracourt import MantracourtOptions
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.site import Site, TorqueSignal
 
 SAMPLE_PERIOD_NS = 2_000_000

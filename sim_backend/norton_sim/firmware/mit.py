@@ -12,10 +12,10 @@ from typing import cast
 import can
 
 from norton_drivers.codecs import mit as protocol
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.mit import Reply, Special
 from norton_drivers.mit import MitOptions
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.site import DriveFault, Heating, Site
 from norton_sim.plant import Machine
 

@@ -13,11 +13,11 @@ from functools import partial
 import can
 
 from norton_drivers.codecs import odrive, odrive_05
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.odrive import AxisState, Command
 from norton_drivers.codecs.odrive_05 import Command05
 from norton_drivers.odrive import ODriveOptions
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.odrive_motor import SUPPLY_V, Motor
 from norton_sim.firmware.site import DriveFault, Site, Watchdog
 

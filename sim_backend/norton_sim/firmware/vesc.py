@@ -19,10 +19,10 @@ import can
 
 from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs import vesc_packets as packets
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.vesc import Packet
-from norton_drivers.options import parse_options
 from norton_drivers.vesc import VescOptions
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.site import DriveFault, Heating, Site
 from norton_sim.plant import Machine
 

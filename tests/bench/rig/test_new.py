@@ -22,7 +22,7 @@ from norton_bench.session.dry_run import dry_run
 from norton_bench.session.schema import standard_session
 from norton_drivers import registry
 from norton_drivers.discovery import FoundPort
-from norton_drivers.options import DeviceOptions
+from norton_drivers.wiring import DeviceOptions
 from tests.bench.rig.answers import COMBINATIONS, answers
 
 RIGS = sorted((Path(__file__).parents[3] / "rigs").glob("*.toml"))

@@ -20,8 +20,7 @@ from norton_bench.units import QUANTITY, check_unit, parse_quantity
 from norton_drivers import registry
 from norton_drivers.adapters.table import ADAPTERS, UNKNOWN, mistakes
 from norton_drivers.discovery import FoundPort
-from norton_drivers.options import written_as
-from norton_drivers.wiring import CanBusSettings
+from norton_drivers.wiring import CanBusSettings, written_as
 
 NONE = "none"
 IN_SITU = ": the actuator is then identified in situ alone"

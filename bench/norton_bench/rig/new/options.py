@@ -15,7 +15,7 @@ from norton_bench.rig.files import keys_of, sentence, toml
 from norton_bench.rig.new.questions import Asker, Question, Section, quoted
 from norton_bench.units import example, parse_quantity
 from norton_drivers import registry
-from norton_drivers.options import DeviceOptions, written_as
+from norton_drivers.wiring import DeviceOptions, written_as
 
 
 def ask_options(section: Section, declared: Declared, ask: Asker, preset: Mapping[str, str]) -> None:

@@ -10,7 +10,7 @@ import can
 
 from norton_drivers.codecs import canopen as protocol
 from norton_drivers.codecs.canopen import NmtCommand, NmtState
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_sim.firmware.canopen.objects import U8, U16, U32, Entry, Objects, SdoServer
 from norton_sim.firmware.canopen.process_data import ReceivedPdo, SentPdo, Timer
 from norton_sim.firmware.site import Site

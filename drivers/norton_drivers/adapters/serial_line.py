@@ -1,10 +1,11 @@
-"""A serial port read as a real-time loop wants it: nothing waits for the system to hand bytes over.
+"""Serial ports read as a real-time loop wants them, and what to do where one cannot be opened.
 
 Linux moves what a serial device has sent from one buffer to another in a thread of its own, of no priority at all. Who
-reads, or asks by ``poll`` or ``select``, where nothing has been moved yet, waits for that thread: now and then for most
-of a millisecond. Who asks for the count does not, and finds the bytes when he next looks.
+reads, or asks by ``poll`` or ``select``, before anything has been moved waits for that thread: now and then for most
+of a millisecond. Who asks for the count does not wait, and finds the bytes at the next look.
 """
 
+import errno
 import os
 import socket
 import struct
@@ -15,6 +16,22 @@ import serial
 if sys.platform != "win32":
     import fcntl
     import termios
+
+
+def serial_mend(error: BaseException | None) -> str:
+    """The half sentence after the failure; python-can wraps pyserial's error in one of its own."""
+    numbers = set()
+    while error is not None:
+        numbers.add(getattr(error, "errno", None))
+        error = error.__cause__
+    if numbers & {errno.EACCES, errno.EPERM}:
+        return "this user may not open it: `sudo usermod -aG dialout $USER`, then log in again"
+    if numbers & {errno.EBUSY, errno.EAGAIN}:
+        return "another program has it open: close that one (ModemManager and slcand are known to take such ports)"
+    if errno.ENOENT in numbers:
+        return "is it plugged in? `norton-bench devices` lists what is"
+    return "is it a serial port, plugged in and free, and may this user open it (group dialout)?"
+
 
 COUNT = struct.Struct("i")
 

@@ -1,6 +1,6 @@
 """A program that keeps its core awake and gives way to everybody there, for as long as the process named to it lives.
 
-Run as a file, without the packages beside it: ``python -I -S sleepless.py PID``.
+Run as a file, without the packages beside it: ``python -I -S idle_spinner.py PID``.
 """
 
 import ctypes

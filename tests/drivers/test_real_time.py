@@ -1,6 +1,8 @@
-"""A core for a loop alone: taken once, left by the others, and awake for as long as it counts."""
+"""What a loop in wall time asks of Python and of the machine, and gives back."""
 
+import gc
 import os
+import resource
 import subprocess
 import sys
 import threading
@@ -9,8 +11,90 @@ from contextlib import contextmanager
 
 import pytest
 
-from norton_drivers.cores import kept_awake, staying_off, take_core
+from norton_drivers import real_time as module
+from norton_drivers.real_time import (
+    LOOP_PRIORITY,
+    SERVER_PRIORITY,
+    in_real_time,
+    kept_awake,
+    permitted_priority,
+    prepare_process,
+    staying_off,
+    take_core,
+)
 from tests.processes import children, cpu_ticks, process_lives, soon
+
+
+def test_the_collector_leaves_alone_what_is_there_already() -> None:
+    before, there_already = gc.get_freeze_count(), [object()]
+
+    def looked_through() -> bool:
+        return any(each is there_already for each in gc.get_objects())
+
+    assert looked_through()
+    with in_real_time(LOOP_PRIORITY):
+        assert not looked_through()
+    assert (gc.get_freeze_count() == 0) == (before == 0)
+
+
+@pytest.mark.skipif(not permitted_priority(1), reason="this process may not run in real time")
+def test_inside_is_real_time_and_outside_is_not() -> None:
+    policy = os.sched_getscheduler(0)
+    with in_real_time(SERVER_PRIORITY):
+        assert os.sched_getscheduler(0) == os.SCHED_FIFO
+        assert os.sched_getparam(0).sched_priority == SERVER_PRIORITY
+    assert os.sched_getscheduler(0) == policy
+
+
+def test_where_it_is_not_permitted_nothing_breaks(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    assert permitted_priority(LOOP_PRIORITY) == 0
+    policy = os.sched_getscheduler(0)
+    with in_real_time(LOOP_PRIORITY):
+        assert os.sched_getscheduler(0) == policy
+
+
+def test_a_system_that_permits_less_gives_what_it_permits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_permitted", lambda priority: priority <= 20)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (20, 20))
+    assert permitted_priority(LOOP_PRIORITY) == 20
+    assert permitted_priority(10) == 10
+
+
+# In a process of its own: what is taken is taken for good.
+SETTLE = """
+import os
+from norton_drivers.real_time import prepare_process
+settled = prepare_process(3)
+locked = next(line for line in open("/proc/self/status") if line.startswith("VmLck"))
+print(int(locked.split()[1]) > 0, settled.words, settled.notes, sep="|")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="root on Linux is allowed everything")
+def test_where_all_is_allowed_it_is_taken() -> None:
+    said = subprocess.run([sys.executable, "-c", SETTLE], capture_output=True, text=True, check=True).stdout
+    locked, words, notes = said.strip().split("|")
+    assert locked == "True"
+    assert words.startswith("in a process of its own, real-time priority 80, memory locked, core 3")
+    assert notes == "()"
+
+
+def test_what_is_not_allowed_is_said_in_a_sentence_with_the_mend(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "permitted_priority", lambda _: 0)
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (8 << 20, 8 << 20))
+    settled = prepare_process(None)
+    assert settled.words == "in a process of its own"
+    assert settled.core is None
+    real_time, memory = settled.notes
+    assert "may not run in real time" in real_time
+    assert "rtprio 80" in real_time
+    assert "memlock unlimited" in memory
+
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="only Linux binds threads to cores"),
@@ -20,7 +104,7 @@ pytestmark = [
 # In a process of its own: it says which core it took, and has it until its standard input is closed.
 TAKE = """
 import os, sys
-from norton_drivers.cores import take_core
+from norton_drivers.real_time import take_core
 core = take_core()
 print(None if core is None else core.number, sorted(os.sched_getaffinity(0)), flush=True)
 sys.stdin.read()
@@ -132,7 +216,7 @@ def test_every_thread_stays_off_and_so_do_children() -> None:
 # Bound to one core, it keeps that awake, and waits for a line before it goes on, or for its end.
 KEEP = """
 import os, sys
-from norton_drivers.cores import kept_awake
+from norton_drivers.real_time import kept_awake
 os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 with kept_awake():
     print(flush=True)

@@ -1,7 +1,12 @@
-"""Cyclic redundancy checks."""
+"""What all codecs share: their one error, and cyclic redundancy checks."""
 
 from binascii import crc_hqx
 from typing import Final
+
+
+class CodecError(ValueError):
+    """Bytes that are no message, or a value that no message can carry."""
+
 
 # binascii's CRC-16 runs most significant bit first and X-25 runs least significant bit first: the same polynomial
 # (0x1021) over mirrored bytes gives the mirrored remainder, eight times faster than a table in Python.

@@ -1,11 +1,13 @@
-"""The shaft of an actuator in MIT mode: position and velocity from a reply's codes, made to go on beyond their range.
+"""What a motor's replies tell: where its shaft is, and, on a bus with others, that it is one in MIT mode."""
 
-Firmware that does not clamp wraps at the ends of the position's range; other firmware stands still there. Neither says
-so, and a velocity beyond its range wraps too.
-"""
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
 
-from norton_drivers.codecs.mit import POSITION_CODES, VELOCITY_CODES, Ranges
-from norton_drivers.unwrapping import Unwrapped
+import can
+
+from norton_drivers.codecs.mit import POSITION_CODES, VELOCITY_CODES, Ranges, Reply, Special
+from norton_drivers.readings import RawFrame, Unwrapped
+from norton_drivers.recognition import Question, Recognised, nobodys
 
 _ENDS = (0, POSITION_CODES - 1)
 _STANDS_STILL_CODES = 8  # further than this a moving shaft gets from one code
@@ -62,3 +64,45 @@ class MitShaft:
     def _at_the_end(self) -> OutOfRangeError:
         mend = 'set beyond_range = "saturates"' if self._wraps else "limit [limits] position, or set the drive's zero"
         return OutOfRangeError(f"the position is at the end of its range of ±{self._ranges.position_rad:g} rad; {mend}")
+
+
+_DEVICE = "an actuator in MIT mode"
+_REPLY_LENGTHS = (6, 7, 8)
+# How far from the middle of their ranges velocity and torque of a motor that stands still may be; both have 12 bits.
+_REST_VELOCITY_CODES, _REST_TORQUE_CODES = 16, 64
+_PROBED_MAX = 0x7F  # identifiers above are others': SYNC, emergencies, process data
+
+
+def recognise(message: can.Message, options: Mapping[str, Any]) -> Recognised | None:
+    """A reply under the master's identifier, whose first byte is the motor's; or one to another master, at rest."""
+    if message.is_extended_id or message.is_remote_frame or message.dlc not in _REPLY_LENGTHS:
+        return None
+    reply, master = Reply.decode(message.data), message.arbitration_id
+    if master == options.get("master", 0):
+        return Recognised(_DEVICE, "reply", {"node": reply.node})
+    return Recognised(_DEVICE, "reply", {"node": reply.node, "master": master}) if _rests(reply) else None
+
+
+def _rests(reply: Reply) -> bool:
+    """As hardly any frame of another device looks by chance."""
+    middle = VELOCITY_CODES // 2
+    velocity, torque = abs(reply.velocity_code - middle), abs(reply.torque_code - middle)
+    return velocity <= _REST_VELOCITY_CODES and torque <= _REST_TORQUE_CODES
+
+
+def answers(question: RawFrame, frame: RawFrame) -> bool:
+    """Every frame to a motor is answered with its own identifier in front."""
+    return (
+        len(question.data) == 8
+        and len(frame.data) in _REPLY_LENGTHS
+        and not (question.extended or question.remote or frame.extended or frame.remote)
+        and frame.data[0] == question.arbitration_id
+    )
+
+
+def probes(options: Mapping[str, Any], heard: Collection[int]) -> Iterator[Question]:
+    """Every motor is told to be disabled, which it answers; identifiers near those of others are left alone."""
+    others = set(heard) - {options.get("master", 0)}
+    for node in range(1, _PROBED_MAX + 1):
+        if nobodys(node, others):
+            yield Question(node, Special.DISABLE.encode())
