@@ -26,8 +26,8 @@ from norton_drivers.link import Link, wait_until
 from norton_drivers.odrive import open_amplifier
 from norton_drivers.readings import DriveState
 from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
-from norton_sim.pseudo_terminals import ServedPort
 from norton_sim.serve import serve
+from norton_sim.served_ports import ServedPort
 
 DBC = cantools.database.load_file(Path(odrive_can.__file__).parent / "dbc" / "odrive-cansimple-0.6.10.dbc")
 

@@ -9,7 +9,7 @@ import pytest
 from norton_drivers.errors import ConnectionFailedError
 from norton_drivers.hardware import HardwareBackend
 from norton_drivers.ports import SerialPort
-from norton_sim.served_socket import ServedSocket
+from norton_sim.served_ports import ServedSocket
 
 
 def free_port() -> int:

@@ -1,11 +1,13 @@
-"""Serial ports that other processes open as they would open hardware: a pseudo-terminal behind a link."""
+"""Serial ports that other processes open as they would open hardware: a pseudo-terminal, or a TCP socket."""
 
 import os
 import pty
+import socket
 import termios
 import tty
 from contextlib import suppress
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from norton_drivers.errors import ConnectionFailedError, reason_of
 
@@ -19,7 +21,9 @@ _RATES = {
 
 
 class ServedPort:
-    """A pseudo-terminal whose far end stands at ``path``, a link that lives as long as this is open.
+    """Serial ports that other processes open as they would open hardware: a pseudo-terminal behind a link.
+
+    A pseudo-terminal whose far end stands at ``path``, a link that lives as long as this is open.
 
     Raises ConnectionFailedError where something else stands at ``path``, or another server still has it.
     """
@@ -40,7 +44,7 @@ class ServedPort:
 
     @property
     def baud(self) -> int | None:
-        """What whoever has the port open has set; a pseudo-terminal keeps it, and heeds it not. None for odd rates."""
+        """The rate that was set by whoever opened the port; a pseudo-terminal ignores it. None for odd rates."""
         if self.hung_up:
             return None
         return _RATES.get(termios.tcgetattr(self._slave)[5])
@@ -104,3 +108,87 @@ def _make_room(link: Path) -> None:
         raise _not_made(link, error) from error
     if link.exists() or link.is_symlink():
         raise ConnectionFailedError(f"port {link}: something stands there that is not a simulated port; remove it")
+
+
+SCHEME = "socket://"
+
+
+class ServedSocket:
+    """A serial line served over TCP, which other processes open as ``socket://host:port``.
+
+    What is written to a pseudo-terminal is handed on by a thread of the system's, of ordinary priority, which other
+    programs may keep waiting for a tenth of a second. Over TCP it is there at once.
+
+    As :class:`norton_sim.served_ports.ServedPort`: one program at a time may have it open.
+
+    Raises ConnectionFailedError where the address cannot be had.
+    """
+
+    def __init__(self, url: str) -> None:
+        address = urlsplit(url)
+        try:
+            self._listener = socket.create_server((address.hostname or "localhost", address.port or 0))
+        except (OSError, ValueError) as error:
+            raise ConnectionFailedError(
+                f"port {url}: cannot serve it ({reason_of(error)}); name another, or stop who has it"
+            ) from error
+        self._listener.setblocking(False)
+        self._line: socket.socket | None = None
+        self.hung_up = False
+
+    def fileno(self) -> int:
+        """To wait on: for bytes, or for somebody to open the line."""
+        return (self._line or self._listener).fileno()
+
+    @property
+    def baud(self) -> int | None:
+        """Nobody tells."""
+        return None
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; what nobody reads is lost."""
+        if self._line is not None:
+            try:
+                self._line.send(data)
+            except BlockingIOError:
+                pass
+            except OSError:
+                self._let_go()
+
+    def read(self) -> bytes:
+        """What was written to the line since the last call."""
+        if self.hung_up:
+            return b""
+        if self._line is None:
+            self._take_up()
+        try:
+            data = b"" if self._line is None else self._line.recv(_READ_MAX)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._let_go()
+        return data
+
+    def hang_up(self) -> None:
+        """The adapter is pulled out: whoever has the line open is told so by his next use of it."""
+        if not self.hung_up:
+            self.close()
+            self.hung_up = True
+
+    def close(self) -> None:
+        """Nobody can open it any more."""
+        self._let_go()
+        self._listener.close()
+
+    def _take_up(self) -> None:
+        with suppress(BlockingIOError):
+            self._line, _ = self._listener.accept()
+            self._line.setblocking(False)
+            self._line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def _let_go(self) -> None:
+        if self._line is not None:
+            self._line.close()
+            self._line = None

@@ -49,7 +49,7 @@ class Wires:
 
 
 @dataclass(frozen=True)
-class Site:
+class DeviceContext:
     """One device's place on the bench. Its clock has its own rate and phase, drawn from ``random``."""
 
     settings: DeviceSettings
