@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.soundness.standstill import resolution
+from norton_bench.identification.sanity.standstill import resolution
 from norton_bench.logs.log import Log
 from norton_bench.logs.rows import untrustworthy
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.soundness import standstill
-from norton_bench.identification.soundness.standstill import FROZEN_ROWS, flat_tops, rows_of
+from norton_bench.identification.sanity import standstill
+from norton_bench.identification.sanity.standstill import FROZEN_ROWS, flat_tops, rows_of
 from norton_bench.logs.log import LEAST_ROWS, Log
 
 MEASURED = ("position", "velocity", "exertion", "command")

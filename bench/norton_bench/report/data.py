@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from norton_bench.identification.ambiguity.conditions import Judgement
+from norton_bench.identification.conditions import Judgement
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.model_error import ModelError

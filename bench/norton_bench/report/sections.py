@@ -6,7 +6,7 @@ from math import isfinite
 import numpy as np
 
 from norton_bench.guard.commands import Limited
-from norton_bench.identification.live.moved import changes
+from norton_bench.identification.judged_fit import changes
 from norton_bench.loop.timing import LoopTiming, loop_timing, timing_rows, timing_sentence
 from norton_bench.records import FOR_PROGRAMS, Table
 from norton_bench.report.data import ReportData

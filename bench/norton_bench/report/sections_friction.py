@@ -5,9 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
-from norton_bench.identification.friction.family import CONTAINS
 from norton_bench.identification.friction.fit import ROUGHNESS
-from norton_bench.identification.friction.laws import EXCESS
+from norton_bench.identification.friction.laws import CONTAINS, EXCESS
 from norton_bench.models.parameters import UNITS
 from norton_bench.report.data import ReportData
 from norton_bench.report.section import Facts, Section

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from norton_bench.identification.in_situ import SourceMotion
+from norton_bench.identification.tables.conditions import two_ports
 from norton_bench.identification.tables.exertion_table import ExertionTable
 from norton_bench.identification.tables.modulation import modulated
 from norton_bench.identification.tables.source_table import SourceTable
-from norton_bench.identification.tables.two_ports import two_ports
 from norton_bench.identification.trials import TAUGHT_HZ, TrialFigures, diverge, last_driven, settled
 from norton_bench.report.data import ReportData
 from norton_bench.report.facts_tables import (

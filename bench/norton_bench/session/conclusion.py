@@ -9,19 +9,17 @@ from typing import TypeVar
 import numpy as np
 
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.identification.ambiguity.conditions import Judgement, conditions, evidence_of
-from norton_bench.identification.ambiguity.tabulated import tabulated_conditions
-from norton_bench.identification.bench_ladder import bench_ladder
+from norton_bench.identification.conditions import Judgement, conditions, evidence_of
 from norton_bench.identification.in_situ import InSituResult, in_situ_result
-from norton_bench.identification.judged_fit import beyond_bounds, fit_judged
-from norton_bench.identification.ladder import Rung
-from norton_bench.identification.live.moved import with_what_moved
+from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, with_what_moved
+from norton_bench.identification.ladder import Rung, bench_ladder
 from norton_bench.identification.model_error import ModelError, of_ladder
 from norton_bench.identification.model_free.source_map import PortTorque, blocked_map, source_map
 from norton_bench.identification.model_free.without_model import WithoutModel, without_model
 from norton_bench.identification.residuals.diagnosis import ResidualTests, diagnose
 from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
-from norton_bench.identification.soundness.recording import Sound, sound
+from norton_bench.identification.sanity.cleaning import Cleaned, clean
+from norton_bench.identification.tables.conditions import tabulated_conditions
 from norton_bench.identification.tables.exertion_table import ExertionTable, exertion_table
 from norton_bench.identification.tables.modulation import ModulatorPlaces, modulator_places
 from norton_bench.identification.tables.source_table import SourceTable, source_table
@@ -152,8 +150,8 @@ def _identified(
     tell: Tell,
 ) -> Conclusion:
     """What needs no model, and the motor where the actuator is one."""
-    tick_s, believed = float(metadata["tick_s"]), sound(measured)
-    told = believed.measured
+    tick_s, cleaned = float(metadata["tick_s"]), clean(measured)
+    told = cleaned.measured
     found = replace(
         found,
         blocked_map=_where_measured(blocked_map, told),
@@ -165,21 +163,21 @@ def _identified(
     if metadata.get("model") == NO_MODEL:
         judged = tabulated_conditions(found.source, found.exertion)
         return replace(found, source_map=_where_measured(source_map, told), conditions=judged)
-    return _fitted(found, believed, metadata, network, learnt, tell)
+    return _fitted(found, cleaned, metadata, network, learnt, tell)
 
 
 def _fitted(
     found: Conclusion,
-    believed: Sound,
+    cleaned: Cleaned,
     metadata: Mapping[str, str],
     network: Path,
     learnt: Sequence[Estimate],
     tell: Tell,
 ) -> Conclusion:
     """The motor's parameters, and what checks them; ``learnt`` are the live values at the end."""
-    tick_s, segments = float(metadata["tick_s"]), believed.measured.segments
+    tick_s, segments = float(metadata["tick_s"]), cleaned.measured.segments
     tell(PARAMETERS)
-    fit = fit_judged(believed, command_unit=metadata["command_unit"], tick_s=tick_s)
+    fit = fit_judged(cleaned, command_unit=metadata["command_unit"], tick_s=tick_s)
     stretches, unseen, error = fit.stretches, fit.unseen, fit.error
     tell(FRICTION)
     result, rungs = with_what_moved(fit.result, fit.fitted, learnt), bench_ladder(stretches, fit.fitted)
@@ -191,8 +189,8 @@ def _fitted(
     modelless = without_model(result, stretches, unseen, segments)
     table = None if modelless is None else modelless.table
     port = PortTorque.of(result, table, stretches[0].origin_ns)
-    static = _where_measured(partial(source_map, port=port), believed.measured)
-    evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
+    static = _where_measured(partial(source_map, port=port), cleaned.measured)
+    evidence = evidence_of(result, stretches, cleaned.measured, validation=checked, modelless=modelless, source=static)
     return replace(
         found,
         fit=result,
@@ -208,7 +206,7 @@ def _fitted(
 
 
 def _where_measured(result_of: Callable[[Part], Result], measured: Part) -> Result | None:
-    """None where the session had no such part, or nothing of it can be believed."""
+    """None where the session had no such part, or nothing of it can be cleaned."""
     try:
         return result_of(measured)
     except ExperimentError:

@@ -24,7 +24,7 @@ from norton_sim.firmware.canopen.objects import I16, I32, U8, U16, U32, Entry
 from norton_sim.firmware.context import DeviceContext, TorqueSignal
 
 ASCII_PERIOD_NS = 2_000_000
-DIGITS_BEFORE, DIGITS_AFTER = 3, 4
+ASCII_DIGITS = 3, 4  # before and after the point
 # What such indicators print where they have no number to show.
 OVERLOAD = b"-OL-"
 
@@ -52,7 +52,7 @@ class AsciiSensor:
 
     def _number(self) -> bytes:
         try:
-            return signed_text(self.signal.measure_nm() / self._options.scale, DIGITS_BEFORE, DIGITS_AFTER)
+            return signed_text(self.signal.measure_nm() / self._options.scale, *ASCII_DIGITS)
         except CodecError:
             return OVERLOAD
 
@@ -90,8 +90,8 @@ class BotaSensor:
 
 MANTRACOURT_PERIOD_NS = 2_000_000
 PROCESSING_NS = 300_000
-DIGITS_BEFORE, DIGITS_AFTER = 5, 3
-MOST = 10.0**DIGITS_BEFORE - 10.0**-DIGITS_AFTER
+MANTRACOURT_DIGITS = 5, 3  # before and after the point
+MOST = 10.0 ** MANTRACOURT_DIGITS[0] - 10.0 ** -MANTRACOURT_DIGITS[1]
 VERSION = 3 * 256 + 6  # 3.06, as the parameter VER has it
 SERIAL_HIGH, SERIAL_LOW = 12.0, 3456.0
 
@@ -145,7 +145,7 @@ class MantracourtSensor:
         return command if command in self._values else ""
 
     def _say(self, name: str, _stamp_ns: int) -> None:
-        text = signed_text(self._values[name], DIGITS_BEFORE, DIGITS_AFTER) if name else NOT_UNDERSTOOD
+        text = signed_text(self._values[name], *MANTRACOURT_DIGITS) if name else NOT_UNDERSTOOD
         self._connector.send(text + b"\r")
 
 

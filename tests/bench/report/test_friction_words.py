@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from norton_bench.identification.friction.family import CONTAINS, FAMILY, model
 from norton_bench.identification.friction.fit import fit_friction
+from norton_bench.identification.friction.laws import CONTAINS, FAMILY, model
 from norton_bench.identification.friction.model import Equation, Path, blocked_folds
 from norton_bench.report.sections_friction import ASSUMES, worse_though_richer
 

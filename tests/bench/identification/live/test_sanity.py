@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from norton_bench.identification.live.identifier import sound
+from norton_bench.identification.live import sound
 from tests.bench.identification.live import phases
 from tests.bench.identification.live.phases import PART_NS
 

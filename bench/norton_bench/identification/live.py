@@ -2,38 +2,172 @@
 
 Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the same
 data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is imposed.
-What moves meanwhile is followed from there (:mod:`norton_bench.identification.live.drift`). Deviations are those of the
+What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations are those of the
 parametric bootstrap, which is repeated each time that the data have doubled; in between they shrink as the
-residual's.
-"""
+residual's."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fit import PHYSICAL, network_of, physical, result_of, solution_of
-from norton_bench.identification.live.drift import Drift, drift_of
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
+from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, VISCOUS
+from norton_bench.identification.sanity import cleaning
+from norton_bench.identification.sanity.checks import Blocks
+from norton_bench.identification.sanity.standstill import rising, spikes
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import signals
-from norton_bench.identification.soundness import recording
-from norton_bench.identification.soundness.stray import rising, spikes
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import Measured, SegmentInfo, Table, join
 from norton_bench.segments import Use
 
+# Oil warms and wears, and magnets with it; a rotor does not grow heavier.
+MAY_MOVE = (GAIN, VISCOUS, COULOMB, DAMPING)
+# A trend of so many deviations is no accident: a chance of 1 in 15 000 for each that is looked at.
+SIGNIFICANT_TREND = 4.0
+# Random walks in question: a share of the value in the square root of a second.
+RATES = (1e-3, 3e-3, 1e-2, 3e-2)
+# What is known beforehand, in deviations of the fit: as good as nothing.
+VAGUE = 1e3
+# Directions of a block with less information than this, relative to the fit's, say nothing.
+SAYS_NOTHING = 1e-6
+# The scatter of the scores about constants holds the drift too: once that is followed, the noise is what is left.
+ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Parameters that move while the record is taken: a Kalman filter over its blocks, about the fit of all of it.
+
+    A fit takes every parameter for constant. Where one of them goes with time by more than the scatter of the
+    blocks explains, it is given a random walk, at the rate with which the blocks are likeliest, and the filter
+    follows it. All others are estimated along with it, as constants.
+
+    What became of the unknowns at the end of the record: ``change`` (p,) from the solution's own, linear ones
+    first, with its ``covariance`` (p, p); ``moved`` are those that walked.
+    """
+
+    moved: tuple[int, ...]
+    change: FloatArray
+    covariance: FloatArray
+
+
+def drift_of(solution: Solution) -> Drift | None:
+    """None where nothing moves, or the record is too short to tell."""
+    blocks = Blocks.of(solution)
+    moved = tuple(column for column in MAY_MOVE if _trends(blocks, column)) if blocks.time_s.size else ()
+    if not moved:
+        return None
+    record = _Record.of(blocks)
+    for _ in range(ROUNDS):
+        end = _followed(record, moved, solution.linear)
+        record = record.with_noise(end.surprise)
+    unit = record.unit
+    return Drift(moved, np.asarray(end.values * unit), np.asarray(end.covariance * np.outer(unit, unit)))
+
+
+def _followed(record: "_Record", moved: tuple[int, ...], linear: FloatArray) -> "_End":
+    """With the likeliest rates, found for one after the other."""
+    walks = np.zeros(len(record.unit))
+    for column in moved:
+        size = abs(float(linear[column])) / record.unit[column]
+        rates = [_with(walks, column, rate * size) for rate in RATES]
+        walks = max(rates, key=lambda each: record.filtered(each).likelihood)
+    return record.filtered(walks)
+
+
+def _with(walks: FloatArray, column: int, rate: float) -> FloatArray:
+    other = walks.copy()
+    other[column] = rate
+    return other
+
+
+def _trends(blocks: Blocks, column: int) -> bool:
+    time_s = blocks.time_s - np.mean(blocks.time_s)
+    trend, deviation = blocks.change(column, time_s / max(float(np.ptp(time_s)), 1e-300), time_s.size // 2)
+    return abs(trend) > SIGNIFICANT_TREND * deviation
+
+
+@dataclass(frozen=True)
+class _End:
+    """A filter after the last block, values in the record's unit. ``surprise`` is the median over the blocks of the
+    innovations' mean square, in their own variances."""
+
+    values: FloatArray
+    covariance: FloatArray
+    likelihood: float
+    surprise: float
+
+
+@dataclass(frozen=True)
+class _Record:
+    """Blocks as measurements ``root · p = z`` with unit noise, p in ``unit`` (p,): deviations of the fit of all."""
+
+    roots: tuple[FloatArray, ...]
+    z: tuple[FloatArray, ...]
+    steps_s: FloatArray  # from each block to the next
+    unit: FloatArray
+
+    @classmethod
+    def of(cls, blocks: Blocks) -> "_Record":
+        inverse = np.linalg.pinv(blocks.gram.sum(axis=0), rcond=1e-12, hermitian=True)
+        # The scores' own scatter is the noise: colour within a block is in it.
+        variance = float(np.einsum("bi,ij,bj->", blocks.score, inverse, blocks.score)) / len(inverse)
+        own = np.sqrt(np.maximum(np.diag(inverse) * variance, 1e-300))
+        roots, z = [], []
+        for gram, score in zip(blocks.gram, blocks.score, strict=True):
+            value, vector = np.linalg.eigh(gram * np.outer(own, own) / variance)
+            says = value > SAYS_NOTHING
+            root = np.sqrt(value[says])[:, None] * vector[:, says].T
+            roots.append(root)
+            z.append((root / value[says, None]) @ (score * own / variance))
+        return cls(tuple(roots), tuple(z), np.diff(blocks.time_s, prepend=blocks.time_s[0]), own / blocks.scale)
+
+    def with_noise(self, factor: float) -> "_Record":
+        """As if the noise's variance were greater by this factor; in a unit that is then the same share of it."""
+        return replace(
+            self,
+            roots=tuple(root / np.sqrt(factor) for root in self.roots),
+            z=tuple(z / np.sqrt(factor) for z in self.z),
+        )
+
+    def filtered(self, walks: FloatArray) -> "_End":
+        """The filter after the last block; ``walks`` (p,) in units a root second."""
+        size, likelihood, surprises = len(self.unit), 0.0, list[float]()
+        follower = KalmanFilter(dim_x=size, dim_z=size)
+        follower.x, follower.P, follower.F = np.zeros(size), VAGUE**2 * np.eye(size), np.eye(size)
+        for root, z, step_s in zip(self.roots, self.z, self.steps_s, strict=True):
+            follower.predict(Q=np.diag(walks**2 * step_s))
+            if z.size:
+                follower.update(z, R=np.eye(z.size), H=root)
+                likelihood += float(follower.log_likelihood)
+                surprises.append(float(follower.y @ np.linalg.solve(follower.S, follower.y)) / z.size)
+        return _End(follower.x, follower.P, likelihood, float(np.median(surprises)))
+
+
 # Readings arrive within so long of the ticks of their part.
 STRAY_NS = 1_000_000_000
 
 
-def sound(part: Measured) -> Measured:
-    """What of a part may be believed at all, before anything is learned from it.
+def clean(part: Measured) -> Measured:
+    """Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
+
+    Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the
+    same data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is
+    imposed. What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations
+    are those of the parametric bootstrap, which is repeated each time that the data have doubled; in between they
+    shrink as the residual's.
+
+    What of a part can be trusted at all, before anything is learned from it.
 
     A final fit can look at everything twice; what runs live digests each reading once and must not be poisoned by
     it.
@@ -70,7 +204,7 @@ SOONEST_S, LATEST_S = 2.0, 10.0
 WINDOW_S = 180.0
 # Simulated records for the deviations: half of the final fit's, which widens them by a tenth (Student's t).
 DRAWS = 6
-SIGNIFICANT = 2.0  # deviations
+SIGNIFICANT_BIAS = 2.0  # deviations
 
 
 @dataclass(frozen=True)
@@ -89,7 +223,7 @@ class _Correction:
         of_scatter = max(estimate.std**2 - bias_std**2, std**2)
         wider, bias = float(np.sqrt(of_scatter) / max(std, 1e-300)), value - estimate.value
         # A few draws alone make a bias of this size; to take that off would only shake the values.
-        if abs(bias) < SIGNIFICANT * np.sqrt(of_scatter / DRAWS):
+        if abs(bias) < SIGNIFICANT_BIAS * np.sqrt(of_scatter / DRAWS):
             bias = 0.0
         return cls(wider, bias / size, bias_std / size)
 
@@ -120,7 +254,7 @@ class LiveIdentifier:
 
     def update(self, part: Measured) -> LiveEstimate:
         """Learn from the next part: of segments meant for LEARNT_FROM alone."""
-        part = sound(part)
+        part = clean(part)
         if self._went_back(part):
             self._begin_anew()
         self._parts.append(part)
@@ -154,15 +288,15 @@ class LiveIdentifier:
         """Of all parts; the estimate before where they tell nothing yet."""
         measured = join(self._parts)
         try:
-            believed = recording.sound(replace(measured, segments=tuple(map(_learnt_from, measured.segments))))
-            stretches = signals(believed.measured, self.tick_s, Use.IDENTIFY)
-            solution = solution_of(stretches, findings=believed.findings)
+            cleaned = cleaning.clean(replace(measured, segments=tuple(map(_learnt_from, measured.segments))))
+            stretches = signals(cleaned.measured, self.tick_s, Use.IDENTIFY)
+            solution = solution_of(stretches, findings=cleaned.findings)
         except ExperimentError:
             return self._latest
         doubled = self._told_ticks >= 2 * self._simulated_ticks
-        readings = self._readings(measured, believed.measured) if doubled and not believed.findings.doubts else None
+        readings = self._readings(measured, cleaned.measured) if doubled and not cleaned.findings.doubts else None
         result = result_of(
-            stretches, solution, command_unit=self.command_unit, findings=believed.findings, readings=readings
+            stretches, solution, command_unit=self.command_unit, findings=cleaned.findings, readings=readings
         )
         estimates = tuple(result.estimate(name) for name in PHYSICAL)
         if simulated := result.simulated:
@@ -178,12 +312,12 @@ class LiveIdentifier:
         network = self._network(estimates, result)
         return LiveEstimate(self._latest.stamp_ns, estimates, network, result.samples)
 
-    def _readings(self, measured: Measured, believed: Measured) -> Readings:
+    def _readings(self, measured: Measured, cleaned: Measured) -> Readings:
         calibrated = [segment.index for segment in measured.segments if segment.use is Use.CALIBRATE]
         ticks = int(np.count_nonzero(np.isin(measured.ticks["segment"], calibrated)))
         if ticks > self._calibrated_ticks:
             self._coupling, self._calibrated_ticks = coupling_of(measured, self.tick_s), ticks
-        return Readings(believed, self.tick_s, Use.IDENTIFY, DRAWS, self._coupling)
+        return Readings(cleaned, self.tick_s, Use.IDENTIFY, DRAWS, self._coupling)
 
     def _corrected(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         return tuple(self._corrections.get(each.name, _Correction()).of_estimate(each) for each in estimates)

@@ -1,4 +1,4 @@
-"""What of a recording may be believed, before anything is fitted: what cannot be is left out, and named.
+"""What of a recording may be cleaned, before anything is fitted: what cannot be is left out, and named.
 
 A reading that is left out is a gap, which all that follows knows how to bridge or to go round.
 """
@@ -12,12 +12,17 @@ import numpy.typing as npt
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.quantisation import SMALLEST_STEP_RAD
-from norton_bench.identification.soundness import clocks, standstill
-from norton_bench.identification.soundness.redundancy import contradictions
-from norton_bench.identification.soundness.said_again import one_a_period
-from norton_bench.identification.soundness.stray import spikes
-from norton_bench.identification.timing import nominal_period_s, sampled_at_s
+from norton_bench.identification.readings import SMALLEST_STEP_RAD, nominal_period_s, one_a_period, sampled_at_s
+from norton_bench.identification.sanity import standstill
+from norton_bench.identification.sanity.redundancy import (
+    contradictions,
+    has_device_clock,
+    in_order,
+    jumps,
+    longest,
+    useless_device_clock,
+)
+from norton_bench.identification.sanity.standstill import spikes
 from norton_bench.records import NO_DEVICE_TIME, Measured, Table
 
 FLAT_LEAST = 0.001
@@ -57,7 +62,7 @@ STREAMS = (TICKS, TORQUE, *MOTIONS, Stream("current", "current", "current_a"))
 
 @dataclass(frozen=True)
 class Findings:
-    """Sentences: what was left out (``remarks``), and what contradicts itself (``doubts``)."""
+    """Sentences: ``remarks`` say what was left out, ``doubts`` what contradicts itself."""
 
     remarks: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
@@ -67,21 +72,21 @@ NOTHING_FOUND = Findings()
 
 
 @dataclass(frozen=True)
-class Sound:
-    """What can be believed, and what was found."""
+class Cleaned:
+    """The part of a recording that can be trusted, and what was found on the way."""
 
     measured: Measured
     findings: Findings
 
 
-def sound(measured: Measured) -> Sound:
-    """The part of a recording that can be believed. Raises ExperimentError for a stream of which nothing is left."""
+def clean(measured: Measured) -> Cleaned:
+    """Keep what can be trusted of a recording. Raises ExperimentError for a stream of which nothing is left."""
     remarks: list[str] = []
     tables = {}
     for stream in STREAMS:
         table = getattr(measured, stream.field)
         if len(table):
-            table = clocks.in_order(_finite(stream, table, remarks), stream.stamp)
+            table = in_order(_finite(stream, table, remarks), stream.stamp)
             tables[stream.field] = one_a_period(table) if stream is TORQUE else table
     for stream in STREAMS:
         if stream.field in tables:
@@ -93,7 +98,7 @@ def sound(measured: Measured) -> Sound:
         if stream.field in tables:
             tables[stream.field] = _motion(stream, tables, origin_ns, remarks)
     kept = replace(measured, **cast("dict[str, Any]", tables))
-    return Sound(kept, Findings(tuple(remarks), tuple(contradictions(kept))))
+    return Cleaned(kept, Findings(tuple(remarks), tuple(contradictions(kept))))
 
 
 def _finite(stream: Stream, table: Table, remarks: list[str]) -> Table:
@@ -119,16 +124,16 @@ def _of_all(chosen: BoolArray) -> str:
 def _one_clock(stream: Stream, tables: dict[str, Table], remarks: list[str]) -> Table:
     """The longest part that was stamped without a jump, by clocks that run."""
     table = tables[stream.field]
-    if clocks.has_device_clock(table) and clocks.useless_device_clock(table, stream.stamp):
+    if has_device_clock(table) and useless_device_clock(table, stream.stamp):
         table = table.copy()
         table["device_ns"] = NO_DEVICE_TIME
         remarks.append(f"{stream.name}: the sensor's own clock stands still or runs at another rate; it is not used.")
     others = [other for other in STREAMS if other.field in tables and (other is TICKS) != (stream is TICKS)]
     end_ns = max((int(tables[other.field][other.stamp].max()) for other in others), default=np.iinfo(np.int64).max)
-    breaks = clocks.jumps(table, stream.stamp, end_ns)
+    breaks = jumps(table, stream.stamp, end_ns)
     if not breaks.size:
         return table
-    part = clocks.longest(len(table), breaks)
+    part = longest(len(table), breaks)
     at_s = float(table[stream.stamp][breaks[0] - 1] - table[stream.stamp][0]) * 1e-9
     remarks.append(
         f"{stream.name}: a clock jumped {_times(len(breaks))}, first {at_s:.4g} s from the beginning; used is the "
@@ -281,5 +286,5 @@ def _before_leaps(values: FloatArray, leaps: npt.NDArray[np.int64]) -> BoolArray
 
 def _kept(stream: Stream, table: Table, good: BoolArray) -> Table:
     if np.count_nonzero(good) < min(FEWEST, len(good)):
-        raise ExperimentError(f"{stream.name} cannot be believed: hardly a reading follows from those around it")
+        raise ExperimentError(f"{stream.name} cannot be cleaned: hardly a reading follows from those around it")
     return table if good.all() else table[good]

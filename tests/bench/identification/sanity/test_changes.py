@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.regression import INERTIA, VISCOUS
+from norton_bench.identification.rows import INERTIA, VISCOUS
+from norton_bench.identification.sanity import checks as looked_at
+from norton_bench.identification.sanity.checks import BLOCK_ROWS, Blocks, failed_checks, loud
 from norton_bench.identification.separable import Solution, solve
 from norton_bench.identification.signals import signals
-from norton_bench.identification.soundness import doubts as looked_at
-from norton_bench.identification.soundness.blocks import BLOCK_ROWS, Blocks, loud
-from norton_bench.identification.soundness.doubts import doubts
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
@@ -37,7 +36,7 @@ def test_blocks_add_up_to_a_fit_that_is_at_its_optimum(coarse: Solution) -> None
 
 def test_a_machine_that_stays_the_same_is_not_doubted(coarse: Solution) -> None:
     nine = np.ones(9)
-    assert doubts(coarse, nine, 0.01 * nine, tick_s=TICK_S) == ()
+    assert failed_checks(coarse, nine, 0.01 * nine, tick_s=TICK_S) == ()
 
 
 def test_what_is_told_grows_from_nothing_to_all(coarse: Solution) -> None:
@@ -57,6 +56,6 @@ def test_a_machine_has_changed_only_where_it_is_heard_over_the_noise(monkeypatch
     later = motion["arrival_ns"] > np.quantile(motion["arrival_ns"], 0.7)
     motion["arrival_ns"][later] -= 5 * 10**6
     solution, nine = solve(signals(replace(measured, motion=motion), TICK_S, Use.IDENTIFY)), np.ones(9)
-    assert "is not the same throughout" in doubts(solution, nine, nine, tick_s=TICK_S)[0].sentence
+    assert "is not the same throughout" in failed_checks(solution, nine, nine, tick_s=TICK_S)[0].sentence
     monkeypatch.setattr(looked_at, "loud", lambda _: np.arange(len(solution.innovation) // BLOCK_ROWS) < 12)
-    assert doubts(solution, nine, nine, tick_s=TICK_S) == ()
+    assert failed_checks(solution, nine, nine, tick_s=TICK_S) == ()

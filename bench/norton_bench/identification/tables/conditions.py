@@ -1,19 +1,75 @@
 """The paper's three conditions (IV.B, VI) where no model was fitted: asked of the tables of source and exertion."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.ambiguity.conditions import Interval, Judgement, share_left, usable
+from norton_bench.identification.conditions import Interval, Judgement, share_left, usable
+from norton_bench.identification.tables.averages import Mean, Setting
 from norton_bench.identification.tables.exertion_table import ExertionTable, Zeros
-from norton_bench.identification.tables.means import Setting
 from norton_bench.identification.tables.source_table import SourceTable
+
+
+@dataclass(frozen=True)
+class PortsRow:
+    """One actuator seen at two ports: θ̂_N = θ_N + Z_A⁻¹(Z_G(θ_N)), from tables alone (paper, section IV.C).
+
+    One setting. ``external`` and ``actuator`` are the sources θ_N and θ̂_N at the two ports [rad].
+
+    ``load`` is what the load's body asked of the actuator at θ_N, read there [N m]: Z_G(θ_N). ``exertion`` is what
+    the actuator's own table says that it exerts so far from θ̂_N, and it should be the same; NaN where the table
+    does not reach.
+    """
+
+    setting: Setting
+    external: Mean
+    actuator: Mean
+    load: Mean
+    exertion: Mean
+
+    @property
+    def apart_rad(self) -> float:
+        """θ̂_N − θ_N."""
+        return self.actuator.value - self.external.value
+
+
+def two_ports(source: SourceTable | None, exertion: ExertionTable | None) -> tuple[PortsRow, ...]:
+    """Every setting that was tabulated at both ports; none without both."""
+    if source is None or not {"actuator", "external"} <= set(source.ports):
+        return ()
+    return tuple(_rows(source, exertion))
+
+
+def _rows(source: SourceTable, exertion: ExertionTable | None) -> Iterator[PortsRow]:
+    actuator = {row.setting.rounded: row for row in source.rows("actuator")}
+    for row in source.rows("external"):
+        other = actuator.get(row.setting.rounded)
+        if other is not None:
+            away_rad = row.position.value - other.position.value
+            yield PortsRow(
+                row.setting, row.position, other.position, row.torque, _exerted(exertion, row.setting, away_rad)
+            )
+
+
+def _exerted(exertion: ExertionTable | None, setting: Setting, displacement_rad: float) -> Mean:
+    """What the table says, and as much either way as friction leaves open there."""
+    if exertion is None or setting.rounded not in exertion.sources:
+        return Mean(float("nan"), float("nan"))
+    _, _, half_nm = exertion.curve(setting)
+    return Mean(exertion.exertion_nm(setting, displacement_rad), float(max(half_nm)) + exertion.hysteresis_nm(setting))
+
 
 # Pieces of a sweep that are drawn together, for an interval.
 BLOCK = 5
 
 
 def tabulated_conditions(source: SourceTable | None, exertion: ExertionTable | None) -> tuple[Judgement, ...]:
-    """The three of them, in the paper's order; none where nothing was tabulated."""
+    """The paper's three conditions (IV.B, VI) where no model was fitted: asked of the tables of source and exertion.
+
+    The three of them, in the paper's order; none where nothing was tabulated.
+    """
     if source is None and exertion is None:
         return ()
     return (_impedance_form(exertion), _unique_zero(exertion), _zero_dynamics(source))

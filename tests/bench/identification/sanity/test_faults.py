@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS
 from norton_bench.identification.fit import fit
-from norton_bench.identification.soundness.recording import NOTHING_FOUND, sound
+from norton_bench.identification.sanity.cleaning import NOTHING_FOUND, clean
 from norton_bench.models.parameters import Status
 from tests.bench.identification import synthetic
-from tests.bench.identification.soundness import faulty
-from tests.bench.identification.soundness.faulty import command, late, position, rows, stepped, torque, values, without
+from tests.bench.identification.sanity import faulty
+from tests.bench.identification.sanity.faulty import command, late, position, rows, stepped, torque, values, without
 from tests.bench.identification.synthetic import NAMES, TICK_S, Bench, Truth
 
 # Fits that are right differ from the truth by less than this many deviations.
@@ -143,7 +143,7 @@ def assert_all_is_right(result):
 
 @pytest.mark.parametrize("fault", UNDONE.values(), ids=UNDONE)
 def test_what_can_be_undone_leaves_no_trace(imposed, fault):
-    assert_untouched(sound(fault(imposed)), imposed)
+    assert_untouched(clean(fault(imposed)), imposed)
 
 
 def assert_untouched(kept, good):
@@ -218,7 +218,7 @@ BENCHES = {
 @pytest.mark.parametrize("bench", BENCHES.values(), ids=BENCHES)
 def test_a_bench_that_is_merely_imperfect_raises_no_alarm(bench):
     measured = shortened(1, bench=bench)
-    assert sound(measured).findings == NOTHING_FOUND
+    assert clean(measured).findings == NOTHING_FOUND
     assert identified(measured, DRAWS).verdict == ()
 
 
@@ -226,12 +226,12 @@ def test_a_bench_that_is_merely_imperfect_raises_no_alarm(bench):
 def test_other_true_values_raise_no_alarm(seed):
     factors = 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)
     measured = shortened(seed, Truth(*(Truth().array() * factors)))
-    assert sound(measured).findings == NOTHING_FOUND
+    assert clean(measured).findings == NOTHING_FOUND
     assert identified(measured, DRAWS).verdict == ()
 
 
 def test_good_recordings_are_left_as_they_are(experiment):
-    assert_untouched(sound(experiment), experiment)
+    assert_untouched(clean(experiment), experiment)
 
 
 def right_or_said_otherwise(measured):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.soundness.said_again import one_a_period
-from norton_bench.identification.timing import sampled_at_s
+from norton_bench.identification.readings import one_a_period, sampled_at_s
 from norton_bench.records import NO_DEVICE_TIME, TORQUE, Table
 
 MS = 1_000_000
