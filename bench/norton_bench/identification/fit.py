@@ -370,9 +370,8 @@ def _without_scale(estimate: Estimate) -> Estimate:
 
 
 def _statuses(solution: Solution, values: FloatArray, deviations: FloatArray, tick_s: float) -> list[Status]:
-    at_bound = _at_bound(solution, tick_s)
-    numbers = zip(PHYSICAL, values[:7], deviations[:7], strict=True)
-    return [_status(solution, at_bound, name, value, deviation) for name, value, deviation in numbers]
+    numbers, at_bound = zip(PHYSICAL, values[:7], deviations[:7], strict=True), _at_bound(solution, tick_s)
+    return [_status(solution, at_bound, *each) for each in numbers]
 
 
 def _status(solution: Solution, at_bound: set[str], name: str, value: float, deviation: float) -> Status:
@@ -388,8 +387,7 @@ def _at_bound(solution: Solution, tick_s: float) -> set[str]:
     low, high = limits(tick_s)
     at, width = solution.shape.as_array(), high - low
     held = (at - low < 1e-3 * width) | (high - at < 1e-3 * width)
-    names = ("amplifier_bandwidth", "presliding_stiffness")
-    return {name for name, hit in zip(names, held, strict=False) if hit}
+    return {name for name, hit in zip(("amplifier_bandwidth", "presliding_stiffness"), held, strict=False) if hit}
 
 
 def network_of(estimates: Sequence[Estimate], command_unit: str, covariance: FloatArray | None = None) -> NortonNetwork:

@@ -176,11 +176,11 @@ def drift(time_s: FloatArray, spacing_s: float) -> dict[str, FloatArray]:
     What the line does in a held-out fold it learns from the rows around, so folds must be shorter than the spacing.
     """
     span_s = float(np.ptp(time_s))
-    lines = hats(time_s, max(2, round(span_s / spacing_s) + 1))
+    lines = linear_basis(time_s, max(2, round(span_s / spacing_s) + 1))
     return {f"offset_{knot}": -hat for knot, hat in enumerate(lines, 1)}
 
 
-def hats(time_s: FloatArray, knots: int) -> FloatArray:
+def linear_basis(time_s: FloatArray, knots: int) -> FloatArray:
     """Lines that are one at one of equally spaced knots and zero at all others, shape (knots, n)."""
     at_s = np.linspace(np.min(time_s), np.max(time_s), knots)
     return np.stack([np.interp(time_s, at_s, one) for one in np.eye(knots)])
