@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from norton_bench.check.findings import Problem
+from norton_bench.check.survey import Problem
 from norton_bench.errors import ExperimentError
 from norton_bench.guard.guard import Guard
 from norton_bench.loop.alignment import Alignment

@@ -18,7 +18,7 @@ from norton_bench.identification.tables.exertion_table import ExertionTable
 from norton_bench.identification.tables.modulation import Modulated, ModulatorPlaces, modulated
 from norton_bench.identification.tables.source_table import SourceTable
 from norton_bench.report.facts_tables import modulation_sentences, modulator_sentence
-from norton_bench.report.section import Facts
+from norton_bench.report.words import Facts
 from norton_bench.session.conclusion import Conclusion
 from norton_bench.session.summary import tabulated
 

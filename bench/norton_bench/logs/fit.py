@@ -27,10 +27,9 @@ from norton_bench.logs.doubts import (
 )
 from norton_bench.logs.equation import Problem, make_problem
 from norton_bench.logs.grid import Stretch, common_interval, stretches
-from norton_bench.logs.log import Log, read_log
+from norton_bench.logs.log import Log, read_log, usable_rows
 from norton_bench.logs.outcome import Judged, outcome, refined
 from norton_bench.logs.results import LogFit
-from norton_bench.logs.rows import usable_rows
 from norton_bench.units import NUMBER, parse_quantity
 
 PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)\s*")

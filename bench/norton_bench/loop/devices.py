@@ -7,7 +7,7 @@ from functools import cached_property
 from math import nan
 
 from norton_bench.errors import ExperimentError, RigError
-from norton_bench.guard.commands import Commands, DriveHealth
+from norton_bench.guard.check import Commands, DriveHealth
 from norton_bench.loop.watchdogs import WatchdogFinding, fall_silent, has_none
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig

@@ -7,8 +7,7 @@ from norton_bench.identification.tables.conditions import PortsRow
 from norton_bench.identification.tables.exertion_table import ExertionTable, Line
 from norton_bench.identification.tables.modulation import Modulated, ModulatorPlaces
 from norton_bench.identification.tables.source_table import SourceTable
-from norton_bench.report.section import Facts
-from norton_bench.report.words import Units, number, pretty_unit, within
+from norton_bench.report.words import Facts, Units, number, pretty_unit, within
 
 
 def setting_head(units: Units) -> tuple[str, ...]:

@@ -8,9 +8,8 @@ from norton_bench.models.parameters import Status
 from norton_bench.report.data import ReportData
 from norton_bench.report.figures_fit import residual_figure, validation_figure
 from norton_bench.report.render import Figure, fill, row, write_page
-from norton_bench.report.section import Facts, Section
 from norton_bench.report.svg import picture, style
-from norton_bench.report.words import number, percent, pretty_unit
+from norton_bench.report.words import Facts, Section, number, percent, pretty_unit
 
 
 def write_log_report(path: Path, title: str, fit: LogFit, metadata: Mapping[str, str], command: str) -> Path:

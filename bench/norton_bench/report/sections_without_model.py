@@ -11,9 +11,8 @@ from norton_bench.report.data import ReportData
 from norton_bench.report.figures_fit import residual_tests_figure
 from norton_bench.report.figures_network import Loop, presliding_loops
 from norton_bench.report.figures_tables import impedance_table_figure, operator_figure
-from norton_bench.report.section import Facts, Section
 from norton_bench.report.svg import picture
-from norton_bench.report.words import number, percent, pretty_unit
+from norton_bench.report.words import Facts, Section, number, percent, pretty_unit
 
 # Dependences smaller than this share of the residual's variance are told, but not explained.
 WORTH_A_WORD = 0.01

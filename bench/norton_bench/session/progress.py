@@ -11,7 +11,7 @@ from norton_bench.errors import ExitCode, UsageError
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.models.parameters import BY_NAME, HALF_INTERVAL, Estimate, Status
 from norton_bench.records import Measured
-from norton_bench.report.section import Facts
+from norton_bench.report.words import Facts
 from norton_bench.rig.files import nearest
 from norton_bench.units import parse_quantity
 

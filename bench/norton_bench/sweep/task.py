@@ -17,8 +17,8 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.models.parameters import PARAMETERS, Estimate, Status
 from norton_bench.recording.reader import read_recording
+from norton_bench.rig.load import true_parameters
 from norton_bench.rig.rig import Rig
-from norton_bench.rig.simulators import true_parameters
 from norton_bench.session.conclusion import check_metadata, conclude_recording
 from norton_bench.session.engine import record_session, run_session
 from norton_bench.session.failure import sentence_of

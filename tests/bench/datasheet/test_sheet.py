@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from norton_bench.cli import app
-from norton_bench.datasheet.content import content_of, html
-from norton_bench.datasheet.data import sheet_data
+from norton_bench.datasheet.data import content_of, html, sheet_data
 from norton_bench.datasheet.evidence import evidence
-from norton_bench.datasheet.pictures import Palette
 from norton_bench.datasheet.printed import pages, write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_fit, sheet_of_network
 from norton_bench.datasheet.tables import remarks
@@ -21,6 +19,7 @@ from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.results import FitResult
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
+from norton_bench.report.svg import Palette
 from tests.bench.models.test_derived import network
 from tests.bench.networks.some import PNEUMATIC
 from tests.bench.whole_session import whole_session
