@@ -29,9 +29,9 @@ from scipy.sparse.linalg import splu
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.information import KNOWN, Linearised, Slopes, without
+from norton_bench.identification.expansion import KNOWN, Linearised, Slopes, without
 from norton_bench.identification.kernels import Kernel
-from norton_bench.identification.regression import Rows
+from norton_bench.identification.rows import Rows
 from norton_bench.identification.signals import FINE, Signals
 
 # The bound counts what the fit's own low-pass leaves out.
@@ -145,7 +145,7 @@ def information(
 
     Friction's state after each rest and the sensor's zero are unknowns too. Slopes are taken along the motion in
     ``motion_band``, where it is more than the encoder's errors. Without noise of the position it is that of
-    ``norton_bench.identification.information``.
+    ``norton_bench.identification.expansion``.
     """
     slopes = Slopes.of(tuple(_smoothed(stretch, motion_band) for stretch in stretches), at)
     columns = np.concatenate([slopes.wanted, slopes.others, slopes.memory.columns()])

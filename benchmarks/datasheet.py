@@ -33,7 +33,7 @@ from norton_bench.errors import BenchError
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import fit_judged
 from norton_bench.identification.residuals.diagnosis import diagnose
-from norton_bench.identification.soundness.recording import sound
+from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.models.derived import derived
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
@@ -84,7 +84,7 @@ def evaluated(seed: int, kept: Path) -> Outcome:
         return Outcome(seed, refusal="no recording was kept")
     try:
         recording = read_recording(recordings[-1], raw_frames=False)
-        fit = fit_judged(sound(recording.measured), command_unit=rig.command.unit, tick_s=rig.tick_s)
+        fit = fit_judged(clean(recording.measured), command_unit=rig.command.unit, tick_s=rig.tick_s)
     except BenchError as error:
         return Outcome(seed, refusal=str(error))
     result = Result(

@@ -29,7 +29,7 @@ import lsoda
 import numpy as np
 
 from norton_bench.identification.fit import PHYSICAL, fit
-from norton_bench.identification.live.identifier import LiveIdentifier
+from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.results import FitResult, LiveEstimate
 from norton_bench.identification.signals import signals
 from norton_bench.records import Measured

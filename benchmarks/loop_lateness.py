@@ -56,7 +56,7 @@ from norton_bench.session.engine import record_procedures
 from norton_bench.session.schema import Session
 from norton_bench.session.supervision import learned
 from norton_bench.session.warm_up import warm_up
-from norton_drivers.punctual import LOOP_PRIORITY, permitted_priority
+from norton_drivers.real_time import LOOP_PRIORITY, permitted_priority
 
 ROOT = Path(__file__).parents[1]
 RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"

@@ -21,7 +21,7 @@ USUAL_RAD_S = 10.0
 
 
 def rates(time_s: float, state: Any, tick_s: float, command: Any, torque: Any, values: Any) -> tuple[float, ...]:
-    """Section IV.D with the drive's torque for its current: see norton_bench.models.dahl_motor."""
+    """Section IV.D with the drive's torque for its current: see norton_bench.models.parameters."""
     gain, bandwidth, inertia, damping, coulomb, stiffness, contact_damping = values
     at = time_s / tick_s
     k = min(int(at), len(command) - 2)

@@ -10,7 +10,7 @@ from pathlib import Path
 from norton_bench.errors import BenchError
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.new.interview import Interview
-from norton_bench.rig.new.questions import Prepared
+from norton_bench.rig.new.options import Prepared
 from norton_bench.session.engine import run_session
 from norton_bench.session.schema import standard_session
 from norton_drivers.errors import DeviceError

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from norton_bench.models.dahl_motor import DahlMotor
+from norton_bench.models.parameters import DahlMotor
 from norton_sim.integrator import ENCODER_PERIOD_NS
 from norton_sim.packing import pack
 from norton_sim.plant import Plant

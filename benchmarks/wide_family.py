@@ -37,8 +37,8 @@ from identification import bounds, noise
 from norton_bench.errors import BenchError
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.results import FitResult
+from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.signals import signals
-from norton_bench.identification.soundness.recording import sound
 from norton_bench.models.parameters import Status
 from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import parse_rig
@@ -203,7 +203,7 @@ def numbers_of(result: FitResult, rig: Rig, seed: int, recording: Path) -> tuple
     """Every estimate beside the truth. A bound that cannot be computed is NaN."""
     truth = read_truth(rig.simulated, seed=seed, place=rig.place, command_unit=rig.command.unit)
     true = {name: true_parameters(truth, rig.command.unit)[name][0] for name in PHYSICAL}
-    measured = sound(read_recording(recording, raw_frames=False).measured).measured
+    measured = clean(read_recording(recording, raw_frames=False).measured).measured
     stretches = signals(measured, rig.tick_s, Use.IDENTIFY)
     best = bounds(stretches, result, true, noise(truth, stretches, rig))
     return tuple(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from norton_bench.networks.checks import check
-from norton_bench.networks.equations import Equations
+from norton_bench.networks.expressions import Equations
 from norton_bench.networks.family import converted, coupled, exertion
 from norton_bench.networks.files import load, save
 from norton_bench.networks.kinds import Form, Kind, Load, Motion, NoConversionError

@@ -30,7 +30,7 @@ LONGEST = (
     "tests/bench/session/",
     "tests/bench/screen/",
     "tests/bench/gallery/",
-    "tests/bench/identification/soundness/",
+    "tests/bench/identification/sanity/",
     "tests/bench/sweep/",
     "tests/bench/faults/",
     "tests/bench/cli/test_at_the_terminal.py",

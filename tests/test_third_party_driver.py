@@ -13,7 +13,7 @@ import pytest
 from norton_bench.errors import RigError
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.new.interview import Interview
-from norton_bench.rig.new.questions import Prepared
+from norton_bench.rig.new.options import Prepared
 from norton_drivers import registry
 from norton_drivers.errors import WiringError
 

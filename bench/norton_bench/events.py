@@ -13,7 +13,7 @@ from norton_bench.identification.results import LiveEstimate
 from norton_bench.models.parameter_result import ExpectationResult
 from norton_bench.models.parameters import Estimate
 from norton_bench.records import Measured
-from norton_bench.report.section import Facts
+from norton_bench.report.words import Facts
 
 
 class SessionState(Enum):

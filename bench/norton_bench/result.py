@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from norton_bench.errors import ExitCode
-from norton_bench.identification.ambiguity.conditions import Judgement
+from norton_bench.identification.conditions import Judgement
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.model_error import ModelError

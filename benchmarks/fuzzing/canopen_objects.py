@@ -19,7 +19,7 @@ from norton_drivers.codecs.canopen import (
     SdoWritten,
 )
 from norton_drivers.codecs.canopen_torque import TorqueField
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 
 from .frames import FrameCodec, Values
 

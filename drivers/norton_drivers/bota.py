@@ -11,11 +11,10 @@ from pydantic import Field
 from norton_drivers.codecs.bota import BAUD, FRAME_LENGTH, BotaFrame, BotaStream, describe_status
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
-from norton_drivers.options import TorqueSensorOptions, parse_options
 from norton_drivers.ports import SerialPort
 from norton_drivers.readings import DeviceIdentity
 from norton_drivers.serial_sensor import SerialSensor
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.wiring import DeviceSettings, TorqueSensorOptions, parse_options
 
 CONNECTION = "serial"
 OPTION_UNITS = {"range": "N*m", "averaging": "s"}

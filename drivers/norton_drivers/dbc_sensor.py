@@ -15,14 +15,11 @@ import cantools
 from pydantic import Field
 
 from norton_drivers.errors import DeviceTimeoutError, WiringError
-from norton_drivers.inbox import Inbox
-from norton_drivers.link import Link
-from norton_drivers.options import TorqueSensorOptions, parse_options
+from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import CanPort
-from norton_drivers.readings import DeviceIdentity, TorqueReading
+from norton_drivers.readings import DeviceIdentity, Inbox, TorqueReading
 from norton_drivers.recognition import Recognised
-from norton_drivers.waiting import wait_until
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.wiring import DeviceSettings, TorqueSensorOptions, parse_options
 
 CONNECTION = "can"
 OPTION_UNITS = {"range": "N*m", "averaging": "s"}

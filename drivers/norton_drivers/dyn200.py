@@ -22,14 +22,11 @@ from norton_drivers.codecs.dyn200 import (
 )
 from norton_drivers.codecs.modbus import AnswerStream, ReadRequest, Refusal, describe_exception, silence_s
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
-from norton_drivers.link import Link
-from norton_drivers.options import TorqueSensorOptions, parse_options
+from norton_drivers.link import ANSWERS_THAT_TELL, Link, Questions, wait_until
 from norton_drivers.ports import SerialPort
-from norton_drivers.questions import ANSWERS_THAT_TELL, Questions
 from norton_drivers.readings import DeviceIdentity
 from norton_drivers.serial_sensor import SerialSensor
-from norton_drivers.waiting import wait_until
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.wiring import DeviceSettings, TorqueSensorOptions, parse_options
 
 CONNECTION = "serial"
 OPTION_UNITS = {"torque_per_digit": "N*m", "range": "N*m", "timeout": "s", "silence": "s", "averaging": "s"}

@@ -11,8 +11,7 @@ from typing import Any
 import can
 import serial
 
-from norton_drivers.adapters.low_latency_serial import EagerSocket, LowLatencySerial
-from norton_drivers.adapters.serial_mend import serial_mend
+from norton_drivers.adapters.serial_line import EagerSocket, LowLatencySerial, serial_mend
 from norton_drivers.adapters.table import open_bus
 from norton_drivers.clock import Clock, MonotonicClock
 from norton_drivers.errors import ConnectionFailedError, reason_of

@@ -9,18 +9,15 @@ from math import inf
 
 from pydantic import Field, field_validator
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers
 from norton_drivers.codecs.mantracourt import BAUD, BROADCAST, NOT_UNDERSTOOD, STATION_MAX, question
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
-from norton_drivers.link import Link
-from norton_drivers.options import AVERAGING_MAX_S, TorqueSensorOptions, parse_options
+from norton_drivers.link import ANSWERS_THAT_TELL, Link, Questions, wait_until
 from norton_drivers.ports import SerialPort
-from norton_drivers.questions import ANSWERS_THAT_TELL, Questions
 from norton_drivers.readings import DeviceIdentity
 from norton_drivers.serial_sensor import SerialSensor
-from norton_drivers.waiting import wait_until
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.wiring import AVERAGING_MAX_S, DeviceSettings, TorqueSensorOptions, parse_options
 
 CONNECTION = "serial"
 OPTION_UNITS = {"range": "N*m", "timeout": "s", "averaging": "s"}

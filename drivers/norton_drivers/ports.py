@@ -4,7 +4,7 @@ Nothing here blocks: :meth:`poll` takes what the transport already holds.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 import can
 
@@ -13,6 +13,7 @@ from norton_drivers.clock import Clock
 from norton_drivers.codecs.can_errors import CanErrorFrame
 from norton_drivers.errors import ConnectionFailedError, reason_of
 from norton_drivers.readings import ERROR_FRAME, RawFrame
+from norton_drivers.wiring import CanBusSettings, Wiring
 
 Tap = Callable[[RawFrame], None]
 FrameHandler = Callable[[can.Message, int], None]
@@ -211,3 +212,40 @@ class SerialPort:
     def close(self) -> None:
         """Release the line."""
         self.line.close()
+
+
+class Backend(Protocol):
+    """The seam between the bench and the world: who opens ports and owns the clock. A driver cannot tell which it has.
+
+    Opens CAN buses and serial ports, and owns the clock.
+    """
+
+    @property
+    def clock(self) -> Clock: ...
+
+    @property
+    def lock_step(self) -> bool:
+        """True where time advances only while somebody waits on the clock, so that nothing can be late."""
+        ...
+
+    def open_can(self, settings: CanBusSettings) -> CanPort:
+        """Raises ConnectionFailedError."""
+        ...
+
+    def open_serial(self, port: str, baud: int) -> SerialPort:
+        """Raises ConnectionFailedError."""
+        ...
+
+    def close(self) -> None:
+        """Release everything that was opened; may be called twice."""
+        ...
+
+
+class BackendFactory(Protocol):
+    """What an entry point in the group ``norton_bench.backends`` names.
+
+    ``simulated`` is the rig file's ``[simulated]`` table as read, which only a simulated backend looks into; ``seed``
+    overrides its seed; ``place`` names the rig file for error messages. Raises WiringError with place and mend.
+    """
+
+    def __call__(self, wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | None, place: str) -> Backend: ...

@@ -9,7 +9,7 @@ tuple, at a third of a frozen dataclass's cost.
 from dataclasses import dataclass
 from enum import Enum
 from math import nan
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 
 class MotionReading(NamedTuple):
@@ -88,3 +88,53 @@ class RawFrame(NamedTuple):
     arbitration_id: int = -1  # -1: serial bytes
     extended: bool = False
     remote: bool = False
+
+
+Reading = TypeVar("Reading")
+
+# Ten seconds at 1 kHz. Nobody may be taking, and memory must not grow; a loss shows as a gap in the sequence.
+CAPACITY = 10_000
+
+
+class Inbox(Generic[Reading]):
+    """Where a driver keeps its readings until they are taken.
+
+    Readings in the order of their arrival, each handed out once; ``count`` is how many were ever put.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._waiting: list[Reading] = []
+
+    def put(self, reading: Reading) -> None:
+        self.count += 1
+        if len(self._waiting) >= CAPACITY:
+            del self._waiting[0]
+        self._waiting.append(reading)
+
+    def take(self) -> list[Reading]:
+        """What was put since the last call."""
+        taken, self._waiting = self._waiting, []
+        return taken
+
+
+class Unwrapped:
+    """Positions that begin anew after a turn, or after their range, made to go on.
+
+    Follows a reading that comes modulo ``span``, in the reading's own steps; ``total`` is where it has got to.
+    """
+
+    def __init__(self, span: int) -> None:
+        self._span = span
+        self._last: int | None = None
+        self.total = 0
+
+    def follow(self, reading: int, expected_change: float = 0.0) -> int:
+        """The new total: of all that agree with ``reading``, the one nearest to the ``expected_change``."""
+        if self._last is None:
+            self.total = reading
+        else:
+            change = reading - self._last
+            self.total += change + self._span * round((expected_change - change) / self._span)
+        self._last = reading
+        return self.total

@@ -7,10 +7,10 @@ from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 from typing import Any, cast
 
-from norton_drivers.backend import BackendFactory
 from norton_drivers.devices import Amplifier, Device, TorqueSensor
 from norton_drivers.errors import WiringError
 from norton_drivers.link import Link
+from norton_drivers.ports import BackendFactory
 from norton_drivers.recognition import Recognition
 from norton_drivers.wiring import DeviceSettings
 

@@ -6,7 +6,7 @@ Optional: a backend that has these methods has them all, and nothing of a real r
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from norton_drivers.backend import Backend
+from norton_drivers.ports import Backend
 
 
 class TrueState(NamedTuple):

@@ -1,14 +1,71 @@
 """What the drivers of serial torque sensors have in common, whatever it is that comes over the line."""
 
-from typing import Protocol
+from collections.abc import Iterator, Sequence
+from math import isfinite
+from typing import Protocol, TypeVar
 
-from norton_drivers.link import Link
+from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import SerialPort
-from norton_drivers.readings import TorqueReading
-from norton_drivers.stamps import ByteStamps
-from norton_drivers.torque_readings import TorqueReadings
-from norton_drivers.waiting import wait_until
+from norton_drivers.readings import Inbox, TorqueReading
 from norton_drivers.wiring import DeviceSettings
+
+Message = TypeVar("Message")
+
+BITS_PER_BYTE = 10  # start, eight data bits, stop
+
+
+class ByteStamps:
+    """When a message on a serial line was complete, told from when the bytes it was read with had arrived.
+
+    Bytes come one by one: a message was complete before those that followed it in the same chunk.
+
+    Stamps never run backwards: adapters that pile bytes up hand them over closer together than they can have come.
+    """
+
+    def __init__(self, baud: int) -> None:
+        self._byte_ns = BITS_PER_BYTE * 1e9 / baud
+        self._last_ns = 0
+
+    def complete_ns(self, arrival_ns: int, later_bytes: int) -> int:
+        """For a message with ``later_bytes`` after it in a chunk whose last byte arrived at ``arrival_ns``."""
+        self._last_ns = max(self._last_ns, arrival_ns - round(later_bytes * self._byte_ns))
+        return self._last_ns
+
+    def each(
+        self, messages: Sequence[Message], length: int, arrival_ns: int, later_bytes: int
+    ) -> Iterator[tuple[Message, int]]:
+        """Messages of ``length`` bytes that stood one behind the other, each with when it was complete."""
+        later_bytes += length * len(messages)
+        for message in messages:
+            later_bytes -= length
+            yield message, self.complete_ns(arrival_ns, later_bytes)
+
+
+class TorqueReadings:
+    """From a sensor's numbers to the bench's readings, as the drivers of serial torque sensors all need it.
+
+    Readings that wait to be taken. ``nm_per_unit`` turns the sensor's number and its sign into the bench's.
+    """
+
+    def __init__(self, nm_per_unit: float, range_nm: float) -> None:
+        self.range_nm = range_nm
+        self._nm_per_unit = nm_per_unit
+        self._inbox: Inbox[TorqueReading] = Inbox()
+
+    @property
+    def count(self) -> int:
+        """How many there ever were."""
+        return self._inbox.count
+
+    def put(self, number: float, arrival_ns: int, device_ns: int | None = None, *, sound: bool = True) -> None:
+        """A number that the sensor sent, ``sound`` by its own word; beyond its range it measured nothing."""
+        torque_nm = self._nm_per_unit * number
+        valid = sound and isfinite(torque_nm) and abs(torque_nm) <= self.range_nm
+        self._inbox.put(TorqueReading(self._inbox.count, arrival_ns, torque_nm, device_ns, valid))
+
+    def take(self) -> list[TorqueReading]:
+        """Those since the last call."""
+        return self._inbox.take()
 
 
 class SerialOptions(Protocol):

@@ -2,7 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from math import inf
+from typing import Any, ClassVar, Final, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from norton_drivers.errors import WiringError
 
 
 @dataclass(frozen=True)
@@ -54,3 +59,98 @@ class Wiring:
         """The devices that are there, the actuator first."""
         present = (self.actuator, self.load, self.torque_sensor, self.modulator, *self.sensors)
         return tuple(device for device in present if device is not None)
+
+
+# A sensor slower than this tells nothing of an actuator's lag.
+AVERAGING_MAX_S: Final = 0.05
+
+
+class DeviceOptions(BaseModel):
+    """The options of a device, as its driver declares them: checked in one place, complained about in one sentence.
+
+    A driver module declares its options as a frozen pydantic model and names in ``OPTION_UNITS`` those that are
+    quantities: a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the unit that
+    ``OPTION_UNITS`` gives.
+
+    Base of every driver's options.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, populate_by_name=False)
+
+    # The units in which an amplifier can be commanded, each with what its options must be: {"A": {"mode": "current"}}.
+    # Empty for a torque sensor, and for a driver that knows its unit only once it is open.
+    command_units: ClassVar[Mapping[str, Mapping[str, object]]] = {}
+
+    # Options whose default is often not right: who writes a new rig file is asked for them.
+    asked: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def command_unit(self) -> str | None:
+        """The unit of its commands as these options set it; None where only the open device tells."""
+        for unit, chosen in self.command_units.items():
+            if all(getattr(self, name) == value for name, value in chosen.items()):
+                return unit
+        return None
+
+    @property
+    def dead_band(self) -> float:
+        """Commands smaller than this do nothing: the drive lets go of its motor. In the unit of its commands."""
+        return 0.0
+
+    @property
+    def greatest_position_rad(self) -> float:
+        """How far from the drive's own zero its position can be read."""
+        return inf
+
+    @property
+    def greatest_velocity_rad_s(self) -> float:
+        """The greatest velocity that its readings can tell."""
+        return inf
+
+    @property
+    def released_at_zero(self) -> bool:
+        """Whether the drive switches its bridge off at a command of zero: the motor's current then ends at once,
+        without the lag of its current loop."""
+        return False
+
+
+class TorqueSensorOptions(DeviceOptions):
+    """Base of every shipped torque sensor's options: what the identification must know of how it measures."""
+
+    averaging_s: float = Field(
+        0.0,
+        alias="averaging",
+        ge=0,
+        le=AVERAGING_MAX_S,
+        description="over how long the sensor averages by itself: its filter's length",
+        examples=["2 ms"],
+    )
+
+
+Options = TypeVar("Options", bound=DeviceOptions)
+
+
+def parse_options(model: type[Options], settings: DeviceSettings) -> Options:
+    """The options of ``settings``. Raises WiringError, in one sentence with the place, for the first mistake."""
+    try:
+        return model.model_validate(dict(settings.options))
+    except ValidationError as error:
+        raise WiringError(_sentence(error, model, settings)) from error
+
+
+def written_as(model: type[DeviceOptions], name: str) -> str:
+    """What a rig file calls the option: a default that is no good is told of under the field's own name."""
+    field = model.model_fields.get(name)
+    return (field.alias if field is not None else None) or name
+
+
+def _sentence(error: ValidationError, model: type[DeviceOptions], settings: DeviceSettings) -> str:
+    mistake = error.errors()[0]
+    name = written_as(model, str(mistake["loc"][0])) if mistake["loc"] else "options"
+    hints = {field.alias or key: field.description or "" for key, field in model.model_fields.items()}
+    if mistake["type"] == "missing":
+        return f'[{settings.role}] driver = "{settings.driver}" needs {name}: {hints[name]}'
+    if mistake["type"] == "extra_forbidden":
+        return f'[{settings.role}] {name} is not an option of driver "{settings.driver}"; known: {", ".join(hints)}'
+    said = mistake["msg"].removeprefix("Value error, ")
+    return f"[{settings.role}] {name} = {mistake['input']!r}: {said[:1].lower()}{said[1:]} ({hints.get(name, '')})"

@@ -7,7 +7,7 @@ from typing import Any
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.firmware import FIRMWARE
-from norton_sim.firmware.site import CRYSTAL_PPM, Site, Wires
+from norton_sim.firmware.context import CRYSTAL_PPM, DeviceContext, Wires
 from norton_sim.hookup import Hookup, really
 from norton_sim.plant import Plant
 from norton_sim.plants.assembled import Assembled
@@ -58,7 +58,7 @@ def mount(world: World, wiring: Wiring, truth: Truth, wires: Wires, place: str) 
                 f"[{settings.role}] driver = {settings.driver!r} has no emulated device; the simulator knows {known}"
             )
         try:
-            world.devices[settings.role] = firmware(_site(world, settings, wiring, truth, wires, hookup))
+            world.devices[settings.role] = firmware(_context(world, settings, wiring, truth, wires, hookup))
         except WiringError as error:
             if settings == rig_settings:
                 raise
@@ -75,8 +75,10 @@ def _device_truth(truth: Truth, role: str) -> Mapping[str, Any]:
     return {} if described is None else described.device
 
 
-def _site(world: World, settings: DeviceSettings, wiring: Wiring, truth: Truth, wires: Wires, hookup: Hookup) -> Site:
+def _context(
+    world: World, settings: DeviceSettings, wiring: Wiring, truth: Truth, wires: Wires, hookup: Hookup
+) -> DeviceContext:
     # Seeded by role: adding a device leaves the others as they were.
     random = Random(f"{truth.seed} {settings.role}")
     clock_ppm = random.uniform(-CRYSTAL_PPM, CRYSTAL_PPM)
-    return Site(settings, wiring, world, wires, truth, random, clock_ppm, hookup)
+    return DeviceContext(settings, wiring, world, wires, truth, random, clock_ppm, hookup)

@@ -16,7 +16,7 @@ from norton_sim.connectors import CanConnector, SerialConnector
 from norton_sim.faults.injection import inject, read_faults
 from norton_sim.faults.schema import Fault
 from norton_sim.faults.stage import Injected, Stage
-from norton_sim.firmware.site import Wires
+from norton_sim.firmware.context import Wires
 from norton_sim.transport import Delay, HostEnd
 from norton_sim.truth import FAULTS, Truth, read_truth
 from norton_sim.witness import watch

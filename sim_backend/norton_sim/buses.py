@@ -141,7 +141,7 @@ class SimulatedSerialWire:
         self._delay = to_host
         self._to_device_delay = to_device
         self._stream: ByteStream | None = None
-        self._plug: SerialConnector | None = None
+        self._connector: SerialConnector | None = None
         self._underway: deque[bytes] = deque()  # to the device; nothing overtakes
         self._free_ns = 0  # when the last byte on its way to the device has arrived
         self._byte_ns = 0.0
@@ -149,7 +149,7 @@ class SimulatedSerialWire:
         self.unplugged = False
 
     def attach(self, plug: SerialConnector) -> None:
-        self._plug = plug
+        self._connector = plug
 
     def suffer(self, trouble: Trouble | None) -> None:
         """See :class:`norton_sim.transport.HostEnd`; a line that is not unplugged is well."""
@@ -181,8 +181,8 @@ class SimulatedSerialWire:
 
     def _deliver(self, _stamp_ns: int) -> None:
         data = self._underway.popleft()
-        if self._plug is not None:
-            self._plug.deliver(data)
+        if self._connector is not None:
+            self._connector.deliver(data)
 
 
 class SimulatedLine:

@@ -162,24 +162,47 @@ def _kick(
     source_gain = h * machines[SOURCE, INVERSE_INERTIA]
     port_gain = h * machines[ACTUATOR, INVERSE_INERTIA]
     load_gain = h * machines[LOAD, INVERSE_INERTIA]
+    _solve(
+        state,
+        (source_gain, port_gain, load_gain),
+        (source_torque, port_torque, load_torque),
+        (source_damping, port_damping, load_damping),
+        damper,
+        joint[1],
+    )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _solve(
+    state: NDArray[np.float64],
+    gains: tuple[float, float, float],
+    torques: tuple[float, float, float],
+    dampings: tuple[float, float, float],
+    damper: float,
+    joint_damping: float,
+) -> None:
+    """The velocities of source, port and load after the kick; ``gains`` are h over each inertia."""
+    source_gain, port_gain, load_gain = gains
+    source_torque, port_torque, load_torque = torques
+    source_damping, port_damping, load_damping = dampings
     source, port, load = state[SOURCE, VELOCITY], state[ACTUATOR, VELOCITY], state[LOAD, VELOCITY]
     # How fast each is slowed down now; half of it acts before the kick, half after.
     source_slowed = source_damping * source + damper * (source - port)
-    port_slowed = port_damping * port + damper * (port - source) + joint[1] * (port - load)
-    load_slowed = load_damping * load + joint[1] * (load - port)
+    port_slowed = port_damping * port + damper * (port - source) + joint_damping * (port - load)
+    load_slowed = load_damping * load + joint_damping * (load - port)
     right_1 = source + source_gain * (source_torque - source_slowed / 2)
     right_2 = port + port_gain * (port_torque - port_slowed / 2)
     right_3 = load + load_gain * (load_torque - load_slowed / 2)
     d1 = 1.0 + source_gain / 2 * (source_damping + damper)
-    d2 = 1.0 + port_gain / 2 * (port_damping + damper + joint[1])
-    d3 = 1.0 + load_gain / 2 * (load_damping + joint[1])
+    d2 = 1.0 + port_gain / 2 * (port_damping + damper + joint_damping)
+    d3 = 1.0 + load_gain / 2 * (load_damping + joint_damping)
     # A row of three bodies: what lies beside the diagonal is taken out from both ends.
-    from_source, from_load = port_gain / 2 * damper / d1, port_gain / 2 * joint[1] / d3
-    d2 -= from_source * source_gain / 2 * damper + from_load * load_gain / 2 * joint[1]
+    from_source, from_load = port_gain / 2 * damper / d1, port_gain / 2 * joint_damping / d3
+    d2 -= from_source * source_gain / 2 * damper + from_load * load_gain / 2 * joint_damping
     port = (right_2 + from_source * right_1 + from_load * right_3) / d2
     state[ACTUATOR, VELOCITY] = port
     state[SOURCE, VELOCITY] = (right_1 + source_gain / 2 * damper * port) / d1
-    state[LOAD, VELOCITY] = (right_3 + load_gain / 2 * joint[1] * port) / d3
+    state[LOAD, VELOCITY] = (right_3 + load_gain / 2 * joint_damping * port) / d3
 
 
 @njit(cache=True, nogil=True, inline="always")

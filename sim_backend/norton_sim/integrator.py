@@ -1,6 +1,6 @@
 """The simulator's own integrator: two machines, each with amplifier and Dahl friction, joined by a damped spring.
 
-The equations are those of :mod:`norton_bench.models.dahl_motor` (paper, section IV.D), once for the actuator and once
+The equations are those of :mod:`norton_bench.models.parameters` (paper, section IV.D), once for the actuator and once
 for the load, with τ_port = k (θ_a − θ_l) + d (ω_a − ω_l) between them, and cogging and gravity on top. The scheme
 is of second order:
 

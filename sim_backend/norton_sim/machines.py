@@ -2,7 +2,7 @@
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from norton_bench.models.dahl_motor import DahlMotor
+from norton_bench.models.parameters import DahlMotor
 from norton_bench.units import parse_quantity
 from norton_sim.tables import Angle, Current, Damping, Device, Inertia, Rate, Sign, Stiffness, Table, Torque
 

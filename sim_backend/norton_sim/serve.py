@@ -17,26 +17,23 @@ from typing import Any, Protocol
 
 import can
 
-from norton_drivers.backend import Backend
 from norton_drivers.codecs.slcan import FLAG_BUS_ERROR as BUS_ERROR_FLAG
 from norton_drivers.codecs.slcan import FLAG_BUS_OFF as BUS_OFF_FLAG
 from norton_drivers.codecs.slcan import SlcanFrame, SlcanStream, encode_flags
 from norton_drivers.errors import WiringError
 from norton_drivers.hardware import HardwareBackend
-from norton_drivers.ports import CanPort
-from norton_drivers.punctual import SERVER_PRIORITY, punctual
+from norton_drivers.ports import Backend, CanPort
+from norton_drivers.real_time import SERVER_PRIORITY, in_real_time
 from norton_drivers.wiring import CanBusSettings, Wiring
 from norton_sim.assembly import build_world, mount
 from norton_sim.connectors import CanConnector, SerialConnector
 from norton_sim.faults.injection import inject, read_faults
 from norton_sim.faults.stage import Stage
-from norton_sim.firmware.site import Wires
-from norton_sim.pseudo_terminals import ServedPort
-from norton_sim.served_socket import SCHEME, ServedSocket
-from norton_sim.standstills import Standstills
+from norton_sim.firmware.context import Wires
+from norton_sim.served_ports import SCHEME, ServedPort, ServedSocket
 from norton_sim.transport import CAN_ERR_BUS_OFF, HostEnd, Trouble
 from norton_sim.truth import FAULTS, read_truth
-from norton_sim.witness import WitnessFile
+from norton_sim.witness import Standstills, WitnessFile
 from norton_sim.world import World
 
 # The plant is never further behind the wall clock than this while nothing is planned, nor is a frame answered later:
@@ -177,7 +174,7 @@ class ServedLine:
     def __init__(self, path: str, wall: _WallTime) -> None:
         self._wall = wall
         self._port = ServedSocket(path) if path.startswith(SCHEME) else ServedPort(path)
-        self._plug: SerialConnector | None = None
+        self._connector: SerialConnector | None = None
 
     @property
     def lost(self) -> bool:
@@ -195,7 +192,7 @@ class ServedLine:
         """Serial adapters do not tell."""
 
     def attach(self, plug: SerialConnector) -> None:
-        self._plug = plug
+        self._connector = plug
 
     def to_host(self, data: bytes) -> None:
         self._port.write(data)
@@ -205,9 +202,9 @@ class ServedLine:
 
     def receive(self) -> None:
         data = self._port.read()
-        if data and self._plug is not None:
+        if data and self._connector is not None:
             self._wall.catch_up()  # the line says nothing of when its bytes came
-            self._plug.deliver(data)
+            self._connector.deliver(data)
 
     def close(self) -> None:
         self._port.close()
@@ -250,7 +247,7 @@ def serve(
             open_wires.callback(_witness(witness, world, wall.start_ns).close)
         on_ready()
         standstills = Standstills()
-        with punctual(SERVER_PRIORITY):
+        with in_real_time(SERVER_PRIORITY):
             while not stop():
                 waiting = wires.waiting(min(wall.due_s(), CYCLE_S))
                 now_ns = time.monotonic_ns()  # what comes while others are received must find the world as it was

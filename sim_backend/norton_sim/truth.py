@@ -10,8 +10,7 @@ from typing import Any, Literal, cast
 
 from pydantic import Field, ValidationError, ValidationInfo, create_model, field_validator
 
-from norton_bench.models.dahl_motor import DahlMotor
-from norton_bench.models.parameters import BY_NAME
+from norton_bench.models.parameters import BY_NAME, DahlMotor
 from norton_bench.units import parse_quantity
 from norton_drivers.errors import WiringError
 from norton_sim.departures import Departures

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks import bound
 from benchmarks.bound import Noise, PathResponse
 from norton_bench.identification import loops
-from norton_bench.identification.information import Excitation, Linearised, Slopes, information, planned_signals
+from norton_bench.identification.expansion import Excitation, Linearised, Slopes, information, planned_signals
 from norton_bench.identification.signals import FINE, Stream
 from norton_bench.models.network import NortonNetwork
 

@@ -5,10 +5,9 @@ import pytest
 
 from norton_drivers.codecs.can_errors import CanErrorFrame, ControllerError, ErrorClass
 from norton_drivers.errors import ConnectionFailedError, WiringError
-from norton_drivers.inbox import CAPACITY, Inbox
+from norton_drivers.link import wait_until
 from norton_drivers.ports import CanPort
-from norton_drivers.readings import ERROR_FRAME, RawFrame
-from norton_drivers.waiting import wait_until
+from norton_drivers.readings import CAPACITY, ERROR_FRAME, Inbox, RawFrame
 from norton_drivers.wiring import DeviceSettings
 
 

@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_drivers import dbc_sensor, registry
-from norton_drivers.canopen import recognition as canopen
+from norton_drivers.canopen import node as canopen
 from norton_drivers.codecs.odrive import AxisState, Command, EncoderEstimates, Heartbeat, arbitration_id
-from norton_drivers.mit import recognition as mit
-from norton_drivers.odrive.recognition import recognise
+from norton_drivers.mit import replies as mit
+from norton_drivers.odrive.drive import recognise
 from norton_drivers.readings import RawFrame
 from norton_drivers.recognition import Recognition, answers_remotely, nobodys
-from norton_drivers.vesc import recognition as vesc
+from norton_drivers.vesc import messages as vesc
 
 
 def message(identifier: int, data: bytes = b"", *, extended: bool = False, remote: bool = False) -> can.Message:

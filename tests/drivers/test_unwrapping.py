@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_drivers.unwrapping import Unwrapped
+from norton_drivers.readings import Unwrapped
 
 
 @given(st.integers(2, 1 << 32), st.integers(-(10**6), 10**6), st.lists(st.integers(-(10**9), 10**9), max_size=30))

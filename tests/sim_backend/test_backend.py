@@ -9,12 +9,12 @@ import can
 import numpy as np
 import pytest
 
-from norton_drivers.backend import Backend
 from norton_drivers.bota import open_torque_sensor
 from norton_drivers.dbc_sensor import open_torque_sensor as open_dbc_sensor
 from norton_drivers.errors import ConnectionFailedError, WiringError
 from norton_drivers.link import Link
 from norton_drivers.odrive import ODrive, open_amplifier
+from norton_drivers.ports import Backend
 from norton_drivers.readings import DriveState, RawFrame
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend, open_backend

@@ -21,7 +21,7 @@ from norton_drivers.codecs.cia402 import State
 from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend
 from norton_sim.firmware.cia402 import Cia402Drive
-from norton_sim.firmware.site import DriveFault
+from norton_sim.firmware.context import DriveFault
 from norton_sim.serve import serve
 from tests.sim_backend.canopen_host import AbortedError, CanopenHost
 

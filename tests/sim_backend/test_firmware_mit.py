@@ -14,8 +14,8 @@ from TMotorCANControl.mit_can import CAN_Manager
 
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.context import DriveFault
 from norton_sim.firmware.mit import MitMotor
-from norton_sim.firmware.site import DriveFault
 
 MS = 1_000_000
 NODE, MASTER = 5, 0x11

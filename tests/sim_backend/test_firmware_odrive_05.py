@@ -13,8 +13,8 @@ from norton_drivers.odrive import open_amplifier
 from norton_drivers.readings import DriveState
 from norton_drivers.wiring import Wiring
 from norton_sim.backend import SimulatedBackend
+from norton_sim.firmware.context import DriveFault
 from norton_sim.firmware.odrive_05 import ODrive05Axis
-from norton_sim.firmware.site import DriveFault
 from tests.sim_backend.odrive_host import NODE, ODriveHost
 
 CPR = 8192

@@ -12,9 +12,8 @@ from norton_drivers.codecs.dyn200 import PushStream
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend
 from norton_sim.buses import SimulatedLine
-from norton_sim.firmware.ascii_lines import AsciiSensor
 from norton_sim.firmware.dyn200 import Dyn200Sensor
-from norton_sim.firmware.mantracourt import MantracourtSensor
+from norton_sim.firmware.torque_sensors import AsciiSensor, MantracourtSensor
 
 MS = 1_000_000
 PORT = "/tmp/sensor"

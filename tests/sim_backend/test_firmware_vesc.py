@@ -16,7 +16,7 @@ from TMotorCANControl import servo_can
 
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend
-from norton_sim.firmware.site import DriveFault
+from norton_sim.firmware.context import DriveFault
 from norton_sim.firmware.vesc import VescController
 
 MS = 1_000_000

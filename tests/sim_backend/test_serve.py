@@ -22,13 +22,12 @@ from norton_drivers.bota import open_torque_sensor
 from norton_drivers.dyn200 import open_torque_sensor as open_dyn200
 from norton_drivers.errors import ConnectionFailedError, DeviceTimeoutError, WiringError
 from norton_drivers.hardware import open_backend
-from norton_drivers.link import Link
+from norton_drivers.link import Link, wait_until
 from norton_drivers.odrive import open_amplifier
 from norton_drivers.readings import DriveState
-from norton_drivers.waiting import wait_until
 from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
-from norton_sim.pseudo_terminals import ServedPort
 from norton_sim.serve import serve
+from norton_sim.served_ports import ServedPort
 
 DBC = cantools.database.load_file(Path(odrive_can.__file__).parent / "dbc" / "odrive-cansimple-0.6.10.dbc")
 

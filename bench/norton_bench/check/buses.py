@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.check.findings import BusCheck, Problem, Sender
-from norton_bench.check.survey import BusSurvey, HeardId, Key, message_of
+from norton_bench.check.survey import BusCheck, BusSurvey, HeardId, Key, Problem, Sender, message_of
 from norton_bench.errors import ExperimentError
 from norton_bench.rig.files import toml
 from norton_drivers.readings import RawFrame

@@ -7,22 +7,30 @@ from statistics import median
 
 import numpy as np
 
-from norton_bench.check.absent import ask_everybody, explain_noise, explain_silence
 from norton_bench.check.buses import check_bus, contradictory, remarks_on
-from norton_bench.check.findings import BusCheck, DeviceCheck, HostCheck, Problem, RigCheck
 from norton_bench.check.moving import announcement, check_moving
-from norton_bench.check.survey import Survey
-from norton_bench.check.watch import Watched, open_watched, status_problems, stream_problems, streams_of, watch
+from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, Problem, RigCheck, Survey
+from norton_bench.check.watch import (
+    Watched,
+    ask_everybody,
+    explain_noise,
+    explain_silence,
+    open_watched,
+    status_problems,
+    stream_problems,
+    streams_of,
+    watch,
+)
 from norton_bench.errors import BenchError, ExperimentError, OperatorStopError, RigError
 from norton_bench.loop.loop import never_stop
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
-from norton_drivers.backend import Backend
 from norton_drivers.clock import Clock
 from norton_drivers.discovery import serial_obstacles
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
-from norton_drivers.punctual import LOOP_PRIORITY, permitted_priority
+from norton_drivers.ports import Backend
+from norton_drivers.real_time import LOOP_PRIORITY, permitted_priority
 from norton_drivers.recognition import Recognition, answers_remotely
 from norton_drivers.registry import load_backend, recognition
 from norton_drivers.wiring import CanBusSettings, DeviceSettings

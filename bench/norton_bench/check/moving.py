@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from norton_bench.check.findings import Problem
+from norton_bench.check.survey import Problem
 from norton_bench.errors import ExperimentError
 from norton_bench.guard.guard import Guard
 from norton_bench.loop.devices import Devices, open_devices
@@ -27,8 +27,8 @@ from norton_bench.rig.rig import Rig
 from norton_bench.sample import Alignment
 from norton_bench.segments import Use
 from norton_bench.units import same_dimension
-from norton_drivers.backend import Backend
-from norton_drivers.punctual import LOOP_PRIORITY, punctual
+from norton_drivers.ports import Backend
+from norton_drivers.real_time import LOOP_PRIORITY, in_real_time
 
 # A drive's velocity filter, and the end of a record that is not quite at rest, account for less than this.
 VELOCITY_TOLERANCE = 0.2
@@ -215,7 +215,7 @@ def check_moving(rig: Rig, backend: Backend, stop_request: Callable[[], str | No
         )
         loop = Loop(devices, guard, Outbox(), Alignment(), mild.tick_ns, stop_request)
         if not backend.lock_step:
-            loop.on_time = partial(punctual, LOOP_PRIORITY)
+            loop.on_time = partial(in_real_time, LOOP_PRIORITY)
         pushes = _Pushes(mild, devices, loop)
         devices.await_streams()
         pushes.said += map(str, devices.verify_watchdogs())

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from norton_bench.check.findings import BusCheck, DeviceCheck, HostCheck, RigCheck, Sender
+    from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, RigCheck, Sender
     from norton_bench.rig.rig import Rig
     from norton_drivers.discovery import FoundPort
 

@@ -46,7 +46,7 @@ def _write(path: Path, sheets: "list[Sheet]") -> None:
 
         write_pdf(path, sheets)
     else:
-        from norton_bench.datasheet.content import write_html  # noqa: PLC0415
+        from norton_bench.datasheet.data import write_html  # noqa: PLC0415
 
         write_html(path, sheets)
 

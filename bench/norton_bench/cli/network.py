@@ -112,8 +112,11 @@ def export(file: NetworkFile, /, *, to: Target, rig_file: IntoRig = None, out: O
 def _into_rig(network: "Network", rig_file: Path | None, file: Path, path: Path) -> list[str]:
     """The same for a rig file; the rig is the network's own where none is named."""
     from norton_bench.models.network import NortonNetwork  # noqa: PLC0415
-    from norton_bench.rig.load import load_rig, parse_rig  # noqa: PLC0415
-    from norton_bench.rig.simulators import rig_with_network  # noqa: PLC0415
+    from norton_bench.rig.load import (  # noqa: PLC0415
+        load_rig,
+        parse_rig,
+        rig_with_network,
+    )
 
     if not isinstance(network, NortonNetwork):
         raise UsageError(f"{file}: is no identified motor, and the simulated plants know no other network yet")

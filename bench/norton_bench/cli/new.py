@@ -16,7 +16,7 @@ from norton_bench.errors import ExitCode, UsageError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from norton_bench.rig.new.questions import Question
+    from norton_bench.rig.new.options import Question
 
 BACK = "<"
 
@@ -111,7 +111,7 @@ def _stem(file: Path | None) -> str:
 def _prepared_text(known: Mapping[str, str], answers: Mapping[str, str], name: str, place: str) -> str:
     from norton_bench.rig.load import parse_rig  # noqa: PLC0415
     from norton_bench.rig.new.interview import Interview  # noqa: PLC0415
-    from norton_bench.rig.new.questions import Prepared  # noqa: PLC0415
+    from norton_bench.rig.new.options import Prepared  # noqa: PLC0415
 
     asker = Prepared(dict(known))
     text = Interview(asker, name).rig()

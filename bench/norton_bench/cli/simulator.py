@@ -14,8 +14,7 @@ Witness = Annotated[Path | None, Parameter(help="A CSV file for what is true mea
 
 def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, quiet: Quiet = False) -> None:
     """Serve the simulated devices on the rig's own bus and ports until Ctrl-C, for another process to meet."""
-    from norton_bench.rig.load import load_rig  # noqa: PLC0415
-    from norton_bench.rig.simulators import simulator  # noqa: PLC0415
+    from norton_bench.rig.load import load_rig, simulator  # noqa: PLC0415
 
     rig = load_rig(rig_file, backend="simulated")
     output = Output(quiet=quiet)
@@ -36,8 +35,7 @@ def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, q
 
 def truth(rig_file: RigFile, /, *, seed: Seed = None, json: Json = False) -> None:
     """Print the true values that the simulator has for the actuator, under the identifier's names."""
-    from norton_bench.rig.load import load_rig  # noqa: PLC0415
-    from norton_bench.rig.simulators import true_parameters  # noqa: PLC0415
+    from norton_bench.rig.load import load_rig, true_parameters  # noqa: PLC0415
 
     values = true_parameters(load_rig(rig_file, backend="simulated"), seed)
     Output(json).result(

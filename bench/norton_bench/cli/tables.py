@@ -12,14 +12,13 @@ from norton_bench.identification.model_free.impedance_table import ImpedanceTabl
 from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.identification.results import BlockedMap, SourceMap
+from norton_bench.identification.tables.averages import Branch, Mean, Setting
+from norton_bench.identification.tables.conditions import two_ports
 from norton_bench.identification.tables.exertion_table import ExertionTable
-from norton_bench.identification.tables.means import Mean, Setting
 from norton_bench.identification.tables.modulation import Modulated, ModulatorPlaces, modulated
 from norton_bench.identification.tables.source_table import SourceTable
-from norton_bench.identification.tables.sweeps import Branch
-from norton_bench.identification.tables.two_ports import two_ports
 from norton_bench.report.facts_tables import modulation_sentences, modulator_sentence
-from norton_bench.report.section import Facts
+from norton_bench.report.words import Facts
 from norton_bench.result import Result
 from norton_bench.session.summary import tabulated
 

@@ -9,13 +9,13 @@ import numpy as np
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.datasheet.ripple import LEVEL, Folded, Line, Order, Samples, folded, orders
 from norton_bench.datasheet.spectra import Piece, Spectra, spectra
-from norton_bench.identification import cogging
-from norton_bench.identification.aligned import Aligned, align
-from norton_bench.identification.ambiguity.conditions import ZeroRange, zero_range
+from norton_bench.identification.conditions import ZeroRange, zero_range
 from norton_bench.identification.residuals.diagnosis import ResidualTests
 from norton_bench.identification.results import FitResult
+from norton_bench.identification.rows import Aligned, align
+from norton_bench.identification.sanity.cleaning import clean
+from norton_bench.identification.separable import strongest_period
 from norton_bench.identification.signals import Signals, signals
-from norton_bench.identification.soundness.recording import sound
 from norton_bench.identification.statistics import sandwich
 from norton_bench.identification.validation import is_free, network_trace
 from norton_bench.models.network import NortonNetwork
@@ -67,8 +67,8 @@ def evidence(fit: FitResult, measured: Measured, tests: ResidualTests | None, ti
     """Of the recording that ``fit`` is of. Without measured torque little is left."""
     warming = _span_of_temperature(measured)
     told = Evidence(warming=warming, has_current=bool(len(measured.current)))
-    believed = sound(measured).measured
-    stretches = signals(believed, tick_s, Use.IDENTIFY)
+    cleaned = clean(measured).measured
+    stretches = signals(cleaned, tick_s, Use.IDENTIFY)
     if fit.ratios_only or any(each.torque_nm is None for each in stretches):
         return told
     aligned = align(stretches, fit.motion_delay_s)
@@ -78,7 +78,7 @@ def evidence(fit: FitResult, measured: Measured, tests: ResidualTests | None, ti
     deflection_rad = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
     return replace(
         told,
-        spectra=_spectra(fit, believed, tick_s),
+        spectra=_spectra(fit, cleaned, tick_s),
         orders=lines,
         folded=folded(samples, lines[0].periods_per_turn) if lines and lines[0].is_torque else None,
         order_nm=np.empty(0) if tests is None else tests.spectrum_nm,
@@ -169,7 +169,7 @@ def _periods(fit: FitResult, samples: Samples, tests: ResidualTests | None) -> t
     found += [] if tests is None else [each.periods_per_turn for each in tests.harmonics]
     size = float(np.sqrt(np.mean(samples.drive_nm**2)))
     if size > 0.0:
-        with_torque = cogging.strongest_period(samples.position_rad, samples.residual_nm * samples.drive_nm / size, 1.0)
+        with_torque = strongest_period(samples.position_rad, samples.residual_nm * samples.drive_nm / size, 1.0)
         found += [] if with_torque is None else [with_torque]
     return tuple(dict.fromkeys(found))
 

@@ -1,13 +1,10 @@
 """The sheet in pictures, on the page and on paper: the same drawing in other colours."""
 
-import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
@@ -18,44 +15,13 @@ from norton_bench.arrays import FloatArray
 from norton_bench.datasheet.sheet import Sheet
 from norton_bench.datasheet.spectra import Transfer, contact_line, impedance_line, torque_line
 from norton_bench.models.derived import Motor, backdriving_nm, drawn, estimate_of, interval_of, seen_to
-from norton_bench.report import svg
-from norton_bench.report.svg import thinned
+from norton_bench.report.svg import Palette, thinned
 from norton_bench.report.words import pretty_unit
 
 Part = Figure | SubFigure
 
 POINTS = 161
 MARKERS = ("o", "^")
-COLOUR = re.compile(r"--(\w+): (#\w+)")
-
-
-@dataclass(frozen=True)
-class Palette:
-    """Colours by what they are for: stand-ins that a style sheet fills in, or those of print."""
-
-    ink: str = svg.INK
-    muted: str = svg.MUTED
-    grid: str = svg.GRID
-    measured: str = svg.MEASURED
-    predicted: str = svg.PREDICTED
-    accent: str = svg.ACCENT
-
-    @classmethod
-    def of_print(cls) -> "Palette":
-        """As the report's style sheet has them for paper."""
-        css = svg.style_sheet()
-        named = dict(COLOUR.findall(css[css.index("@media print") :]))
-        return cls(*(named[name] for name in ("ink", "muted", "grid", "measured", "predicted", "accent")))
-
-    @contextmanager
-    def style(self) -> Iterator[None]:
-        """Within this, figures look as the report wants them, in these colours."""
-        stand_ins = Palette()
-        own = {getattr(stand_ins, name): getattr(self, name) for name in self.__dataclass_fields__}
-        with svg.style():
-            changed: Any = {key: own[value] for key, value in mpl.rcParams.items() if str(value) in own}
-            mpl.rcParams.update(changed)
-            yield
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 
-from norton_bench.datasheet.content import Content, content_of
-from norton_bench.datasheet.pictures import Palette, Picture, drawings
+from norton_bench.datasheet.data import Content, content_of
+from norton_bench.datasheet.pictures import Picture, drawings
 from norton_bench.datasheet.sheet import Sheet
 from norton_bench.errors import ExperimentError
-from norton_bench.report.section import Facts
-from norton_bench.report.svg import WIDTH_IN, Margins
+from norton_bench.report.svg import WIDTH_IN, Margins, Palette
+from norton_bench.report.words import Facts
 
 PAGE_IN = (8.27, 11.69)  # A4
 MARGIN_IN = 0.6

@@ -7,9 +7,8 @@ from norton_bench.datasheet.ripple import Order, Wave
 from norton_bench.datasheet.sheet import Difference, Known, Sheet
 from norton_bench.models.derived import Figure, OperatingPoint
 from norton_bench.models.parameters import BY_NAME
-from norton_bench.report.section import Facts
 from norton_bench.report.words import NO_NUMBER as NONE
-from norton_bench.report.words import between, number, pretty_unit, within
+from norton_bench.report.words import Facts, between, number, pretty_unit, within
 
 
 def parameter_table(sheet: Sheet) -> Facts:

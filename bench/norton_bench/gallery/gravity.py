@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
-from norton_bench.gallery.claim import Experiment, Shown, mean, row
-from norton_bench.gallery.moves import let_go, place_rad, swept
+from norton_bench.gallery.claim import Experiment, Shown, let_go, mean, place_rad, row, swept
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.waves import hold, ramp, zero_torque
 from norton_bench.records import Measured, SegmentInfo

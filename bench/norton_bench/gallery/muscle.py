@@ -10,8 +10,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
-from norton_bench.gallery.claim import Experiment, Line, Shown, mean, row
-from norton_bench.gallery.moves import place_rad, swept
+from norton_bench.gallery.claim import Experiment, Line, Shown, mean, place_rad, row, swept
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.waves import hold, ramp, zero_torque
 from norton_bench.records import Measured, SegmentInfo

@@ -7,9 +7,8 @@ from norton_bench.errors import ExperimentError
 from norton_bench.gallery.claim import LEVEL
 from norton_bench.gallery.paper import Proof
 from norton_bench.report.render import Figure, fill, write_page
-from norton_bench.report.section import Facts, Picture, Section
 from norton_bench.report.svg import standalone
-from norton_bench.report.words import number, pretty_unit
+from norton_bench.report.words import Facts, Picture, Section, number, pretty_unit
 from norton_bench.result import Result
 
 HEAD = ("seed", "figure", "expected", "found", f"± ({100 * LEVEL:g} %)", "unit", "")

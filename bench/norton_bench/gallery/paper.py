@@ -16,9 +16,8 @@ from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.report.svg import style, svg
-from norton_bench.rig.load import load_rig
+from norton_bench.rig.load import load_rig, true_parameters
 from norton_bench.rig.rig import Rig
-from norton_bench.rig.simulators import true_parameters
 from norton_bench.session.engine import record_script
 from norton_bench.session.pool import process_pool
 from norton_bench.session.script import Script, SoFar

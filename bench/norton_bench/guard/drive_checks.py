@@ -2,8 +2,7 @@
 
 from operator import attrgetter
 
-from norton_bench.guard.check import PATIENCE_NS, STEPS, STRIKES
-from norton_bench.guard.commands import Commands
+from norton_bench.guard.check import PATIENCE_NS, STEPS, STRIKES, Commands
 from norton_bench.guard.model import GuardModel
 from norton_bench.sample import Sample
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 from math import inf, isfinite
 
 from norton_bench.errors import SafetyStopError, UsageError
-from norton_bench.guard.check import Check
-from norton_bench.guard.commands import NOTHING, Commands, DriveHealth, Limited
+from norton_bench.guard.check import NOTHING, Check, Commands, DriveHealth, Limited
 from norton_bench.guard.model import GuardModel
 from norton_bench.rig.rig import Limits
 from norton_bench.sample import Sample

@@ -13,18 +13,18 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline, make_interp_spline
 from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification import loops, noise
 from norton_bench.identification.coupling import Coupling, likeliest
 from norton_bench.identification.kernels import Kernel
-from norton_bench.identification.quantisation import resolution_rad
-from norton_bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Regression
+from norton_bench.identification.readings import (
+    resolution_rad,
+    travel_s,
+)
+from norton_bench.identification.regression import Regression
 from norton_bench.identification.separable import Solution, solve_again
 from norton_bench.identification.signals import (
-    FINE,
     Signals,
     Stream,
     instants,
@@ -33,12 +33,11 @@ from norton_bench.identification.signals import (
     signals,
     stream_of,
 )
-from norton_bench.identification.timing import travel_s
-from norton_bench.identification.verdict import LOOSE_BEYOND
+from norton_bench.identification.simulated_bench import ReadingErrors, Spectrum, Truth, inertia_of
+from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.records import Measured, Table
 from norton_bench.segments import Use
 
-Spectrum = npt.NDArray[np.complex128]
 # Values and their covariance from a solution and the instants of its rows: (p,), (p, p).
 Physical = Callable[[Solution, FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -46,168 +45,6 @@ Physical = Callable[[Solution, FloatArray], tuple[FloatArray, FloatArray]]
 # allows for that.
 DRAWS = 12
 NORMAL_95 = 1.96  # deviations
-# The simulated friction follows the path this many times as finely as the fit does.
-FINER = 4
-# Noise is told from errors of the instants by readings in blocks of so many, fast ones and slow ones.
-BLOCK = 100
-# The motion that was measured tells the port's torque up to nearly half the rate of the readings. Above that, inertia
-# and coupling alone decide what the sensor feels of the motors.
-PORT = Kernel(cutoff=0.45, half_width=24.0)
-# What readings tell of a motion without loss, and no more: a shaft does not move faster than that.
-SHAFT = Kernel(cutoff=0.22, half_width=16.0)
-NO_RESTS = np.empty(0, dtype=np.int64)
-
-
-@dataclass(frozen=True)
-class ReadingErrors:
-    """Errors of one stream's readings, as measured: independent noise, a step in which values come, and how far the
-    instants at which they are taken scatter."""
-
-    noise: float
-    step: float
-    jitter_s: float
-
-    @classmethod
-    def of(cls, stream: Stream, step: float) -> "ReadingErrors":
-        """The variance of a reading's error is a + b·rate²: b is that of its instant."""
-        squares = np.diff(stream.value, noise.ORDER) ** 2 / noise.VARIANCE
-        rate = np.gradient(stream.value, stream.time_s)[noise.ORDER // 2 : -(noise.ORDER // 2)]
-        count = squares.size // BLOCK
-        if count < noise.FEWEST_BLOCKS:
-            return cls(0.0, step, 0.0)
-        blocks = squares[: count * BLOCK].reshape(count, BLOCK)
-        # The median passes over shocks; for normal errors it is this much of the mean.
-        power = np.median(blocks, axis=1) / noise.NORMAL_MEDIAN_SQUARE
-        speed = np.mean(rate[: count * BLOCK].reshape(count, BLOCK) ** 2, axis=1)
-        constant, slope = _line(speed, power)
-        return cls(float(np.sqrt(max(constant - step**2 / 12, 0.0))), step, float(np.sqrt(slope)))
-
-    def drawn(self, values: FloatArray, rate: FloatArray, random: np.random.Generator) -> FloatArray:
-        """Readings of ``values`` (n,), which change at ``rate`` (n,)."""
-        read = values + self.jitter_s * rate * random.standard_normal(values.size)
-        read += self.noise * random.standard_normal(values.size)
-        if self.step == 0.0:
-            return read
-        zero = self.step * random.uniform()
-        return np.asarray(np.round((read + zero) / self.step) * self.step - zero)
-
-
-def _line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Intercept and slope, neither negative, of values whose scatter goes with their size: shape (n,) each."""
-    constant, slope = float(np.median(y)), 0.0
-    for _ in range(10):
-        weight = 1.0 / np.maximum(constant + slope * x, 1e-30) ** 2
-        mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
-        spread = float(np.average((x - mean_x) ** 2, weights=weight))
-        slope = max(float(np.average((x - mean_x) * (y - mean_y), weights=weight)) / spread, 0.0) if spread > 0 else 0.0
-        constant = mean_y - slope * mean_x
-        if constant < 0.0:
-            constant, slope = 0.0, float(np.average(y, weights=weight) / mean_x)
-    return constant, slope
-
-
-@dataclass(frozen=True)
-class Truth:
-    """One stretch as if the fit were true: its motion, and the torque under that motion without a command.
-
-    ``motion`` is on the motion's clock, ``passive_nm`` (n,) at ``time_s`` on the torque's, FINE times a tick.
-    """
-
-    stretch: Signals
-    motion: BSpline
-    time_s: FloatArray
-    passive_nm: FloatArray
-
-    @classmethod
-    def of(cls, stretch: Signals, solution: Solution) -> "Truth":
-        shape, linear = solution.shape, solution.linear
-        step_s = stretch.tick_s / FINE
-        time_s = stretch.time_s[0] + np.arange(stretch.path_rad.size) * step_s
-        motion = make_interp_spline(time_s, _filtered(stretch.path_rad, SHAFT), k=5)
-        finer_s = time_s[0] + shape.motion_delay_s + np.arange(time_s.size * FINER) * (step_s / FINER)
-        finer_s = np.clip(finer_s, time_s[0], time_s[-1])
-        at_s = finer_s[::FINER]
-        path, velocity, acceleration = motion(at_s), motion(at_s, 1), motion(at_s, 2)
-        h = loops.friction_path(motion(finer_s), shape.s_per_rad, NO_RESTS)[0]
-        rate = np.gradient(h, step_s / FINER) / shape.s_per_rad
-        torque = -linear[INERTIA] * acceleration - linear[VISCOUS] * velocity
-        torque -= linear[COULOMB] * h[::FINER] + linear[DAMPING] * rate[::FINER]
-        for index, periods in enumerate(solution.regression.cogging):
-            cosine, sine = linear[len(LINEAR) + 2 * index : len(LINEAR) + 2 * index + 2]
-            torque += cosine * np.cos(periods * path) + sine * np.sin(periods * path)
-        return cls(stretch, motion, time_s, torque)
-
-    def torque(self, solution: Solution, travel_s: FloatArray, coupling: Coupling | None) -> BSpline:
-        """At the port, on the torque's clock, where each command travelled longer than usual by ``travel_s`` (m,)."""
-        motor_nm = self.motor(solution, travel_s)
-        torque = self._passive_in_band_nm + _filtered(motor_nm, PORT, of_means=True)
-        if coupling is not None:
-            torque += self.quick(motor_nm, coupling, inertia_of(solution))
-        return make_interp_spline(self.time_s, torque, k=3)
-
-    def driving(self, solution: Solution, coupling: Coupling, travel_std_s: float) -> Spectrum:
-        """What makes the coupling ring (see :meth:`quick`), on average over commands that travel so unevenly."""
-        usual_nm = self.motor(solution, np.zeros(self.stretch.sent_s.size))
-        phase_rad = 2 * np.pi * self._frequency_hz * travel_std_s
-        return self._driving(usual_nm, coupling, inertia_of(solution)) * np.exp(-0.5 * phase_rad**2)
-
-    def ringing(self, driving: Spectrum, solution: Solution, coupling: Coupling) -> BSpline:
-        """The torque that the sensor feels of it, above PORT's band."""
-        return make_interp_spline(self.time_s, self._rung(driving, coupling, inertia_of(solution)), k=3)
-
-    def motor(self, solution: Solution, travel_s: FloatArray) -> FloatArray:
-        """Behind the amplifier's lag, (n,)."""
-        stretch, shape = self.stretch, solution.shape
-        acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
-        return np.asarray(
-            solution.linear[GAIN]
-            * self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
-        )
-
-    @cached_property  # of every simulated record
-    def _passive_in_band_nm(self) -> FloatArray:
-        return _filtered(self.passive_nm, PORT)
-
-    def lag(self, acts_s: FloatArray, command: FloatArray, bandwidth_rad_s: float, *, released: bool) -> FloatArray:
-        """Of commands (m,) that act from these instants on: (n,)."""
-        step_s = self.stretch.tick_s / FINE
-        return np.asarray(
-            loops.mean_lag_of_held(acts_s, command, bandwidth_rad_s, self.time_s[0], step_s, self.time_s.size, released)
-        )
-
-    def quick(self, motor_nm: FloatArray, coupling: Coupling, inertia_kgm2: float) -> FloatArray:
-        """What the sensor feels of both motors above PORT's band, (n,)."""
-        return self._rung(self._driving(motor_nm, coupling, inertia_kgm2), coupling, inertia_kgm2)
-
-    def _driving(self, motor_nm: FloatArray, coupling: Coupling, inertia_kgm2: float) -> Spectrum:
-        """The difference of the accelerations that both motors give, above PORT's band."""
-        load_nm = coupling.load_gain * self.lag(
-            coupling.sent_s + coupling.load_delay_s,
-            coupling.command_nm,
-            coupling.load_bandwidth_rad_s,
-            released=coupling.load_released_at_zero,
-        )
-        driving = motor_nm / inertia_kgm2 - load_nm / coupling.load_inertia_kgm2
-        return np.asarray(np.fft.rfft(driving - _filtered(driving, PORT, of_means=True)))
-
-    @cached_property  # of every ringing
-    def _frequency_hz(self) -> FloatArray:
-        return np.asarray(np.fft.rfftfreq(self.time_s.size, self.stretch.tick_s / FINE))
-
-    def _rung(self, driving: Spectrum, coupling: Coupling, inertia_kgm2: float) -> FloatArray:
-        response = coupling.response(self._frequency_hz, inertia_kgm2)
-        return np.asarray(np.fft.irfft(driving * response, self.time_s.size), dtype=np.float64)
-
-
-def inertia_of(solution: Solution) -> float:
-    return abs(float(solution.linear[INERTIA]))
-
-
-def _filtered(values: FloatArray, kernel: Kernel, *, of_means: bool = False) -> FloatArray:
-    """A signal known FINE times a tick, or its means over these steps, through a low-pass."""
-    reach = round(kernel.half_width * FINE)
-    taps = kernel.taps(np.arange(-reach, reach + 1) / FINE, 0, of_means=of_means, exact_to=3)[None, :]
-    return np.asarray(loops.filter_at(values, taps, -reach, 1, values.size)[0])
 
 
 @dataclass(frozen=True)

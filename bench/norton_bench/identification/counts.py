@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.quantisation import REACH, unquantised
+from norton_bench.identification.readings import REACH, unquantised
 from norton_bench.identification.signals import FINE, Signals, Stream
 
 DRAWS = 2

@@ -14,14 +14,21 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.current import fit_current
-from norton_bench.identification.regression import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
-from norton_bench.identification.results import Cogging, FitResult, SensorZero, Simulated, Trace
+from norton_bench.identification.results import (
+    Cogging,
+    FitResult,
+    SensorZero,
+    Simulated,
+    loose_directions,
+    trace,
+    verdict,
+)
+from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
+from norton_bench.identification.sanity.checks import FailedCheck, failed_checks, status_of
+from norton_bench.identification.sanity.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.separable import Solution, limits, linear_solution, solve
 from norton_bench.identification.signals import Port, Signals, signals
-from norton_bench.identification.soundness.doubts import Doubt, doubts, status_of
-from norton_bench.identification.soundness.recording import NOTHING_FOUND, Findings, sound
-from norton_bench.identification.statistics import sandwich
-from norton_bench.identification.verdict import LOOSE_BEYOND, loose_directions, verdict
+from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.records import Measured
@@ -62,10 +69,10 @@ def fit(
     the fit takes a tenth of the time, and the deviations hold only what its residual shows. ``coupling`` is what the
     calibration tells of the spring between the motors (:func:`norton_bench.identification.load.coupling_of`).
     """
-    believed = sound(measured)
-    stretches = signals(believed.measured, tick_s, use)
-    readings = Readings(believed.measured, tick_s, use, draws, coupling) if draws else None
-    return fit_signals(stretches, command_unit=command_unit, findings=believed.findings, readings=readings)
+    cleaned = clean(measured)
+    stretches = signals(cleaned.measured, tick_s, use)
+    readings = Readings(cleaned.measured, tick_s, use, draws, coupling) if draws else None
+    return fit_signals(stretches, command_unit=command_unit, findings=cleaned.findings, readings=readings)
 
 
 def fit_signals(
@@ -212,13 +219,20 @@ def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _NetworkTerms:
     """The solution in the terms of the network. ``ratios`` are what is known per unit of gain where no scale is."""
 
     estimates: tuple[Estimate, ...]
     network: NortonNetwork
     ratios: tuple[Estimate, ...]
     has_current: bool
+
+    def verdict(self, solution: Solution, values: FloatArray, covariance: FloatArray) -> tuple[str, ...]:
+        """Sentences on what is known, and what is not."""
+        loose = loose_directions(PHYSICAL, _relative(solution, values, covariance))
+        return verdict(
+            self.estimates, loose, ratios=self.ratios, converged=solution.converged, has_current=self.has_current
+        )
 
 
 def result_of(
@@ -233,30 +247,18 @@ def result_of(
     regression = solution.regression
     target = regression.target()
     of_unknowns = covariance_of(solution, regression.time_s())
-    values, covariance = physical(solution, regression.time_s(), of_unknowns)
-    simulated = None
-    # Free motion is not simulated: its torque is nil, and what is measured of it follows from nothing else.
-    if readings is not None and solution.converged and not solution.free_motion:
-        bench = Simulation.of(readings, stretches, solution)
-        values, covariance, simulated = _simulated(bench, values, covariance)
+    values, covariance, simulated = _values(stretches, solution, of_unknowns, readings)
     deviations = np.sqrt(np.diag(covariance))
-    doubted = (
-        *(Doubt(sentence) for sentence in findings.doubts),
-        *doubts(solution, values, deviations, tick_s=stretches[0].tick_s),
+    failed = (
+        *map(FailedCheck, findings.doubts),
+        *failed_checks(solution, values, deviations, tick_s=stretches[0].tick_s),
     )
-    found = _found(stretches, solution, values, covariance, command_unit, doubted)
-    said = verdict(
-        found.estimates,
-        loose_directions(PHYSICAL, _relative(solution, values, covariance)),
-        ratios=found.ratios,
-        converged=solution.converged,
-        has_current=found.has_current,
-    )
+    terms = _in_terms_of_network(stretches, solution, values, covariance, command_unit, failed)
     to_torque = float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0
     rms = float(np.sqrt(np.mean(solution.residual**2)))
     return FitResult(
-        estimates=found.estimates,
-        network=found.network,
+        estimates=terms.estimates,
+        network=terms.network,
         converged=solution.converged,
         torque_rms_nm=rms * to_torque,
         torque_relative=rms / float(np.sqrt(np.mean(target**2))),
@@ -271,9 +273,22 @@ def result_of(
         torque_bias_nm=_bias(solution),
         torque_zero=_zero(solution, of_unknowns),
         simulated=simulated,
-        verdict=(*(doubt.sentence for doubt in doubted), *said, *findings.remarks),
-        doubted=doubted,
+        verdict=(*(each.sentence for each in failed), *terms.verdict(solution, values, covariance), *findings.remarks),
+        failed_checks=failed,
     )
+
+
+def _values(
+    stretches: tuple[Signals, ...], solution: Solution, of_unknowns: FloatArray, readings: Readings | None
+) -> tuple[FloatArray, FloatArray, Simulated | None]:
+    """Values (9,) and covariance (9, 9) as :func:`physical` has them, corrected by simulated records if there are any.
+
+    Free motion is not simulated: its torque is nil, and what is measured of it follows from nothing else.
+    """
+    values, covariance = physical(solution, solution.regression.time_s(), of_unknowns)
+    if readings is None or not solution.converged or solution.free_motion:
+        return values, covariance, None
+    return _simulated(Simulation.of(readings, stretches, solution), values, covariance)
 
 
 def _simulated(
@@ -287,14 +302,14 @@ def _simulated(
     return *scatter.applied(values, covariance), Simulated(of_residual, repeated_std, bench)
 
 
-def _found(
+def _in_terms_of_network(
     stretches: tuple[Signals, ...],
     solution: Solution,
     values: FloatArray,
     covariance: FloatArray,
     command_unit: str,
-    doubted: tuple[Doubt, ...],
-) -> _Found:
+    failed_checks: tuple[FailedCheck, ...],
+) -> _NetworkTerms:
     deviations = np.sqrt(np.diag(covariance))
     statuses = _statuses(solution, values, deviations, stretches[0].tick_s)
     estimates = [
@@ -307,11 +322,11 @@ def _found(
     network = network_of(estimates, command_unit, covariance[:7, :7])
     ratios: tuple[Estimate, ...] = ()
     if solution.free_motion:
-        ratios = tuple(estimate for estimate in estimates if estimate.name in PER_GAIN and not doubted)
+        ratios = tuple(estimate for estimate in estimates if estimate.name in PER_GAIN and not failed_checks)
         network = replace(network, provenance={"scale": "free motion only: everything per unit of torque gain"})
         estimates = [_without_scale(estimate) for estimate in estimates]
-    judged = tuple(replace(each, status=status_of(each.status, each.name, doubted)) for each in estimates)
-    return _Found(judged, network, ratios, current is not None)
+    judged = tuple(replace(each, status=status_of(each.status, each.name, failed_checks)) for each in estimates)
+    return _NetworkTerms(judged, network, ratios, current is not None)
 
 
 def _cogging(solution: Solution, to_torque: float) -> tuple[Cogging, ...]:
@@ -323,7 +338,7 @@ def _cogging(solution: Solution, to_torque: float) -> tuple[Cogging, ...]:
 
 
 def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Covariance of the logarithms of PHYSICAL; a scale that free motion leaves open is as good as infinite."""
+    """Covariance of the logarithms of PHYSICAL; a scale that free motion leaves open has a variance of 1e6."""
     size = np.maximum(np.abs(values[:7]), 1e-300)
     relative = covariance[:7, :7] / np.outer(size, size)
     if not solution.free_motion:
@@ -333,17 +348,17 @@ def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) ->
 
 
 def _bias(solution: Solution) -> float:
-    """The mean of the bias's hats, which follow the five linear unknowns and the pairs of the cogging."""
+    """The mean of the bias's basis functions, which follow the linear unknowns and the pairs of the cogging."""
     return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + 2 * len(solution.regression.cogging) :]))
 
 
 def _zero(solution: Solution, covariance: FloatArray) -> SensorZero | None:
-    """The bias's hats, with their part of the unknowns' ``covariance``; None where no torque was fitted."""
+    """The bias's basis functions, with their part of the unknowns' ``covariance``; None where no torque was fitted."""
     if solution.free_motion:
         return None
     time_s, unknowns = solution.regression.time_s(), len(solution.linear)
     first = 5 + 2 * len(solution.regression.cogging)
-    knots_s = np.linspace(np.min(time_s), np.max(time_s), unknowns - first)  # as `hats` has them
+    knots_s = np.linspace(np.min(time_s), np.max(time_s), unknowns - first)  # as `linear_basis` has them
     return SensorZero(knots_s, solution.linear[first:], covariance[first:unknowns, first:unknowns])
 
 
@@ -354,39 +369,25 @@ def _without_scale(estimate: Estimate) -> Estimate:
     return replace(estimate, value=float("nan"), std=float("nan"), status=Status.RATIO_ONLY)
 
 
-def trace(stretches: tuple[Signals, ...], measured: FloatArray, predicted: FloatArray) -> Trace:
-    """Both on the whole grid, NaN where nothing was used. Inputs have one value for each usable instant."""
-    usable = np.concatenate([stretch.usable for stretch in stretches])
-    pair = np.full((2, usable.size), np.nan)
-    pair[0, usable], pair[1, usable] = measured, predicted
-    time_s = np.concatenate([stretch.time_s for stretch in stretches])
-    return Trace(time_s, pair[0], pair[1], "N*m")
-
-
 def _statuses(solution: Solution, values: FloatArray, deviations: FloatArray, tick_s: float) -> list[Status]:
-    at_bound = _at_bound(solution, tick_s)
-    statuses = []
-    for name, value, deviation in zip(PHYSICAL, values[:7], deviations[:7], strict=True):
-        if not solution.converged:
-            status = Status.NOT_CONVERGED
-        elif name in at_bound or (value < 0 and name not in ("torque_gain", "presliding_damping")):
-            status = Status.AT_BOUND
-        elif name == "torque_gain" and solution.free_motion:
-            status = Status.VALID
-        elif not deviation <= LOOSE_BEYOND * abs(value):
-            status = Status.UNEXCITED
-        else:
-            status = Status.VALID
-        statuses.append(status)
-    return statuses
+    numbers, at_bound = zip(PHYSICAL, values[:7], deviations[:7], strict=True), _at_bound(solution, tick_s)
+    return [_status(solution, at_bound, *each) for each in numbers]
+
+
+def _status(solution: Solution, at_bound: set[str], name: str, value: float, deviation: float) -> Status:
+    if not solution.converged:
+        return Status.NOT_CONVERGED
+    if name in at_bound or (value < 0 and name not in ("torque_gain", "presliding_damping")):
+        return Status.AT_BOUND
+    known = deviation <= LOOSE_BEYOND * abs(value) or (name == "torque_gain" and solution.free_motion)
+    return Status.VALID if known else Status.UNEXCITED
 
 
 def _at_bound(solution: Solution, tick_s: float) -> set[str]:
     low, high = limits(tick_s)
     at, width = solution.shape.as_array(), high - low
     held = (at - low < 1e-3 * width) | (high - at < 1e-3 * width)
-    names = ("amplifier_bandwidth", "presliding_stiffness")
-    return {name for name, hit in zip(names, held, strict=False) if hit}
+    return {name for name, hit in zip(("amplifier_bandwidth", "presliding_stiffness"), held, strict=False) if hit}
 
 
 def network_of(estimates: Sequence[Estimate], command_unit: str, covariance: FloatArray | None = None) -> NortonNetwork:

@@ -17,8 +17,8 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import fit_machine, weight_of
 from norton_bench.identification.results import FitResult
+from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.signals import INTERPOLATION, Port, positions_of, signals
-from norton_bench.identification.soundness.recording import sound
 from norton_bench.identification.trials import (
     Seen,
     TrialFigures,
@@ -294,7 +294,7 @@ def load_by_twist(measured: Measured, tick_s: float) -> LoadByTwist:
 
     Raises ExperimentError where the shaft twists too little to tell the load's inertia from the actuator's.
     """
-    twisted = signals(with_twist(sound(measured).measured), tick_s, Use.CALIBRATE, Port.LOAD)
+    twisted = signals(with_twist(clean(measured).measured), tick_s, Use.CALIBRATE, Port.LOAD)
     fit = fit_machine(twisted)
     gain, inertia = fit.estimate("torque_gain"), fit.estimate("inertia")
     if not fit.converged or gain.status is not Status.VALID or inertia.status is not Status.VALID:
@@ -312,8 +312,8 @@ def actuator_behind(measured: Measured, load: Machine, tick_s: float, command_un
 
     Raises ExperimentError where there is nothing to fit.
     """
-    believed = with_torque_of(sound(measured).measured, load, tick_s)
-    return fit_signals(signals(believed, tick_s, Use.CALIBRATE, Port.ACTUATOR), command_unit=command_unit)
+    cleaned = with_torque_of(clean(measured).measured, load, tick_s)
+    return fit_signals(signals(cleaned, tick_s, Use.CALIBRATE, Port.ACTUATOR), command_unit=command_unit)
 
 
 def with_twist(measured: Measured) -> Measured:

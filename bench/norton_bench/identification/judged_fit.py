@@ -1,15 +1,25 @@
 """The fit of a recording as its session concludes it: with what the model's own error makes of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.expansion import Expansion
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import coupling_of
-from norton_bench.identification.model_error import ModelError, expanded, judged, model_error, validation_stretches
+from norton_bench.identification.model_error import (
+    ModelError,
+    expanded,
+    judged,
+    model_error,
+    validation_stretches,
+    widened,
+)
 from norton_bench.identification.results import FitResult
+from norton_bench.identification.sanity.cleaning import Cleaned, Findings
 from norton_bench.identification.signals import Signals, signals
-from norton_bench.identification.soundness.recording import Findings, Sound
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.segments import Use
@@ -72,21 +82,85 @@ class JudgedFit:
     error: ModelError | None
 
 
-def fit_judged(believed: Sound, *, command_unit: str, tick_s: float) -> JudgedFit:
+def fit_judged(cleaned: Cleaned, *, command_unit: str, tick_s: float) -> JudgedFit:
     """Statuses and deviations as a session concludes them. Raises ExperimentError where there is nothing to fit."""
-    measured = believed.measured
+    measured = cleaned.measured
     stretches, unseen = signals(measured, tick_s, Use.IDENTIFY), validation_stretches(measured, tick_s)
     readings = Readings(measured, tick_s, Use.IDENTIFY, coupling=coupling_of(measured, tick_s))
-    findings = _findings(believed, unseen)
+    findings = _findings(cleaned, unseen)
     fitted = possible(fit_signals(stretches, command_unit=command_unit, findings=findings, readings=readings))
     at = expanded(fitted, stretches, unseen)
     error = None if at is None else model_error(fitted, at, stretches, unseen, measured)
     return JudgedFit(fitted, judged(fitted, error), stretches, unseen, at, error)
 
 
-def _findings(believed: Sound, unseen: tuple[Signals, ...]) -> Findings:
+def _findings(cleaned: Cleaned, unseen: tuple[Signals, ...]) -> Findings:
     """And that nothing is left to validate on, where something was meant to be: the fit is worth its while."""
-    findings = believed.findings
-    if unseen or all(segment.use is not Use.VALIDATE for segment in believed.measured.segments):
+    findings = cleaned.findings
+    if unseen or all(segment.use is not Use.VALIDATE for segment in cleaned.measured.segments):
         return findings
     return replace(findings, remarks=(*findings.remarks, NOTHING_TO_VALIDATE_ON))
+
+
+# Deviations. Chance passes it in less than one session of a hundred where seven parameters are compared (Bonferroni).
+SIGNIFICANT_CHANGE = 3.2
+COMPARABLE = (Status.VALID, Status.INADEQUATE)
+
+
+@dataclass(frozen=True)
+class Change:
+    """Live values at the session's end beside the final ones: a parameter that moved meanwhile is said to have moved.
+
+    One parameter, known at the end of the session and from all of it.
+    """
+
+    live: Estimate
+    final: Estimate
+
+    @property
+    def deviations(self) -> float:
+        """The difference over its deviation, at least: both come from the same data, so their errors agree in part."""
+        return float((self.live.value - self.final.value) / np.hypot(self.live.std, self.final.std))
+
+    @property
+    def significant(self) -> bool:
+        return abs(self.deviations) > SIGNIFICANT_CHANGE
+
+    @property
+    def sentence(self) -> str:
+        name, unit = self.final.name.replace("_", " ").capitalize(), self.final.unit
+        return (
+            f"{name} moved during the session: {self.live.value:.4g} ± {self.live.half_interval:.2g} {unit} at its "
+            f"end, {self.final.value:.4g} {unit} over all of it. Its interval holds the values in between."
+        )
+
+
+def changes(live: Sequence[Estimate], final: FitResult) -> tuple[Change, ...]:
+    """Of what is valid in both; what another model would change in the final fit is compared too."""
+    before = {estimate.name: estimate for estimate in live if estimate.status is Status.VALID and estimate.std > 0.0}
+    return tuple(
+        Change(before[each.name], each)
+        for each in final.estimates
+        if each.name in before and each.status in COMPARABLE and each.std > 0.0
+    )
+
+
+def with_what_moved(result: FitResult, fit: FitResult, live: Sequence[Estimate]) -> FitResult:
+    """``result`` with a sentence on each parameter whose live values end elsewhere than ``fit``, wide enough for them.
+
+    ``result`` is ``fit`` with the deviations that the model's error gives. What moves evenly past its mean deviates
+    from it by the distance to either end over the square root of 3.
+    """
+    moved = {change.final.name: change for change in changes(live, fit) if change.significant}
+    if not moved:
+        return result
+    estimates = tuple(_wider(each, moved[each.name]) if each.name in moved else each for each in result.estimates)
+    sentences = tuple(change.sentence for change in moved.values())
+    return replace(
+        result, estimates=estimates, network=widened(result, estimates), verdict=(*sentences, *result.verdict)
+    )
+
+
+def _wider(estimate: Estimate, change: Change) -> Estimate:
+    over_time = abs(change.live.value - change.final.value) / np.sqrt(3.0)
+    return replace(estimate, std=max(estimate.std, float(np.hypot(change.final.std, over_time))))

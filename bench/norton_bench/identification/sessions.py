@@ -8,8 +8,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.fit import PHYSICAL, network_of
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.statistics import Combined, combine
-from norton_bench.identification.verdict import LOOSE_BEYOND
+from norton_bench.identification.statistics import LOOSE_BEYOND, Combined, combine
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import PARAMETERS, Estimate, Status
 

@@ -12,10 +12,16 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification import noise
 from norton_bench.identification.kernels import TABLE_PER_UNIT, Kernel
-from norton_bench.identification.quantisation import moving, resolution_rad, unquantised
-from norton_bench.identification.timing import nominal_period_s, sampled_at_s, taken_late_s
+from norton_bench.identification.readings import (
+    moving,
+    noise_deviation,
+    nominal_period_s,
+    resolution_rad,
+    sampled_at_s,
+    taken_late_s,
+    unquantised,
+)
 from norton_bench.records import NO_DEVICE_TIME, Measured, Table
 from norton_bench.segments import Use
 
@@ -24,6 +30,7 @@ FINE = 4
 # Wide enough to leave everything below a quarter of the sampling rate as it is.
 INTERPOLATION = Kernel(cutoff=0.36, half_width=12.0)
 LONGEST_GAP_S = 0.05
+Span = tuple[float, float]  # begin and end [s]
 SHORTEST_STRETCH_TICKS = 100
 # Rows of a shaft that hardly moves are left out, unless little else would remain.
 LEAST_MOVING_SHARE = 0.1
@@ -93,9 +100,9 @@ def signals(
     if of_both:
         runs_s += [instants(table, origin_ns)[0] for table in (measured.motion, measured.load_motion)]
     stretches = [
-        _stretch(measured, streams, tick_s, use, port, origin_ns, count_rad, start_s, end_s)
-        for start_s, end_s in _common_spans(runs_s)
-        if end_s - start_s >= SHORTEST_STRETCH_TICKS * tick_s
+        _stretch(measured, streams, tick_s, use, port, origin_ns, span)
+        for span in _common_spans(runs_s)
+        if span[1] - span[0] >= SHORTEST_STRETCH_TICKS * tick_s
     ]
     useful = tuple(stretch for stretch in stretches if stretch.usable.any())
     if not useful:
@@ -205,7 +212,7 @@ def instants(table: Table, origin_ns: int) -> tuple[FloatArray, IntArray]:
     return time_s[rows], rows
 
 
-def _common_spans(runs_s: Sequence[FloatArray]) -> list[tuple[float, float]]:
+def _common_spans(runs_s: Sequence[FloatArray]) -> list[Span]:
     """Where all of them, instants [s] in order, go on without a long silence."""
     spans = [(-np.inf, np.inf)]
     for times in runs_s:
@@ -221,38 +228,21 @@ def _common_spans(runs_s: Sequence[FloatArray]) -> list[tuple[float, float]]:
 
 
 def _stretch(
-    measured: Measured,
-    streams: dict[str, Stream],
-    tick_s: float,
-    use: Use,
-    port: Port,
-    origin_ns: int,
-    count_rad: float,
-    start_s: float,
-    end_s: float,
+    measured: Measured, streams: dict[str, Stream], tick_s: float, use: Use, port: Port, origin_ns: int, span: Span
 ) -> Signals:
+    start_s, end_s = span
     # On whole ticks, so that grids of different machines fall on each other.
     start_s = float(np.ceil(start_s / tick_s) * tick_s)
     count = int((end_s - start_s) / tick_s)
-    time_s: FloatArray = np.asarray(start_s + np.arange(count) * tick_s, dtype=np.float64)
-    fine_s: FloatArray = np.asarray(start_s + np.arange(count * FINE) * (tick_s / FINE), dtype=np.float64)
-    covered = streams["position"].covers(time_s)
+    time_s = np.asarray(start_s + np.arange(count) * tick_s, dtype=np.float64)
+    fine_s = np.asarray(start_s + np.arange(count * FINE) * (tick_s / FINE), dtype=np.float64)
     torque = streams.get("torque")
-    if torque is not None:
-        covered &= torque.covers(time_s)
-    edge = round(INTERPOLATION.half_width)
-    covered[:edge], covered[-edge:] = False, False
     ticks = measured.ticks
     sent_s = sent_at_s(ticks, origin_ns)
     chosen = (sent_s >= start_s - LONGEST_GAP_S) & (sent_s <= end_s)
     column = "command" if port is Port.ACTUATOR else "load_torque_nm"
     segment, in_use = _segments(measured, origin_ns, time_s, use)
-    usable = covered & in_use
-    moves = np.interp(time_s, streams["moving"].time_s, streams["moving"].value) > 0.5
-    well_known = usable & moves
-    # A clamped shaft never moves, and still tells its gain.
-    if np.count_nonzero(well_known) > LEAST_MOVING_SHARE * np.count_nonzero(usable):
-        usable = well_known
+    usable, moves = _usable(streams, time_s, in_use)
     return Signals(
         tick_s=tick_s,
         origin_ns=origin_ns,
@@ -273,9 +263,24 @@ def _stretch(
         torque_period_s=0.0 if torque is None else torque.period_s,
         torque_averaging_s=measured.chain.torque_averaging_s,
         smoothed=streams["path"].between(start_s - LONGEST_GAP_S, end_s + LONGEST_GAP_S),
-        count_rad=count_rad,
+        count_rad=streams["position"].step,
         released_at_zero=port.value in measured.chain.released_at_zero,
     )
+
+
+def _usable(streams: dict[str, Stream], time_s: FloatArray, in_use: BoolArray) -> tuple[BoolArray, BoolArray]:
+    """At which instants readings are there and well enough known to be fitted, and at which the shaft moves."""
+    covered = streams["position"].covers(time_s)
+    if "torque" in streams:
+        covered &= streams["torque"].covers(time_s)
+    edge = round(INTERPOLATION.half_width)
+    covered[:edge], covered[-edge:] = False, False
+    usable = covered & in_use
+    moves = np.interp(time_s, streams["moving"].time_s, streams["moving"].value) > 0.5
+    well_known = usable & moves
+    # A clamped shaft never moves, and still tells its gain.
+    enough = np.count_nonzero(well_known) > LEAST_MOVING_SHARE * np.count_nonzero(usable)
+    return (well_known if enough else usable), moves
 
 
 def _ends_of_rests(moves: BoolArray, tick_s: float) -> IntArray:
@@ -289,7 +294,7 @@ def _ends_of_rests(moves: BoolArray, tick_s: float) -> IntArray:
 def _density(stream: Stream, time_s: FloatArray, usable: BoolArray) -> float:
     """Of the readings' own errors, where they are used."""
     chosen = np.interp(stream.time_s, time_s, usable, left=0.0, right=0.0) > 0.5
-    return noise.deviation(stream.value, chosen) ** 2 * stream.period_s
+    return noise_deviation(stream.value, chosen) ** 2 * stream.period_s
 
 
 def _segments(measured: Measured, origin_ns: int, time_s: FloatArray, use: Use) -> tuple[IntArray, BoolArray]:

@@ -9,6 +9,8 @@ from scipy.stats import chi2, t
 
 from norton_bench.arrays import FloatArray
 
+# A parameter, or a combination of them, that deviates by more than this share of its value is not known.
+LOOSE_BEYOND = 0.5
 BLOCKS_S = (0.1, 0.5, 2.0)
 
 

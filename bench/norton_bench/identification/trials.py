@@ -13,8 +13,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification import noise
-from norton_bench.identification.quantisation import resolution_rad, unquantised
+from norton_bench.identification.readings import noise_deviation, resolution_rad, unquantised
 from norton_bench.identification.signals import INTERPOLATION, stream_of
 from norton_bench.records import Measured, SegmentInfo, Table
 
@@ -85,7 +84,7 @@ def seen(measured: Measured, segment: SegmentInfo, ticks: int, tick_s: float) ->
         _position(part.motion, segment, at_s, "the actuator's position"),
         _position(part.load_motion, segment, at_s, "the load's position"),
         _at(torque, "torque_nm", segment, at_s, "torque") if reads else None,
-        noise.deviation(torque["torque_nm"], np.ones(len(torque), dtype=bool)) if reads else 0.0,
+        noise_deviation(torque["torque_nm"], np.ones(len(torque), dtype=bool)) if reads else 0.0,
     )
 
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.fit import trace
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.regression import INERTIA, Regression, Rows, Shape
-from norton_bench.identification.results import FitResult, SensorZero, Trace, Validation
+from norton_bench.identification.regression import Regression
+from norton_bench.identification.results import FitResult, SensorZero, Trace, Validation, trace
+from norton_bench.identification.rows import INERTIA, Rows, Shape
 from norton_bench.identification.separable import LOW_BAND, linear_solution
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.records import Measured, SegmentInfo

@@ -11,8 +11,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError
+from norton_bench.identification.sanity.redundancy import AGREEMENT, SLOPE, agreement
 from norton_bench.identification.separable import linear_solution
-from norton_bench.identification.soundness.redundancy import AGREEMENT, SLOPE, agreement
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem

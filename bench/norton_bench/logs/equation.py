@@ -8,7 +8,7 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.identification.friction import additive
+from norton_bench.identification.friction import operators
 from norton_bench.identification.friction.model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
@@ -197,14 +197,14 @@ def _others(
         columns |= {"gravity_sine": -np.sin(position), "gravity_cosine": -np.cos(position)}
     period = parts[0].log.given("model", "cogging_period")
     if period is not None:
-        columns |= additive.cogging(position, period)
+        columns |= operators.cogging(position, period)
     if model.temperature:
         warmth = _joined(terms, "temperature")
         if warmth is None:
             raise UsageError(f"{parts[0].log.place}: [model] temperature: the log holds none; leave it out of the map")
-        columns |= additive.temperature(np.concatenate([term.motion.velocity for term in terms]), warmth)
+        columns |= operators.temperature(np.concatenate([term.motion.velocity for term in terms]), warmth)
     if model.drift_s is not None:
-        columns |= additive.drift(np.concatenate([part.time_s for part in parts]), model.drift_s)
+        columns |= operators.drift(np.concatenate([part.time_s for part in parts]), model.drift_s)
     elif model.offset:
         columns["offset"] = -np.ones(position.size)
     return columns

@@ -10,8 +10,8 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.friction.family import family_for
-from norton_bench.identification.friction.family import model as friction_model
+from norton_bench.identification.friction.laws import family_for
+from norton_bench.identification.friction.laws import model as friction_model
 from norton_bench.identification.friction.model import FrictionModel
 from norton_bench.identification.ladder import Rung, ladder, selected
 from norton_bench.logs.column_map import ColumnMap
@@ -27,10 +27,9 @@ from norton_bench.logs.doubts import (
 )
 from norton_bench.logs.equation import Problem, make_problem
 from norton_bench.logs.grid import Stretch, common_interval, stretches
-from norton_bench.logs.log import Log, read_log
+from norton_bench.logs.log import Log, read_log, usable_rows
 from norton_bench.logs.outcome import Judged, outcome, refined
 from norton_bench.logs.results import LogFit
-from norton_bench.logs.rows import usable_rows
 from norton_bench.units import NUMBER, parse_quantity
 
 PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)\s*")

@@ -11,9 +11,8 @@ from scipy.interpolate import make_interp_spline
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.soundness.standstill import resolution
-from norton_bench.logs.log import Log
-from norton_bench.logs.rows import untrustworthy
+from norton_bench.identification.sanity.standstill import resolution
+from norton_bench.logs.log import Log, untrustworthy
 
 # Where the map says nothing: the low-pass of the position, and the rows' rate, as shares of the sampling rate.
 CUTOFF = 0.1

@@ -1,13 +1,15 @@
 """One log in SI: the file's columns as the map means them, every row that can be used, and what was left out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from norton_bench.arrays import FloatArray
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
+from norton_bench.identification.sanity import standstill
+from norton_bench.identification.sanity.standstill import FROZEN_ROWS, flat_tops, rows_of
 from norton_bench.logs.column_map import ColumnMap, ColumnSection, Given
 from norton_bench.logs.files import Content, read_file
 from norton_bench.units import conversion
@@ -104,3 +106,180 @@ def _check_lengths(place: str, columns: Mapping[str, FloatArray]) -> None:
         raise UsageError(f"{place}: its columns differ in length ({said}); map columns that were sampled together")
     if next(iter(lengths.values())) < LEAST_ROWS:
         raise UsageError(f"{place}: has {next(iter(lengths.values()))} rows; {LEAST_ROWS} are the least to learn from")
+
+
+MEASURED = ("position", "velocity", "exertion", "command")
+FLAT_LEAST = 0.001
+FROZEN_SHARE = 0.01
+NEAR_LIMIT = 0.01
+
+
+def check_constant(log: Log) -> None:
+    """Which rows of a log can be used: numbers in every column, and a clock that goes forward.
+
+    Columns that do not tell what they should: constant, at the end of their range, or frozen on one value.
+
+    Raises UsageError for a column that never changes.
+    """
+    for name in MEASURED:
+        values = log.columns.get(name)
+        if values is not None and np.ptp(values) == 0:
+            mend = "leave it out of the map if the actuator was idle" if name == "command" else "check the column"
+            raise UsageError(f"{log.place}: {name} is constant ({values[0]:.6g}): it tells nothing; {mend}")
+
+
+def untrustworthy(log: Log) -> tuple[BoolArray, tuple[str, ...]]:
+    """Rows in which a sensor was at the end of its range or frozen, shape (n,), and a sentence for each such column."""
+    wrong = np.zeros(len(log.time_s), dtype=bool)
+    sentences = []
+    for name in MEASURED:
+        if name not in log.columns:
+            continue
+        values = log.columns[name]
+        flat = rows_of(flat_tops(values), len(values)) & ~_limited(log, name)
+        if np.count_nonzero(flat) >= FLAT_LEAST * len(values):
+            wrong |= flat
+            ends = ", ".join(f"{end:.4g}" for end in np.unique(values[flat]))
+            sentences.append(
+                f"{log.place}: {name} is saturated, flat at {ends} in {np.mean(flat):.1%} of the rows, left out."
+            )
+        frozen = rows_of(_frozen(log, name), len(values)) & ~flat & ~_limited(log, name)
+        if frozen.any():
+            wrong |= frozen
+            first = log.time_s[int(np.argmax(frozen))]
+            sentences.append(
+                f"{log.place}: {name} is frozen in {np.mean(frozen):.1%} of the rows (first at {first:.4g} s), "
+                "left out."
+            )
+    return wrong, tuple(sentences)
+
+
+def _limited(log: Log, name: str) -> BoolArray:
+    """Where a command rightly stands still: at the limit that the device's law keeps to, or switched off."""
+    rows = np.zeros(len(log.time_s), dtype=bool)
+    if name != "command":
+        return rows
+    limit = log.given("loop", "limit")
+    if limit is not None:
+        rows |= np.abs(np.abs(log.columns[name]) - limit) < NEAR_LIMIT * limit
+    if "enabled" in log.columns:
+        rows |= log.columns["enabled"] < 0.5
+    return rows
+
+
+def _frozen(log: Log, name: str) -> list[tuple[int, int]]:
+    """Long runs of one column during which another one moved on.
+
+    A command may well be held; one that else changes in every row is frozen where it does not.
+    """
+    values = log.columns[name]
+    if name == "command" and np.median(standstill.runs(values)[1]) > 1:
+        return []
+
+    def others() -> list[FloatArray]:
+        return [log.columns[other] for other in MEASURED if other in log.columns and other != name]
+
+    # A shaft may well rest at the end; not under a command that swings by half of its range.
+    share = 0.5 if name == "position" else standstill.ELSEWHERE
+    return standstill.frozen(values, others, least=max(FROZEN_ROWS, FROZEN_SHARE * len(values)), share_at_end=share)
+
+
+def held_rows(log: Log) -> tuple[int, int] | None:
+    """Every how manieth row a sensor was read, and from which on; None where every row is a reading of its own."""
+    for name in ("position", "velocity", "exertion"):
+        found = standstill.held(log.columns[name]) if name in log.columns else None
+        if found is not None:
+            return found
+    return None
+
+
+# More rows than this without a number, or with the stamp of the row before, and the log is not what it is taken for.
+MOST_MISSING = 0.5
+# With more steps back than this a column is not the time.
+NO_CLOCK = 0.01
+# What follows from the others, or changes slowly, may be missing in a row.
+SPARSE = ("temperature", "supply", "normal", "enabled", "goal")
+
+
+def usable_rows(log: Log) -> Log:
+    """The log without the rows that hold no number or repeat a stamp; what was left out is said in its remarks.
+
+    Raises UsageError where time runs backwards or stands still, a column is constant, or too little is left.
+    """
+    log = _without(log, ~np.isfinite(log.time_s), "time")
+    for name in sorted(set(log.columns) - set(SPARSE)):
+        log = _without(log, ~np.isfinite(log.columns[name]), name)
+    log = _filled(log)
+    check_constant(log)
+    _check_order(log)
+    return _readings(_without_repeats(log))
+
+
+def _without(log: Log, wrong: BoolArray, name: str) -> Log:
+    count = int(np.count_nonzero(wrong))
+    if not count:
+        return log
+    total = len(wrong)
+    if total - count < LEAST_ROWS or count > MOST_MISSING * total:
+        raise UsageError(
+            f"{log.place}: {name} holds no number in {count} of {total} rows; check the column, its unit and `missing`"
+        )
+    said = f"{name} holds no number in {count} of {total} rows (first in row {int(np.argmax(wrong)) + 1}); left out."
+    return replace(_rows(log, ~wrong), remarks=(*log.remarks, f"{log.place}: {said}"))
+
+
+def _rows(log: Log, keep: BoolArray) -> Log:
+    return replace(log, time_s=log.time_s[keep], columns={name: values[keep] for name, values in log.columns.items()})
+
+
+def _filled(log: Log) -> Log:
+    """Slow columns keep their last value where they lack one."""
+    columns = dict(log.columns)
+    for name in set(SPARSE) & set(columns):
+        known = np.isfinite(columns[name])
+        if not known.any():
+            raise UsageError(
+                f"{log.place}: {name} holds no number at all; check the column, or leave it out of the map"
+            )
+        last = np.maximum.accumulate(np.where(known, np.arange(known.size), int(np.argmax(known))))
+        columns[name] = columns[name][last]
+    return replace(log, columns=columns)
+
+
+def _check_order(log: Log) -> None:
+    backwards = np.diff(log.time_s) < 0
+    if backwards.any():
+        row = int(np.argmax(backwards))
+        if np.count_nonzero(backwards) > NO_CLOCK * len(backwards):
+            raise UsageError(
+                f"{log.place}: time runs backwards in {int(backwards.sum())} rows; that column is no clock"
+            )
+        raise UsageError(
+            f"{log.place}: time runs backwards after row {row + 1} (from {log.time_s[row]:.6g} s to "
+            f"{log.time_s[row + 1]:.6g} s); a clock jumped or logs were joined: cut the log there"
+        )
+
+
+def _without_repeats(log: Log) -> Log:
+    repeats = np.concatenate([[False], np.diff(log.time_s) == 0])
+    count = int(np.count_nonzero(repeats))
+    if not count:
+        return log
+    if count > MOST_MISSING * len(repeats) or len(repeats) - count < LEAST_ROWS:
+        raise UsageError(
+            f"{log.place}: {count} of {len(repeats)} rows have the same time as the row before; check the column and "
+            'its unit, or leave it out and write [log] rate = "1 kHz"'
+        )
+    said = f"{count} of {len(repeats)} rows have the same time as the row before; left out."
+    return replace(_rows(log, ~repeats), remarks=(*log.remarks, f"{log.place}: {said}"))
+
+
+def _readings(log: Log) -> Log:
+    """One row a reading, where the log repeats a sensor's readings: the repetitions are old."""
+    held = held_rows(log)
+    if held is None or len(log.time_s) // held[0] < LEAST_ROWS:
+        return log
+    every, first = held
+    keep = np.arange(len(log.time_s)) % every == first
+    said = f"a sensor was read in every {every}. row only, the others repeat it; left out."
+    return replace(_rows(log, keep), remarks=(*log.remarks, f"{log.place}: {said}"))

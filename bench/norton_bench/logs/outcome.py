@@ -8,8 +8,7 @@ import numpy as np
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction.model import Dimension, FrictionModel, Path
 from norton_bench.identification.ladder import FrictionFit, Rung
-from norton_bench.identification.results import Trace
-from norton_bench.identification.verdict import words
+from norton_bench.identification.results import Trace, words
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.columns import inputs_of, load_of, loop_of
 from norton_bench.logs.doubts import astray
@@ -20,7 +19,7 @@ from norton_bench.logs.results import (
     Errors,
     LogFit,
     Step,
-    doubted,
+    as_doubtful,
     estimates_of,
     loose,
     with_back_emf,
@@ -205,7 +204,7 @@ def refined(judged: Judged, asked: str | None) -> LogFit:
     column_map, problem, fit = judged.column_map, judged.problem, judged.chosen.fit
     found = refine(column_map, problem, fit, judged.splits, asked, doubtful=bool(judged.doubts))
     doubts = (*judged.doubts, *astray(found.train))
-    estimates = doubted(found.estimates) if doubts else found.estimates
+    estimates = as_doubtful(found.estimates) if doubts else found.estimates
     train, test = map(Errors, judged.exertion_errors, (found.train, found.test))
     return LogFit(
         model=found.model,
@@ -215,7 +214,7 @@ def refined(judged: Judged, asked: str | None) -> LogFit:
         doubtful=bool(doubts),
         train=train,
         test=test,
-        ladder=tuple(replace(step, estimates=doubted(step.estimates)) if doubts else step for step in found.ladder),
+        ladder=tuple(replace(step, estimates=as_doubtful(step.estimates)) if doubts else step for step in found.ladder),
         exertion=_trace(problem, fit, column_map),
     )
 

@@ -8,8 +8,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction.model import Dimension
 from norton_bench.identification.ladder import FrictionFit
-from norton_bench.identification.results import Trace
-from norton_bench.identification.verdict import Direction, loose_directions
+from norton_bench.identification.results import Direction, Trace, loose_directions
 from norton_bench.logs.column_map import Units
 from norton_bench.models.parameters import Estimate, Status
 
@@ -117,7 +116,7 @@ def _status(name: str, value: float, std: float, fit: FrictionFit, exertion_rms:
     return Status.VALID if std <= UNEXCITED_BEYOND * scale else Status.UNEXCITED
 
 
-def doubted(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+def as_doubtful(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
     """The same, none of them to be believed."""
     return tuple(replace(estimate, status=Status.DOUBTFUL) for estimate in estimates)
 

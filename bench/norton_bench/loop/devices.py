@@ -8,15 +8,15 @@ from math import nan
 from typing import Any
 
 from norton_bench.errors import ExperimentError, RigError
-from norton_bench.guard.commands import Commands, DriveHealth
+from norton_bench.guard.check import Commands, DriveHealth
 from norton_bench.loop.watchdogs import WatchdogFinding, fall_silent, has_none
 from norton_bench.records import STREAMS, Stream
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
-from norton_drivers.backend import Backend
 from norton_drivers.clock import Clock
 from norton_drivers.devices import Amplifier, Device, TorqueSensor
 from norton_drivers.link import Link
+from norton_drivers.ports import Backend
 from norton_drivers.readings import DeviceIdentity, DriveState
 from norton_drivers.registry import open_amplifier, open_device, open_torque_sensor
 

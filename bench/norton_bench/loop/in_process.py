@@ -12,8 +12,8 @@ from norton_bench.loop.outbox import Outbox
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.sample import Alignment
-from norton_drivers.backend import Backend
-from norton_drivers.punctual import LOOP_PRIORITY, punctual
+from norton_drivers.ports import Backend
+from norton_drivers.real_time import LOOP_PRIORITY, in_real_time
 
 
 @dataclass
@@ -53,7 +53,7 @@ def loop_in_process(
         outbox = Outbox(chain=rig.chain)
         loop = InProcessLoop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, stop_request)
         if not backend.lock_step:
-            loop.on_time = partial(punctual, LOOP_PRIORITY)
+            loop.on_time = partial(in_real_time, LOOP_PRIORITY)
         yield loop
     finally:
         devices.link.close()

@@ -10,7 +10,7 @@ import numpy as np
 
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.errors import BenchError, OperatorStopError
-from norton_bench.guard.commands import Commands, DriveHealth
+from norton_bench.guard.check import Commands, DriveHealth
 from norton_bench.guard.guard import Guard
 from norton_bench.loop.devices import Arrivals, Devices
 from norton_bench.loop.learned import Learned

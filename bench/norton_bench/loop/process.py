@@ -36,11 +36,10 @@ from norton_bench.loop.watchdogs import WatchdogFinding
 from norton_bench.records import NO_SEGMENT, Event, Measured, SegmentInfo, Table, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
-from norton_drivers.cores import staying_off
 from norton_drivers.errors import DeviceError
 from norton_drivers.readings import DeviceIdentity
+from norton_drivers.real_time import ProcessSetup, staying_off
 from norton_drivers.registry import load_backend
-from norton_drivers.settling import Settled
 
 # How often the session beats, and looks at what the loop has put away.
 PART_S = 0.04
@@ -84,7 +83,7 @@ class LoopProcess:
         emulated.close()  # or the loop's end would never be seen
         self._with_it = ExitStack()
         try:
-            self._settled: Settled = self._wait_for_answer()
+            self._settled: ProcessSetup = self._wait_for_answer()
         except BaseException:
             self._end()
             raise

@@ -39,11 +39,9 @@ from norton_bench.loop.shared_outbox import SharedMemory, SharedOutbox
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.rig import Rig
 from norton_bench.sample import Alignment
-from norton_drivers.cores import kept_awake, take_core
 from norton_drivers.errors import DeviceError
-from norton_drivers.punctual import LOOP_PRIORITY, punctual
+from norton_drivers.real_time import LOOP_PRIORITY, in_real_time, kept_awake, prepare_process, take_core
 from norton_drivers.registry import load_backend
-from norton_drivers.settling import settle_in
 
 # While the drives are idle: well before the least of the systems' buffers is full.
 LISTEN_S = 0.005
@@ -59,10 +57,10 @@ class Shared:
 
 
 def serve_loop(rig: Rig, seed: int | None, shared: Shared, orders: "Connection[Any, Any]") -> None:
-    """What the process runs, until the session closes the pipe or says so. Answers first how it settled in."""
+    """What the process runs, until the session closes the pipe or says so. Answers first what the machine granted."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the session says what follows from it
     core = take_core()
-    settled = settle_in(None if core is None else core.number)
+    settled = prepare_process(None if core is None else core.number)
     with ExitStack() as stack:
         try:
             backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
@@ -194,7 +192,7 @@ class _Service:
 @contextmanager
 def _undisturbed() -> Iterator[None]:
     """Inside, in real time, its core awake, and no garbage is collected: a tick leaves none that needs it."""
-    with kept_awake(), punctual(LOOP_PRIORITY):
+    with kept_awake(), in_real_time(LOOP_PRIORITY):
         gc.disable()
         try:
             yield

@@ -11,7 +11,7 @@ the same motor, but a blocked port does not show f_T: what the contact holds, ±
 """
 
 from norton_bench.models.network import NortonNetwork
-from norton_bench.networks.equations import Equations
+from norton_bench.networks.expressions import Equations
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.nonlinear import NonlinearNetwork
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.networks.equations import Equations
+from norton_bench.networks.expressions import Equations
 from norton_bench.networks.kinds import Form, Kind, Load
 
 MOTIONS = ("x", "v", "a")

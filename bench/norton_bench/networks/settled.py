@@ -10,7 +10,7 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
-from norton_bench.networks.family import Network, commands_of, form_of, kind_of
+from norton_bench.networks.family import Network, commands_of, kind_of
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork, advance, steps_in
@@ -170,9 +170,3 @@ def _slope(work: Any, centre: Mapping[str, float], name: str) -> FloatArray:
     step = NUDGE * max(1.0, abs(centre[name]))
     above, below = ({**centre, name: centre[name] + side * step} for side in (1.0, -1.0))
     return np.asarray((work(above) - work(below)) / (2.0 * step))
-
-
-def form_needs(network: Network, form: Form, what: str) -> None:
-    """Raises UsageError where ``what`` is asked of a network in another form."""
-    if form_of(network) is not form:
-        raise UsageError(f"{what} needs a network in {form.value} form; this one is in {form_of(network).value} form")

@@ -12,8 +12,8 @@ from norton_bench.identification.coupling import least_damping_nms_rad
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import LoadFit, fit_load
 from norton_bench.identification.results import FitResult
+from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.signals import Port, signals
-from norton_bench.identification.soundness.recording import sound
 from norton_bench.models.parameters import Status
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import CalibrateOptions
@@ -90,7 +90,7 @@ class CalibrateProcedure:
         return replace(known, calibration=calibration_from(fit, actuator, known), actuator=actuator)
 
     def _actuator(self, known: Knowledge, measured: Measured) -> FitResult:
-        shaken = signals(sound(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
+        shaken = signals(clean(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
         return fit_signals(shaken, command_unit=known.rig.command.unit, both_driven=True)
 
     def _shake(self, known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:

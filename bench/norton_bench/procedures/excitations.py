@@ -10,7 +10,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.identification.information import Excitation
+from norton_bench.identification.expansion import Excitation
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.waves import (
     Motion,

@@ -10,8 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.fit import fit
-from norton_bench.identification.information import (
+from norton_bench.identification.expansion import (
     Linearised,
     deviations,
     information,
@@ -19,11 +18,12 @@ from norton_bench.identification.information import (
     noise_density_nm,
     vague,
 )
+from norton_bench.identification.fit import fit
 from norton_bench.identification.load import coupling_of
-from norton_bench.identification.quantisation import resolution_rad
+from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.results import FitResult
+from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.signals import signals
-from norton_bench.identification.soundness.recording import sound
 from norton_bench.procedures.excitations import Bounds, Candidate, candidates
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
 from norton_bench.procedures.options import RefineOptions
@@ -156,7 +156,7 @@ class _View:
     def of(cls, result: FitResult, record: Measured, known: Knowledge) -> "_View":
         assert known.calibration is not None
         at, noise_nm = Linearised.at(result), noise_density_nm(result)
-        stretches = signals(sound(record).measured, known.tick_s, Use.IDENTIFY)
+        stretches = signals(clean(record).measured, known.tick_s, Use.IDENTIFY)
         there = vague() + information(stretches, at, noise_nm)
         return cls(
             intervals=intervals_of(result.estimates, deviations(there)),
@@ -171,9 +171,9 @@ class _View:
     def delivered(self, record: Measured, number: int) -> dict[str, FloatArray]:
         """What each excitation of round ``number`` really told: the load may not have followed as it was asked to."""
         prefix = _round(number)
-        believed = sound(record).measured
+        cleaned = clean(record).measured
         segments = [segment for segment in record.segments if segment.name.startswith(prefix)]
-        return {segment.name.removeprefix(prefix): self._told(believed, segment) for segment in segments}
+        return {segment.name.removeprefix(prefix): self._told(cleaned, segment) for segment in segments}
 
     def _told(self, record: Measured, segment: SegmentInfo) -> FloatArray:
         piece = record.between(segment.start_ns - MEMORY_NS, segment.end_ns)

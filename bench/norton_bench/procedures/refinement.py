@@ -7,7 +7,7 @@ from math import inf, isfinite, log
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.information import KNOWN, deviations
+from norton_bench.identification.expansion import KNOWN, deviations
 from norton_bench.models.parameters import HALF_INTERVAL, Estimate, Status
 
 # Estimates that more excitation can better. The others are no numbers at all, and the fit says why.

@@ -174,7 +174,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-# Of Linux' real-time priorities: below the loop and its helpers (drivers/norton_drivers/punctual.py).
+# Of Linux' real-time priorities: below the loop and its helpers (drivers/norton_drivers/real_time.py).
 PRIORITY = 5
 
 

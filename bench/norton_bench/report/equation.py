@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from norton_bench.identification.results import FitResult
 from norton_bench.models.derived import Figure, derived
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.report.section import Facts
-from norton_bench.report.words import between, number, pretty_unit
+from norton_bench.report.words import Facts, between, number, pretty_unit
 
 # Of these a value is put into the equation; of all others the symbol stays.
 TOLD = (Status.VALID, Status.LEARNING, Status.RATIO_ONLY)

@@ -2,13 +2,12 @@
 
 from math import isfinite
 
+from norton_bench.identification.tables.averages import UNKNOWN, Setting
+from norton_bench.identification.tables.conditions import PortsRow
 from norton_bench.identification.tables.exertion_table import ExertionTable, Line
-from norton_bench.identification.tables.means import UNKNOWN, Setting
 from norton_bench.identification.tables.modulation import Modulated, ModulatorPlaces
 from norton_bench.identification.tables.source_table import SourceTable
-from norton_bench.identification.tables.two_ports import PortsRow
-from norton_bench.report.section import Facts
-from norton_bench.report.words import number, pretty_unit, within
+from norton_bench.report.words import Facts, number, pretty_unit, within
 from norton_bench.units import Units
 
 

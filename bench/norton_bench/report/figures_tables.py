@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
 from norton_bench.identification.model_free.without_model import StopOperator
+from norton_bench.identification.tables.averages import Setting
 from norton_bench.identification.tables.exertion_table import ExertionTable, Shaken
-from norton_bench.identification.tables.means import Setting
 from norton_bench.identification.tables.source_table import SourceTable
 from norton_bench.models.network import NortonNetwork
 from norton_bench.report.figures_network import Loop, legend

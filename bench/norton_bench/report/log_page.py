@@ -7,9 +7,8 @@ from norton_bench.logs.results import Errors, LogFit
 from norton_bench.models.parameters import Status
 from norton_bench.report.figures_fit import residual_figure, validation_figure
 from norton_bench.report.render import Figure, fill, row, write_page
-from norton_bench.report.section import Facts, Section
 from norton_bench.report.svg import picture, style
-from norton_bench.report.words import number, percent, pretty_unit
+from norton_bench.report.words import Facts, Section, number, percent, pretty_unit
 from norton_bench.result import Result
 
 

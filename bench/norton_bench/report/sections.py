@@ -5,8 +5,8 @@ from math import isfinite
 
 import numpy as np
 
-from norton_bench.guard.commands import Limited
-from norton_bench.identification.live.moved import changes
+from norton_bench.guard.check import Limited
+from norton_bench.identification.judged_fit import changes
 from norton_bench.loop.timing import LoopTiming, loop_timing, timing_rows, timing_sentence
 from norton_bench.records import FOR_PROGRAMS, Table
 from norton_bench.report.figures_fit import live_figure, residual_figure, timing_figure, validation_figure
@@ -18,11 +18,11 @@ from norton_bench.report.figures_network import (
     sliding_samples,
     source_map_figure,
 )
-from norton_bench.report.section import Facts, Section
-from norton_bench.report.sections_friction import friction_section, model_error_section
 from norton_bench.report.sections_tables import (
     exertion_section,
+    friction_section,
     in_situ_section,
+    model_error_section,
     modulation_section,
     tabulated_source_section,
     trials_section,
@@ -31,7 +31,7 @@ from norton_bench.report.sections_tables import (
 from norton_bench.report.sections_without_model import residuals_section, source_sentences, without_model_section
 from norton_bench.report.streams import StreamQuality, stream_qualities
 from norton_bench.report.svg import picture
-from norton_bench.report.words import interval, number, percent, pretty_unit, to_its_digits
+from norton_bench.report.words import Facts, Section, interval, number, percent, pretty_unit, to_its_digits
 from norton_bench.result import Result
 
 

@@ -5,16 +5,13 @@ from math import isfinite
 import numpy as np
 
 from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.identification.residuals.dependence import SIGNIFICANCE, Dependence, Memory
-from norton_bench.identification.residuals.diagnosis import ResidualTests
-from norton_bench.identification.residuals.position_lines import Harmonic
+from norton_bench.identification.residuals.diagnosis import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import SourceMap
 from norton_bench.report.figures_fit import residual_tests_figure
 from norton_bench.report.figures_network import Loop, presliding_loops
 from norton_bench.report.figures_tables import impedance_table_figure, operator_figure
-from norton_bench.report.section import Facts, Section
 from norton_bench.report.svg import picture
-from norton_bench.report.words import number, percent, pretty_unit
+from norton_bench.report.words import Facts, Section, number, percent, pretty_unit
 from norton_bench.result import Result
 
 # Dependences smaller than this share of the residual's variance are told, but not explained.

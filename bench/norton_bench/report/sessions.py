@@ -12,9 +12,8 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.sessions import Fitted, Together, differing
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.report.render import Figure, fill, row, write_page
-from norton_bench.report.section import Facts, Section
 from norton_bench.report.svg import GRID, MEASURED, PREDICTED, figure, picture, style
-from norton_bench.report.words import number, power, pretty_unit, scale_of
+from norton_bench.report.words import Facts, Section, number, power, pretty_unit, scale_of
 from norton_bench.result import Result
 
 _COLUMNS = 3

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from io import StringIO
@@ -19,7 +20,7 @@ from matplotlib.gridspec import SubplotSpec
 from matplotlib.layout_engine import LayoutEngine
 
 from norton_bench.arrays import FloatArray
-from norton_bench.report.section import Picture
+from norton_bench.report.words import Picture
 
 # Inches, for text of the report's size.
 EDGE_IN = 0.08
@@ -242,3 +243,35 @@ def figure(height_in: float) -> Figure:
     new = Figure(figsize=(WIDTH_IN, height_in), layout=Margins())
     new.patch.set_visible(False)
     return new
+
+
+COLOUR = re.compile(r"--(\w+): (#\w+)")
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours by what they are for: stand-ins that a style sheet fills in, or those of print."""
+
+    ink: str = INK
+    muted: str = MUTED
+    grid: str = GRID
+    measured: str = MEASURED
+    predicted: str = PREDICTED
+    accent: str = ACCENT
+
+    @classmethod
+    def of_print(cls) -> "Palette":
+        """As the report's style sheet has them for paper."""
+        css = style_sheet()
+        named = dict(COLOUR.findall(css[css.index("@media print") :]))
+        return cls(*(named[name] for name in ("ink", "muted", "grid", "measured", "predicted", "accent")))
+
+    @contextmanager
+    def style(self) -> Iterator[None]:
+        """Within this, figures look as the report wants them, in these colours."""
+        stand_ins = Palette()
+        own = {getattr(stand_ins, name): getattr(self, name) for name in self.__dataclass_fields__}
+        with style():
+            changed: Any = {key: own[value] for key, value in mpl.rcParams.items() if str(value) in own}
+            mpl.rcParams.update(changed)
+            yield

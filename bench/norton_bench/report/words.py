@@ -1,8 +1,42 @@
 """Numbers as people read them."""
 
+from dataclasses import dataclass
 from math import floor, isfinite, log10
 
 from norton_bench.models.parameters import BY_NAME, Estimate
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a section of the report is made of.
+
+    A small table: its head and its rows, all text.
+    """
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure as SVG. ``purpose`` says in a sentence what it is for, ``caption`` what is drawn in it."""
+
+    markup: str
+    purpose: str
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, sentences, pictures and tables; ``points`` are sentences that stand in a list below the others."""
+
+    name: str  # the anchor
+    title: str
+    sentences: tuple[str, ...] = ()
+    figures: tuple[Picture, ...] = ()
+    tables: tuple[Facts, ...] = ()
+    points: tuple[str, ...] = ()
+
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NO_NUMBER = "–"

@@ -3,7 +3,7 @@
 The module that a driver's entry point names may declare ``OPTION_UNITS`` (options that are quantities, and the unit in
 which the driver wants them), ``OPTION_FILES`` (options that may name a file beside the rig file), ``CONNECTION``
 ("can" or "serial"), ``BITRATE`` (of a CAN device as it is delivered, "500 kbit/s") and one subclass of
-``norton_drivers.options.DeviceOptions``; and ``check_settings(settings)``, which raises WiringError for what only the
+``norton_drivers.wiring.DeviceOptions``; and ``check_settings(settings)``, which raises WiringError for what only the
 files that the options name can tell. A driver that declares nothing checks its options itself.
 """
 
@@ -23,8 +23,7 @@ from norton_bench.rig.schema import DeviceSection
 from norton_bench.units import conversion, parse_quantity
 from norton_drivers import registry
 from norton_drivers.errors import WiringError
-from norton_drivers.options import DeviceOptions, written_as
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.wiring import DeviceOptions, DeviceSettings, written_as
 
 
 @dataclass(frozen=True)

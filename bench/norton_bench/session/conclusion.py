@@ -9,18 +9,17 @@ from typing import TypeVar
 import numpy as np
 
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.identification.ambiguity.conditions import conditions, evidence_of
-from norton_bench.identification.ambiguity.tabulated import tabulated_conditions
-from norton_bench.identification.bench_ladder import bench_ladder
+from norton_bench.identification.conditions import conditions, evidence_of
 from norton_bench.identification.in_situ import InSituResult, in_situ_result
-from norton_bench.identification.judged_fit import beyond_bounds, fit_judged
-from norton_bench.identification.live.moved import with_what_moved
+from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, with_what_moved
+from norton_bench.identification.ladder import bench_ladder
 from norton_bench.identification.model_error import of_ladder
 from norton_bench.identification.model_free.source_map import PortTorque, blocked_map, source_map
 from norton_bench.identification.model_free.without_model import without_model
 from norton_bench.identification.residuals.diagnosis import diagnose
 from norton_bench.identification.results import FitResult, LiveEstimate
-from norton_bench.identification.soundness.recording import Sound, sound
+from norton_bench.identification.sanity.cleaning import Cleaned, clean
+from norton_bench.identification.tables.conditions import tabulated_conditions
 from norton_bench.identification.tables.exertion_table import exertion_table
 from norton_bench.identification.tables.modulation import modulator_places
 from norton_bench.identification.tables.source_table import source_table
@@ -96,28 +95,28 @@ def conclude(
 
 def _identified(result: Result, measured: Measured, network_file: Path, on_stage: OnStage) -> Result:
     """What needs no model, and the motor where the actuator is one."""
-    tick_s, believed = float(result.metadata["tick_s"]), sound(measured)
-    cleaned = believed.measured
+    tick_s, cleaned = float(result.metadata["tick_s"]), clean(measured)
+    data = cleaned.measured
     result = replace(
         result,
-        blocked_map=_where_measured(blocked_map, cleaned),
-        source=_where_measured(source_table, cleaned),
-        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), cleaned),
-        modulator=_where_measured(modulator_places, cleaned),
+        blocked_map=_where_measured(blocked_map, data),
+        source=_where_measured(source_table, data),
+        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), data),
+        modulator=_where_measured(modulator_places, data),
         trials=trials(measured, tick_s, ITERATED),
     )
     if result.metadata.get("model") == NO_MODEL:
         judged = tabulated_conditions(result.source, result.exertion)
-        return replace(result, source_map=_where_measured(source_map, cleaned), conditions=judged)
-    return _fitted(result, believed, network_file, on_stage)
+        return replace(result, source_map=_where_measured(source_map, data), conditions=judged)
+    return _fitted(result, cleaned, network_file, on_stage)
 
 
-def _fitted(so_far: Result, believed: Sound, network_file: Path, on_stage: OnStage) -> Result:
+def _fitted(so_far: Result, cleaned: Cleaned, network_file: Path, on_stage: OnStage) -> Result:
     """The motor's parameters, and what checks them."""
-    tick_s, segments = float(so_far.metadata["tick_s"]), believed.measured.segments
+    tick_s, segments = float(so_far.metadata["tick_s"]), cleaned.measured.segments
     learnt = so_far.live[-1].estimates if so_far.live else ()
     on_stage(PARAMETERS)
-    fit = fit_judged(believed, command_unit=so_far.command_unit, tick_s=tick_s)
+    fit = fit_judged(cleaned, command_unit=so_far.command_unit, tick_s=tick_s)
     stretches, unseen, error = fit.stretches, fit.unseen, fit.error
     on_stage(FRICTION)
     result, rungs = with_what_moved(fit.result, fit.fitted, learnt), bench_ladder(stretches, fit.fitted)
@@ -129,8 +128,8 @@ def _fitted(so_far: Result, believed: Sound, network_file: Path, on_stage: OnSta
     modelless = without_model(result, stretches, unseen, segments)
     table = None if modelless is None else modelless.table
     port = PortTorque.of(result, table, stretches[0].origin_ns)
-    static = _where_measured(partial(source_map, port=port), believed.measured)
-    evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
+    static = _where_measured(partial(source_map, port=port), cleaned.measured)
+    evidence = evidence_of(result, stretches, cleaned.measured, validation=checked, modelless=modelless, source=static)
     return replace(
         so_far,
         fit=result,

@@ -33,8 +33,8 @@ from norton_bench.session.schema import Session
 from norton_bench.session.script import Experiment, Script, SoFar, perform
 from norton_bench.session.summary import ended, ended_by
 from norton_bench.session.warm_up import warm_up
-from norton_drivers.backend import Backend
-from norton_drivers.punctual import settled_memory
+from norton_drivers.ports import Backend
+from norton_drivers.real_time import frozen_garbage
 from norton_drivers.registry import load_backend
 
 # In lock step nothing is late while the recorder catches up.
@@ -259,7 +259,7 @@ def _performed(
         stack.callback(backend.close)
         rehearsal = rehearsed(session, backend)
         loop = stack.enter_context(_warm_loop(terms, rig, backend, operator, in_process=lock_step or not own_backend))
-        stack.enter_context(settled_memory())
+        stack.enter_context(frozen_garbage())
         devices = tuple(loop.identify())
         metadata = {**provenance(rig, session, terms.seed, devices), "loop": loop.place, RESUMES: earlier.place}
         planned_s = sum(step.duration_s for step in experiment.plan)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from multiprocessing.queues import Queue
 from typing import Protocol
 
-from norton_bench.identification.live.identifier import LiveIdentifier
+from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.recording.contents import Recording, parts_of
 from norton_bench.records import Measured

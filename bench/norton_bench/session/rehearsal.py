@@ -6,7 +6,7 @@ from typing import Any
 
 from norton_bench.errors import UsageError
 from norton_bench.session.schema import Session
-from norton_drivers.backend import Backend
+from norton_drivers.ports import Backend
 from norton_drivers.rehearsal import Rehearsal
 
 

@@ -7,11 +7,12 @@ import numpy as np
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.identification.current import fit_current
-from norton_bench.identification.friction.family import family_for
+from norton_bench.identification.friction.laws import family_for
 from norton_bench.identification.friction.model import Path
-from norton_bench.identification.friction.sums import part_sums
+from norton_bench.identification.friction.operators import part_sums
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.regression import Regression, Shape
+from norton_bench.identification.regression import Regression
+from norton_bench.identification.rows import Shape
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.models.network import NortonNetwork
 from norton_bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo

@@ -14,11 +14,11 @@ import numpy as np
 from norton_bench.errors import BenchError
 from norton_bench.identification.judged_fit import fit_judged
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.soundness.recording import sound
+from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.models.parameters import PARAMETERS, Estimate, Status
 from norton_bench.recording.reader import read_recording
+from norton_bench.rig.load import true_parameters
 from norton_bench.rig.rig import Rig
-from norton_bench.rig.simulators import true_parameters
 from norton_bench.session.conclusion import check_metadata, conclude_recording
 from norton_bench.session.engine import record_session, run_session
 from norton_bench.session.failure import sentence_of
@@ -101,7 +101,7 @@ class Simulated:
         rig = replace(self.rig, candump=False)
         with TemporaryDirectory(prefix="norton-bench-") as folder_name:
             measured = record_session(rig, self.session, out=Path(folder_name), seed=self.seed).measured
-        return fit_judged(sound(measured), command_unit=rig.command.unit, tick_s=rig.tick_s).result
+        return fit_judged(clean(measured), command_unit=rig.command.unit, tick_s=rig.tick_s).result
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Recorded:
         check_metadata(self.path, recording.metadata)
         unit, tick_s = recording.metadata["command_unit"], float(recording.metadata["tick_s"])
         measured = with_earlier(self.path, recording)
-        return fit_judged(sound(measured), command_unit=unit, tick_s=tick_s).result
+        return fit_judged(clean(measured), command_unit=unit, tick_s=tick_s).result
 
 
 def carry_out(task: Task) -> Outcome:

@@ -6,13 +6,10 @@ Import it in tests only: it needs pytest (``pip install norton-bench[testing]``)
 import pytest
 
 # So that a broken contract shows the values that broke it.
-pytest.register_assert_rewrite(
-    "norton_bench.testing.contract", "norton_bench.testing.amplifier", "norton_bench.testing.torque_sensor"
-)
+pytest.register_assert_rewrite("norton_bench.testing.contract", "norton_bench.testing.devices")
 
-from norton_bench.testing.amplifier import AmplifierContract
-from norton_bench.testing.emulated import EmulatedAmplifier, EmulatedDevice, EmulatedTorqueSensor, SetUp
-from norton_bench.testing.torque_sensor import TorqueSensorContract
+from norton_bench.testing.contract import EmulatedAmplifier, EmulatedDevice, EmulatedTorqueSensor, SetUp
+from norton_bench.testing.devices import AmplifierContract, TorqueSensorContract
 from norton_bench.testing.world import ScriptedBus, ScriptedClock, ScriptedLine, ScriptedWorld
 
 __all__ = [

@@ -3,19 +3,117 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from ipaddress import ip_address
 
 import can
 
-from norton_drivers.adapters.adapter import Adapter, Health, Mistake, quiet_python_can
-from norton_drivers.adapters.gs_usb import GS_USB
-from norton_drivers.adapters.kvaser import KVASER
-from norton_drivers.adapters.pcan import PCAN
-from norton_drivers.adapters.slcan import SLCAN
+from norton_drivers.adapters.adapter import Adapter, Health, Mistake, own_health, quiet_python_can
+from norton_drivers.adapters.serial_line import serial_mend
 from norton_drivers.adapters.socketcan import SOCKETCAN
-from norton_drivers.adapters.socketcand import SOCKETCAND
-from norton_drivers.adapters.udp_multicast import UDP_MULTICAST
+from norton_drivers.adapters.vendors import GS_USB, KVASER, PCAN
 from norton_drivers.errors import ConnectionFailedError, reason_of
 from norton_drivers.wiring import CanBusSettings
+
+# Lawicel's S0 to S8, and S9 as several firmwares have it. Source: python-can, slcanBus.
+BITRATES = (10_000, 20_000, 50_000, 83_300, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
+
+
+def _slcan_mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
+    if settings.bitrate_bit_s not in BITRATES and "timing" not in settings.options:
+        known = ", ".join(f"{bitrate // 1000}" for bitrate in BITRATES)
+        yield "bitrate", f"{settings.bitrate_bit_s} bit/s is none that slcan adapters know: {known} kbit/s"
+
+
+def _slcan_open(settings: CanBusSettings) -> can.BusABC:
+    from norton_drivers.adapters.mended_buses import SteadySlcanBus  # noqa: PLC0415  (only this interface needs it)
+
+    return SteadySlcanBus(settings.channel, **{"bitrate": settings.bitrate_bit_s, **settings.options})
+
+
+def _slcan_mend(_settings: CanBusSettings, error: Exception) -> str:
+    return serial_mend(error)
+
+
+SLCAN = Adapter(
+    channel='the serial port, e.g. "/dev/serial/by-id/usb-..."',
+    options=("tty_baudrate", "timing", "sleep_after_open", "rtscts", "listen_only", "timeout"),
+    mistakes=_slcan_mistakes,
+    open=_slcan_open,
+    mend=_slcan_mend,
+    health=own_health,
+)
+
+
+def _socketcand_mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
+    if not isinstance(settings.options.get("host"), str):
+        yield "options", 'socketcand needs the server\'s host; add options = { host = "192.168.1.5", port = 29536 }'
+    elif not isinstance(settings.options.get("port"), int):
+        yield "options", "socketcand needs the server's port as a whole number; 29536 is its default"
+
+
+def _socketcand_open(settings: CanBusSettings) -> can.BusABC:
+    from norton_drivers.adapters.mended_buses import SteadySocketcandBus  # noqa: PLC0415  (only this interface needs it)
+
+    options = {key: value for key, value in settings.options.items() if key != "tcp_tune"}  # what it tunes is on here
+    return SteadySocketcandBus(settings.channel, bitrate=settings.bitrate_bit_s, **options)
+
+
+def _socketcand_mend(settings: CanBusSettings, _error: Exception) -> str:
+    return (
+        f"start the server there, `socketcand -i {settings.channel} -l eth0`, with the link up, and see that no "
+        "firewall stands between"
+    )
+
+
+SOCKETCAND = Adapter(
+    channel='the bus as the server names it, e.g. "can0"',
+    install="socketcand on the computer that has the bus",
+    options=("host", "port", "tcp_tune", "can_filters"),
+    mistakes=_socketcand_mistakes,
+    open=_socketcand_open,
+    mend=_socketcand_mend,
+    health=own_health,
+    linux_error_frames=True,
+)
+
+
+# Commands of drives do not go out on a network that nobody named; nor does a frame wait for the network card, which on
+# a virtual machine takes longer than all the rest of sending it.
+ON_THIS_COMPUTER = 0
+
+
+def _udp_multicast_mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
+    try:
+        multicast = ip_address(settings.channel).is_multicast
+    except ValueError:
+        multicast = False
+    if not multicast:
+        yield "channel", f'"{settings.channel}" must be a multicast address, e.g. "239.74.163.2"'
+
+
+def _udp_multicast_open(settings: CanBusSettings) -> can.BusABC:
+    from norton_drivers.adapters.quiet_udp import QuietUdpBus  # noqa: PLC0415  (msgpack is needed by this interface alone)
+
+    own = {"bitrate": settings.bitrate_bit_s, "hop_limit": ON_THIS_COMPUTER}
+    return QuietUdpBus(settings.channel, **{**own, **settings.options})
+
+
+def _udp_multicast_mend(_settings: CanBusSettings, error: Exception) -> str:
+    if isinstance(error, ImportError):
+        return "install msgpack: `pip install msgpack`"
+    return "the channel must be a multicast address, e.g. 239.74.163.2, and the network must be up"
+
+
+UDP_MULTICAST = Adapter(
+    channel='a multicast address, e.g. "239.74.163.2"',
+    options=("port", "hop_limit", "fd"),
+    mistakes=_udp_multicast_mistakes,
+    open=_udp_multicast_open,
+    mend=_udp_multicast_mend,
+    health=own_health,
+    linux_error_frames=True,
+)
+
 
 ADAPTERS: Mapping[str, Adapter] = {
     "socketcan": SOCKETCAN,

@@ -13,24 +13,20 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from norton_drivers.canopen import ascent, host_watch, process_data
+from norton_drivers.can_drive import CanDrive, FedWatchdog
+from norton_drivers.canopen import cia402_setup as setup
 from norton_drivers.canopen.master import Master, master_of
-from norton_drivers.canopen.node import DEVICE_TYPE, Node, load_dictionary
-from norton_drivers.canopen.process_data import Pdo
-from norton_drivers.canopen.recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from norton_drivers.canopen.node import DEVICE_TYPE, Node, answers, load_dictionary, probes, recognise  # noqa: F401  (found here by whoever looks for them)
 from norton_drivers.codecs import canopen as protocol
 from norton_drivers.codecs import cia402
 from norton_drivers.codecs.canopen import NmtCommand
 from norton_drivers.codecs.canopen_words import describe_nmt_state
 from norton_drivers.codecs.cia402 import Controlword, Mode, Object, State
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
-from norton_drivers.inbox import Inbox
-from norton_drivers.link import Link
-from norton_drivers.options import DeviceOptions, parse_options
-from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from norton_drivers.waiting import wait_until
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.link import Link, wait_until
+from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading, Unwrapped
+from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 CONNECTION = "can"
 OPTION_UNITS = {
@@ -44,16 +40,12 @@ OPTION_UNITS = {
 }
 OPTION_FILES = ("eds",)  # may stand beside the rig file
 
-_MODES = {
-    "cyclic synchronous torque": Mode.CYCLIC_SYNCHRONOUS_TORQUE,
-    "profile torque": Mode.PROFILE_TORQUE,
-}
+_MODES = {"cyclic synchronous torque": Mode.CYCLIC_SYNCHRONOUS_TORQUE, "profile torque": Mode.PROFILE_TORQUE}
 # Errors after which a drive wants its communication reset before it takes a fault reset (maxon EPOS4 Firmware
 # Specification, chapter 7); they say that the bus was lost, as it is whenever a host goes away.
 _BUS_LOST = (0x8120, 0x8130)
-_WRAP, _HALF_WRAP = 1 << 32, 1 << 31
-_DRIVING = (State.OPERATION_ENABLED, State.QUICK_STOP, State.FAULT_REACTION)
-_UNUSED_PDOS = (3, 4)
+_COUNT_SPAN = 1 << 32
+_DRIVING = State.OPERATION_ENABLED, State.QUICK_STOP, State.FAULT_REACTION
 
 
 class Cia402Options(DeviceOptions):
@@ -91,7 +83,7 @@ class Cia402Options(DeviceOptions):
         description="how fast a profile torque may rise (6087h): a slow ramp looks like a lag",
         examples=["1000 N*m/s"],
     )
-    watchdog_s: float = Field(
+    watchdog_s: FedWatchdog = Field(
         0.1,
         alias="watchdog",
         ge=0,
@@ -134,13 +126,6 @@ class Cia402Options(DeviceOptions):
             raise ValueError("a drive's timers count whole milliseconds")
         return period_s
 
-    @field_validator("watchdog_s")
-    @classmethod
-    def _can_be_fed(cls, watchdog_s: float) -> float:
-        if 0 < watchdog_s < 0.02:
-            raise ValueError("shorter than a computer can be relied on to feed; at least 20 ms")
-        return watchdog_s
-
 
 def check_settings(settings: DeviceSettings) -> None:
     """Raises WiringError for an EDS file that cannot be read."""
@@ -161,7 +146,7 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "Cia402Drive":
     return drive
 
 
-class Cia402Drive:
+class Cia402Drive(CanDrive):
     """``actual_torque_nm`` is the drive's own word on its torque (6077h), by the scale of its commands."""
 
     command_unit = "N*m"
@@ -169,13 +154,11 @@ class Cia402Drive:
     def __init__(
         self, settings: DeviceSettings, options: Cia402Options, node: Node, master: Master, link: Link
     ) -> None:
-        self.role = settings.role
+        super().__init__(settings)
         self.options = options
         self.node = node
         self.mode = _MODES[options.mode]
-        self.statusword = 0
-        self.statuses = 0
-        self.mode_shown = 0
+        self.statusword = self.statuses = self.mode_shown = 0
         self.actual_torque_nm = 0.0
         self._master = master
         self._link = link
@@ -189,15 +172,11 @@ class Cia402Drive:
         self._carried = 0.0  # of the torque, in units: what the last command could not say
         self._enabled_wanted = False
         self._fell_to: State | None = None  # where it went by itself from "Operation enabled"
-        self._heard = False  # whether there has been a statusword
-        self._set_up = False  # whether it is to exchange process data
-        self._watching = False  # whether the drive watches our heartbeat
-        self._watch_ends = False  # whether it shall stop to do so once it is idle
-        self._counts = 0  # position, not wrapped to 32 bits
-        self._last_position: int | None = None
-        self._motion: Inbox[MotionReading] = Inbox()
-        self._current: Inbox[CurrentReading] = Inbox()
-        self._status: DriveStatus | None = None  # as last told; None where it has changed since
+        # Whether there has been a statusword, and whether it is to exchange process data.
+        self._heard = self._set_up = False
+        # Whether the drive watches our heartbeat, and whether it shall stop doing so once it is idle.
+        self._watching = self._watch_ends = False
+        self._counts = Unwrapped(_COUNT_SPAN)
         if options.watchdog_s > 0:
             master.want_heartbeat(options.watchdog_s)
         if options.feedback == "sync" or options.commands == "at sync":
@@ -213,7 +192,7 @@ class Cia402Drive:
         if self.node.restarted:
             self.set_up()
         identity = self.node.identity("cia402")
-        self._check_mode()
+        setup.check_mode(self.node, self.options.mode, self.mode)
         motions, statuses = self._motion.count, self.statuses
         self._await(lambda: self.statuses > statuses, timeout_s, "sends no statusword (TPDO1)")
         self._await(lambda: self._motion.count > motions, timeout_s, "sends no position and velocity (TPDO2)")
@@ -227,11 +206,11 @@ class Cia402Drive:
         if not self.node.operational:
             self.node.start()
         if self.options.watchdog_s > 0:
-            host_watch.arm(self.node, self._master.node, self.options.watchdog_s)
+            setup.watch_host(self.node, self._master.node, self.options.watchdog_s)
             self._master.beat_at_once()
             self._watching = True
         try:
-            ascent.climb(self, timeout_s)
+            setup.enable_operation(self, timeout_s)
         except BaseException:
             self.stop()  # or the next command would go on from where it stands
             raise
@@ -259,18 +238,6 @@ class Cia402Drive:
         self._master.beat()
         return units * self._torque_per_unit_nm
 
-    def take_motion(self) -> list[MotionReading]:
-        return self._motion.take()
-
-    def take_current(self) -> list[CurrentReading]:
-        return self._current.take()
-
-    def status(self) -> DriveStatus:
-        # Asked every tick, but it changes seldom.
-        if self._status is None:
-            self._status = DriveStatus(self._state(), self.node.heartbeat_ns, self.troubles())
-        return self._status
-
     @property
     def heartbeat_timeout_ns(self) -> int:
         return self.node.heartbeat_timeout_ns
@@ -287,9 +254,8 @@ class Cia402Drive:
         self.command(0.0)
 
     def made_itself_safe(self) -> bool | None:
-        """By its statusword. A drive that left the exchange of process data is asked for it."""
         if not self.node.operational:
-            self._ask_statusword()
+            self._ask_statusword()  # it left the exchange of process data
         return self._heard and self._where not in _DRIVING
 
     def stop(self) -> None:
@@ -305,7 +271,7 @@ class Cia402Drive:
         with suppress(Exception):
             self._start_again()
 
-    # ---- What the ascent needs too -------------------------------------------------------------------------------
+    # ---- What enabling needs too --------------------------------------------------------------------------------
 
     @property
     def place(self) -> str:
@@ -333,76 +299,23 @@ class Cia402Drive:
         """See that it is a drive, set up what it exchanges, and start that. Raises DeviceError."""
         self._enabled_wanted = self._set_up = False
         self._controlword = Controlword.DISABLE_VOLTAGE
-        self._check_profile()
-        error = self._error_code()
+        setup.check_profile(self.node)
+        error = setup.error_code(self.node)
         if error in _BUS_LOST:
             self.node.reset_communication()
         self.node.begin(self.options.heartbeat_s)
         if self.options.watchdog_s > 0:
-            host_watch.disarm(self.node)
+            setup.ignore_host(self.node)
         if error in _BUS_LOST:
-            self._reset_fault()
+            setup.reset_fault(self.node)
         elif error:
             self.node.emergencies.append(error)
-        self._set_up_process_data()
-        self._set_up_mode()
-        self._last_position = None
+        setup.set_up_process_data(self.node, self.options)
+        setup.set_up_mode(self.node, self.options, self.mode)
+        self._counts = Unwrapped(_COUNT_SPAN)
         self.node.start()
         self._set_up = True
         self._take_statusword(self.node.parameters.number(Object.STATUSWORD))
-
-    def _check_profile(self) -> None:
-        profile = self.node.parameters.number(DEVICE_TYPE) & 0xFFFF
-        if profile != cia402.PROFILE:
-            raise DeviceError(
-                f"{self.place}: says that it follows profile {profile}, not {cia402.PROFILE} (drives); is this the "
-                "node id meant?"
-            )
-
-    def _check_mode(self) -> None:
-        supported = self.node.parameters.find_number(Object.SUPPORTED_MODES)
-        if supported is not None and not supported & self.mode.supported_bit:
-            raise DeviceError(
-                f'{self.place}: does not have mode = "{self.options.mode}" (6502h says 0x{supported:X}); try the other '
-                "torque mode"
-            )
-
-    def _error_code(self) -> int:
-        """Why the drive is in fault; 0 where it is not, or does not say."""
-        parameters = self.node.parameters
-        if cia402.state_of(parameters.number(Object.STATUSWORD)) is not State.FAULT:
-            return 0
-        return parameters.find_number(Object.ERROR_CODE) or 0
-
-    def _reset_fault(self) -> None:
-        """That the last host went away is no fault of the drive's."""
-        for controlword in (Controlword.DISABLE_VOLTAGE, Controlword.FAULT_RESET, Controlword.DISABLE_VOLTAGE):
-            self.node.parameters.write(Object.CONTROLWORD, 0, controlword)
-
-    def _set_up_process_data(self) -> None:
-        node, options, parameters = self.options.node, self.options, self.node.parameters
-        obeyed = 1 if options.commands == "at sync" else protocol.EVENT_DRIVEN
-        set_up_sent = process_data.set_up_sent
-        process_data.set_up_received(parameters, Pdo(1, self._command_id, cia402.COMMAND_PDO, obeyed))
-        status = cia402.STATUS_AND_CURRENT_PDO if self._with_current else cia402.STATUS_PDO
-        for number, entries, every in ((1, status, options.status_every), (2, cia402.MOTION_PDO, 1)):
-            identifier = protocol.transmit_pdo_id(node, number)
-            if options.feedback == "sync":
-                set_up_sent(parameters, Pdo(number, identifier, entries, every))
-            else:
-                timer_ms = every * round(options.period_s * 1e3)
-                set_up_sent(parameters, Pdo(number, identifier, entries, protocol.EVENT_DRIVEN, timer_ms))
-        for number in _UNUSED_PDOS:
-            process_data.switch_off_sent(parameters, number)
-
-    def _set_up_mode(self) -> None:
-        parameters, options = self.node.parameters, self.options
-        if self.mode is Mode.CYCLIC_SYNCHRONOUS_TORQUE:
-            parameters.write_if_there(Object.INTERPOLATION_PERIOD, 2, -3)  # in powers of ten of a second
-            parameters.write_if_there(Object.INTERPOLATION_PERIOD, 1, round(options.period_s * 1e3))
-        elif options.torque_slope_nm_s is not None:
-            slope = round(options.torque_slope_nm_s / options.torque_per_unit_nm)
-            parameters.write(Object.TORQUE_SLOPE, 0, slope)
 
     def _await(self, arrived: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
         if not wait_until(arrived, self._link, timeout_s):
@@ -416,6 +329,9 @@ class Cia402Drive:
     @property
     def _where(self) -> State:
         return cia402.state_of(self.statusword)
+
+    def _new_status(self) -> DriveStatus:
+        return DriveStatus(self._state(), self.node.heartbeat_ns, self.troubles())
 
     def _state(self) -> DriveState:
         if self.node.heartbeat_ns is None or not self._heard:
@@ -437,8 +353,7 @@ class Cia402Drive:
         self.mode_shown = mode
         self.actual_torque_nm = self._torque_per_unit_nm * torque
         if self._with_current:
-            reading = CurrentReading(self._current.count, arrival_ns, self._current_per_unit_a * current)
-            self._current.put(reading)
+            self._current.put(CurrentReading(self._current.count, arrival_ns, self._current_per_unit_a * current))
         if statusword != self.statusword or not self._heard or self._watch_ends:
             self._take_statusword(statusword)
 
@@ -446,16 +361,9 @@ class Cia402Drive:
         position, velocity = cia402.motion_of(data)
         if self.node.restarted:
             return
-        last = self._last_position
-        # It counts in 32 bits: what looks like a leap of more than half of them is a wrap.
-        self._counts = position if last is None else self._counts + (position - last + _HALF_WRAP) % _WRAP - _HALF_WRAP
-        self._last_position = position
-        motion = self._motion
-        motion.put(
-            MotionReading(
-                motion.count, arrival_ns, self._rad_per_count * self._counts, self._velocity_per_unit_rad_s * velocity
-            )
-        )
+        position_rad = self._rad_per_count * self._counts.follow(position)
+        velocity_rad_s, motion = self._velocity_per_unit_rad_s * velocity, self._motion
+        motion.put(MotionReading(motion.count, arrival_ns, position_rad, velocity_rad_s))
 
     def _take_statusword(self, statusword: int) -> None:
         self.statusword = statusword
@@ -470,7 +378,7 @@ class Cia402Drive:
             # Only now: until it has obeyed, its watch is what would stop it.
             self._watch_ends = False
             with suppress(DeviceError):  # a lost bus shows elsewhere
-                host_watch.disarm_without_waiting(self.node)
+                setup.ignore_host_without_waiting(self.node)
 
     def _on_node_change(self) -> None:
         self._status = None

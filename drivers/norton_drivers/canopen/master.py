@@ -12,7 +12,7 @@ import can
 import canopen
 
 from norton_drivers.codecs import canopen as protocol
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.errors import WiringError
 from norton_drivers.link import Link
 from norton_drivers.ports import CanPort

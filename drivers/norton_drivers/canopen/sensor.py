@@ -9,21 +9,17 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from norton_drivers.canopen import process_data
 from norton_drivers.canopen.master import master_of
-from norton_drivers.canopen.node import DEVICE_TYPE, Node, load_dictionary
-from norton_drivers.canopen.recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from norton_drivers.canopen.node import DEVICE_TYPE, Node, answers, load_dictionary, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from norton_drivers.canopen.parameters import trigger_sent
 from norton_drivers.codecs import canopen as protocol
 from norton_drivers.codecs import canopen_torque, cia402
 from norton_drivers.codecs.canopen import NmtState
 from norton_drivers.codecs.canopen_torque import PDO_MAX, TorqueField, ValueType
 from norton_drivers.errors import DeviceError, DeviceTimeoutError, WiringError
-from norton_drivers.inbox import Inbox
-from norton_drivers.link import Link
-from norton_drivers.options import TorqueSensorOptions, parse_options
-from norton_drivers.readings import DeviceIdentity, TorqueReading
-from norton_drivers.waiting import wait_until
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.link import Link, wait_until
+from norton_drivers.readings import DeviceIdentity, Inbox, TorqueReading
+from norton_drivers.wiring import DeviceSettings, TorqueSensorOptions, parse_options
 
 CONNECTION = "can"
 OPTION_UNITS = {"scale": "N*m", "range": "N*m", "heartbeat": "s", "period": "s", "averaging": "s"}
@@ -157,10 +153,10 @@ class CanopenSensor:
         self.node.begin(self._options.heartbeat_s)
         self._torque_nm = self._status = None
         if self._options.send == "sync":
-            process_data.trigger_sent(self.node.parameters, self._options.pdo, 1)
+            trigger_sent(self.node.parameters, self._options.pdo, 1)
         elif self._options.send == "timer":
             timer_ms = round(self._options.period_s * 1e3)
-            process_data.trigger_sent(self.node.parameters, self._options.pdo, protocol.EVENT_DRIVEN, timer_ms)
+            trigger_sent(self.node.parameters, self._options.pdo, protocol.EVENT_DRIVEN, timer_ms)
         self.node.start()
 
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:

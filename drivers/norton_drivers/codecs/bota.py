@@ -10,8 +10,7 @@ from math import isfinite
 from struct import Struct
 from typing import Final, NamedTuple, Self
 
-from norton_drivers.codecs.crc import crc16_x25
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError, crc16_x25
 
 HEADER: Final = 0xAA
 BAUD: Final = 460_800

@@ -10,7 +10,7 @@ from enum import IntEnum
 from struct import Struct
 from typing import Self
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 
 NODE_MAX = 127
 NMT_ID = 0x000
@@ -21,7 +21,6 @@ EVENT_DRIVEN = 255  # a PDO's transmission type; 1 to 240 count SYNCs
 
 ABORT_TOGGLE = 0x05030000
 ABORT_UNKNOWN_COMMAND = 0x05040001
-ABORT_NOT_READABLE = 0x06010001
 ABORT_NOT_WRITABLE = 0x06010002
 ABORT_NO_OBJECT = 0x06020000
 ABORT_NOT_MAPPABLE = 0x06040041

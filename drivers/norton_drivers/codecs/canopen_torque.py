@@ -10,7 +10,7 @@ from math import isfinite
 from struct import Struct
 from typing import Literal
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 
 ValueType = Literal["i16", "i32", "f32"]
 PDO_MAX = 8

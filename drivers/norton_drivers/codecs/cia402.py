@@ -10,7 +10,7 @@ from enum import Enum, IntEnum
 from struct import Struct
 from typing import NamedTuple
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 
 PROFILE = 402  # in the low half of 1000h
 

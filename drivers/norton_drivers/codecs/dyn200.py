@@ -11,8 +11,7 @@ published in libraries for the sensor (J. Deuter's "DYN200" for Arduino; a C lib
 from struct import Struct, error
 from typing import Final, NamedTuple, Self
 
-from norton_drivers.codecs.crc import crc16_modbus
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError, crc16_modbus
 
 BAUD: Final = 115_200
 FRAME_LENGTH: Final = 6

@@ -12,7 +12,7 @@ from functools import cached_property
 from math import isfinite
 from typing import Final, NamedTuple
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 
 LINE_MAX: Final = 80
 

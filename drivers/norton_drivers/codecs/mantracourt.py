@@ -10,7 +10,7 @@ the point).
 import re
 from typing import Final
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.lines import NumberFormat
 
 BAUD: Final = 115_200

@@ -12,7 +12,7 @@ from enum import IntEnum
 from math import isfinite
 from typing import NamedTuple, Self
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 
 IDENTIFIER_MAX = 0x7FF
 NODE_MAX = 0xFF  # a reply's first byte must hold it

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from struct import Struct, error
 from typing import Final, Self
 
-from norton_drivers.codecs.crc import crc16_modbus
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError, crc16_modbus
 
 READ_HOLDING_REGISTERS: Final = 3
 STATION_MAX: Final = 247

@@ -11,7 +11,7 @@ from math import isfinite
 from struct import Struct
 from typing import ClassVar, Self
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 
 NODE_MAX = 0x3F
 _COMMAND_MASK = 0x1F
@@ -25,7 +25,6 @@ _PADDED_U32 = Struct("<I4x")
 _PADDED_F32 = Struct("<f4x")
 _HEARTBEAT = Struct("<IBBBx")
 _VERSION = Struct("<8B")
-_SDO = Struct("<BHx4s")
 
 
 class Command(IntEnum):
@@ -84,16 +83,6 @@ class InputMode(IntEnum):
     TORQUE_RAMP = 6
 
 
-class SdoOpcode(IntEnum):
-    READ = 0
-    WRITE = 1
-
-
-# Endpoint numbers differ between boards and firmware revisions: these are those of one published list of firmware
-# 0.6. A board's own stand in the flat_endpoints.json that ODrive publishes for it.
-ENDPOINT_WATCHDOG_TIMEOUT = 200  # axis0.config.watchdog_timeout, f32 [s]
-ENDPOINT_ENABLE_WATCHDOG = 201  # axis0.config.enable_watchdog, bool
-
 ERROR_WATCHDOG = 1 << 24
 ERROR_ESTOP = 1 << 25
 
@@ -113,21 +102,23 @@ def split_id(identifier: int) -> tuple[int, int]:
     return identifier >> 5, identifier & _COMMAND_MASK
 
 
-def _check_length(data: bytes | bytearray, length: int, message: str) -> None:
+def check_length(data: bytes | bytearray, length: int, message: str) -> None:
+    """Raises CodecError for too few bytes."""
     # Not `!=`: CAN FD and some adapters pad to 8 bytes, and later firmware may append fields.
     if len(data) < length:
         raise CodecError(f"{message}: {len(data)} bytes where {length} are needed")
 
 
 def _two_finite(data: bytes | bytearray, message: str) -> tuple[float, float]:
-    _check_length(data, 8, message)
+    check_length(data, 8, message)
     first, second = _TWO_F32.unpack_from(data)
     if not (isfinite(first) and isfinite(second)):
         raise CodecError(f"{message}: not a finite number")
     return first, second
 
 
-def _pack_one(layout: Struct, message: str, value: float) -> bytes:
+def pack_float(layout: Struct, message: str, value: float) -> bytes:
+    """Raises CodecError for a value that no 32-bit float holds."""
     if not isfinite(value):
         raise CodecError(f"{message}: not a finite number")
     try:
@@ -160,12 +151,12 @@ def estimates_of(data: bytes | bytearray) -> tuple[float, float]:
 
 def torque_value(torque_nm: float) -> bytes:
     """The payload of :class:`SetInputTorque`."""
-    return _pack_one(_PADDED_F32, "torque", torque_nm)
+    return pack_float(_PADDED_F32, "torque", torque_nm)
 
 
 def torque_of(data: bytes | bytearray) -> float:
     """The torque [N m] in the payload of :class:`SetInputTorque`."""
-    _check_length(data, 4, "torque")
+    check_length(data, 4, "torque")
     torque_nm: float = _ONE_F32.unpack_from(data)[0]
     if not isfinite(torque_nm):
         raise CodecError("torque: not a finite number")
@@ -187,7 +178,7 @@ class Version:
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 8, "version")
+        check_length(data, 8, "version")
         protocol, hw0, hw1, hw2, fw0, fw1, fw2, unreleased = _VERSION.unpack_from(data)
         return cls(protocol, (hw0, hw1, hw2), (fw0, fw1, fw2), unreleased)
 
@@ -207,7 +198,7 @@ class Heartbeat:
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 8, "heartbeat")
+        check_length(data, 8, "heartbeat")
         error_bits, axis_state, procedure_result, flags = _HEARTBEAT.unpack_from(data)
         return cls(error_bits, axis_state, procedure_result, bool(flags & 1))
 
@@ -239,65 +230,8 @@ class GetError:
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 8, "error")
+        check_length(data, 8, "error")
         return cls(*_TWO_U32.unpack_from(data))
-
-
-def f32_value(number: float) -> bytes:
-    """The four value bytes of a float parameter."""
-    return _pack_one(_ONE_F32, "parameter", number)
-
-
-def f32_of(value: bytes) -> float:
-    """The float in four value bytes."""
-    return float(_ONE_F32.unpack(value)[0])
-
-
-def u32_value(number: int) -> bytes:
-    """The four value bytes of an unsigned (or boolean) parameter."""
-    return _ONE_U32.pack(number)
-
-
-def u32_of(value: bytes) -> int:
-    """The unsigned number in four value bytes."""
-    return int(_ONE_U32.unpack(value)[0])
-
-
-@dataclass(frozen=True, slots=True)
-class RxSdo:
-    """Read or write any parameter, host to drive (command 04). Endpoint numbers belong to one firmware version."""
-
-    COMMAND: ClassVar[Command] = Command.RX_SDO
-    opcode: int
-    endpoint: int
-    value: bytes = bytes(4)
-
-    def encode(self) -> bytes:
-        return _SDO.pack(self.opcode, self.endpoint, self.value)
-
-    @classmethod
-    def decode(cls, data: bytes | bytearray) -> Self:
-        # A read, and the write of a small type, may come without the last value bytes.
-        _check_length(data, 4, "parameter request")
-        return cls(*_SDO.unpack(bytes(data[:8]).ljust(8, b"\0")))
-
-
-@dataclass(frozen=True, slots=True)
-class TxSdo:
-    """A parameter's value, drive to host (command 05)."""
-
-    COMMAND: ClassVar[Command] = Command.TX_SDO
-    endpoint: int
-    value: bytes
-
-    def encode(self) -> bytes:
-        return _SDO.pack(0, self.endpoint, self.value)
-
-    @classmethod
-    def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 5, "parameter answer")
-        _, endpoint, value = _SDO.unpack(bytes(data[:8]).ljust(8, b"\0"))
-        return cls(endpoint, value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,7 +246,7 @@ class SetAxisState:
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 4, "axis state")
+        check_length(data, 4, "axis state")
         return cls(*_ONE_U32.unpack_from(data))
 
 
@@ -345,7 +279,7 @@ class SetControllerMode:
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 8, "controller mode")
+        check_length(data, 8, "controller mode")
         return cls(*_TWO_U32.unpack_from(data))
 
 
@@ -409,7 +343,7 @@ class Temperature:
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 8, "temperature")
+        check_length(data, 8, "temperature")
         return cls(*_TWO_F32.unpack_from(data))
 
 

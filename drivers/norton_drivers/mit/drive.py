@@ -17,19 +17,16 @@ from typing import ClassVar, Literal
 import can
 from pydantic import Field, ValidationInfo, field_validator
 
+from norton_drivers.can_drive import CanDrive
 from norton_drivers.codecs import mit as protocol
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.mit import Ranges, Reply, Special
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
-from norton_drivers.inbox import Inbox
-from norton_drivers.link import Link
-from norton_drivers.mit.recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
-from norton_drivers.mit.shaft import MitShaft, OutOfRangeError
-from norton_drivers.options import DeviceOptions, parse_options
+from norton_drivers.link import Link, wait_until
+from norton_drivers.mit.replies import MitShaft, OutOfRangeError, answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from norton_drivers.waiting import wait_until
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 SILENT_NS = 150_000_000
 QUESTION_PERIOD_NS = 10_000_000
@@ -135,23 +132,20 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "MitActuator":
     return MitActuator(settings, parse_options(MitOptions, settings), link.can_port(settings), link)
 
 
-class MitActuator:
+class MitActuator(CanDrive):
     """One motor. ``malformed`` counts its replies that could not be decoded."""
 
     command_unit = "N*m"
     heartbeat_timeout_ns = SILENT_NS
 
     def __init__(self, settings: DeviceSettings, options: MitOptions, port: CanPort, link: Link) -> None:
-        self.role = settings.role
+        super().__init__(settings)
         self.options = options
         self.malformed = 0
-        self._direction = settings.direction
         self._port = port
         self._link = link
         self._ranges = options.ranges
         self._shaft = MitShaft(self._ranges, wraps=options.beyond_range == "wraps")
-        self._motion: Inbox[MotionReading] = Inbox()
-        self._current: Inbox[CurrentReading] = Inbox()
         self._reply: Reply | None = None
         self._replies, self._reply_ns = 0, 0
         self._strangers: set[str] = set()  # who answered otherwise than this motor should
@@ -162,7 +156,6 @@ class MitActuator:
         self._asked_ns: int | None = None
         self._provoked_ns: int | None = None
         self._probe_flowed = self._probe_ended = False
-        self._status: DriveStatus | None = None  # as last told; None where it has changed since
         port.subscribe(self._on_frame)
         link.questions.append(self._ask_now_and_then)
 
@@ -203,25 +196,6 @@ class MitActuator:
         self._provoked_ns = None
         self._port.send(self.options.node, protocol.command_value(code))
         return self._direction * self._ranges.commanded_nm(code)
-
-    def take_motion(self) -> list[MotionReading]:
-        return self._motion.take()
-
-    def take_current(self) -> list[CurrentReading]:
-        """What the drive's torque stands for, where the rig gives the torque constant."""
-        return self._current.take()
-
-    def status(self) -> DriveStatus:
-        if self._status is None:
-            reply = self._reply
-            warmth = None if reply is None else reply.temperature
-            self._status = DriveStatus(
-                state=self._state(),
-                heartbeat_ns=None if reply is None else self._reply_ns,
-                errors=self._faults or self._present_error(),
-                motor_temperature_c=nan if warmth is None else warmth + self.options.temperature_offset_c,
-            )
-        return self._status
 
     @property
     def position_resolution_rad(self) -> float:
@@ -297,6 +271,16 @@ class MitActuator:
     @property
     def _place(self) -> str:
         return f"[{self.role}] MIT motor {self.options.node} on {self._port.name}"
+
+    def _new_status(self) -> DriveStatus:
+        reply = self._reply
+        warmth = None if reply is None else reply.temperature
+        return DriveStatus(
+            state=self._state(),
+            heartbeat_ns=None if reply is None else self._reply_ns,
+            errors=self._faults or self._present_error(),
+            motor_temperature_c=nan if warmth is None else warmth + self.options.temperature_offset_c,
+        )
 
     def _state(self) -> DriveState:
         if self._reply is None:

@@ -2,36 +2,39 @@
 
 The drive sends its encoder estimates and currents by itself, at the rates of its own configuration
 (``axis0.config.can.…_rate_ms``): set them in the drive and save. Firmware before 0.5.6 tells currents only to those who
-ask: ``ask`` does. What else the firmwares say differently stands in :mod:`norton_drivers.odrive.firmware_05` and
-:mod:`norton_drivers.odrive.firmware_06`. Positive torque is the torque that the actuator exerts on its load in the
-drive's positive sense, times ``direction``.
-"""
+ask: ``ask`` does. What else the firmwares say differently stands in :mod:`norton_drivers.odrive.firmwares` and
+:mod:`norton_drivers.odrive.firmwares`. Positive torque is the torque that the actuator exerts on its load in the
+drive's positive sense, times ``direction``."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from math import frexp, isnan, ldexp, nan, pi
-from typing import ClassVar, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
 
+from norton_drivers.can_drive import CanDrive, FedWatchdog
 from norton_drivers.codecs import odrive as protocol
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs import odrive_sdo
+from norton_drivers.codecs.common import CodecError
+from norton_drivers.codecs.odrive import Command
 from norton_drivers.codecs.odrive_05 import Command05, EncoderCount
 from norton_drivers.codecs.odrive_words import describe_axis_state
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
-from norton_drivers.inbox import Inbox
-from norton_drivers.link import Link
-from norton_drivers.odrive.dialect import Dialect, Drive, Handler, Heard, Message
-from norton_drivers.odrive.firmware_05 import Firmware05
-from norton_drivers.odrive.firmware_06 import Firmware06
-from norton_drivers.odrive.recognition import recognise  # noqa: F401  (found here by whoever looks for it)
-from norton_drivers.options import DeviceOptions, parse_options
+from norton_drivers.link import Link, Questions, wait_until
+from norton_drivers.odrive.firmwares import Dialect, Drive, Firmware05, Firmware06, Handler, Heard, Message
 from norton_drivers.ports import CanPort
-from norton_drivers.questions import Questions
-from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from norton_drivers.waiting import wait_until
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.readings import (
+    CurrentReading,
+    DeviceIdentity,
+    DriveState,
+    DriveStatus,
+    MotionReading,
+    Unwrapped,
+)
+from norton_drivers.recognition import Recognised
+from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 TURN_RAD = 2 * pi
 _FLOAT32_BITS = 24
@@ -39,12 +42,36 @@ _HEARTBEATS_MISSED = 3
 _FEED_INTERVAL_NS = 10_000_000  # while waiting; half of the shortest watchdog
 _ASK_AGAIN_S = 0.02
 _CURRENT_INTERVAL_S = 0.01
-_COUNT_WRAP = 1 << 32
+_COUNT_SPAN = 1 << 32
 
 DIALECTS: Final[Mapping[str, Callable[[Drive], Dialect]]] = {"0.5": Firmware05, "0.6": Firmware06}
 
 CONNECTION = "can"
 OPTION_UNITS = {"watchdog": "s", "heartbeat": "s"}
+
+
+_AXIS_STATE_MAX = 16  # 13 in firmware 0.6.10; later ones may know more
+_DEVICE = "an ODrive"
+_SAYS: dict[int, str] = {
+    Command.HEARTBEAT: "heartbeat",
+    Command.ENCODER_ESTIMATES: "encoder estimates",
+    Command.IQ: "current",
+    Command.TEMPERATURE: "temperature",
+    Command.BUS_VOLTAGE_CURRENT: "supply",
+    Command.TORQUES: "torques",
+}
+_COMMANDS = {Command.ESTOP, Command.SET_AXIS_STATE, Command.SET_CONTROLLER_MODE, Command.SET_INPUT_TORQUE}
+_COMMANDS |= {Command.SET_LIMITS, Command.CLEAR_ERRORS}
+
+
+def recognise(message: can.Message, _options: Mapping[str, Any]) -> Recognised | None:
+    """A heartbeat is sure; all else only belongs to a node that sends one, whose 32 identifiers are its own."""
+    if message.is_extended_id or message.is_remote_frame:
+        return None
+    node, number = protocol.split_id(message.arbitration_id)
+    heartbeat = number == Command.HEARTBEAT and message.dlc == 8 and 1 <= message.data[4] <= _AXIS_STATE_MAX
+    says = _SAYS.get(number, f"message 0x{number:02X}")
+    return Recognised(_DEVICE, says, {"node": node}, sure=heartbeat, from_host=number in _COMMANDS)
 
 
 class ODriveOptions(DeviceOptions):
@@ -54,7 +81,7 @@ class ODriveOptions(DeviceOptions):
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the drive's CAN node id, 0 to 63", examples=[1])
     firmware: str = Field("0.6", description="the firmware's version, 0.5 or 0.6", examples=["0.6"])
-    watchdog_s: float = Field(
+    watchdog_s: FedWatchdog = Field(
         0.1,
         alias="watchdog",
         ge=0,
@@ -72,18 +99,11 @@ class ODriveOptions(DeviceOptions):
     )
     ask: bool = Field(False, description="whether currents must be asked for, as before firmware 0.5.6")
     watchdog_timeout_endpoint: int = Field(
-        protocol.ENDPOINT_WATCHDOG_TIMEOUT, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
+        odrive_sdo.ENDPOINT_WATCHDOG_TIMEOUT, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
     enable_watchdog_endpoint: int = Field(
-        protocol.ENDPOINT_ENABLE_WATCHDOG, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
+        odrive_sdo.ENDPOINT_ENABLE_WATCHDOG, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
-
-    @field_validator("watchdog_s")
-    @classmethod
-    def _can_be_fed(cls, watchdog_s: float) -> float:
-        if 0 < watchdog_s < 0.02:
-            raise ValueError("shorter than a computer can be relied on to feed; at least 20 ms")
-        return watchdog_s
 
     @field_validator("firmware")
     @classmethod
@@ -115,32 +135,28 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "ODrive":
     return ODrive(settings, parse_options(ODriveOptions, settings), link.can_port(settings), link)
 
 
-class ODrive:
+class ODrive(CanDrive):
     """One axis of an ODrive. ``malformed`` counts frames that could not be decoded."""
 
     command_unit = "N*m"
 
     def __init__(self, settings: DeviceSettings, options: ODriveOptions, port: CanPort, link: Link) -> None:
-        self.role = settings.role
+        super().__init__(settings)
         self.options = options
         self.malformed = 0
         self.heartbeat_timeout_ns = round(_HEARTBEATS_MISSED * options.heartbeat_s * 1e9)
-        self._direction = settings.direction
         self._rad_per_turn = settings.direction * TURN_RAD
         self._port = port
         self._link = link
         self._firmware = DIALECTS[options.firmware](self)
-        self._motion: Inbox[MotionReading] = Inbox()
-        self._current: Inbox[CurrentReading] = Inbox()
         self._position_rev = 0.0
         self._velocity_rev_s = nan
-        self._count: int | None = None
+        self._counts = Unwrapped(_COUNT_SPAN)
         self._bus_voltage_v = nan
         self._heard = Heard(0, protocol.AxisState.UNDEFINED, failed=False)
         self._heartbeat_ns: int | None = None
         self._heartbeats = 0
         self._closed_loop_wanted = False
-        self._status: DriveStatus | None = None  # as last told; None where it has changed since
         self._fed_ns = 0
         self._questions = self._ask_for_current() if options.ask else None
         self._torque_id = protocol.arbitration_id(options.node, protocol.Command.SET_INPUT_TORQUE)
@@ -184,25 +200,6 @@ class ODrive:
             raise DeviceError(f"{self.place}: cannot command a torque of {value} N*m") from error
         self._port.send(self._torque_id, payload)
         return self._direction * protocol.torque_of(payload)
-
-    def take_motion(self) -> list[MotionReading]:
-        return self._motion.take()
-
-    def take_current(self) -> list[CurrentReading]:
-        return self._current.take()
-
-    def status(self) -> DriveStatus:
-        # Asked every tick, but it changes only with the slow messages.
-        if self._status is None:
-            self._status = DriveStatus(
-                state=self._state(),
-                heartbeat_ns=self._heartbeat_ns,
-                errors=self._errors(),
-                transistor_temperature_c=self._firmware.temperature.transistor_c,
-                motor_temperature_c=self._firmware.temperature.motor_c,
-                bus_voltage_v=self._bus_voltage_v,
-            )
-        return self._status
 
     @property
     def position_resolution_rad(self) -> float:
@@ -286,6 +283,16 @@ class ODrive:
     def _in_closed_loop(self) -> bool:
         return self._heard.axis_state == protocol.AxisState.CLOSED_LOOP_CONTROL
 
+    def _new_status(self) -> DriveStatus:
+        return DriveStatus(
+            state=self._state(),
+            heartbeat_ns=self._heartbeat_ns,
+            errors=self._errors(),
+            transistor_temperature_c=self._firmware.temperature.transistor_c,
+            motor_temperature_c=self._firmware.temperature.motor_c,
+            bus_voltage_v=self._bus_voltage_v,
+        )
+
     def _state(self) -> DriveState:
         if self._heartbeat_ns is None:
             return DriveState.UNKNOWN
@@ -350,11 +357,11 @@ class ODrive:
         _, self._velocity_rev_s = protocol.estimates_of(data)
 
     def _on_encoder_count(self, data: bytearray, arrival_ns: int) -> None:
-        self._count = _unwrapped(EncoderCount.decode(data).shadow_count, self._count)
+        count = self._counts.follow(EncoderCount.decode(data).shadow_count)
         if isnan(self._velocity_rev_s):
             return  # no estimate has come yet
         scale, motion = self._rad_per_turn, self._motion
-        position_rad = scale * self._count / self.options.counts_per_turn
+        position_rad = scale * count / self.options.counts_per_turn
         motion.put(MotionReading(motion.count, arrival_ns, position_rad, scale * self._velocity_rev_s))
 
     def _on_iq(self, data: bytearray, arrival_ns: int) -> None:
@@ -377,11 +384,3 @@ class ODrive:
     def _on_bus_voltage(self, data: bytearray, arrival_ns: int) -> None:
         self._bus_voltage_v = protocol.BusVoltageCurrent.decode(data).voltage_v
         self._status = None
-
-
-def _unwrapped(count: int, before: int | None) -> int:
-    """The 32-bit count as one that goes on."""
-    if before is None:
-        return count
-    half = _COUNT_WRAP // 2
-    return before + (count - before + half) % _COUNT_WRAP - half

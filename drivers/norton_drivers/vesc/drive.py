@@ -16,21 +16,16 @@ from typing import ClassVar, Literal
 import can
 from pydantic import Field, ValidationInfo, field_validator
 
+from norton_drivers.can_drive import CanDrive
 from norton_drivers.codecs import vesc as protocol
-from norton_drivers.codecs.errors import CodecError
-from norton_drivers.codecs.vesc import Packet
-from norton_drivers.codecs.vesc_words import describe_fault
+from norton_drivers.codecs.common import CodecError
+from norton_drivers.codecs.vesc import Packet, describe_fault
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
-from norton_drivers.inbox import Inbox
-from norton_drivers.link import Link
-from norton_drivers.options import DeviceOptions, parse_options
+from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from norton_drivers.vesc.queries import VescQueries
-from norton_drivers.vesc.recognition import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
-from norton_drivers.vesc.shaft import VescShaft
-from norton_drivers.waiting import wait_until
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.vesc.messages import VescQueries, VescShaft, answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 SILENT_NS = 250_000_000  # longer than a busy host may forget to ask
 _MOTOR_CONTROLLER = 0
@@ -128,22 +123,19 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "Vesc":
     return Vesc(settings, parse_options(VescOptions, settings), link.can_port(settings), link)
 
 
-class Vesc:
+class Vesc(CanDrive):
     """One motor of a VESC."""
 
     heartbeat_timeout_ns = SILENT_NS
 
     def __init__(self, settings: DeviceSettings, options: VescOptions, port: CanPort, link: Link) -> None:
-        self.role = settings.role
+        super().__init__(settings)
         self.options = options
         self.command_unit = options.command_unit or ""
-        self._direction = settings.direction
         self._port = port
         self._link = link
         self._queries = VescQueries(options.node, options.host_node, port, link.clock)
         self._shaft = VescShaft(options.pole_pairs, encoder=options.position == "encoder")
-        self._motion: Inbox[MotionReading] = Inbox()
-        self._current: Inbox[CurrentReading] = Inbox()
         self._undecoded = 0
         self._frame = protocol.Status(0.0, 0.0, 0.0)
         self._frames = 0  # of STATUS
@@ -154,7 +146,6 @@ class Vesc:
         self._faults: tuple[str, ...] = ()  # since it was enabled
         self._released_from = 0  # the count of STATUS that first tells what became of the last stop
         self._probe_flowed = False
-        self._status: DriveStatus | None = None  # as last told; None where it has changed since
         packet = Packet.SET_DUTY if options.mode == "duty" else Packet.SET_CURRENT
         self._command_id = protocol.arbitration_id(packet, options.node)
         self._current_id = protocol.arbitration_id(Packet.SET_CURRENT, options.node)
@@ -210,26 +201,6 @@ class Vesc:
             raise DeviceError(f"{self._place}: cannot command {value} {self.command_unit}") from error
         self._port.send(self._command_id, payload, extended=True)
         return self._direction * sent
-
-    def take_motion(self) -> list[MotionReading]:
-        return self._motion.take()
-
-    def take_current(self) -> list[CurrentReading]:
-        """Without those whose sign cannot be told, since the motor has hardly any voltage."""
-        return self._current.take()
-
-    def status(self) -> DriveStatus:
-        # Asked every tick, as often as STATUS comes.
-        if self._status is None:
-            self._status = DriveStatus(
-                state=self._state(),
-                heartbeat_ns=min(self._frame_ns, self._queries.fault_ns) if self._heard else None,
-                errors=self._errors(),
-                transistor_temperature_c=self._temperatures.transistor_c,
-                motor_temperature_c=self._temperatures.motor_c,
-                bus_voltage_v=self._supply_v,
-            )
-        return self._status
 
     @property
     def malformed(self) -> int:
@@ -312,6 +283,16 @@ class Vesc:
     @property
     def _heard(self) -> bool:
         return self._frames > 0 and self._queries.faults_told > 0
+
+    def _new_status(self) -> DriveStatus:
+        return DriveStatus(
+            state=self._state(),
+            heartbeat_ns=min(self._frame_ns, self._queries.fault_ns) if self._heard else None,
+            errors=self._errors(),
+            transistor_temperature_c=self._temperatures.transistor_c,
+            motor_temperature_c=self._temperatures.motor_c,
+            bus_voltage_v=self._supply_v,
+        )
 
     def _state(self) -> DriveState:
         if not self._heard:

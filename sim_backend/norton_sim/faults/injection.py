@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import Wiring
-from norton_sim.faults import carriage, connections, machinery, schema
+from norton_sim.faults import machinery, schema, wires
 from norton_sim.faults.schema import KINDS, Fault, HostStall
 from norton_sim.faults.stage import Injected, Stage, Undo
 from norton_sim.tables import complaints, keys_of, nearest
@@ -74,9 +74,9 @@ def _kind_mend(kind: object) -> str:
 LOOK_NS = 1_000_000
 
 EFFECTS: Mapping[type[Fault], Callable[[Any, Stage], Undo]] = {
-    schema.BusOff: connections.bus_off,
-    schema.Unplugged: connections.unplugged,
-    schema.Dropout: connections.dropout,
+    schema.BusOff: wires.bus_off,
+    schema.Unplugged: wires.unplugged,
+    schema.Dropout: wires.dropout,
     schema.Freeze: machinery.freeze,
     schema.SignFlip: machinery.sign_flip,
     schema.Saturation: machinery.saturation,
@@ -93,12 +93,12 @@ EFFECTS: Mapping[type[Fault], Callable[[Any, Stage], Undo]] = {
 }
 # Those that hit frames count them.
 COUNTED_EFFECTS: Mapping[type[Fault], Callable[[Any, Stage, Injected], Undo]] = {
-    schema.Drop: carriage.drop,
-    schema.Delay: carriage.delay,
-    schema.Duplicate: carriage.duplicate,
-    schema.Reorder: carriage.reorder,
-    schema.Corrupt: carriage.corrupt,
-    schema.BabblingNode: connections.babbling_node,
+    schema.Drop: wires.drop,
+    schema.Delay: wires.delay,
+    schema.Duplicate: wires.duplicate,
+    schema.Reorder: wires.reorder,
+    schema.Corrupt: wires.corrupt,
+    schema.BabblingNode: wires.babbling_node,
 }
 
 

@@ -1,4 +1,4 @@
-"""Faults of drives, mechanics and the host."""
+"""Faults of sensors that keep sending, of drives, mechanics and the host."""
 
 from typing import cast
 
@@ -18,14 +18,13 @@ from norton_sim.faults.schema import (
     Undervoltage,
 )
 from norton_sim.faults.stage import Stage, Undo
-from norton_sim.firmware.site import DriveFault
+from norton_sim.firmware.context import DriveFault
 from norton_sim.plant import Distortion, Machine
 
 TORQUE_SENSOR = "torque_sensor"
 
 
 def freeze(fault: Freeze, stage: Stage) -> Undo:
-    """Faults of what sensors say, while they go on saying it."""
     if fault.on != TORQUE_SENSOR:
         return _misread(stage, fault.on, gain=0)
     stands_at_nm = stage.world.plant.sensor_torque_nm()

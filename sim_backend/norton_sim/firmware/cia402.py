@@ -13,11 +13,11 @@ from typing import cast
 from norton_drivers.canopen.cia402 import Cia402Options
 from norton_drivers.codecs.canopen import ABORT_VALUE
 from norton_drivers.codecs.cia402 import REMOTE, VOLTAGE_ENABLED, Mode, Object, State, statusword_of
-from norton_drivers.options import parse_options
+from norton_drivers.wiring import parse_options
 from norton_sim.firmware.canopen.node import ERROR_HEARTBEAT_LOST, CanopenNode
 from norton_sim.firmware.canopen.objects import I8, I16, I32, U8, U16, U32, AbortError, Entry
 from norton_sim.firmware.canopen.process_data import SentPdo, Timer
-from norton_sim.firmware.site import DriveFault, Heating, Site
+from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
 from norton_sim.plant import Machine
 
 DEVICE_TYPE = 0x00020192  # a servo drive of profile 402
@@ -43,22 +43,22 @@ _MODES = (0, Mode.PROFILE_TORQUE, Mode.CYCLIC_SYNCHRONOUS_TORQUE)
 class Cia402Drive:
     """The drive, and the machine it drives, by its role. ``error`` is its error code (603Fh)."""
 
-    def __init__(self, site: Site) -> None:
-        self.options = parse_options(Cia402Options, site.settings)
+    def __init__(self, context: DeviceContext) -> None:
+        self.options = parse_options(Cia402Options, context.settings)
         self.state = State.SWITCH_ON_DISABLED
         self.error = 0
         self.heating = Heating()
-        self.node = CanopenNode(site, self.options.node, DEVICE_TYPE, "simulated servo drive")
-        self._plant = site.world.plant
-        self._machine = cast(Machine, site.settings.role)
-        self._units_per_a = 1 / (_amperes_per_nm(site) * self.options.torque_per_unit_nm)
+        self.node = CanopenNode(context, self.options.node, DEVICE_TYPE, "simulated servo drive")
+        self._plant = context.world.plant
+        self._machine = cast(Machine, context.settings.role)
+        self._units_per_a = 1 / (_amperes_per_nm(context) * self.options.torque_per_unit_nm)
         self._controlword = 0
         self._demand = 0.0  # the torque that is given, in units
         self._zero_counts = 0
         self._frozen: tuple[int, int] | None = None
-        self._ramp = Timer(site.world, site.clock_ppm)
+        self._ramp = Timer(context.world, context.clock_ppm)
         self._goal = 0
-        self._quick_stop = Timer(site.world, site.clock_ppm)
+        self._quick_stop = Timer(context.world, context.clock_ppm)
         self._add_settings()
         self._add_command()
         self._add_feedback()
@@ -66,7 +66,7 @@ class Cia402Drive:
         self.node.on_host_lost = self._lose_host
         self.node.on_stopped = self._leave_operation
         self.node.on_power_on = self._power_on
-        site.cyclic(WARMING_PERIOD_NS, self._warm)
+        context.cyclic(WARMING_PERIOD_NS, self._warm)
 
     @property
     def armed(self) -> bool:
@@ -289,6 +289,6 @@ def _clipped(value: float, size: int) -> int:
     return min(max(round(value), -most), most)
 
 
-def _amperes_per_nm(site: Site) -> float:
+def _amperes_per_nm(context: DeviceContext) -> float:
     """The drive's own idea of its motor: the current that it sets for each newton metre of its target."""
-    return site.truth.driven(site.settings.role).amplifier_gain
+    return context.truth.driven(context.settings.role).amplifier_gain

@@ -22,8 +22,8 @@ from norton_drivers.codecs.modbus import (
     is_sound,
 )
 from norton_drivers.dyn200 import Dyn200Options
-from norton_drivers.options import parse_options
-from norton_sim.firmware.site import Site, TorqueSignal
+from norton_drivers.wiring import parse_options
+from norton_sim.firmware.context import DeviceContext, TorqueSignal
 
 MOST_REGISTERS = 12
 WRITE_COILS, WRITE_REGISTERS = 15, 16
@@ -98,20 +98,20 @@ GAP_NS = 1_750_000
 class Dyn200Sensor:
     """Its station, scale and mode are those that the rig names."""
 
-    def __init__(self, site: Site) -> None:
-        options = parse_options(Dyn200Options, site.settings)
-        self.signal = TorqueSignal(site.world.plant)
-        self._world = site.world
+    def __init__(self, context: DeviceContext) -> None:
+        options = parse_options(Dyn200Options, context.settings)
+        self.signal = TorqueSignal(context.world.plant)
+        self._world = context.world
         self._options = options
         self._digits = 0
-        self._plug = site.serial_connector()
+        self._connector = context.serial_connector()
         if options.mode == "push":
-            site.cyclic(SAMPLE_PERIOD_NS, self._push)
+            context.cyclic(SAMPLE_PERIOD_NS, self._push)
         else:
             self._server = ModbusServer(options.station, self._numbers)
             self._heard_ns = 0
-            self._plug.on_bytes(self._receive)
-            site.cyclic(SAMPLE_PERIOD_NS, self._measure)
+            self._connector.on_bytes(self._receive)
+            context.cyclic(SAMPLE_PERIOD_NS, self._measure)
 
     def freeze(self) -> None:
         """From now on report the torque of this instant."""
@@ -131,7 +131,7 @@ class Dyn200Sensor:
     # ---- active upload ----
 
     def _push(self, _stamp_ns: int) -> None:
-        self._plug.send(dyn200.PushFrame(self._digits_now(PUSHED_MOST), self._speed_rpm()).encode())
+        self._connector.send(dyn200.PushFrame(self._digits_now(PUSHED_MOST), self._speed_rpm()).encode())
 
     # ---- Modbus ----
 
@@ -144,7 +144,7 @@ class Dyn200Sensor:
             self._world.at(now_ns + PROCESSING_NS, partial(self._answer, question))
 
     def _answer(self, question: bytes, _stamp_ns: int) -> None:
-        self._plug.send(self._server.answer_to(question))
+        self._connector.send(self._server.answer_to(question))
 
     def _numbers(self) -> Mapping[int, int]:
         """The numbers that can be read, by their first register."""

@@ -12,11 +12,11 @@ from typing import cast
 import can
 
 from norton_drivers.codecs import mit as protocol
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.mit import Reply, Special
 from norton_drivers.mit import MitOptions
-from norton_drivers.options import parse_options
-from norton_sim.firmware.site import DriveFault, Heating, Site
+from norton_drivers.wiring import parse_options
+from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000
@@ -27,23 +27,23 @@ ERRORS = {DriveFault.FAULT: 2, DriveFault.UNDERVOLTAGE: 4, DriveFault.OVER_TEMPE
 class MitMotor:
     """One motor: the rig's actuator or its load. ``error`` is the error byte of its replies."""
 
-    def __init__(self, site: Site) -> None:
+    def __init__(self, context: DeviceContext) -> None:
         self.error = protocol.NO_ERROR
         self.heating = Heating()
-        self._options = options = parse_options(MitOptions, site.settings)
+        self._options = options = parse_options(MitOptions, context.settings)
         self._ranges = options.ranges
-        self._world = site.world
-        self._plant = site.world.plant
-        self._machine = cast(Machine, site.settings.role)
-        self._amperes_per_nm = site.truth.driven(self._machine).amplifier_gain
+        self._world = context.world
+        self._plant = context.world.plant
+        self._machine = cast(Machine, context.settings.role)
+        self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain
         self._armed = False
         self._zero_rad = 0.0
         self._command_nm = 0.0
-        self._commanded_ns = site.world.now_ns
+        self._commanded_ns = context.world.now_ns
         self._frozen: tuple[float, float] | None = None
-        self._plug = site.can_connector()
-        self._plug.on_frame(self._receive)
-        site.cyclic(LOOK_PERIOD_NS, self._look)
+        self._connector = context.can_connector()
+        self._connector.on_frame(self._receive)
+        context.cyclic(LOOK_PERIOD_NS, self._look)
 
     @property
     def armed(self) -> bool:
@@ -66,7 +66,7 @@ class MitMotor:
         torque_nm = self._plant.current_a(self._machine) / self._amperes_per_nm
         reply = Reply.of(self._options.node, position_rad, velocity_rad_s, torque_nm, self._ranges)
         warmth = round(self.heating.temperature_c - self._options.temperature_offset_c)
-        self._plug.send(self._options.master, reply._replace(temperature=warmth, error=self.error).encode())
+        self._connector.send(self._options.master, reply._replace(temperature=warmth, error=self.error).encode())
 
     def _motion(self) -> tuple[float, float]:
         """Position [rad] from where zero was set, and velocity [rad/s]."""

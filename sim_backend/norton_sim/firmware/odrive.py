@@ -8,18 +8,111 @@ torque control with passed-through input is emulated.
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import isfinite, isnan, nan
-from typing import Protocol
+from math import inf, isfinite, isnan, nan, tau
+from typing import Protocol, cast
 
 import can
 
-from norton_drivers.codecs import odrive
-from norton_drivers.codecs.errors import CodecError
-from norton_drivers.codecs.odrive import AxisState, Command
+from norton_drivers.codecs import odrive, odrive_sdo
+from norton_drivers.codecs.common import CodecError
+from norton_drivers.codecs.odrive import AxisState, Command, ControlMode, InputMode
 from norton_drivers.odrive import ODriveOptions
-from norton_drivers.options import parse_options
-from norton_sim.firmware.odrive_motor import SUPPLY_V, Motor
-from norton_sim.firmware.site import DriveFault, Site, Watchdog
+from norton_drivers.wiring import parse_options
+from norton_sim.firmware.context import DeviceContext, DriveFault, Heating, Watchdog
+from norton_sim.plant import Machine
+
+SUPPLY_V = 24.0
+WINDING_OHM = 0.1
+
+TORQUE_CONTROL = (ControlMode.TORQUE, InputMode.PASSTHROUGH)
+
+
+class Motor:
+    """What of an ODrive axis has nothing to do with CAN: its motor in torque control, and what is measured of it.
+
+    ``input_nm`` is the torque wanted, NaN where none was given yet; ``mode`` control mode and input mode.
+    """
+
+    def __init__(self, context: DeviceContext, input_nm: float) -> None:
+        self.armed = False
+        self.input_nm = input_nm
+        self.mode: tuple[int, int] = (ControlMode.POSITION, InputMode.PASSTHROUGH)
+        self.heating = Heating()
+        self._limit_nm = inf
+        self._frozen: tuple[float, float] | None = None
+        self._plant = context.world.plant
+        self._machine = cast(Machine, context.settings.role)
+        self._amperes_per_nm = _amperes_per_nm(context)
+
+    @property
+    def in_torque_control(self) -> bool:
+        return self.mode == TORQUE_CONTROL
+
+    def arm(self) -> None:
+        self.armed = True
+        self.drive()
+
+    def disarm(self) -> None:
+        self.armed = False
+        self._plant.release(self._machine)
+
+    def drive(self) -> None:
+        """Follow the input as it is now, where the motor is armed."""
+        if self.armed:
+            self._plant.command(self._machine, self.target_nm())
+
+    def limit(self, current_a: float) -> None:
+        """From now on give no more than ``current_a``."""
+        self._limit_nm = abs(current_a) / self._amperes_per_nm
+        self.drive()
+
+    def freeze(self) -> None:
+        """From now on report the position and velocity of this instant."""
+        self._frozen = self.estimates()
+
+    def warm_up(self, duration_s: float) -> None:
+        """Let the present current flow for a while."""
+        self.heating.carry(self._plant.true_current_a(self._machine), duration_s)
+
+    # ---- what can be measured ----
+
+    def estimates(self) -> tuple[float, float]:
+        """Position [turns] and velocity [turns/s]."""
+        if self._frozen is not None:
+            return self._frozen
+        plant, machine = self._plant, self._machine
+        return plant.encoder_position_rad(machine) / tau, plant.encoder_velocity_rad_s(machine) / tau
+
+    def current_a(self) -> float:
+        """One measurement of the torque-producing current."""
+        return self._plant.current_a(self._machine)
+
+    def target_nm(self) -> float:
+        """The torque that it tries to give."""
+        if not self.armed:
+            return 0.0
+        input_nm, limit_nm = self.input_nm, self._limit_nm
+        if -limit_nm <= input_nm <= limit_nm:
+            return input_nm
+        return min(max(input_nm, -limit_nm), limit_nm)
+
+    def target_a(self) -> float:
+        """The current that it tries to give."""
+        return self.target_nm() * self._amperes_per_nm
+
+    def torque_nm(self) -> float:
+        """Its own estimate of its torque, from one measurement of the current."""
+        return self.current_a() / self._amperes_per_nm
+
+    def supply_current_a(self) -> float:
+        """What the supply sees of the winding's losses."""
+        return WINDING_OHM * self._plant.true_current_a(self._machine) ** 2 / SUPPLY_V
+
+
+def _amperes_per_nm(context: DeviceContext) -> float:
+    """The drive's own idea of its motor: the current that it sets for each newton metre of input."""
+    return context.truth.driven(context.settings.role).amplifier_gain
+
 
 ENCODER_PERIOD_NS = 1_000_000
 IQ_PERIOD_NS = 10_000_000
@@ -48,23 +141,23 @@ class _Answer(Protocol):
 class ODriveAxis:
     """One axis and the machine it drives: the rig's actuator or its load."""
 
-    def __init__(self, site: Site) -> None:
-        options = parse_options(ODriveOptions, site.settings)
+    def __init__(self, context: DeviceContext) -> None:
+        options = parse_options(ODriveOptions, context.settings)
         self.active_errors = 0
         self.disarm_reason = 0
         self.axis_state = AxisState.IDLE
-        self.motor = Motor(site, input_nm=nan)
+        self.motor = Motor(context, input_nm=nan)
         self._result = RESULT_SUCCESS
-        self._watchdog = Watchdog(site.world, self._starve)
+        self._watchdog = Watchdog(context.world, self._starve)
         self._parameters = _Parameters(options, self._watchdog)
         self._node = options.node
         self._ids = {command: odrive.arbitration_id(options.node, command) for command in Command}
         self._estimates_id = self._ids[Command.ENCODER_ESTIMATES]
         self._handlers = self._message_handlers()
         self._getters = self._message_getters()
-        self._plug = site.can_connector()
-        self._plug.on_frame(self._receive)
-        self._start(site)
+        self._connector = context.can_connector()
+        self._connector.on_frame(self._receive)
+        self._start(context)
 
     def fail(self, error_bits: int) -> None:
         """Raise errors: an armed axis is disarmed, and stays so until the errors are cleared."""
@@ -84,11 +177,11 @@ class ODriveAxis:
         """From now on report the position and velocity of this instant."""
         self.motor.freeze()
 
-    def _start(self, site: Site) -> None:
-        site.cyclic(ENCODER_PERIOD_NS, self._send_estimates)
-        site.cyclic(IQ_PERIOD_NS, self._send_current)
+    def _start(self, context: DeviceContext) -> None:
+        context.cyclic(ENCODER_PERIOD_NS, self._send_estimates)
+        context.cyclic(IQ_PERIOD_NS, self._send_current)
         for command in (Command.HEARTBEAT, Command.TEMPERATURE, Command.BUS_VOLTAGE_CURRENT):
-            site.cyclic(SLOW_PERIOD_NS, partial(self._send_cyclic, command))
+            context.cyclic(SLOW_PERIOD_NS, partial(self._send_cyclic, command))
 
     # ---- what it says ----
 
@@ -106,13 +199,13 @@ class ODriveAxis:
         }
 
     def _answer(self, command: int) -> None:
-        self._plug.send(self._ids[Command(command)], self._getters[command]().encode())
+        self._connector.send(self._ids[Command(command)], self._getters[command]().encode())
 
     def _send_cyclic(self, command: int, _stamp_ns: int) -> None:
         self._answer(command)
 
     def _send_estimates(self, _stamp_ns: int) -> None:
-        self._plug.send(self._estimates_id, odrive.estimates_value(*self.motor.estimates()))
+        self._connector.send(self._estimates_id, odrive.estimates_value(*self.motor.estimates()))
 
     def _send_current(self, _stamp_ns: int) -> None:
         self.motor.warm_up(IQ_PERIOD_NS * 1e-9)
@@ -168,13 +261,13 @@ class ODriveAxis:
         self.active_errors = self.disarm_reason = 0
 
     def _access_parameter(self, data: bytearray) -> None:
-        request = odrive.RxSdo.decode(data)
-        if request.opcode == odrive.SdoOpcode.WRITE:
+        request = odrive_sdo.RxSdo.decode(data)
+        if request.opcode == odrive_sdo.SdoOpcode.WRITE:
             self._parameters.write(request.endpoint, request.value)
             return
         value = self._parameters.read(request.endpoint)
         if value is not None:
-            self._plug.send(self._ids[Command.TX_SDO], odrive.TxSdo(request.endpoint, value).encode())
+            self._connector.send(self._ids[Command.TX_SDO], odrive_sdo.TxSdo(request.endpoint, value).encode())
 
     def _starve(self) -> None:
         if self.armed:
@@ -218,15 +311,15 @@ class _Parameters:
     def read(self, endpoint: int) -> bytes | None:
         """The parameter's four bytes; None where there is none."""
         if endpoint == self._enable_endpoint:
-            return odrive.u32_value(self._watchdog.enabled)
+            return odrive_sdo.u32_value(self._watchdog.enabled)
         if endpoint == self._timeout_endpoint:
-            return odrive.f32_value(self._watchdog.timeout_ns * 1e-9)
+            return odrive_sdo.f32_value(self._watchdog.timeout_ns * 1e-9)
         return None
 
     def write(self, endpoint: int, value: bytes) -> None:
         enabled, timeout_ns = self._watchdog.enabled, self._watchdog.timeout_ns
         if endpoint == self._enable_endpoint:
-            enabled = bool(odrive.u32_of(value) & 0xFF)
-        elif endpoint == self._timeout_endpoint and isfinite(timeout_s := odrive.f32_of(value)):
+            enabled = bool(odrive_sdo.u32_of(value) & 0xFF)
+        elif endpoint == self._timeout_endpoint and isfinite(timeout_s := odrive_sdo.f32_of(value)):
             timeout_ns = max(0, round(timeout_s * 1e9))
         self._watchdog.configure(enabled=enabled, timeout_ns=timeout_ns)

@@ -13,13 +13,13 @@ from functools import partial
 import can
 
 from norton_drivers.codecs import odrive, odrive_05
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.odrive import AxisState, Command
 from norton_drivers.codecs.odrive_05 import Command05
 from norton_drivers.odrive import ODriveOptions
-from norton_drivers.options import parse_options
-from norton_sim.firmware.odrive_motor import SUPPLY_V, Motor
-from norton_sim.firmware.site import DriveFault, Site, Watchdog
+from norton_drivers.wiring import parse_options
+from norton_sim.firmware.context import DeviceContext, DriveFault, Watchdog
+from norton_sim.firmware.odrive import SUPPLY_V, Motor
 
 ESTIMATES_PERIOD_NS = 1_000_000
 IQ_PERIOD_NS = 10_000_000
@@ -39,23 +39,23 @@ MOTOR_ERRORS = {
 class ODrive05Axis:
     """One axis and the machine it drives: the rig's actuator or its load."""
 
-    def __init__(self, site: Site) -> None:
-        options = parse_options(ODriveOptions, site.settings)
+    def __init__(self, context: DeviceContext) -> None:
+        options = parse_options(ODriveOptions, context.settings)
         self.axis_errors = 0
         self.motor_errors = 0
         self.controller_errors = 0
         self.axis_state = AxisState.IDLE
-        self.motor = Motor(site, input_nm=0.0)
+        self.motor = Motor(context, input_nm=0.0)
         self._node = options.node
         self._cpr = options.counts_per_turn or 8192  # the drive's own default
         self._before_056 = options.ask
         self._handlers = self._message_handlers()
         self._getters = self._message_getters()
-        self._plug = site.can_connector()
-        self._plug.on_frame(self._receive)
-        self._watchdog = Watchdog(site.world, self._starve)
+        self._connector = context.can_connector()
+        self._connector.on_frame(self._receive)
+        self._watchdog = Watchdog(context.world, self._starve)
         self._watchdog.configure(enabled=options.watchdog_s > 0, timeout_ns=round(options.watchdog_s * 1e9))
-        self._start(site, counts=options.position == "counts")
+        self._start(context, counts=options.position == "counts")
 
     def fail(self, axis_errors: int = 0, *, motor_errors: int = 0, controller_errors: int = 0) -> None:
         """Raise errors: an armed axis is disarmed. They stay until they are cleared."""
@@ -75,15 +75,15 @@ class ODrive05Axis:
         """From now on report the position and velocity of this instant."""
         self.motor.freeze()
 
-    def _start(self, site: Site, *, counts: bool) -> None:
-        site.cyclic(IQ_PERIOD_NS, self._warm_up)
+    def _start(self, context: DeviceContext, *, counts: bool) -> None:
+        context.cyclic(IQ_PERIOD_NS, self._warm_up)
         periods_ns = {Command.ENCODER_ESTIMATES: ESTIMATES_PERIOD_NS, Command.HEARTBEAT: SLOW_PERIOD_NS}
         if not self._before_056:
             periods_ns |= {Command.IQ: IQ_PERIOD_NS, Command.BUS_VOLTAGE_CURRENT: SLOW_PERIOD_NS}
         for command, period_ns in periods_ns.items():
-            site.cyclic(period_ns, partial(self._send_cyclic, command))
+            context.cyclic(period_ns, partial(self._send_cyclic, command))
         if counts and not self._before_056:
-            site.cyclic(ESTIMATES_PERIOD_NS, partial(self._send_cyclic, Command05.ENCODER_COUNT))
+            context.cyclic(ESTIMATES_PERIOD_NS, partial(self._send_cyclic, Command05.ENCODER_COUNT))
 
     # ---- what it says ----
 
@@ -117,7 +117,7 @@ class ODrive05Axis:
         return odrive_05.EncoderCount((count + half) % COUNT_WRAP - half, count % self._cpr).encode()
 
     def _answer(self, command: int) -> None:
-        self._plug.send(odrive.arbitration_id(self._node, command), self._getters[command]())
+        self._connector.send(odrive.arbitration_id(self._node, command), self._getters[command]())
 
     def _send_cyclic(self, command: int, _stamp_ns: int) -> None:
         self._answer(command)

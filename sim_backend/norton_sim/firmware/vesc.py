@@ -19,11 +19,11 @@ import can
 
 from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs import vesc_packets as packets
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.vesc import Packet
-from norton_drivers.options import parse_options
 from norton_drivers.vesc import VescOptions
-from norton_sim.firmware.site import DriveFault, Heating, Site
+from norton_drivers.wiring import parse_options
+from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
 from norton_sim.plant import Machine
 
 FAST_PERIOD_NS = 1_000_000
@@ -47,29 +47,29 @@ FAULTS = {DriveFault.FAULT: 3, DriveFault.UNDERVOLTAGE: 2, DriveFault.OVER_TEMPE
 class VescController:
     """One motor. ``fault`` is its fault code."""
 
-    def __init__(self, site: Site) -> None:
+    def __init__(self, context: DeviceContext) -> None:
         self.fault = 0
         self.heating = Heating()
-        self._options = options = parse_options(VescOptions, site.settings)
-        self._world = site.world
-        self._plant = site.world.plant
-        self._machine = cast(Machine, site.settings.role)
-        truth = site.truth.driven(self._machine)
+        self._options = options = parse_options(VescOptions, context.settings)
+        self._world = context.world
+        self._plant = context.world.plant
+        self._machine = cast(Machine, context.settings.role)
+        truth = context.truth.driven(self._machine)
         self._amplifier_gain = truth.amplifier_gain
         self._volt_s_rad = AMPLITUDE_PER_TORQUE_CURRENT * truth.torque_constant_nm_a
         self._running = False
         self._duty: float | None = None  # where the voltage is what is commanded
-        self._commanded_ns = site.world.now_ns
+        self._commanded_ns = context.world.now_ns
         self._ignores_until_ns = 0
         self._frozen: tuple[float, float] | None = None
         self._assembler = packets.Assembler()
-        self._plug = site.can_connector()
-        self._plug.on_frame(self._receive)
-        site.cyclic(FAST_PERIOD_NS, self._send_fast)
-        site.cyclic(SLOW_PERIOD_NS, partial(self._send_status_5))
-        site.cyclic(TIMEOUT_PERIOD_NS, self._look)
+        self._connector = context.can_connector()
+        self._connector.on_frame(self._receive)
+        context.cyclic(FAST_PERIOD_NS, self._send_fast)
+        context.cyclic(SLOW_PERIOD_NS, partial(self._send_status_5))
+        context.cyclic(TIMEOUT_PERIOD_NS, self._look)
         if options.mode == "duty":
-            site.cyclic(DUTY_PERIOD_NS, self._press)
+            context.cyclic(DUTY_PERIOD_NS, self._press)
 
     @property
     def armed(self) -> bool:
@@ -101,7 +101,7 @@ class VescController:
         self._send(Packet.STATUS_5, protocol.Status5(tachometer, SUPPLY_V).encode())
 
     def _send(self, packet: Packet, data: bytes) -> None:
-        self._plug.send(protocol.arbitration_id(packet, self._options.node), data, extended=True)
+        self._connector.send(protocol.arbitration_id(packet, self._options.node), data, extended=True)
 
     def _motion(self) -> tuple[float, float]:
         """Position [rad] and velocity [rad/s]."""
@@ -152,7 +152,7 @@ class VescController:
                 self._set_duty(protocol.duty_of(data))
             case Packet.PING if data:
                 identifier = protocol.arbitration_id(Packet.PONG, data[0])
-                self._plug.send(identifier, protocol.pong_value(self._options.node), extended=True)
+                self._connector.send(identifier, protocol.pong_value(self._options.node), extended=True)
             case _:
                 received = self._assembler.feed(packet, data)
                 if received is not None and received.handling == packets.Handling.ANSWER:
@@ -186,7 +186,7 @@ class VescController:
             return
         handling = packets.Handling.TAKE
         for frame in packets.frames_of(answer, sender=self._options.node, receiver=received.sender, handling=handling):
-            self._plug.send(frame.arbitration_id, frame.data, extended=True)
+            self._connector.send(frame.arbitration_id, frame.data, extended=True)
 
     # ---- what it does by itself ----
 

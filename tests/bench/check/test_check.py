@@ -10,8 +10,8 @@ import can
 import pytest
 
 from norton_bench.check.check import Permission, check_rig, look
-from norton_bench.check.findings import RigCheck
 from norton_bench.check.moving import check_moving
+from norton_bench.check.survey import RigCheck
 from norton_bench.errors import OperatorStopError
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig

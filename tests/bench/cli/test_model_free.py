@@ -8,9 +8,7 @@ from norton_bench.cli.output import to_json
 from norton_bench.cli.tables import model_free, residual_figures
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
 from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.identification.residuals.dependence import Dependence, Memory
-from norton_bench.identification.residuals.diagnosis import ResidualTests
-from norton_bench.identification.residuals.position_lines import Harmonic
+from norton_bench.identification.residuals.diagnosis import Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import SourceMap
 
 LEVELS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])

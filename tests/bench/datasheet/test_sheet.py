@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from norton_bench.cli import app
-from norton_bench.datasheet.content import content_of, html
-from norton_bench.datasheet.data import sheet_data
+from norton_bench.datasheet.data import content_of, html, sheet_data
 from norton_bench.datasheet.evidence import evidence
-from norton_bench.datasheet.pictures import Palette
 from norton_bench.datasheet.printed import pages, write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_network, sheet_of_result
 from norton_bench.datasheet.tables import remarks
 from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.report.svg import Palette
 from norton_bench.result import Result
 from tests.bench.models.test_derived import network
 from tests.bench.networks.some import PNEUMATIC

@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import cos, sin
 
-from norton_bench.guard.check import Check
-from norton_bench.guard.commands import Commands
+from norton_bench.guard.check import Check, Commands
 from norton_bench.sample import Sample
 
 TICK_NS = 1_000_000

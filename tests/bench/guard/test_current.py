@@ -4,7 +4,7 @@ from math import nan, sin
 
 import pytest
 
-from norton_bench.guard.commands import Commands
+from norton_bench.guard.check import Commands
 from norton_bench.guard.drive_checks import CurrentAgreement
 from norton_bench.guard.model import EMPTY_MODEL, GuardModel
 from norton_bench.sample import Sample

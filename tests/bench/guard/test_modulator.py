@@ -2,7 +2,7 @@
 
 import pytest
 
-from norton_bench.guard.commands import Commands
+from norton_bench.guard.check import Commands
 from norton_bench.guard.drive_checks import StuckModulator
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import TICK_NS, ask, resting

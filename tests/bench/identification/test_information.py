@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.fit import fit
-from norton_bench.identification.information import (
+from norton_bench.identification.expansion import (
     KNOWN,
     VAGUE_RELATIVE,
     Excitation,
@@ -15,6 +14,7 @@ from norton_bench.identification.information import (
     noise_density_nm,
     vague,
 )
+from norton_bench.identification.fit import fit
 from norton_bench.identification.signals import signals
 from norton_bench.models.network import NortonNetwork
 from norton_bench.segments import Use

@@ -9,9 +9,9 @@ from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, possible
 from norton_bench.identification.model_error import LEVEL, bound, expanded, judged, model_error
 from norton_bench.identification.residuals.departures import CHANGE, DRAG, Departure
+from norton_bench.identification.sanity.checks import FailedCheck
+from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.signals import signals
-from norton_bench.identification.soundness.doubts import Doubt
-from norton_bench.identification.soundness.recording import sound
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
 from norton_bench.segments import Use
@@ -98,10 +98,10 @@ def test_a_value_that_it_hardly_moves_stays_one(result, error):
 
 
 def test_what_only_looked_like_a_change_is_no_longer_said(result, error):
-    doubt = Doubt("The inertia is not the same throughout.", midway=True)
+    doubt = FailedCheck("The inertia is not the same throughout.", midway=True)
     doubtful = replace(
         result,
-        doubted=(doubt,),
+        failed_checks=(doubt,),
         verdict=(doubt.sentence, *result.verdict),
         estimates=tuple(replace(each, status=Status.DOUBTFUL) for each in result.estimates),
     )
@@ -167,7 +167,7 @@ def test_a_fit_alone_is_judged_as_a_session_is(experiment, result):
     velocity = np.gradient(experiment.motion["position_rad"], stamps * 1e-9)
     speed = np.interp(torque["arrival_ns"].astype(float), stamps, np.abs(velocity))
     torque["torque_nm"] -= 2e-3 * (speed > 0.5)
-    told = fit_judged(sound(replace(experiment, torque=torque)), command_unit="N*m", tick_s=TICK_S).result
+    told = fit_judged(clean(replace(experiment, torque=torque)), command_unit="N*m", tick_s=TICK_S).result
     assert "the direction of motion" in told.verdict[0]
     assert Status.INADEQUATE in {each.status for each in told.estimates}
     # The mean of both ways is what it was.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.noise import deviation
+from norton_bench.identification.readings import noise_deviation
 
 
 @pytest.mark.parametrize("true", [1e-3, 0.1])
@@ -11,13 +11,13 @@ def test_white_noise_on_a_smooth_signal(true):
     rng = np.random.default_rng(3)
     time = np.arange(20_000) * 1e-3
     values = np.sin(60 * time) + 5 * time + true * rng.standard_normal(time.size)
-    assert deviation(values, np.ones(time.size, dtype=bool)) == pytest.approx(true, rel=0.05)
+    assert noise_deviation(values, np.ones(time.size, dtype=bool)) == pytest.approx(true, rel=0.05)
 
 
 def test_counts_that_pass_by_are_uniform_noise():
     time = np.arange(20_000) * 1e-3
     counts = np.floor((10 * time + np.sin(8 * time)) / 4.8e-5) * 4.8e-5
-    assert deviation(counts, np.ones(time.size, dtype=bool)) == pytest.approx(4.8e-5 / np.sqrt(12), rel=0.05)
+    assert noise_deviation(counts, np.ones(time.size, dtype=bool)) == pytest.approx(4.8e-5 / np.sqrt(12), rel=0.05)
 
 
 def test_shocks_and_what_is_not_chosen_do_not_count():
@@ -26,7 +26,7 @@ def test_shocks_and_what_is_not_chosen_do_not_count():
     values[::1900] += 1.0
     values[:5000] += rng.standard_normal(5000)
     chosen = np.arange(values.size) >= 5000
-    assert deviation(values, chosen) == pytest.approx(1e-3, rel=0.1)
+    assert noise_deviation(values, chosen) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_errors_that_come_with_the_speed_count_by_their_mean_square():
@@ -40,9 +40,9 @@ def test_errors_that_come_with_the_speed_count_by_their_mean_square():
     values = position + (jittered - position) * moving
     told = np.sqrt(np.mean(((jittered - position) * moving) ** 2))
     assert told < 0.7 * expected
-    assert deviation(values, np.ones(time.size, dtype=bool)) == pytest.approx(told, rel=0.1)
+    assert noise_deviation(values, np.ones(time.size, dtype=bool)) == pytest.approx(told, rel=0.1)
 
 
 def test_too_few_readings_tell_nothing():
-    assert deviation(np.arange(100.0), np.ones(100, dtype=bool)) == 0.0
-    assert deviation(np.arange(5.0), np.ones(5, dtype=bool)) == 0.0
+    assert noise_deviation(np.arange(100.0), np.ones(100, dtype=bool)) == 0.0
+    assert noise_deviation(np.arange(5.0), np.ones(5, dtype=bool)) == 0.0

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.regression import INERTIA, VISCOUS, Memory, Regression, Rows, Shape
+from norton_bench.identification.regression import Memory, Regression
+from norton_bench.identification.rows import INERTIA, VISCOUS, Rows, Shape
 from norton_bench.identification.separable import (
     LONGEST_STEP,
     LOW_BAND,

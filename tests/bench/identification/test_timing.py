@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from norton_bench.identification.timing import sampled_at_s, taken_late_s
+from norton_bench.identification.readings import sampled_at_s, taken_late_s
 
 
 def arrivals(taken_s, rng, delay_s=4e-4, jitter_s=1e-4):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.verdict import loose_directions, verdict, words
+from norton_bench.identification.results import loose_directions, verdict, words
 from norton_bench.models.parameters import Estimate, Status
 
 NAMES = ("torque_gain", "inertia", "viscous_damping")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError, RigError, SafetyStopError
-from norton_bench.guard.commands import Limited
+from norton_bench.guard.check import Limited
 from norton_bench.procedures.waves import coasting
 from norton_bench.records import Measured, join
 from norton_bench.rig.load import load_rig

@@ -15,7 +15,7 @@ from norton_bench.procedures.waves import pushed
 from norton_bench.rig.load import parse_rig
 from norton_bench.segments import Segment, Use
 from norton_drivers.readings import DriveState
-from norton_sim.firmware.site import DriveFault
+from norton_sim.firmware.context import DriveFault
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = (Path(__file__).parents[3] / "rigs" / "sim-odrive.toml").read_text()

@@ -13,11 +13,10 @@ from norton_bench.procedures.waves import pushed
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use
-from norton_sim.firmware.ascii_lines import AsciiSensor
 from norton_sim.firmware.dyn200 import Dyn200Sensor
-from norton_sim.firmware.mantracourt import MantracourtSensor
 from norton_sim.firmware.odrive import ODriveAxis
 from norton_sim.firmware.odrive_05 import ODrive05Axis
+from norton_sim.firmware.torque_sensors import AsciiSensor, MantracourtSensor
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-dyn200.toml"

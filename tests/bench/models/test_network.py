@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from norton_bench.errors import UsageError
-from norton_bench.models.dahl_motor import DahlMotor
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.network_steps import dahl_flow
-from norton_bench.models.parameters import PredictionError
+from norton_bench.models.parameters import DahlMotor, PredictionError
 
 NETWORK = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")
 TICK_S = 1e-3

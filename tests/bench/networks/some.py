@@ -3,7 +3,7 @@
 from hypothesis import strategies as st
 
 from norton_bench.models.network import NortonNetwork
-from norton_bench.networks.equations import Equations
+from norton_bench.networks.expressions import Equations
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork

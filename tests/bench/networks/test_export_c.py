@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import UsageError
-from norton_bench.networks.equations import Equations, Table
 from norton_bench.networks.export.c_code import header, prefix_of
+from norton_bench.networks.expressions import Equations, Table
 from norton_bench.networks.family import commands_of, converted, exertion, form_of, motion
 from norton_bench.networks.kinds import Form, Kind, Motion
 from norton_bench.networks.linear import LinearNetwork

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_bench.networks.equations import Equations, Table
-from norton_bench.networks.expressions import read_expression
+from norton_bench.networks.expressions import Equations, Table, read_expression
 
 LEAVES = st.sampled_from(["a", "b", "pi"]) | st.floats(0.1, 9.0).map(repr)
 TEXTS = st.recursive(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from matplotlib import image
 
 from norton_bench.errors import UsageError
-from norton_bench.networks.equations import Equations, Table
+from norton_bench.networks.expressions import Equations, Table
 from norton_bench.networks.files import load, save
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.nonlinear import NonlinearNetwork

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from norton_bench.errors import UsageError
 from norton_bench.networks.checks import check
-from norton_bench.networks.equations import Equations
+from norton_bench.networks.expressions import Equations
 from norton_bench.networks.family import converted, coupled, exertion, motion
 from norton_bench.networks.kinds import Form, Kind, Load, Motion, NoConversionError
 from norton_bench.networks.nonlinear import NonlinearNetwork

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.identification.information import KNOWN, Linearised, information_of_plan
+from norton_bench.identification.expansion import KNOWN, Linearised, information_of_plan
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.excitations import Bounds, Candidate, candidates
 from norton_bench.procedures.refinement import Option, select

@@ -5,7 +5,7 @@ from math import inf, nan
 
 import pytest
 
-from norton_bench.identification.information import KNOWN
+from norton_bench.identification.expansion import KNOWN
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.refinement import Interval, Refinement, half_width, intervals_of, why_wide, widest_of
 

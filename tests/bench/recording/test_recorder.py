@@ -23,7 +23,7 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
 from norton_bench.recording.recover import recover
 from norton_bench.records import Measured, join
-from norton_drivers.punctual import LOOP_PRIORITY, permitted_priority
+from norton_drivers.real_time import LOOP_PRIORITY, permitted_priority
 
 RIG = '[rig]\nname = "x"  # µ\n'
 

@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.ambiguity.conditions import Judgement
-from norton_bench.identification.friction.family import model
+from norton_bench.identification.conditions import Judgement
 from norton_bench.identification.friction.fit import FrictionFit
+from norton_bench.identification.friction.laws import model
 from norton_bench.identification.in_situ import InSituResult, SourceMotion
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
 from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.identification.residuals.dependence import Dependence, Memory
-from norton_bench.identification.residuals.diagnosis import ResidualTests
-from norton_bench.identification.residuals.position_lines import Harmonic
+from norton_bench.identification.residuals.diagnosis import Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork

@@ -13,16 +13,15 @@ from norton_bench.check.check import check_rig
 from norton_bench.cli.new import _flat
 from norton_bench.errors import RigError, UsageError
 from norton_bench.rig.files import parse_toml
-from norton_bench.rig.load import load_rig, parse_rig
+from norton_bench.rig.load import load_rig, parse_rig, true_parameters
 from norton_bench.rig.new.interview import Interview
-from norton_bench.rig.new.questions import Prepared
+from norton_bench.rig.new.options import Prepared
 from norton_bench.rig.rig import Command
-from norton_bench.rig.simulators import true_parameters
 from norton_bench.session.dry_run import dry_run
 from norton_bench.session.schema import standard_session
 from norton_drivers import registry
 from norton_drivers.discovery import FoundPort
-from norton_drivers.options import DeviceOptions
+from norton_drivers.wiring import DeviceOptions
 from tests.bench.rig.answers import COMBINATIONS, answers
 
 RIGS = sorted((Path(__file__).parents[3] / "rigs").glob("*.toml"))

@@ -16,8 +16,7 @@ from norton_bench.procedures.imposed import ImposedProcedure
 from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.procedures.waves import multisine
-from norton_bench.rig.load import load_rig, parse_rig
-from norton_bench.rig.simulators import rig_with_network
+from norton_bench.rig.load import load_rig, parse_rig, rig_with_network
 from norton_bench.session.engine import record_script
 from norton_sim.plant import Plant
 from norton_sim.truth import read_truth

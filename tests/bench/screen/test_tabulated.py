@@ -11,7 +11,7 @@ from norton_bench.errors import ExitCode
 from norton_bench.events import Ended, PartMeasured, StepBegun
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.records import TICK, Measured, SegmentInfo
-from norton_bench.report.section import Facts
+from norton_bench.report.words import Facts
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.screen import figures

@@ -17,14 +17,14 @@ ROOT = Path(__file__).parents[3]
 COUNT = """
 from norton_bench.control import core
 from norton_bench.identification import loops
-from norton_bench.identification.friction import operators, sums
+from norton_bench.identification.friction import operators
 from norton_bench.models import network_steps
 from norton_bench.session.warm_up import warm_up
 
 warm_up()
 called = {core: "sense track feed_forward pass_on advance put_first".split(), network_steps: ["free_motion"]}
 called[loops] = "count_readings filter_at friction_path lag_of_held mean_lag_of_held".split()
-called |= {operators: "bristle stops elasto_plastic".split(), sums: ["part_sums"]}
+called |= {operators: "bristle stops elasto_plastic part_sums".split()}
 print([name for module, names in called.items() for name in names if not getattr(module, name).signatures])
 """
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 import serial
 
-from norton_drivers.adapters.low_latency_serial import EagerSocket, LowLatencySerial
+from norton_drivers.adapters.serial_line import EagerSocket, LowLatencySerial
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import time
 import can
 import pytest
 
-from norton_drivers.adapters.threaded_bus import ThreadedBus
+from norton_drivers.adapters.mended_buses import ThreadedBus
 
 pytestmark = pytest.mark.wall_time
 

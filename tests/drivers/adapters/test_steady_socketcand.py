@@ -9,7 +9,7 @@ from contextlib import suppress
 import can
 import pytest
 
-from norton_drivers.adapters.steady_socketcand import SteadySocketcandBus
+from norton_drivers.adapters.mended_buses import SteadySocketcandBus
 from norton_drivers.codecs.socketcand import BracketStream, SocketcandFrame, decode_request
 from norton_drivers.errors import ConnectionFailedError
 from norton_drivers.hardware import HardwareBackend

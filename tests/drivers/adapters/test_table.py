@@ -9,11 +9,10 @@ import pytest
 from can.interfaces import BACKENDS
 
 from norton_drivers.adapters import socketcan, table
-from norton_drivers.adapters.kvaser import KvaserHealth
-from norton_drivers.adapters.pcan import PcanHealth
-from norton_drivers.adapters.slcan import BITRATES as SLCAN_BITRATES
+from norton_drivers.adapters.mended_buses import ThreadedBus
 from norton_drivers.adapters.table import ADAPTERS, mistakes, open_bus
-from norton_drivers.adapters.threaded_bus import ThreadedBus
+from norton_drivers.adapters.table import BITRATES as SLCAN_BITRATES
+from norton_drivers.adapters.vendors import KvaserHealth, PcanHealth
 from norton_drivers.errors import ConnectionFailedError
 from norton_drivers.wiring import CanBusSettings
 

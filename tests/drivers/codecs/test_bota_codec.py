@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_drivers.codecs.bota import FRAME_LENGTH, BotaFrame, BotaStream
-from norton_drivers.codecs.crc import crc16_x25
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError, crc16_x25
 
 F32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
 U32 = st.integers(0, 0xFFFFFFFF)

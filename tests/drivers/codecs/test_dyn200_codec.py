@@ -8,8 +8,8 @@ from crccheck.crc import CrcModbus
 from hypothesis import given
 from hypothesis import strategies as st
 
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.dyn200 import FRAME_LENGTH, FRAMES_TO_LOCK, PushFrame, PushStream, number_of, number_value
-from norton_drivers.codecs.errors import CodecError
 
 FRAMES = st.builds(PushFrame, st.integers(-0xFFFF, 0xFFFF), st.integers(0, 0x7FFF))
 STREAMS = st.lists(FRAMES, min_size=FRAMES_TO_LOCK + 1, max_size=12)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.lines import LINE_MAX, LineStream, NumberFormat, Numbers, signed_text
 from norton_drivers.codecs.mantracourt import ANSWER, question, question_in
 

@@ -11,7 +11,7 @@ from motor_driver import canmotorlib
 from TMotorCANControl.mit_can import CAN_Manager, MIT_Params
 
 from norton_drivers.codecs import mit
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.mit import Ranges, Reply, Special
 
 RANGES = Ranges(12.5, 50.0, 18.0)  # AK80-9, as both packages have it (but for the velocity of one)

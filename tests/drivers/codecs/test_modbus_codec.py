@@ -11,8 +11,7 @@ from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ExceptionResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadHoldingRegistersResponse
 
-from norton_drivers.codecs.crc import crc16_modbus
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError, crc16_modbus
 from norton_drivers.codecs.modbus import (
     AnswerStream,
     ReadAnswer,

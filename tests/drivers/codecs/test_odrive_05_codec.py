@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_drivers.codecs import odrive
-from norton_drivers.codecs import odrive_05_words as words
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs import odrive, odrive_05
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.odrive_05 import (
     ERROR_ESTOP,
     ERROR_INVALID_STATE,
@@ -115,18 +114,18 @@ def test_what_both_firmwares_have_in_common(name, message):
 @pytest.mark.parametrize(
     ("message", "signal", "meaning"),
     [
-        ("Heartbeat", "Axis_Error", words.AXIS),
-        ("Get_Motor_Error", "Motor_Error", words.MOTOR),
-        ("Get_Encoder_Error", "Encoder_Error", words.ENCODER),
-        ("Get_Controller_Error", "Controller_Error", words.CONTROLLER),
-        ("Get_Sensorless_Error", "Sensorless_Error", words.SENSORLESS),
+        ("Heartbeat", "Axis_Error", odrive_05.AXIS_WORDS),
+        ("Get_Motor_Error", "Motor_Error", odrive_05.MOTOR_WORDS),
+        ("Get_Encoder_Error", "Encoder_Error", odrive_05.ENCODER_WORDS),
+        ("Get_Controller_Error", "Controller_Error", odrive_05.CONTROLLER_WORDS),
+        ("Get_Sensorless_Error", "Sensorless_Error", odrive_05.SENSORLESS_WORDS),
     ],
 )
 def test_every_error_bit_of_the_third_partys_description_has_words(message, signal, meaning):
     choices = DBC.get_message_by_name(f"Axis0_{message}").get_signal_by_name(signal).choices
     bits = {int(bit) for bit in choices if int(bit)}
     assert bits == {1 << bit for bit in meaning}
-    assert len({words.describe(bit, meaning, "axis") for bit in bits}) == len(bits)
+    assert len({odrive_05.describe_errors_05(bit, meaning, "axis") for bit in bits}) == len(bits)
 
 
 def test_the_bits_that_have_names_are_those_of_the_description():
@@ -141,8 +140,8 @@ def test_the_bits_that_have_names_are_those_of_the_description():
 
 
 def test_unknown_bits_are_said_not_swallowed():
-    assert words.describe(0, words.ENCODER, "encoder") == ()
-    assert words.describe(1 << 2 | 1 << 20, words.ENCODER, "encoder") == (
+    assert odrive_05.describe_errors_05(0, odrive_05.ENCODER_WORDS, "encoder") == ()
+    assert odrive_05.describe_errors_05(1 << 2 | 1 << 20, odrive_05.ENCODER_WORDS, "encoder") == (
         "no response from the encoder",
         "unknown encoder error bits 0x100000",
     )

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.slcan import SlcanFrame, SlcanStream, decode_flags, encode_flags
 
 TABLE = [

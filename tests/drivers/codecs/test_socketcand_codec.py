@@ -11,7 +11,7 @@ from can.interfaces.socketcand.socketcand import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.socketcand import BracketStream, SocketcandFrame, decode_event, decode_request
 
 STAMPS = st.integers(0, 2**31).map(lambda micros: micros / 64)  # exact in six digits

@@ -15,9 +15,8 @@ from TMotorCANControl.servo_can import CAN_Manager_servo
 
 from norton_drivers.codecs import vesc
 from norton_drivers.codecs import vesc_packets as packets
-from norton_drivers.codecs.errors import CodecError
-from norton_drivers.codecs.vesc import Packet
-from norton_drivers.codecs.vesc_words import describe_fault
+from norton_drivers.codecs.common import CodecError
+from norton_drivers.codecs.vesc import Packet, describe_fault
 
 # vedderb/bldc, documentation/comm_can.md: "setting the current to 51 A on VESC ID 23".
 DOCUMENTED = (0x0117, bytes.fromhex("0000C738"))

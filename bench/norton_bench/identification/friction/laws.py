@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.errors import UsageError
+from norton_bench.errors import UsageError, nearest
 from norton_bench.identification.friction.model import (
     COULOMB,
     PRESLIDING,
@@ -13,6 +13,7 @@ from norton_bench.identification.friction.model import (
     STRIBECK,
     VISCOUS,
     Dimension,
+    FrictionModel,
     Path,
     Term,
     Unknown,
@@ -160,3 +161,89 @@ def _contact(path: Path, strength: FloatArray, deflection: float) -> FloatArray:
     share = operators.bristle(path.position, path.begin * strength, strength, deflection)
     rate = path.velocity * (1.0 - np.sign(path.velocity) * share / strength)
     return np.stack([path.velocity, share, rate])
+
+
+# The equation's constant exertion, or the first knot of one that drifts: what is left is then a drift from there.
+CONSTANT = ("offset", "offset_1")
+
+
+@dataclass(frozen=True)
+class Asymmetric:
+    """A model of friction with coefficients of its own in each direction.
+
+    ``of`` with every column split by its sign: what opposes positive motion, then what opposes negative.
+
+    In friction of velocity alone (``memory`` False) a constant exertion cannot be told from a difference between
+    the two directions' Coulomb friction: it is held by these, which may then have either sign.
+    """
+
+    of: FrictionModel
+    memory: bool
+
+    @property
+    def name(self) -> str:
+        return f"{self.of.name}-asymmetric"
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return self.of.unknowns
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return tuple(
+            Term(f"{term.name}_{side}", term.dimension, term.nonnegative and (self.memory or term is not COULOMB))
+            for side in ("positive", "negative")
+            for term in self.of.terms
+        )
+
+    @property
+    def replaces(self) -> tuple[str, ...]:
+        return () if self.memory else CONSTANT
+
+    def columns(self, path: Path, shape: FloatArray) -> FloatArray:
+        both = self.of.columns(path, shape)
+        return np.concatenate([np.maximum(both, 0.0), np.minimum(both, 0.0)])
+
+
+FAMILY: tuple[FrictionModel, ...] = (
+    CoulombViscous(),
+    Asymmetric(CoulombViscous(), memory=False),
+    LoadDependent(),
+    Stribeck(),
+    Asymmetric(Stribeck(), memory=False),
+    Dahl(),
+    ElastoPlastic(),
+    LuGre(),
+    MaxwellSlip(),
+    Asymmetric(ElastoPlastic(), memory=True),
+    Asymmetric(MaxwellSlip(), memory=True),
+)
+
+# Models that a model becomes for some of its values. All others are friction laws of their own.
+CONTAINS = {
+    "coulomb-viscous-asymmetric": ("coulomb-viscous",),
+    "load-dependent": ("coulomb-viscous",),
+    "stribeck": ("coulomb-viscous",),
+    "stribeck-asymmetric": ("stribeck", "coulomb-viscous-asymmetric", "coulomb-viscous"),
+    # With the least Stribeck velocity its stiction is gone as soon as the shaft moves.
+    "lugre": ("dahl",),
+    "maxwell-slip": ("stribeck", "coulomb-viscous"),
+    "elasto-plastic-asymmetric": ("elasto-plastic",),
+    "maxwell-slip-asymmetric": ("maxwell-slip", "stribeck", "coulomb-viscous"),
+}
+
+
+def model(name: str) -> FrictionModel:
+    """All models of friction, from the simplest on, by their names.
+
+    The member called ``name``. Raises UsageError, with the nearest name, where there is none.
+    """
+    by_name = {member.name: member for member in FAMILY}
+    if name not in by_name:
+        raise UsageError(f'there is no friction model "{name}"; {nearest(name, by_name)}')
+    return by_name[name]
+
+
+def family_for(path: Path) -> tuple[FrictionModel, ...]:
+    """Those that can be computed on ``path``: a model that asks for the load only where the load is known."""
+    return tuple(member for member in FAMILY if path.load is not None or not isinstance(member, LoadDependent))

@@ -8,8 +8,10 @@ from math import exp, isnan, log, pi, sin
 
 import numpy as np
 from numba import njit
+from scipy.linalg import solve_triangular
+from scipy.optimize import nnls
 
-from norton_bench.arrays import FloatArray
+from norton_bench.arrays import BoolArray, FloatArray, IntArray
 
 # Of the elasto-plastic flow: nodes of its table, in the logarithm of what is left to full sliding.
 NODE = 0.02
@@ -115,3 +117,112 @@ def elasto_plastic(position: FloatArray, begin: FloatArray, deflection: float, b
         h = side * share
         output[0, k], output[1, k] = h, plasticity(share, breakaway)
     return output
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _dot(a: FloatArray, b: FloatArray, first: int, end: int) -> float:
+    total = 0.0
+    for k in range(first, end):
+        total += a[k] * b[k]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def part_sums(columns: FloatArray, target: FloatArray, part: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Normal equations over parts of the rows, compiled: they are summed for every shape that is tried.
+
+    Over the rows of each part (numbered from 0, others left out): columns by columns, by target, target by target.
+
+    ``columns`` (columns, n) and ``target`` (n,); shapes (parts, columns, columns), (parts, columns) and (parts,).
+    """
+    count = part.max() + 1
+    size = columns.shape[0]
+    gram = np.zeros((count, size, size))
+    moment = np.zeros((count, size))
+    power = np.zeros(count)
+    first = 0
+    while first < part.size:
+        end = first + 1
+        while end < part.size and part[end] == part[first]:
+            end += 1
+        which = part[first]
+        if which >= 0:
+            for i in range(size):
+                for j in range(i + 1):
+                    gram[which, i, j] += _dot(columns[i], columns[j], first, end)
+                moment[which, i] += _dot(columns[i], target, first, end)
+            power[which] += _dot(target, target, first, end)
+        first = end
+    for i in range(size):
+        for j in range(i):
+            gram[:, j, i] = gram[:, i, j]
+    return gram, moment, power
+
+
+def cogging(position: FloatArray, period: float) -> dict[str, FloatArray]:
+    """What may stand in an equation of motion beside friction, as linear columns: cogging, slow drift, temperature.
+
+    Every column has the sign of what it takes off the exertion, and is on the path's own rate.
+
+    Exertion that repeats with the position, every ``period`` rad or m; arrays (n,).
+    """
+    phase = 2 * np.pi * position / period
+    return {"cogging_sine": -np.sin(phase), "cogging_cosine": -np.cos(phase)}
+
+
+def drift(time_s: FloatArray, spacing_s: float) -> dict[str, FloatArray]:
+    """The offset as a broken line of time (n,) with a knot about every ``spacing_s``.
+
+    What the line does in a held-out fold it learns from the rows around, so folds must be shorter than the spacing.
+    """
+    span_s = float(np.ptp(time_s))
+    lines = linear_basis(time_s, max(2, round(span_s / spacing_s) + 1))
+    return {f"offset_{knot}": -hat for knot, hat in enumerate(lines, 1)}
+
+
+def linear_basis(time_s: FloatArray, knots: int) -> FloatArray:
+    """Lines that are one at one of equally spaced knots and zero at all others, shape (knots, n)."""
+    at_s = np.linspace(np.min(time_s), np.max(time_s), knots)
+    return np.stack([np.interp(time_s, at_s, one) for one in np.eye(knots)])
+
+
+def temperature(velocity: FloatArray, temperature_c: FloatArray) -> dict[str, FloatArray]:
+    """What a degree more than the mean adds to friction, viscous and Coulomb: oil thins as it warms; arrays (n,)."""
+    warmer = temperature_c - np.mean(temperature_c)
+    return {
+        "viscous_damping_per_degree": -velocity * warmer,
+        "coulomb_torque_per_degree": -np.sign(velocity) * warmer,
+    }
+
+
+# Directions that carry less than this share of the strongest say nothing.
+WEAKEST = 1e-9
+# A coefficient; columns nearly alike change places more often than scipy expects.
+MOST_EXCHANGES = 100
+
+
+def bounded_solution(gram: FloatArray, moment: FloatArray, nonnegative: BoolArray) -> FloatArray:
+    """Linear least squares from its normal equations, some of the coefficients held at or above zero.
+
+    Minimises ``c·gram·c − 2 c·moment`` with ``c[nonnegative] >= 0``; columns that say nothing get zero.
+
+    Free coefficients are eliminated first (a Schur complement), so that the rest is plain non-negative least
+    squares.
+    """
+    scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    silent = scale == 0.0
+    scale[silent] = 1.0
+    gram, moment = gram / np.outer(scale, scale), moment / scale
+    free = ~nonnegative
+    inverse = np.linalg.pinv(gram[np.ix_(free, free)], rcond=WEAKEST, hermitian=True)
+    coupling = inverse @ gram[np.ix_(free, nonnegative)]
+    solution = np.zeros(moment.size)
+    if nonnegative.any():
+        left = gram[np.ix_(nonnegative, nonnegative)] - gram[np.ix_(nonnegative, free)] @ coupling
+        # A trace of ridge: columns that are alike share what they explain.
+        root = np.linalg.cholesky(left + WEAKEST * np.eye(len(left)))
+        right = solve_triangular(root, moment[nonnegative] - coupling.T @ moment[free], lower=True)
+        solution[nonnegative] = nnls(root.T, right, maxiter=MOST_EXCHANGES * len(right))[0]
+    solution[free] = inverse @ moment[free] - coupling @ solution[nonnegative]
+    solution[silent] = 0.0
+    return np.asarray(solution / scale)

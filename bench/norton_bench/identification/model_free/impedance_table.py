@@ -8,7 +8,7 @@ import numpy.typing as npt
 from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray, IntArray
-from norton_bench.identification.aligned import Aligned, usable_of
+from norton_bench.identification.rows import Aligned, usable_of
 from norton_bench.records import SegmentInfo
 
 GRID_PROCEDURE, GRID_NAME = "imposed", "grid"

@@ -7,14 +7,13 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.aligned import Aligned, align, usable_of
-from norton_bench.identification.fit import trace
 from norton_bench.identification.friction import operators
-from norton_bench.identification.friction.bounded import bounded_solution
+from norton_bench.identification.friction.operators import bounded_solution
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable, impedance_table
 from norton_bench.identification.regression import Regression
-from norton_bench.identification.results import FitResult, Trace
+from norton_bench.identification.results import FitResult, Trace, trace
+from norton_bench.identification.rows import Aligned, align, usable_of
 from norton_bench.identification.separable import S_PER_RAD, linear_solution
 from norton_bench.identification.signals import Signals
 from norton_bench.records import SegmentInfo

@@ -12,9 +12,9 @@ from numpy.polynomial import hermite_e
 
 from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.identification.expansion import Expansion, Sums
-from norton_bench.identification.regression import GAIN, INERTIA
-from norton_bench.identification.residuals.dependence import chance_of_sum
-from norton_bench.identification.soundness.doubts import SPLITS
+from norton_bench.identification.residuals.diagnosis import chance_of_sum
+from norton_bench.identification.rows import GAIN, INERTIA
+from norton_bench.identification.sanity.checks import SPLITS
 from norton_bench.identification.statistics import LEAST_GAIN
 
 # Chance of naming anything where nothing is wrong; shared out among all kinds and periods that are looked at.
@@ -22,7 +22,7 @@ FALSE_ALARM = 0.05
 MOST_NAMED = 3
 # Slow sliding: these shares of the rms velocity, so that a curve of any width in between is a sum of some.
 SLOW_SHARES = (0.025, 0.05, 0.1, 0.2, 0.4)
-# As many unknowns, and instants, may have changed at once (soundness.doubts looks at the same).
+# As many unknowns, and instants, may have changed at once (sanity.checks looks at the same).
 CHANGED = 4
 BINS_A_TURN = 2048
 MOST_PERIODS = 400
@@ -208,7 +208,7 @@ def _by_position(at: Expansion, left: FloatArray) -> Iterator[tuple[Kind, int, l
 
 def _changed(at: Expansion, left: FloatArray) -> FloatArray:
     """Gain, inertia or a delay, other than before from some instant on: the one that ``left`` (n,) likes the best."""
-    delays = range(at.hats.stop + 2, len(at.jacobian))
+    delays = range(at.basis.stop + 2, len(at.jacobian))
     instants = np.quantile(at.time_s, np.linspace(0.0, 1.0, SPLITS + 2)[1:-1])
     waves = (at.jacobian[row] * (at.time_s > instant) for row in (GAIN, INERTIA, *delays) for instant in instants)
     return max(waves, key=lambda wave: float(wave @ left) ** 2 / max(float(wave @ wave), 1e-300))

@@ -9,19 +9,23 @@ from scipy.stats import t as t_distribution
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.load import LoadFit, fit_load
-from norton_bench.identification.quantisation import resolution_rad
-from norton_bench.identification.tables.means import (
+from norton_bench.identification.readings import resolution_rad
+from norton_bench.identification.tables.averages import (
     T_95,
+    Branch,
     Mean,
     Setting,
+    Sweep,
+    Swept,
+    both_ways,
     inside,
     line_amplitudes,
     mean_of,
     modulations_of,
     setting_in,
+    swept,
     torque_in,
 )
-from norton_bench.identification.tables.sweeps import Branch, Sweep, Swept, both_ways, swept
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use
 

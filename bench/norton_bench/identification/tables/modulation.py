@@ -7,9 +7,9 @@ from itertools import combinations, groupby, pairwise
 import numpy as np
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.quantisation import resolution_rad
+from norton_bench.identification.readings import resolution_rad
+from norton_bench.identification.tables.averages import COMMAND_DECIMALS, Mean, Setting
 from norton_bench.identification.tables.exertion_table import ExertionTable, Line
-from norton_bench.identification.tables.means import COMMAND_DECIMALS, Mean, Setting
 from norton_bench.identification.tables.source_table import SourceTable
 from norton_bench.records import Measured
 

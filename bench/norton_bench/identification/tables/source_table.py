@@ -7,8 +7,8 @@ from math import isfinite
 import numpy as np
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.quantisation import resolution_rad
-from norton_bench.identification.tables.means import (
+from norton_bench.identification.readings import resolution_rad
+from norton_bench.identification.tables.averages import (
     Mean,
     Setting,
     inside,

@@ -8,8 +8,7 @@ import numpy as np
 
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
-from norton_bench.networks.equations import Equations, Table
-from norton_bench.networks.expressions import Expression
+from norton_bench.networks.expressions import Equations, Expression, Table
 from norton_bench.networks.family import Network, commands_of, form_of
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork, check_derivatives, joint

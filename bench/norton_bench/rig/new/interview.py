@@ -12,16 +12,23 @@ from pydantic import ValidationError
 
 from norton_bench.rig.driver_options import LOAD_UNIT, Declared, declared_by, same_unit
 from norton_bench.rig.files import BARE_KEY, keys_of, toml
-from norton_bench.rig.new.options import ask_options, bitrate_for, options_of
-from norton_bench.rig.new.questions import Asker, Question, Section, quoted, rig_text
+from norton_bench.rig.new.options import (
+    Asker,
+    Question,
+    Section,
+    ask_options,
+    bitrate_for,
+    options_of,
+    quoted,
+    rig_text,
+)
 from norton_bench.rig.new.twin import ask_twin
 from norton_bench.rig.rig import NO_MODEL
 from norton_bench.units import QUANTITY, check_unit, parse_quantity
 from norton_drivers import registry
 from norton_drivers.adapters.table import ADAPTERS, UNKNOWN, mistakes
 from norton_drivers.discovery import FoundPort
-from norton_drivers.options import written_as
-from norton_drivers.wiring import CanBusSettings
+from norton_drivers.wiring import CanBusSettings, written_as
 
 NONE = "none"
 IN_SITU = ": the actuator is then identified in situ alone"

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from norton_bench.rig.new.questions import Asker, Question, Section, quoted
+from norton_bench.rig.new.options import Asker, Question, Section, quoted
 from norton_bench.units import parse_quantity, same_dimension
 
 TYPICAL, DATASHEET, NONE = "typical", "datasheet", "none"

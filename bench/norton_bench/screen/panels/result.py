@@ -9,8 +9,7 @@ from textwrap import wrap
 from norton_bench.errors import ExitCode
 from norton_bench.events import Ended
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.report.section import Facts
-from norton_bench.report.words import interval, number, percent, pretty_unit, symbol
+from norton_bench.report.words import Facts, interval, number, percent, pretty_unit, symbol
 from norton_bench.screen.picture.parts import Known, half_width
 from norton_bench.screen.styles import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
 

@@ -10,14 +10,11 @@ from pydantic import Field
 
 from norton_bench_turnwell import protocol
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
-from norton_drivers.inbox import Inbox
-from norton_drivers.link import Link
-from norton_drivers.options import DeviceOptions, parse_options
+from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import CanPort
-from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
+from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, Inbox, MotionReading
 from norton_drivers.recognition import Recognised
-from norton_drivers.waiting import wait_until
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 FIRMWARES = (3, 4)
 STATE_PERIOD_NS = 20_000_000

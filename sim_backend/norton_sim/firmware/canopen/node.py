@@ -10,10 +10,10 @@ import can
 
 from norton_drivers.codecs import canopen as protocol
 from norton_drivers.codecs.canopen import NmtCommand, NmtState
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 from norton_sim.firmware.canopen.objects import U8, U16, U32, Entry, Objects, SdoServer
 from norton_sim.firmware.canopen.process_data import ReceivedPdo, SentPdo, Timer
-from norton_sim.firmware.site import Site
+from norton_sim.firmware.context import DeviceContext
 
 BOOT_MS = 20.0
 VENDOR, PRODUCT, REVISION = 0x2B1, 0x51, 0x00010002
@@ -31,7 +31,7 @@ class CanopenNode:
     ``bus_lost`` says that the heartbeat was lost, and communication not reset since.
     """
 
-    def __init__(self, site: Site, node: int, device_type: int, name: str) -> None:
+    def __init__(self, context: DeviceContext, node: int, device_type: int, name: str) -> None:
         self.objects = Objects()
         self.state = NmtState.PRE_OPERATIONAL
         self.bus_lost = False
@@ -39,9 +39,9 @@ class CanopenNode:
         self.on_stopped: Callable[[], None] = _nothing
         self.on_power_on: Callable[[], None] = _nothing
         self.id = node
-        self._site = site
-        self._world = site.world
-        self._plug = site.can_connector()
+        self._context = context
+        self._world = context.world
+        self._connector = context.can_connector()
         self._heartbeat = self._timer()
         self._boot = self._timer()
         self._received: list[ReceivedPdo] = []
@@ -49,10 +49,10 @@ class CanopenNode:
         self._routes: dict[int, Callable[[bytearray], None]] = {}
         self._watch_round = 0
         self._watched_heard_ns: int | None = None  # None until the first heartbeat
-        self._server = SdoServer(self.objects, lambda data: self._plug.send(protocol.sdo_answer_id(node), data))
+        self._server = SdoServer(self.objects, lambda data: self._connector.send(protocol.sdo_answer_id(node), data))
         self._add_objects(device_type, name)
         self._route()
-        self._plug.on_frame(self._receive)
+        self._connector.on_frame(self._receive)
 
     @property
     def operational(self) -> bool:
@@ -76,13 +76,13 @@ class CanopenNode:
             mapped,
             locked=lambda: self.operational,
             timer=self._timer(),
-            send=self._plug.send,
+            send=self._connector.send,
         )
         self._sent.append(pdo)
         return pdo
 
     def _timer(self) -> Timer:
-        return Timer(self._world, self._site.clock_ppm)
+        return Timer(self._world, self._context.clock_ppm)
 
     def _add_objects(self, device_type: int, name: str) -> None:
         add = self.objects.add
@@ -113,7 +113,7 @@ class CanopenNode:
             self._register.value = _REGISTER_GENERIC | (_REGISTER_COMMUNICATION if communication else 0)
         if self.state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL):
             data = protocol.Emergency(code, self._register.value).encode()
-            self._plug.send(protocol.emergency_id(self.id), data)
+            self._connector.send(protocol.emergency_id(self.id), data)
 
     def _on_order(self, data: bytearray) -> None:
         order = protocol.NmtOrder.decode(data)
@@ -155,7 +155,7 @@ class CanopenNode:
 
     def _come_up(self) -> None:
         self._boot.stop()
-        self._plug.send(protocol.heartbeat_id(self.id), protocol.heartbeat(NmtState.BOOT_UP))
+        self._connector.send(protocol.heartbeat_id(self.id), protocol.heartbeat(NmtState.BOOT_UP))
         self._enter(NmtState.PRE_OPERATIONAL)
 
     # ---- Heartbeats ----------------------------------------------------------------------------------------------
@@ -164,7 +164,7 @@ class CanopenNode:
         self._heartbeat.start(period_ms, self._send_heartbeat)
 
     def _send_heartbeat(self) -> None:
-        self._plug.send(protocol.heartbeat_id(self.id), protocol.heartbeat(self.state))
+        self._connector.send(protocol.heartbeat_id(self.id), protocol.heartbeat(self.state))
 
     def _watch_written(self, value: int) -> None:
         self._watched_heard_ns = None  # watched from the next heartbeat on

@@ -7,7 +7,7 @@ from struct import Struct
 from typing import Final
 
 from norton_drivers.codecs import canopen as protocol
-from norton_drivers.codecs.errors import CodecError
+from norton_drivers.codecs.common import CodecError
 
 U8: Final = Struct("<B")
 U16: Final = Struct("<H")

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.ambiguity.conditions import Evidence, ZeroRange, conditions, evidence_of
-from norton_bench.identification.ambiguity.settling import Settling
+from norton_bench.identification.conditions import Evidence, ZeroRange, conditions, evidence_of
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable
+from norton_bench.identification.model_free.source_map import Settling
 from norton_bench.identification.model_free.without_model import without_model
 from norton_bench.identification.results import SourceMap, Trace
 from norton_bench.identification.signals import signals

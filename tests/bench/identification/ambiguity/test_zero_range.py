@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.aligned import align
-from norton_bench.identification.ambiguity.conditions import zero_range
+from norton_bench.identification.conditions import zero_range
+from norton_bench.identification.rows import align
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.records import SegmentInfo
 from norton_bench.segments import Use

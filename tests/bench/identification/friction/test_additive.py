@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.friction import additive
-from norton_bench.identification.friction.family import model
+from norton_bench.identification.friction import operators
+from norton_bench.identification.friction.laws import model
 from norton_bench.identification.ladder import fit_friction
 from tests.bench.identification.friction.paths import equation_of, path_of, wandering
 
@@ -33,7 +33,7 @@ def test_cogging_is_found_beside_the_friction(period):
     equation = coulomb_equation()
     phase = 2 * np.pi * equation.path.position / period
     equation.target[:] -= 4e-3 * np.cos(phase) + 1e-3 * np.sin(phase)
-    fit = fit_with(equation, additive.cogging(equation.path.position, period))
+    fit = fit_with(equation, operators.cogging(equation.path.position, period))
     assert fit.value("cogging_cosine") == pytest.approx(4e-3, abs=2e-4)
     assert fit.value("cogging_sine") == pytest.approx(1e-3, abs=2e-4)
     assert fit.rms == pytest.approx(NOISE, rel=0.03)
@@ -42,7 +42,7 @@ def test_cogging_is_found_beside_the_friction(period):
 def test_drift_is_followed():
     equation = coulomb_equation()
     equation.target[:] += 0.01 * np.sin(2 * np.pi * equation.time_s / 12.0)
-    fit = fit_with(equation, additive.drift(equation.time_s, 1.0))
+    fit = fit_with(equation, operators.drift(equation.time_s, 1.0))
     assert fit.rms == pytest.approx(NOISE, rel=0.05)
     assert fit.value("coulomb_torque") == pytest.approx(0.02, rel=0.01)
 
@@ -52,7 +52,7 @@ def test_hats_draw_any_broken_line_with_these_knots():
     time_s[:2] = 5.0, 25.0
     heights = np.array([1.0, -2.0, 0.5, 4.0, 0.0])
     expected = np.interp(time_s, [5.0, 10.0, 15.0, 20.0, 25.0], heights)
-    np.testing.assert_allclose(heights @ additive.hats(time_s, 5), expected, atol=1e-12)
+    np.testing.assert_allclose(heights @ operators.linear_basis(time_s, 5), expected, atol=1e-12)
 
 
 def test_temperature_thins_the_oil():
@@ -61,7 +61,7 @@ def test_temperature_thins_the_oil():
     equation = coulomb_equation(path_of(path.position))
     about = warm - np.mean(warm)
     equation.target[:] += 1e-5 * about * path.velocity - 2e-5 * about * np.sign(path.velocity)
-    fit = fit_with(equation, additive.temperature(path.velocity, warm))
+    fit = fit_with(equation, operators.temperature(path.velocity, warm))
     assert fit.value("viscous_damping_per_degree") == pytest.approx(-1e-5, rel=0.05)
     assert fit.value("coulomb_torque_per_degree") == pytest.approx(2e-5, rel=0.1)
     assert fit.value("viscous_damping") == pytest.approx(1e-3, rel=0.02)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.live.drift import MAY_MOVE, RATES, _Record, drift_of
-from norton_bench.identification.regression import COULOMB, GAIN, INERTIA, VISCOUS
+from norton_bench.identification.live import MAY_MOVE, RATES, _Record, drift_of
+from norton_bench.identification.rows import COULOMB, GAIN, INERTIA, VISCOUS
+from norton_bench.identification.sanity.checks import Blocks
 from norton_bench.identification.separable import solve
 from norton_bench.identification.signals import signals
-from norton_bench.identification.soundness.blocks import Blocks
 from norton_bench.segments import Use
 from tests.bench.identification.live.phases import drifting, exciting_for
 from tests.bench.identification.synthetic import TICK_S, Truth

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.fit import fit
-from norton_bench.identification.live.identifier import LATEST_S, LiveIdentifier
-from norton_bench.identification.live.moved import changes
+from norton_bench.identification.judged_fit import changes
+from norton_bench.identification.live import LATEST_S, LiveIdentifier
 from norton_bench.models.parameters import Status
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic

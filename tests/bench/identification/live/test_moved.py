@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.live.moved import changes, with_what_moved
+from norton_bench.identification.judged_fit import changes, with_what_moved
 from norton_bench.models.parameters import Status
 
 NAME = "viscous_damping"

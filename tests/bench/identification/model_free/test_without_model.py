@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from norton_bench.identification.aligned import align, usable_of
 from norton_bench.identification.model_free.impedance_table import ImpedanceTable, impedance_table
 from norton_bench.identification.model_free.without_model import (
     COMMAND_TICKS,
@@ -16,6 +15,7 @@ from norton_bench.identification.model_free.without_model import (
     operator_columns,
     without_model,
 )
+from norton_bench.identification.rows import align, usable_of
 from norton_bench.identification.signals import FINE, Signals, signals
 from norton_bench.identification.validation import validate
 from norton_bench.segments import Use

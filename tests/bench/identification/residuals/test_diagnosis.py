@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from norton_bench.identification.aligned import align
 from norton_bench.identification.fit import fit
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.residuals.dependence import MEMORY_LAGS, dependence, memory, whiten
-from norton_bench.identification.residuals.diagnosis import STRIDE, diagnose, residual_tests
+from norton_bench.identification.residuals.diagnosis import (
+    MEMORY_LAGS,
+    STRIDE,
+    dependence,
+    diagnose,
+    memory,
+    residual_tests,
+    whiten,
+)
+from norton_bench.identification.rows import align
 from norton_bench.identification.signals import signals
 from norton_bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S

@@ -1,0 +1,353 @@
+"""Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
+
+Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the same
+data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is imposed.
+What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations are those of the
+parametric bootstrap, which is repeated each time that the data have doubled; in between they shrink as the
+residual's."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from norton_bench.arrays import FloatArray
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.bootstrap import Readings
+from norton_bench.identification.coupling import Coupling
+from norton_bench.identification.fit import PHYSICAL, network_of, physical, result_of, solution_of
+from norton_bench.identification.load import coupling_of
+from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
+from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, VISCOUS
+from norton_bench.identification.sanity import cleaning
+from norton_bench.identification.sanity.checks import Blocks
+from norton_bench.identification.sanity.standstill import rising, spikes
+from norton_bench.identification.separable import Solution
+from norton_bench.identification.signals import signals
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.records import Measured, SegmentInfo, Table, join
+from norton_bench.segments import Use
+
+# Oil warms and wears, and magnets with it; a rotor does not grow heavier.
+MAY_MOVE = (GAIN, VISCOUS, COULOMB, DAMPING)
+# A trend of so many deviations is no accident: a chance of 1 in 15 000 for each that is looked at.
+SIGNIFICANT_TREND = 4.0
+# Random walks in question: a share of the value in the square root of a second.
+RATES = (1e-3, 3e-3, 1e-2, 3e-2)
+# What is known beforehand, in deviations of the fit: as good as nothing.
+VAGUE = 1e3
+# Directions of a block with less information than this, relative to the fit's, say nothing.
+SAYS_NOTHING = 1e-6
+# The scatter of the scores about constants holds the drift too: once that is followed, the noise is what is left.
+ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Parameters that move while the record is taken: a Kalman filter over its blocks, about the fit of all of it.
+
+    A fit takes every parameter for constant. Where one of them goes with time by more than the scatter of the
+    blocks explains, it is given a random walk, at the rate with which the blocks are likeliest, and the filter
+    follows it. All others are estimated along with it, as constants.
+
+    What became of the unknowns at the end of the record: ``change`` (p,) from the solution's own, linear ones
+    first, with its ``covariance`` (p, p); ``moved`` are those that walked.
+    """
+
+    moved: tuple[int, ...]
+    change: FloatArray
+    covariance: FloatArray
+
+
+def drift_of(solution: Solution) -> Drift | None:
+    """None where nothing moves, or the record is too short to tell."""
+    blocks = Blocks.of(solution)
+    moved = tuple(column for column in MAY_MOVE if _trends(blocks, column)) if blocks.time_s.size else ()
+    if not moved:
+        return None
+    record = _Record.of(blocks)
+    for _ in range(ROUNDS):
+        end = _followed(record, moved, solution.linear)
+        record = record.with_noise(end.surprise)
+    unit = record.unit
+    return Drift(moved, np.asarray(end.values * unit), np.asarray(end.covariance * np.outer(unit, unit)))
+
+
+def _followed(record: "_Record", moved: tuple[int, ...], linear: FloatArray) -> "_End":
+    """With the likeliest rates, found for one after the other."""
+    walks = np.zeros(len(record.unit))
+    for column in moved:
+        size = abs(float(linear[column])) / record.unit[column]
+        rates = [_with(walks, column, rate * size) for rate in RATES]
+        walks = max(rates, key=lambda each: record.filtered(each).likelihood)
+    return record.filtered(walks)
+
+
+def _with(walks: FloatArray, column: int, rate: float) -> FloatArray:
+    other = walks.copy()
+    other[column] = rate
+    return other
+
+
+def _trends(blocks: Blocks, column: int) -> bool:
+    time_s = blocks.time_s - np.mean(blocks.time_s)
+    trend, deviation = blocks.change(column, time_s / max(float(np.ptp(time_s)), 1e-300), time_s.size // 2)
+    return abs(trend) > SIGNIFICANT_TREND * deviation
+
+
+@dataclass(frozen=True)
+class _End:
+    """A filter after the last block, values in the record's unit. ``surprise`` is the median over the blocks of the
+    innovations' mean square, in their own variances."""
+
+    values: FloatArray
+    covariance: FloatArray
+    likelihood: float
+    surprise: float
+
+
+@dataclass(frozen=True)
+class _Record:
+    """Blocks as measurements ``root · p = z`` with unit noise, p in ``unit`` (p,): deviations of the fit of all."""
+
+    roots: tuple[FloatArray, ...]
+    z: tuple[FloatArray, ...]
+    steps_s: FloatArray  # from each block to the next
+    unit: FloatArray
+
+    @classmethod
+    def of(cls, blocks: Blocks) -> "_Record":
+        inverse = np.linalg.pinv(blocks.gram.sum(axis=0), rcond=1e-12, hermitian=True)
+        # The scores' own scatter is the noise: colour within a block is in it.
+        variance = float(np.einsum("bi,ij,bj->", blocks.score, inverse, blocks.score)) / len(inverse)
+        own = np.sqrt(np.maximum(np.diag(inverse) * variance, 1e-300))
+        roots, z = [], []
+        for gram, score in zip(blocks.gram, blocks.score, strict=True):
+            value, vector = np.linalg.eigh(gram * np.outer(own, own) / variance)
+            says = value > SAYS_NOTHING
+            root = np.sqrt(value[says])[:, None] * vector[:, says].T
+            roots.append(root)
+            z.append((root / value[says, None]) @ (score * own / variance))
+        return cls(tuple(roots), tuple(z), np.diff(blocks.time_s, prepend=blocks.time_s[0]), own / blocks.scale)
+
+    def with_noise(self, factor: float) -> "_Record":
+        """As if the noise's variance were greater by this factor; in a unit that is then the same share of it."""
+        return replace(
+            self,
+            roots=tuple(root / np.sqrt(factor) for root in self.roots),
+            z=tuple(z / np.sqrt(factor) for z in self.z),
+        )
+
+    def filtered(self, walks: FloatArray) -> "_End":
+        """The filter after the last block; ``walks`` (p,) in units a root second."""
+        size, likelihood, surprises = len(self.unit), 0.0, list[float]()
+        follower = KalmanFilter(dim_x=size, dim_z=size)
+        follower.x, follower.P, follower.F = np.zeros(size), VAGUE**2 * np.eye(size), np.eye(size)
+        for root, z, step_s in zip(self.roots, self.z, self.steps_s, strict=True):
+            follower.predict(Q=np.diag(walks**2 * step_s))
+            if z.size:
+                follower.update(z, R=np.eye(z.size), H=root)
+                likelihood += float(follower.log_likelihood)
+                surprises.append(float(follower.y @ np.linalg.solve(follower.S, follower.y)) / z.size)
+        return _End(follower.x, follower.P, likelihood, float(np.median(surprises)))
+
+
+# Readings arrive within so long of the ticks of their part.
+STRAY_NS = 1_000_000_000
+
+
+def clean(part: Measured) -> Measured:
+    """Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
+
+    Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the
+    same data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is
+    imposed. What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations
+    are those of the parametric bootstrap, which is repeated each time that the data have doubled; in between they
+    shrink as the residual's.
+
+    What of a part can be trusted at all, before anything is learned from it.
+
+    A final fit can look at everything twice; what runs live digests each reading once and must not be poisoned by
+    it.
+
+    The part without readings that are not finite, stand alone far off, or bear an impossible time.
+    """
+    ticks = part.ticks[np.isfinite(part.ticks["command"])]
+    if not len(ticks):
+        return replace(part, ticks=ticks, motion=part.motion[:0], torque=part.torque[:0])
+    ticks = ticks[rising(ticks["tick_ns"])]
+    span_ns = int(ticks["tick_ns"][0]) - STRAY_NS, int(ticks["tick_ns"][-1]) + STRAY_NS
+    return replace(
+        part,
+        ticks=ticks,
+        motion=_readings(part.motion, "position_rad", span_ns),
+        torque=_readings(part.torque[part.torque["valid"]], "torque_nm", span_ns),
+    )
+
+
+def _readings(table: Table, column: str, span_ns: tuple[int, int]) -> Table:
+    arrival_ns = table["arrival_ns"]
+    table = table[np.isfinite(table[column]) & (arrival_ns >= span_ns[0]) & (arrival_ns <= span_ns[1])]
+    return table[~spikes(table[column])]
+
+
+LEARNT_FROM = (Use.CALIBRATE, Use.IDENTIFY)
+# The first fit. Half as much tells next to nothing of friction.
+FIRST_S = 4.0
+# The next one when there is so much more, and not sooner or later than this: all of them together then cost some five
+# times the last one.
+GROWTH = 0.3
+SOONEST_S, LATEST_S = 2.0, 10.0
+# What is older is forgotten: a fit of it takes some three seconds.
+WINDOW_S = 180.0
+# Simulated records for the deviations: half of the final fit's, which widens them by a tenth (Student's t).
+DRAWS = 6
+SIGNIFICANT_BIAS = 2.0  # deviations
+
+
+@dataclass(frozen=True)
+class _Correction:
+    """What the bootstrap made of one value and its deviation: the factor by which the residual's deviation is wider,
+    the value's bias, and the deviation of that, both relative."""
+
+    wider: float = 1.0
+    bias: float = 0.0
+    bias_std: float = 0.0
+
+    @classmethod
+    def of(cls, estimate: Estimate, simulated: Simulated) -> "_Correction":
+        (value, std), bias_std = simulated.of_residual[estimate.name], simulated.repeated_std[estimate.name]
+        size = max(abs(value), 1e-300)
+        of_scatter = max(estimate.std**2 - bias_std**2, std**2)
+        wider, bias = float(np.sqrt(of_scatter) / max(std, 1e-300)), value - estimate.value
+        # A few draws alone make a bias of this size; to take that off would only shake the values.
+        if abs(bias) < SIGNIFICANT_BIAS * np.sqrt(of_scatter / DRAWS):
+            bias = 0.0
+        return cls(wider, bias / size, bias_std / size)
+
+    def of_estimate(self, estimate: Estimate) -> Estimate:
+        """The same, of a later fit's."""
+        size = abs(estimate.value)
+        std = float(np.hypot(self.wider * estimate.std, self.bias_std * size))
+        return replace(estimate, value=estimate.value - self.bias * size, std=std)
+
+
+@dataclass
+class LiveIdentifier:
+    """Takes consecutive parts; returns the newest estimate each time."""
+
+    command_unit: str
+    tick_s: float
+    _parts: list[Measured] = field(default_factory=list, init=False)
+    _told_ticks: int = field(default=0, init=False)  # so many were meant for identification
+    _next_ticks: int = field(default=0, init=False)
+    _simulated_ticks: int = field(default=0, init=False)
+    _coupling: Coupling | None = field(default=None, init=False)
+    _calibrated_ticks: int = field(default=0, init=False)  # that the coupling is known from
+    _corrections: dict[str, _Correction] = field(default_factory=dict, init=False)
+    _latest: LiveEstimate = field(default_factory=lambda: LiveEstimate(0), init=False)
+
+    def __post_init__(self) -> None:
+        self._next_ticks = round(FIRST_S / self.tick_s)
+
+    def update(self, part: Measured) -> LiveEstimate:
+        """Learn from the next part: of segments meant for LEARNT_FROM alone."""
+        part = clean(part)
+        if self._went_back(part):
+            self._begin_anew()
+        self._parts.append(part)
+        told = [segment.index for segment in part.segments if segment.use in LEARNT_FROM]
+        self._told_ticks += int(np.count_nonzero(np.isin(part.ticks["segment"], told)))
+        if self._told_ticks >= self._next_ticks:
+            more_s = np.clip(GROWTH * self._told_ticks * self.tick_s, SOONEST_S, LATEST_S)
+            self._next_ticks = self._told_ticks + round(float(more_s) / self.tick_s)
+            self._forget()
+            self._latest = self._fitted()
+        stamp_ns = int(part.ticks["tick_ns"][-1]) if len(part.ticks) else self._latest.stamp_ns
+        self._latest = replace(self._latest, stamp_ns=stamp_ns)
+        return self._latest
+
+    def _went_back(self, part: Measured) -> bool:
+        """Whether the clock was set back: what came before is then of another time."""
+        before = next((each.ticks["tick_ns"][-1] for each in reversed(self._parts) if len(each.ticks)), None)
+        return before is not None and len(part.ticks) > 0 and bool(part.ticks["tick_ns"][0] <= before)
+
+    def _begin_anew(self) -> None:
+        self._parts, self._corrections, self._coupling = [], {}, None
+        self._told_ticks, self._simulated_ticks, self._calibrated_ticks = 0, 0, 0
+        self._next_ticks = round(FIRST_S / self.tick_s)
+
+    def _forget(self) -> None:
+        newest_ns = next(int(each.ticks["tick_ns"][-1]) for each in reversed(self._parts) if len(each.ticks))
+        while len(self._parts[0].ticks) and self._parts[0].ticks["tick_ns"][-1] < newest_ns - WINDOW_S * 1e9:
+            self._parts.pop(0)
+
+    def _fitted(self) -> LiveEstimate:
+        """Of all parts; the estimate before where they tell nothing yet."""
+        measured = join(self._parts)
+        try:
+            cleaned = cleaning.clean(replace(measured, segments=tuple(map(_learnt_from, measured.segments))))
+            stretches = signals(cleaned.measured, self.tick_s, Use.IDENTIFY)
+            solution = solution_of(stretches, findings=cleaned.findings)
+        except ExperimentError:
+            return self._latest
+        doubled = self._told_ticks >= 2 * self._simulated_ticks
+        readings = self._readings(measured, cleaned.measured) if doubled and not cleaned.findings.doubts else None
+        result = result_of(
+            stretches, solution, command_unit=self.command_unit, findings=cleaned.findings, readings=readings
+        )
+        estimates = tuple(result.estimate(name) for name in PHYSICAL)
+        if simulated := result.simulated:
+            self._simulated_ticks = self._told_ticks
+            self._corrections = {each.name: _Correction.of(each, simulated) for each in estimates}
+            stated = simulated.of_residual
+            estimates = tuple(replace(each, value=stated[each.name][0], std=stated[each.name][1]) for each in estimates)
+        if not result.ratios_only:
+            estimates = self._corrected(estimates)
+        drift = None if result.ratios_only or not result.converged else drift_of(solution)
+        if drift is not None:
+            estimates = self._moved(estimates, solution, drift)
+        network = self._network(estimates, result)
+        return LiveEstimate(self._latest.stamp_ns, estimates, network, result.samples)
+
+    def _readings(self, measured: Measured, cleaned: Measured) -> Readings:
+        calibrated = [segment.index for segment in measured.segments if segment.use is Use.CALIBRATE]
+        ticks = int(np.count_nonzero(np.isin(measured.ticks["segment"], calibrated)))
+        if ticks > self._calibrated_ticks:
+            self._coupling, self._calibrated_ticks = coupling_of(measured, self.tick_s), ticks
+        return Readings(cleaned, self.tick_s, Use.IDENTIFY, DRAWS, self._coupling)
+
+    def _corrected(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+        return tuple(self._corrections.get(each.name, _Correction()).of_estimate(each) for each in estimates)
+
+    def _moved(self, estimates: Sequence[Estimate], solution: Solution, drift: Drift) -> tuple[Estimate, ...]:
+        """As they are now: each by what the end of the record differs from all of it."""
+        linear, shape = solution.linear + drift.change[: len(solution.linear)], solution.shape.as_array()
+        shape[list(solution.free)] += drift.change[len(solution.linear) :]
+        now = replace(solution, linear=linear, shape=type(solution.shape).of(shape))
+        time_s = solution.regression.time_s()
+        before = physical(solution, time_s)[0]
+        after, covariance = physical(now, time_s, drift.covariance)
+        moved = []
+        for at, estimate in enumerate(estimates):
+            known = self._corrections.get(estimate.name, _Correction())
+            value = estimate.value + float(after[at] - before[at])
+            std = float(np.hypot(known.wider * np.sqrt(covariance[at, at]), known.bias_std * abs(value)))
+            moved.append(replace(estimate, value=value, std=std))
+        return tuple(moved)
+
+    def _network(self, estimates: Sequence[Estimate], result: FitResult) -> NortonNetwork | None:
+        """Once every parameter is valid: correlated as in the fit, as uncertain as the estimates."""
+        if any(estimate.status is not Status.VALID for estimate in estimates):
+            return None
+        covariance = np.asarray(result.network.covariance)
+        std = np.array([estimate.std for estimate in estimates])
+        wider = std / np.sqrt(np.diag(covariance))
+        network = network_of(estimates, self.command_unit, covariance * np.outer(wider, wider))
+        return network.with_provenance({"fit": "live"})
+
+
+def _learnt_from(segment: SegmentInfo) -> SegmentInfo:
+    return replace(segment, use=Use.IDENTIFY) if segment.use in LEARNT_FROM else segment

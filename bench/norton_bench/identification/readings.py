@@ -1,0 +1,358 @@
+"""What readings are worth: when they were taken, their step and their noise, and which only repeat an earlier one."""
+
+from dataclasses import dataclass
+from functools import cache, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+from norton_bench.arrays import FloatArray, IntArray
+from norton_bench.identification.kernels import Kernel
+from norton_bench.records import Table
+
+# Two clocks drift apart by parts in a million, and the drift itself changes over tens of seconds.
+KNOT_S = 20.0
+# After a silence longer than this many periods, the count of readings cannot be trusted and starts anew.
+LONGEST_COUNTED_GAP = 50
+# A stalled host hands over at most so many readings at once; later than that they were lost.
+LATE_READINGS = 40
+FEW_READINGS = 8
+TRIMMED_ROUNDS = 4
+TRIMMED_AT = 3.0
+NORMAL_OF_MEDIAN_DEVIATION = 1.4826
+# Deviations from which readings are taken to be uneven: neighbours of one difference err alike, which makes deviations
+# seem smaller than they are by up to two.
+SIGNIFICANT = 8.0
+
+
+def nominal_period_s(arrival_ns: IntArray) -> float:
+    """When a stream's readings were taken, recovered from when they arrived.
+
+    A device samples at regular instants of its own clock; transport adds a delay and a jitter. The instants are
+    found by a robust fit of a slowly bending line of arrival against the device's own stamps, or, where it sends
+    none, against a count of its readings in which losses are seen as gaps. The mean transport delay stays in: it is
+    the same for all readings of a stream, and the fit estimates it.
+
+    The time between two readings [s]: the mean of the usual ones, for arrivals may be bunched.
+    """
+    steps = np.diff(arrival_ns) * 1e-9
+    if not steps.size:
+        return float("nan")
+    span = _usual_span(arrival_ns)
+    return float(span if span > 0 else np.median(steps))
+
+
+def sampled_at_s(arrival_ns: IntArray, device_ns: IntArray | None, origin_ns: int) -> FloatArray:
+    """When each reading was taken plus the stream's mean delay [s since ``origin_ns``], shape (n,).
+
+    ``device_ns`` are the device's own stamps, or None where it sends none.
+    """
+    own = None if device_ns is None else np.asarray(device_ns, dtype=np.int64).tobytes()
+    return _sampled_at_s(np.asarray(arrival_ns, dtype=np.int64).tobytes(), own, origin_ns).copy()
+
+
+@lru_cache(maxsize=4)  # records that are simulated for the deviations have the stamps of the one that was measured
+def _sampled_at_s(arrival: bytes, own: bytes | None, origin_ns: int) -> FloatArray:
+    arrival_ns: IntArray = np.frombuffer(arrival, dtype=np.int64)
+    arrival_s = np.asarray((arrival_ns - origin_ns) * 1e-9, dtype=np.float64)
+    if own is not None:
+        device_ns: IntArray = np.frombuffer(own, dtype=np.int64)
+        return _on_host_clock(np.asarray((device_ns - device_ns[0]) * 1e-9, dtype=np.float64), arrival_s)
+    period_s = nominal_period_s(arrival_ns)
+    times_s = np.empty_like(arrival_s)
+    starts = np.flatnonzero(np.diff(arrival_s) > LONGEST_COUNTED_GAP * period_s) + 1
+    for part in np.split(np.arange(arrival_s.size), starts):
+        ticks = count_readings(arrival_s[part], period_s)
+        times_s[part] = _on_host_clock(ticks * period_s, arrival_s[part])
+    return times_s
+
+
+def travel_s(arrival_ns: IntArray) -> FloatArray:
+    """How much longer than on average each reading travelled [s], shape (n,), as its arrival tells."""
+    arrival_s = np.asarray((arrival_ns - arrival_ns[0]) * 1e-9, dtype=np.float64)
+    return arrival_s - sampled_at_s(arrival_ns, None, int(arrival_ns[0]))
+
+
+def taken_late_s(time_s: FloatArray, late_s: FloatArray, value: FloatArray) -> FloatArray:
+    """How much later than at even instants readings were taken, as far as their arrivals tell [s], shape (n,).
+
+    A drive that reads when a command arrives, and answers, takes its readings unevenly: a share of the time which
+    command and answer travelled together. Where the value moves, that shows: value = path + share · rate · late, looked
+    at in differences in which no path shows. ``time_s`` (n,) are the even instants, ``late_s`` (n,) how much longer
+    each reading travelled. All zero where that share is not significant.
+    """
+    usual_s = _usual(late_s)
+    if time_s.size <= NOISE_ORDER:
+        return np.zeros(time_s.size)
+    read = np.diff(value, NOISE_ORDER)
+    shown = np.diff(np.gradient(value, time_s) * usual_s, NOISE_ORDER)
+    power = max(float(shown @ shown), 1e-300)
+    share = float(read @ shown) / power
+    std = float(np.linalg.norm((read - share * shown) * shown)) / power
+    return min(share, 1.0) * usual_s if share > SIGNIFICANT * std else np.zeros(time_s.size)
+
+
+def _usual(late_s: FloatArray) -> FloatArray:
+    """The same without what is later or earlier than nearly all: a stalled host hands over late what was taken in
+    time."""
+    middle = np.median(late_s)
+    deviation = NORMAL_OF_MEDIAN_DEVIATION * np.median(np.abs(late_s - middle))
+    return np.where(np.abs(late_s - middle) <= TRIMMED_AT * deviation, late_s, 0.0)
+
+
+def _usual_span(arrival_ns: IntArray) -> float:
+    """The period from blocks of readings without a loss: the median over blocks of their mean step [s]."""
+    block = min(64, arrival_ns.size - 1)
+    spans = (arrival_ns[block:] - arrival_ns[:-block]) * 1e-9 / block
+    return float(np.median(spans))
+
+
+def count_readings(arrival_s: FloatArray, period_s: float) -> FloatArray:
+    """The number of each reading on its device's clock (n,): neighbours one apart, or more where some were lost."""
+    from norton_bench.identification import loops  # noqa: PLC0415  (compiled: slow to import)
+
+    return np.asarray(loops.count_readings(arrival_s, period_s, LATE_READINGS))
+
+
+def _on_host_clock(device_s: FloatArray, arrival_s: FloatArray) -> FloatArray:
+    """The device's time on the host's clock, by a robust piecewise linear fit of their difference.
+
+    A few readings alone tell no more than when they arrived.
+    """
+    if arrival_s.size < FEW_READINGS:
+        return arrival_s
+    difference = arrival_s - device_s
+    basis = _linear_basis(device_s)
+    chosen = np.ones(device_s.size, dtype=bool)
+    fitted = difference
+    for _ in range(TRIMMED_ROUNDS):
+        fitted = _piecewise_line(basis, difference, chosen)
+        residual = difference - fitted
+        centre = np.median(residual)
+        deviation = NORMAL_OF_MEDIAN_DEVIATION * np.median(np.abs(residual - centre))
+        before, chosen = chosen, np.abs(residual - centre) <= TRIMMED_AT * deviation + 1e-9
+        if np.array_equal(before, chosen):
+            break
+    return np.asarray(device_s + fitted)
+
+
+@dataclass(frozen=True)
+class _LinearBasis:
+    """Hats over equally spaced knots: each instant lies behind knot ``index``, at ``share`` of the way to the next."""
+
+    index: IntArray
+    share: FloatArray
+    knots: int
+
+
+def _linear_basis(x: FloatArray) -> _LinearBasis:
+    knots = np.linspace(x[0], x[-1], max(2, round((x[-1] - x[0]) / KNOT_S) + 1))
+    index = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    return _LinearBasis(index, (x - knots[index]) / (knots[index + 1] - knots[index]), len(knots))
+
+
+def _piecewise_line(basis: _LinearBasis, y: FloatArray, chosen: npt.NDArray[np.bool_]) -> FloatArray:
+    """Least squares line through the basis functions, fitted on the chosen points, at all points."""
+    matrix = np.zeros((basis.knots, basis.knots))
+    right = np.zeros(basis.knots)
+    count = basis.knots - 1
+    reference = float(np.mean(y[chosen]))
+    left, rest, target = basis.index[chosen], basis.share[chosen], y[chosen] - reference
+    at = np.arange(count)
+    for offset, weight in ((0, 1 - rest), (1, rest)):
+        right[at + offset] += np.bincount(left, weight * target, count)
+        matrix[at + offset, at + offset] += np.bincount(left, weight * weight, count)
+    matrix[at, at + 1] = matrix[at + 1, at] = np.bincount(left, (1 - rest) * rest, count)
+    heights = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    return np.asarray(reference + heights[basis.index] * (1 - basis.share) + heights[basis.index + 1] * basis.share)
+
+
+def one_a_period(table: Table) -> Table:
+    """Readings that a driver said again because no message came, put where the sensor left one out.
+
+    A sensor that sends its value where that has changed says by its silence that it has not. A message that is
+    merely late looks alike at first: what was said again in its place is one reading too many, after which all that
+    follow seem to be a period later. Which it was shows when the late ones have come.
+
+    A table of readings in which one follows the other by a period, as the sensor took them.
+
+    Messages are counted by their arrivals; those that are missing between two stand for the value before them,
+    where the driver said anything again there. Tables of sensors that leave nothing out are returned as they are,
+    and those whose rows bear no numbers of their own.
+    """
+    again = np.flatnonzero(np.diff(table["sequence"]) == 0) + 1
+    if not again.size or np.any(table["torque_nm"][again] != table["torque_nm"][again - 1]):
+        return table
+    messages = np.setdiff1d(np.arange(len(table)), again)
+    arrival_ns = table["arrival_ns"][messages]
+    period_s = nominal_period_s(table["arrival_ns"])
+    number = count_readings((arrival_ns - arrival_ns[0]) * 1e-9, period_s).astype(np.int64)
+    # Where nothing was said again the sensor itself was silent, or messages were lost: a gap stays one.
+    left_out = np.where(np.diff(messages) > 1, np.diff(number) - 1, 0)
+    rows = np.repeat(np.arange(messages.size), np.append(left_out, 0) + 1)
+    regular: Table = table[messages][rows]
+    places = np.flatnonzero(np.diff(rows, prepend=-1))  # of the messages themselves
+    regular["arrival_ns"] = np.interp(np.arange(rows.size), places, arrival_ns - arrival_ns[0]).round() + arrival_ns[0]
+    regular = np.concatenate([regular, table[messages[-1] + 1 :]])  # after the last message nothing tells
+    regular["sequence"] = np.arange(len(regular))
+    return regular
+
+
+# From the gentlest to the heaviest; cutoffs in cycles a reading.
+LEVELS = (
+    Kernel(0.3, 3.0),
+    Kernel(0.2, 5.0),
+    Kernel(0.12, 8.0),
+    Kernel(0.07, 12.0),
+    Kernel(0.04, 20.0),
+    Kernel(0.02, 32.0),
+    Kernel(0.01, 56.0),
+    Kernel(0.005, 80.0),
+)
+EXACT_TO = 3
+REACH = round(LEVELS[-1].half_width)
+# A low-pass is too heavy where it departs from a lighter one by more than this share of the lighter one's deviation.
+DEPARTS = 0.75
+# Of an error that is as likely anywhere within one step, in steps.
+UNIFORM_DEVIATION = 1 / np.sqrt(12)
+# A low-pass that is too heavy is not trusted within this share of its half-width either.
+DOUBTED_SHARE = 0.3
+AT_REST_STEPS = 1.5
+# From one level to the next within so many readings.
+BLEND = 4
+# A shaft that moves less than so many counts within so many readings is as good as stuck.
+MOVING_COUNTS = 8
+MOVING_WITHIN = 31
+SMALLEST_STEP_RAD = 1e-9
+# Differences up to so many of the smallest tell the step, in places so fine. It is sought between these multiples of
+# the smallest: rounding makes a step smaller or greater by less than one of its own.
+TELLING_STEPS = 12
+FEWEST_STEPS = 20
+PLACES = 200
+PERIODS, PERIODS_TRIED = (0.95, 1.6), 1301
+# Steps rounded to half a count have a coherence of sinc²(0.5) = 0.41; of no counts at all, one near nil.
+COHERENT = 0.35
+ROUNDED = 0.05
+
+
+def resolution_rad(position_rad: FloatArray) -> float:
+    """Undoing an encoder's counts: a smooth motion that agrees with every reading.
+
+    A count only says that the shaft is somewhere within one step. Taken literally, a shaft at rest on the edge of
+    two counts seems to travel back and forth, and its friction to slide; where it turns round, the outermost count
+    makes the way too long, and a low-pass that is too heavy makes it too short. So every stretch is smoothed as
+    heavily as its counts allow: by the longest low-pass, exact on cubics, whose result stays inside the steps that
+    were read and within the errors of all shorter ones (Lepski's rule). What is returned never leaves the steps.
+
+    The step in which positions come [rad]; 0 where none can be seen.
+
+    Counts that were rounded once more, as where a message carries an angle in hundredths of a degree, come in steps
+    of unlike size. The step is then the one with which they agree best (the greatest coherence of 2π steps/p), and
+    what the rounding adds: a reading's error lies within half of both.
+    """
+    steps = np.abs(np.diff(position_rad))
+    steps = np.sort(steps[steps > SMALLEST_STEP_RAD])
+    if steps.size < FEWEST_STEPS:
+        return 0.0
+    # Rounding to a float32 makes equal steps differ a little: the smallest group, not the smallest number.
+    least = float(np.median(steps[steps < 1.1 * steps[steps.size // 200]]))
+    small = steps[steps < TELLING_STEPS * least]
+    places, times = np.unique(np.round(small / least * PLACES), return_counts=True)
+    trial = np.linspace(*PERIODS, PERIODS_TRIED)
+    coherence = np.cos(2 * np.pi * np.outer(1.0 / trial, places / PLACES)) @ times / small.size
+    step = least * float(trial[np.argmax(coherence)])
+    if small.size < FEWEST_STEPS or np.max(coherence) < COHERENT:
+        return 0.0
+    multiple = np.maximum(np.round(small / step), 1)
+    step = float((small @ multiple) / (multiple @ multiple))
+    # The difference of two errors, each anywhere within ± half of the rounding: its variance is a sixth of the square.
+    rounding = float(np.sqrt(6.0 * np.mean((small - multiple * step) ** 2)))
+    return step + (rounding if rounding > ROUNDED * step else 0.0)
+
+
+def moving(path_rad: FloatArray, step_rad: float) -> npt.NDArray[np.bool_]:
+    """Where the path leaves the counts behind, shape (n,): elsewhere they do not tell what friction holds."""
+    if step_rad == 0.0:
+        return np.ones(path_rad.size, dtype=bool)
+    return np.asarray(_travelled(path_rad, MOVING_WITHIN) > MOVING_COUNTS * step_rad)
+
+
+def unquantised(position_rad: FloatArray, step_rad: float) -> FloatArray:
+    """A smooth motion within ± half a step of the readings, shape (n,)."""
+    if step_rad == 0.0 or position_rad.size <= 2 * REACH:
+        return position_rad
+    half_rad, path = 0.5 * step_rad, position_rad
+    # At rest on the edge of two counts the readings change at random, and only the edge itself fits both.
+    rests = _travelled(position_rad, 2 * REACH + 1) < AT_REST_STEPS * step_rad
+    lighter: list[tuple[FloatArray, FloatArray]] = []
+    for level in LEVELS:
+        smooth = _smoothed(position_rad, level)
+        too_heavy = np.abs(smooth - position_rad) > half_rad
+        for other, tolerance in lighter:
+            too_heavy |= np.abs(smooth - other) > tolerance
+        lighter.append((smooth, _tolerance(position_rad, step_rad, level)))
+        doubted = round(DOUBTED_SHARE * level.half_width) + BLEND
+        trust = uniform_filter1d(1.0 - maximum_filter1d(too_heavy & ~rests, 2 * doubted + 1), 2 * BLEND + 1)
+        path = path + trust * (smooth - path)
+    return np.clip(path, position_rad - half_rad, position_rad + half_rad)
+
+
+def _tolerance(position_rad: FloatArray, step_rad: float, level: Kernel) -> FloatArray:
+    """By how much something heavier may differ from this low-pass, shape (n,).
+
+    Where many counts pass by within the low-pass their errors average out; where few do, they do not.
+    """
+    white = DEPARTS * UNIFORM_DEVIATION * float(np.linalg.norm(_taps(level)))
+    width = round(level.half_width)
+    counts = width * uniform_filter1d(np.abs(np.diff(position_rad, prepend=position_rad[0])), width) / step_rad
+    return np.asarray(step_rad * np.maximum(white, 0.5 / (1.0 + counts)))
+
+
+def _travelled(path_rad: FloatArray, within: int) -> FloatArray:
+    """The range of the path within so many readings around each."""
+    return np.asarray(maximum_filter1d(path_rad, within) - minimum_filter1d(path_rad, within), dtype=np.float64)
+
+
+def _smoothed(values: FloatArray, level: Kernel) -> FloatArray:
+    reach, taps = round(level.half_width), _taps(level)
+    padded = np.pad(values, reach, mode="reflect", reflect_type="odd")
+    return np.asarray(np.convolve(padded, taps, mode="valid"), dtype=np.float64)
+
+
+@cache
+def _taps(level: Kernel) -> FloatArray:
+    reach = round(level.half_width)
+    return level.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0, exact_to=EXACT_TO)
+
+
+# Motion and torque change too slowly to show in an eighth difference; of independent errors it has C(16, 8) times the
+# variance.
+NOISE_ORDER = 8
+NOISE_VARIANCE = 12870.0
+NOISE_BLOCK = 100
+NOISE_FEWEST_BLOCKS = 5
+# Errors that grow with the speed, of readings taken at instants that nobody knows just so, make some blocks noisier by
+# far than most: then the mean counts, for it is what pulls at a fit. A shock is no noise: it is a few readings of a
+# block, and the block's median square (for normal errors so much less than their mean square) passes it over.
+NOISE_UNEVEN = 2.0
+NORMAL_MEDIAN_SQUARE = 0.4549
+
+
+def noise_deviation(values: FloatArray, chosen: npt.NDArray[np.bool_]) -> float:
+    """How noisy a stream of readings is, told by the readings themselves.
+
+    Standard deviation of one reading's own error where ``chosen``, both of shape (n,); 0 where too few are left.
+
+    The median over blocks of readings, so that a shock or a lost reading here and there does not count; their mean
+    where some blocks are much noisier throughout.
+    """
+    if values.size <= NOISE_ORDER:
+        return 0.0
+    squares = np.diff(values, NOISE_ORDER)[chosen[NOISE_ORDER // 2 : -(NOISE_ORDER // 2)]] ** 2
+    blocks = squares[: squares.size // NOISE_BLOCK * NOISE_BLOCK].reshape(-1, NOISE_BLOCK)
+    if len(blocks) < NOISE_FEWEST_BLOCKS:
+        return 0.0
+    usual = float(np.median(np.mean(blocks, axis=1)))
+    mean = float(np.mean(np.median(blocks, axis=1))) / NORMAL_MEDIAN_SQUARE
+    return float(np.sqrt((mean if mean > NOISE_UNEVEN * usual else usual) / NOISE_VARIANCE))

@@ -1,0 +1,293 @@
+"""One stretch of a recording as rows of the regression: every term at the same instants and in the same band.
+
+The same low-pass stands before every term, so it cancels. A sensor that averages by itself has filtered its torque once
+more, and so every other term is averaged over as long here. :class:`Aligned` is torque, motion and command in that way,
+whatever is to be made of them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.arrays import FloatArray
+from norton_bench.identification import loops
+from norton_bench.identification.counts import friction_error
+from norton_bench.identification.kernels import FULL_BAND, Kernel
+from norton_bench.identification.signals import FINE, Signals
+
+LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
+GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
+MOTION_DELAY = 3  # of (log β, log s, d_c, d_m)
+# Steps of the differences that stand for derivatives: relative, and of delays.
+SMALL = 0.01
+SMALL_S = 2e-5
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The unknowns in which the regression is not linear. ``s`` is σ0/τc [1/rad]; positive delays mean later."""
+
+    bandwidth_rad_s: float
+    s_per_rad: float
+    command_delay_s: float
+    motion_delay_s: float
+
+    def as_array(self) -> FloatArray:
+        """(log β, log s, d_c, d_m)."""
+        return np.array(
+            [np.log(self.bandwidth_rad_s), np.log(self.s_per_rad), self.command_delay_s, self.motion_delay_s]
+        )
+
+    @classmethod
+    def of(cls, array: FloatArray) -> "Shape":
+        return cls(float(np.exp(array[0])), float(np.exp(array[1])), float(array[2]), float(array[3]))
+
+
+MOST_RECENT = 6
+
+# Only its delays matter, and they are nil.
+STILL = Shape(1.0, 1.0, 0.0, 0.0)
+
+
+class _Recent(dict[tuple[str, float], FloatArray]):
+    """The few paths worked out last: differences that stand for derivatives ask for each again and again."""
+
+    def once(self, key: tuple[str, float], make: Callable[[], FloatArray]) -> FloatArray:
+        if key not in self:
+            while len(self) >= MOST_RECENT:
+                del self[next(iter(self))]
+            self[key] = make()
+        return self[key]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of the regression at every ``stride``-th usable instant of one stretch."""
+
+    signals: Signals
+    kernel: Kernel
+    stride: int = 1
+    friction_error: FloatArray | None = None  # of h along the path, what is known of it
+    _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
+    _waves: dict[float, tuple[FloatArray, FloatArray]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )  # by periods a turn, before any filter: the same at every step of the search
+
+    @property
+    def fine(self) -> int:
+        """How many times a tick motion and lag are worked out: where not every tick counts, once will do."""
+        return FINE if self.stride == 1 else 1
+
+    def _grid(self, motion: FloatArray) -> FloatArray:
+        return motion if self.fine == FINE else np.ascontiguousarray(motion[::FINE])
+
+    @cached_property
+    def usable(self) -> npt.NDArray[np.int64]:
+        """Which of the rows may be fitted."""
+        return np.flatnonzero(self.signals.usable[:: self.stride])
+
+    @property
+    def count(self) -> int:
+        return -(-self.signals.usable.size // self.stride)
+
+    @cached_property
+    def averaging(self) -> Kernel:
+        """The kernel for all but the torque, whose sensor has averaged already."""
+        return self.kernel.averaging(self.signals.torque_averaging_s / self.signals.tick_s)
+
+    def torque(self, shift_s: float = 0.0) -> FloatArray:
+        """The filtered torque, ``shift_s`` later, shape (count,); zero where nothing measures it."""
+        torque = self.signals.torque_nm
+        return np.zeros(self.count) if torque is None else self._at_ticks(torque[None, :], shift_s, self.kernel)[0]
+
+    def of_tick_signal(self, values: FloatArray, shift_s: float = 0.0) -> FloatArray:
+        """Any signal but the torque, given at the ticks, filtered."""
+        return np.asarray(self.of_tick_signals(values[None, :], shift_s)[0])
+
+    def of_tick_signals(self, values: FloatArray, shift_s: float = 0.0) -> FloatArray:
+        """Several at once: from (signals, ticks) to (signals, count)."""
+        return self._at_ticks(values, shift_s, self.averaging)
+
+    def _at_ticks(self, values: FloatArray, shift_s: float, kernel: Kernel) -> FloatArray:
+        shift = shift_s / self.signals.tick_s
+        reach = int(np.ceil(kernel.half_width + abs(shift)))
+        taps = kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)[None, :]
+        return np.stack([loops.filter_at(row, taps, -reach, self.stride, self.count)[0] for row in values])
+
+    def lag(self, shape: Shape, derivative: int = 0) -> FloatArray:
+        """The amplifier's lag of the command, per unit of gain, or its rate: shape (count,)."""
+        signals, bandwidth = self.signals, shape.bandwidth_rad_s
+        fine_s, count = signals.tick_s / self.fine, signals.time_s.size * self.fine
+        lag = self._recent.once(
+            ("lag", bandwidth),
+            lambda: loops.mean_lag_of_held(
+                signals.sent_s,
+                signals.command,
+                bandwidth,
+                signals.time_s[0],
+                fine_s,
+                count,
+                signals.released_at_zero,
+            ),
+        )
+        return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
+
+    def kinematics(self, shape: Shape) -> FloatArray:
+        """ω and ω̇, shape (2, count)."""
+        return self._recent.once(
+            ("kinematics", shape.motion_delay_s),
+            lambda: self.of_fine_signal(self._grid(self.signals.position_rad), (1, 2), shape.motion_delay_s),
+        )
+
+    def position(self, shape: Shape) -> FloatArray:
+        """θ and ω, shape (2, count)."""
+        return self.of_fine_signal(self._grid(self.signals.position_rad), (0, 1), shape.motion_delay_s)
+
+    def friction(self, shape: Shape) -> FloatArray:
+        """h, ḣ/s and E, shape (3, count)."""
+        path = self._friction_path(shape.s_per_rad)
+        sliding = self.of_fine_signal(self._corrected(path[0]), (0, 1), shape.motion_delay_s, of_means=True)
+        left = self.of_fine_signal(path[1], (0,), shape.motion_delay_s, of_means=True)
+        return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
+
+    def _friction_path(self, s_per_rad: float) -> FloatArray:
+        """h and what is left of an unknown state along the path, shape (2, ...)."""
+        path, rests = self.signals.path_rad, self.signals.rests
+        return self._recent.once(
+            ("friction", s_per_rad), lambda: loops.friction_path(self._grid(path), s_per_rad, rests * self.fine)
+        )
+
+    def _corrected(self, h: FloatArray) -> FloatArray:
+        """Without what counts do to it on average, as far as that is known."""
+        return h if self.friction_error is None else h - self._grid(self.friction_error)
+
+    def rates(self, shape: Shape, cogging: tuple[float, ...]) -> FloatArray:
+        """Change in time of all that moves: columns from INERTIA to DAMPING, each wave of cogging's two, and E, shape
+        (5 + 2 · waves, count)."""
+        motion = self.of_fine_signal(self._grid(self.signals.position_rad), (2, 3), shape.motion_delay_s)
+        path = self._friction_path(shape.s_per_rad)
+        sliding = self.of_fine_signal(self._corrected(path[0]), (1, 2), shape.motion_delay_s, of_means=True)
+        left = self.of_fine_signal(path[1], (1,), shape.motion_delay_s, of_means=True)
+        waves = [self.cogging(shape, periods, 1) for periods in cogging]
+        return np.concatenate([-motion[::-1], -sliding / [[1.0], [shape.s_per_rad]], *waves, -left])
+
+    def recounted(self, shape: Shape) -> "Rows":
+        """With what counts do to the friction on average taken off, as found at ``shape``."""
+        return replace(self, friction_error=friction_error(self.signals, shape.s_per_rad))
+
+    def cogging(self, shape: Shape, periods: float, derivative: int = 0) -> FloatArray:
+        """Cosine and sine of so many periods a turn, or their change in time, shape (2, count)."""
+        if periods not in self._waves:
+            angle = periods * self._grid(self.signals.position_rad)
+            self._waves[periods] = (np.cos(angle), np.sin(angle))
+        return np.concatenate(
+            [self.of_fine_signal(wave, (derivative,), shape.motion_delay_s) for wave in self._waves[periods]]
+        )
+
+    def memory(self) -> npt.NDArray[np.int64]:
+        """After which rest each instant lies, shape (count,): from 0, before the first."""
+        return np.searchsorted(self.signals.rests, np.arange(self.count) * self.stride, side="right")
+
+    def noise(self) -> FloatArray:
+        """Variances that readings' own errors give to the torque, the acceleration and the velocity, shape (3,)."""
+        torque, (velocity, acceleration) = self.torque_noise(0), (self.motion_noise(order) for order in (1, 2))
+        return np.array([torque, acceleration, velocity])
+
+    def torque_noise(self, derivative: int) -> float:
+        """The variance that readings' own errors give to a derivative of the torque."""
+        tick_s = self.signals.tick_s
+        return self.signals.torque_noise * self.kernel.energy(derivative) / tick_s ** (2 * derivative + 1)
+
+    def motion_noise(self, derivative: int) -> float:
+        """The same of the motion."""
+        tick_s = self.signals.tick_s
+        return self.signals.position_noise * self.averaging.energy(derivative) / tick_s ** (2 * derivative + 1)
+
+    def columns(self, shape: Shape) -> FloatArray:
+        """The five physical columns in the order of LINEAR, then E: shape (6, count)."""
+        velocity, acceleration = self.kinematics(shape)
+        h, rate, left = self.friction(shape)
+        return np.stack([self.lag(shape), -acceleration, -velocity, -h, -rate, -left])
+
+    def of_fine_signal(
+        self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False
+    ) -> FloatArray:
+        """Derivatives of any signal given at the motions' instants, filtered: shape (derivatives, count)."""
+        tick_s = self.signals.tick_s
+        taps = _fine_taps(self.averaging, derivatives, shift_s, tick_s, self.fine, of_means)
+        reach = taps.shape[1] // 2
+        return np.asarray(loops.filter_at(values, taps, -reach, self.stride * self.fine, self.count))
+
+
+@lru_cache(maxsize=64)  # every stretch asks for the same, and one step of the search for several of the last's
+def _fine_taps(
+    kernel: Kernel, derivatives: tuple[int, ...], shift_s: float, tick_s: float, fine: int, of_means: bool
+) -> FloatArray:
+    """Shape (derivatives, taps), of a signal known ``fine`` times a tick; not to be written to."""
+    reach = int(np.ceil(kernel.half_width + abs(shift_s) / tick_s)) * fine
+    offsets = np.arange(-reach, reach + 1) / fine - shift_s / tick_s
+    return np.stack([kernel.taps(offsets, order, of_means=of_means) / tick_s**order for order in derivatives])
+
+
+# As a bandwidth, this makes no lag: the command as it is held.
+NO_LAG_RAD_S = 1e9
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """One stretch at its ticks, arrays of shape (n,), all through one low-pass, on the torque's time.
+
+    ``command`` is the command as it was held, not delayed: what comes of it later is for others to find out.
+    """
+
+    rows: Rows
+    motion_delay_s: float
+    torque_nm: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+    command: FloatArray
+
+    @property
+    def signals(self) -> Signals:
+        return self.rows.signals
+
+    @property
+    def usable(self) -> npt.NDArray[np.bool_]:
+        return self.signals.usable
+
+
+def align(stretches: Sequence[Signals], motion_delay_s: float) -> tuple[Aligned, ...]:
+    """Every stretch; positive ``motion_delay_s`` where motion comes later than torque."""
+    return tuple(_align(Rows(stretch, FULL_BAND), motion_delay_s) for stretch in stretches)
+
+
+def usable_of(stretches: Sequence[Aligned], parts: Sequence[FloatArray]) -> FloatArray:
+    """Parts (..., n), one a stretch, cut to what may be used and joined."""
+    return np.concatenate([part[..., each.usable] for part, each in zip(parts, stretches, strict=True)], axis=-1)
+
+
+def _align(rows: Rows, motion_delay_s: float) -> Aligned:
+    signals = rows.signals
+    held = loops.mean_lag_of_held(
+        signals.sent_s,
+        signals.command,
+        NO_LAG_RAD_S,
+        signals.time_s[0],
+        signals.tick_s / FINE,
+        signals.position_rad.size,
+        signals.released_at_zero,
+    )
+    position, velocity, acceleration = rows.of_fine_signal(signals.position_rad, (0, 1, 2), motion_delay_s)
+    return Aligned(
+        rows,
+        motion_delay_s,
+        rows.torque(),
+        position,
+        velocity,
+        acceleration,
+        rows.of_fine_signal(held, (0,), 0.0, of_means=True)[0],
+    )

@@ -1,0 +1,96 @@
+"""Serial ports read as a real-time loop wants them, and what to do where one cannot be opened.
+
+Linux moves what a serial device has sent from one buffer to another in a thread of its own, of no priority at all. Who
+reads, or asks by ``poll`` or ``select``, before anything has been moved waits for that thread: now and then for most
+of a millisecond. Who asks for the count does not wait, and finds the bytes at the next look.
+"""
+
+import errno
+import os
+import socket
+import struct
+import sys
+
+import serial
+
+if sys.platform != "win32":
+    import fcntl
+    import termios
+
+
+def serial_mend(error: BaseException | None) -> str:
+    """The half sentence after the failure; python-can wraps pyserial's error in one of its own."""
+    numbers = set()
+    while error is not None:
+        numbers.add(getattr(error, "errno", None))
+        error = error.__cause__
+    if numbers & {errno.EACCES, errno.EPERM}:
+        return "this user may not open it: `sudo usermod -aG dialout $USER`, then log in again"
+    if numbers & {errno.EBUSY, errno.EAGAIN}:
+        return "another program has it open: close that one (ModemManager and slcand are known to take such ports)"
+    if errno.ENOENT in numbers:
+        return "is it plugged in? `norton-bench devices` lists what is"
+    return "is it a serial port, plugged in and free, and may this user open it (group dialout)?"
+
+
+COUNT = struct.Struct("i")
+
+
+class LowLatencySerial:
+    """An open port of pyserial's for POSIX, without a timeout."""
+
+    def __init__(self, line: serial.Serial) -> None:
+        self._line = line
+        self._descriptor: int = line.fileno()
+
+    @property
+    def in_waiting(self) -> int:
+        """How many bytes can be read at once. Raises OSError for a lost port."""
+        # A port that was pulled out reads as one on which nothing comes; asked for its count, it says so.
+        return int(self._line.in_waiting)
+
+    def read(self, size: int = 1) -> bytes:
+        """At most ``size`` bytes, and no fewer than were counted. Raises OSError."""
+        try:
+            return os.read(self._descriptor, size)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes, /) -> int | None:
+        """As pyserial does."""
+        written: int | None = self._line.write(data)
+        return written
+
+    def close(self) -> None:
+        """As pyserial does."""
+        self._line.close()
+
+
+class EagerSocket(LowLatencySerial):
+    """The same for ``socket://host:port``, a serial line behind TCP, of which pyserial hands out byte by byte.
+
+    No thread of the system's stands between: a computer with other work hands on at once what has come.
+    """
+
+    def __init__(self, line: serial.Serial) -> None:
+        super().__init__(line)
+        self._socket = socket.fromfd(self._descriptor, socket.AF_INET, socket.SOCK_STREAM)
+
+    @property
+    def in_waiting(self) -> int:
+        """How many bytes can be read at once. Raises OSError where the far end has closed the line."""
+        found: int = COUNT.unpack(fcntl.ioctl(self._descriptor, termios.FIONREAD, bytes(COUNT.size)))[0]
+        if not found and self._ended():
+            raise OSError("its far end has closed it")
+        return found
+
+    def _ended(self) -> bool:
+        try:
+            return not self._socket.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return False
+
+    def close(self) -> None:
+        """As pyserial does."""
+        self._socket.close()
+        super().close()

@@ -1,0 +1,165 @@
+"""What a VESC says: its answers to questions, its shaft's position, and what shows on a bus with others that it is one.
+
+It tells only when it is asked that it is there, its version, and its fault code. Source: vedderb/bldc, comm/comm_can.c
+(``CAN_PACKET_PING``, packets), comm/commands.c (``COMM_FW_VERSION``, ``COMM_GET_VALUES_SELECTIVE``). None of these
+counts as a command for the drive's timeout."""
+
+from collections.abc import Collection, Iterator, Mapping
+from math import pi
+from typing import Any
+
+import can
+
+from norton_drivers.clock import Clock
+from norton_drivers.codecs import vesc as protocol
+from norton_drivers.codecs import vesc_packets as packets
+from norton_drivers.codecs.vesc import Packet
+from norton_drivers.ports import CanPort
+from norton_drivers.readings import Inbox, RawFrame, Unwrapped
+from norton_drivers.recognition import Question, Recognised
+
+FAULT_PERIOD_NS = 20_000_000  # a fault lasts half a second at least
+
+
+class VescQueries:
+    """Questions to the drive ``node``, answered to ``host_node``. ``fault`` is the last code told, 0 for none."""
+
+    def __init__(self, node: int, host_node: int, port: CanPort, clock: Clock) -> None:
+        self.fault = 0
+        self.fault_ns = 0  # arrival of the last answer
+        self.faults_told = 0
+        self.pongs: Inbox[int] = Inbox()  # hardware types
+        self.versions: Inbox[tuple[int, int, str]] = Inbox()
+        self._node, self._host_node = node, host_node
+        self._port = port
+        self._clock = clock
+        self._assembler = packets.Assembler()
+        self._asked_ns: int | None = None
+
+    @property
+    def malformed(self) -> int:
+        """Packets that could not be put together."""
+        return self._assembler.malformed
+
+    def ping(self) -> None:
+        """Raises ConnectionFailedError."""
+        identifier = protocol.arbitration_id(Packet.PING, self._node)
+        self._port.send(identifier, bytes((self._host_node,)), extended=True)
+
+    def ask_version(self) -> None:
+        """Raises ConnectionFailedError."""
+        self._ask(packets.ask_version())
+
+    def ask_fault_now_and_then(self) -> None:
+        """Called before every poll; asks no oftener than is of use. Raises ConnectionFailedError."""
+        now_ns = self._clock.now_ns()
+        if self._asked_ns is None or now_ns - self._asked_ns >= FAULT_PERIOD_NS:
+            self._asked_ns = now_ns
+            self._ask(packets.ask_fault())
+
+    def on_frame(self, identifier: int, data: bytearray, arrival_ns: int) -> bool:
+        """Take a frame that is an answer to this computer; True where it brought a fault code. Raises CodecError."""
+        packet, receiver = protocol.split_id(identifier)
+        if receiver != self._host_node:
+            return False
+        if packet == Packet.PONG:
+            self._on_pong(data)
+            return False
+        received = self._assembler.feed(packet, data)
+        if received is None or received.sender != self._node or received.handling != packets.Handling.TAKE:
+            return False
+        return self._on_packet(received.payload, arrival_ns)
+
+    def _on_pong(self, data: bytearray) -> None:
+        node, hardware_type = protocol.pong_of(data)
+        if node == self._node:
+            self.pongs.put(hardware_type)
+
+    def _on_packet(self, payload: bytes, arrival_ns: int) -> bool:
+        if payload[0] == packets.Command.FW_VERSION:
+            self.versions.put(packets.version_of(payload))
+        elif payload[0] == packets.Command.GET_VALUES_SELECTIVE:
+            self.fault, self.fault_ns = packets.fault_of(payload), arrival_ns
+            self.faults_told += 1
+            return True
+        return False
+
+    def _ask(self, payload: bytes) -> None:
+        handling = packets.Handling.ANSWER
+        for frame in packets.frames_of(payload, sender=self._host_node, receiver=self._node, handling=handling):
+            self._port.send(frame.arbitration_id, frame.data, extended=True)
+
+
+_DEVICE = "a VESC"
+# CAN_PACKET_STATUS to CAN_PACKET_STATUS_6 (datatypes.h); the sixth has eight bytes, as all have but the fifth of old.
+_STATUSES = {Packet.STATUS: 1, 14: 2, 15: 3, Packet.STATUS_4: 4, Packet.STATUS_5: 5, 58: 6}
+_COMMANDS = frozenset((0, 1, 2, 3, 4, 10, 11, 12, 13))  # duty, current, brake, speed, position, and relative ones
+_PIECES = (Packet.FILL_RX_BUFFER, Packet.FILL_RX_BUFFER_LONG)
+_FROM_SENDER = (Packet.PROCESS_RX_BUFFER, Packet.PROCESS_SHORT_BUFFER)
+
+
+def recognise(message: can.Message, options: Mapping[str, Any]) -> Recognised | None:
+    """Status messages and pongs are sure: nobody else has 29-bit identifiers as low as these."""
+    packet, node = protocol.split_id(message.arbitration_id)
+    if not message.is_extended_id or message.is_remote_frame:
+        return None
+    if packet in _STATUSES and message.dlc in (6, 8):
+        return Recognised(_DEVICE, f"STATUS_{_STATUSES[packet]}", {"node": node})
+    if packet in _COMMANDS:
+        return Recognised(_DEVICE, "command", {"node": node}, sure=False, from_host=True)
+    return _answer(packet, message, node == options.get("host_node", protocol.NODE_MAX))
+
+
+def _answer(packet: int, message: can.Message, to_us: bool) -> Recognised | None:
+    """What is sent to whoever asked; its first byte is the sender, where it is not a mere part of an answer."""
+    if packet == Packet.PONG and message.dlc:
+        return Recognised(_DEVICE, "pong", {"node": message.data[0]})
+    if packet in _FROM_SENDER and message.dlc and to_us:
+        return Recognised(_DEVICE, "answers", {"node": message.data[0]}, sure=False)
+    return Recognised(_DEVICE, "part of an answer", sure=False) if packet in _PIECES else None
+
+
+def answers(question: RawFrame, frame: RawFrame) -> bool:
+    """A pong comes to whoever sent the ping, from the controller that was pinged."""
+    if not (question.extended and frame.extended and question.data and frame.data):
+        return False
+    (asked, node), (said, host) = protocol.split_id(question.arbitration_id), protocol.split_id(frame.arbitration_id)
+    return asked == Packet.PING and said == Packet.PONG and host == question.data[0] and frame.data[0] == node
+
+
+def probes(options: Mapping[str, Any], _heard: Collection[int]) -> Iterator[Question]:
+    """Every controller id is pinged; other makers' devices do not listen to such identifiers."""
+    host = options.get("host_node", protocol.NODE_MAX)
+    for node in range(protocol.NODE_MAX + 1):
+        if node != host:
+            yield Question(protocol.arbitration_id(Packet.PING, node), bytes((host,)), extended=True)
+
+
+TURN_RAD = 2 * pi
+_CODES_PER_TURN = 18_000  # of the angle in STATUS_4
+
+
+class VescShaft:
+    """In the drive's own sense. ``velocity_rad_s`` is None until a STATUS has come."""
+
+    def __init__(self, pole_pairs: int, *, encoder: bool) -> None:
+        self.velocity_rad_s: float | None = None
+        codes_per_turn = _CODES_PER_TURN if encoder else protocol.TACHOMETER_PER_ELECTRICAL_TURN * pole_pairs
+        self.step_rad = TURN_RAD / codes_per_turn
+        self._rad_s_per_erpm = TURN_RAD / 60 / pole_pairs
+        self._followed = Unwrapped(_CODES_PER_TURN if encoder else protocol.TACHOMETER_SPAN)
+        self._last: tuple[int, float] | None = None  # arrival [ns] and velocity [rad/s] at the last position
+
+    def on_erpm(self, erpm: float) -> None:
+        """From STATUS."""
+        self.velocity_rad_s = protocol.middle(erpm, protocol.ERPM_STEP) * self._rad_s_per_erpm
+
+    def position_rad(self, code: int, arrival_ns: int) -> float:
+        """From a code of STATUS_4 or STATUS_5, in steps: the velocity tells which turn it is in."""
+        velocity_rad_s = self.velocity_rad_s or 0.0
+        expected_rad = 0.0
+        if self._last is not None:
+            last_ns, last_rad_s = self._last
+            expected_rad = 0.5 * (velocity_rad_s + last_rad_s) * (arrival_ns - last_ns) * 1e-9
+        self._last = arrival_ns, velocity_rad_s
+        return self._followed.follow(code, expected_rad / self.step_rad) * self.step_rad
