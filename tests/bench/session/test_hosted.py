@@ -130,6 +130,7 @@ def test_the_death_of_a_child_is_reported(tmp_path: Path) -> None:
 WATCHER = """
 import sys, time
 from pathlib import Path
+from norton_bench.events import PartMeasured
 from norton_bench.rig.load import load_rig
 from norton_bench.session.hosted import HostedSession
 from norton_bench.session.schema import parse_session
