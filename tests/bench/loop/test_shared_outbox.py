@@ -8,8 +8,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from norton_bench.loop.devices import Arrivals
-from norton_bench.loop.outbox import Outbox
-from norton_bench.loop.shared_outbox import EVENTS, FRAME_BYTES, SharedInbox, SharedMemory, SharedOutbox
+from norton_bench.loop.outbox import EVENTS, FRAME_BYTES, Outbox, SharedInbox, SharedMemory, SharedOutbox
 from norton_bench.records import TABLES, TICK
 from norton_bench.rig.load import load_rig
 from norton_drivers.readings import CurrentReading, MotionReading, RawFrame, TorqueReading
