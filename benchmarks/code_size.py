@@ -34,7 +34,7 @@ def note():
 atexit.register(note)
 """  # noqa: E501
 # The tick is traced in a process of its own: the tracer must be there before the loop is.
-TICK = 450  # of the segment of imposed motion: the controller has settled, and no part is handed to the session
+TICK = 456  # of the segment of imposed motion: the controller has settled, no part is handed on, no heartbeat comes
 TRACED = f"""
 import sys
 from collections import Counter

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypedDict, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -20,8 +20,11 @@ Table = npt.NDArray[np.void]
 NO_SEGMENT = -1  # of ticks between two segments, while the loop waits for the session
 
 
-class Tick(NamedTuple):
-    """One row a tick. Values are the newest known at the tick (NaN before the first); ages are now minus arrival."""
+class Tick(TypedDict):
+    """One row a tick: its columns, in their order.
+
+    Values are the newest known at the tick (NaN before the first); ages are now minus arrival.
+    """
 
     tick_ns: int  # the tick's deadline, at which its commands were sent
     lateness_ns: int  # when the tick really began, after its deadline
