@@ -78,6 +78,8 @@ TORQUE = np.dtype(
     [("arrival_ns", "i8"), ("device_ns", "i8"), ("sequence", "i8"), ("torque_nm", "f8"), ("valid", "?")]
 )  # device_ns is NO_DEVICE_TIME where the sensor sends none
 
+TEMPERATURE = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("temperature_c", "f8")])
+
 
 class Quantity(NamedTuple):
     """One measured value of a reading: its column, and its name and unit for people."""
@@ -131,6 +133,12 @@ TORQUES = Kind(
     quantities=(Quantity("torque_nm", "torque", "N*m"),),
     take="take_torque",
     convert=_torque_row,
+)
+TEMPERATURES = Kind(
+    "Temperature",
+    TEMPERATURE,
+    quantities=(Quantity("temperature_c", "temperature", "°C"),),
+    take="take_temperature",
 )
 
 
@@ -241,6 +249,7 @@ class Measured:
         Stream(MOTIONS, "/modulator/motion", "modulator", "modulator motion", "modulator_motion_age_ns", required=True)
     )
     modulator_current: Table = _table(Stream(CURRENTS, "/modulator/current", "modulator", "modulator current"))
+    temperature: Table = _table(Stream(TEMPERATURES, "/temperature", "temperature_sensor", "housing temperature"))
 
     @property
     def empty(self) -> bool:

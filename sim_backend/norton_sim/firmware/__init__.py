@@ -7,6 +7,7 @@ from norton_drivers.options import parse_options
 from norton_sim.firmware.ascii_lines import AsciiSensor
 from norton_sim.firmware.bota import BotaSensor
 from norton_sim.firmware.canopen_sensor import CanopenSensor
+from norton_sim.firmware.celsius import CelsiusProbe
 from norton_sim.firmware.cia402 import Cia402Drive
 from norton_sim.firmware.dbc_sensor import DbcSensor
 from norton_sim.firmware.dyn200 import Dyn200Sensor
@@ -33,6 +34,7 @@ FIRMWARE: Mapping[str, Callable[[Site], Firmware]] = {
     "ascii": AsciiSensor,
     "bota": BotaSensor,
     "canopen": CanopenSensor,
+    "celsius": CelsiusProbe,
     "dbc": DbcSensor,
     "dyn200": Dyn200Sensor,
     "mantracourt": MantracourtSensor,
