@@ -34,7 +34,7 @@ def note():
 atexit.register(note)
 """  # noqa: E501
 # The tick is traced in a process of its own: the tracer must be there before the loop is.
-TICK = 400  # of the segment of imposed motion: the controller has settled
+TICK = 456  # of the segment of imposed motion: the controller has settled, no part is handed on, no heartbeat comes
 TRACED = f"""
 import sys
 from collections import Counter
@@ -59,7 +59,7 @@ def profile(frame, event, argument):
 
 def tick(self, *arguments):
     done = inner(self, *arguments)
-    if self._last_segment.procedure == "imposed":
+    if self._last.segment.procedure == "imposed":
         state["ticks"] += 1
         if state["ticks"] == {TICK}:
             sys.setprofile(profile)

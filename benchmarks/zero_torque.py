@@ -30,8 +30,7 @@ from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import foreseeing, with_preview
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.trials import TRIAL
-from norton_bench.loop.devices import open_devices
-from norton_bench.loop.gate import guard_for
+from norton_bench.loop.devices import guard_for, open_devices
 from norton_bench.loop.loop import Loop
 from norton_bench.loop.outbox import Outbox
 from norton_bench.models.network import NortonNetwork

@@ -7,54 +7,66 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypedDict, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
 
-from norton_bench.segments import Use
+from norton_bench.segments import Segment, Use
 from norton_drivers.readings import RawFrame, TorqueReading
 
 Table = npt.NDArray[np.void]
 
 NO_SEGMENT = -1  # of ticks between two segments, while the loop waits for the session
 
-# One row a tick. Values are the newest known at the tick (NaN before the first); ages are now minus arrival.
+
+class Tick(TypedDict):
+    """One row a tick: its columns, in their order.
+
+    Values are the newest known at the tick (NaN before the first); ages are now minus arrival.
+    """
+
+    tick_ns: int  # the tick's deadline, at which its commands were sent
+    lateness_ns: int  # when the tick really began, after its deadline
+    work_ns: int  # how long the tick took
+    segment: Annotated[int, "i4"]  # its index, or NO_SEGMENT
+    command: float  # actuator command as it was sent: after the guard and the rounding of its wire
+    wished_load_torque_nm: float
+    load_torque_nm: float  # load command, likewise
+    torque_nm: float
+    torque_age_ns: int
+    position_rad: float
+    velocity_rad_s: float
+    motion_age_ns: int
+    load_position_rad: float
+    load_velocity_rad_s: float
+    load_motion_age_ns: int
+    reference_position_rad: float
+    reference_velocity_rad_s: float
+    transistor_temperature_c: float
+    load_transistor_temperature_c: float
+    limited: Annotated[int, "u4"]  # bit set of the guard's limits that clipped this tick's commands
+    receive_ns: int  # how long each stage took: reading all ports,
+    control_ns: int  # the sample and what is wished,
+    guard_ns: int  # the drives' health and the last word,
+    send_ns: int  # writing to all ports,
+    put_ns: int  # and, in the tick before, putting it all away
+    modulation: float  # the modulator's command as it was sent; NaN where there is none
+    modulator_position_rad: float
+    modulator_motion_age_ns: int
+    modulator_transistor_temperature_c: float
+    supply_v: float  # of the actuator's drive; NaN, as temperatures are, where the drive does not tell
+    load_supply_v: float
+    motor_temperature_c: float
+    load_motor_temperature_c: float
+
+
+# A column's type in recordings; an annotation says it where it is not the usual one.
+CODES = {int: "i8", float: "f8"}
 TICK = np.dtype(
     [
-        ("tick_ns", "i8"),  # the tick's deadline, at which its commands were sent
-        ("lateness_ns", "i8"),  # when the tick really began, after its deadline
-        ("work_ns", "i8"),  # how long the tick took
-        ("segment", "i4"),  # its index, or NO_SEGMENT
-        ("command", "f8"),  # actuator command as it was sent: after the guard and the rounding of its wire
-        ("wished_load_torque_nm", "f8"),
-        ("load_torque_nm", "f8"),  # load command, likewise
-        ("torque_nm", "f8"),
-        ("torque_age_ns", "i8"),
-        ("position_rad", "f8"),
-        ("velocity_rad_s", "f8"),
-        ("motion_age_ns", "i8"),
-        ("load_position_rad", "f8"),
-        ("load_velocity_rad_s", "f8"),
-        ("load_motion_age_ns", "i8"),
-        ("reference_position_rad", "f8"),
-        ("reference_velocity_rad_s", "f8"),
-        ("transistor_temperature_c", "f8"),
-        ("load_transistor_temperature_c", "f8"),
-        ("limited", "u4"),  # bit set of the guard's limits that clipped this tick's commands
-        ("receive_ns", "i8"),  # how long each stage took: reading all ports,
-        ("control_ns", "i8"),  # the sample and what is wished,
-        ("guard_ns", "i8"),  # the drives' health and the last word,
-        ("send_ns", "i8"),  # writing to all ports,
-        ("put_ns", "i8"),  # and, in the tick before, putting it all away
-        ("modulation", "f8"),  # the modulator's command as it was sent; NaN where there is none
-        ("modulator_position_rad", "f8"),
-        ("modulator_motion_age_ns", "i8"),
-        ("modulator_transistor_temperature_c", "f8"),
-        ("supply_v", "f8"),  # of the actuator's drive; NaN, as temperatures are, where the drive does not tell
-        ("load_supply_v", "f8"),
-        ("motor_temperature_c", "f8"),
-        ("load_motor_temperature_c", "f8"),
+        (name, getattr(kind, "__metadata__", ("",))[0] or CODES[kind])
+        for name, kind in get_type_hints(Tick, include_extras=True).items()
     ]
 )
 NO_DEVICE_TIME = np.iinfo(np.int64).min
@@ -65,6 +77,8 @@ CURRENT = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("current_a", "f8"
 TORQUE = np.dtype(
     [("arrival_ns", "i8"), ("device_ns", "i8"), ("sequence", "i8"), ("torque_nm", "f8"), ("valid", "?")]
 )  # device_ns is NO_DEVICE_TIME where the sensor sends none
+
+TEMPERATURE = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("temperature_c", "f8")])
 
 
 class Quantity(NamedTuple):
@@ -120,6 +134,12 @@ TORQUES = Kind(
     take="take_torque",
     convert=_torque_row,
 )
+TEMPERATURES = Kind(
+    "Temperature",
+    TEMPERATURE,
+    quantities=(Quantity("temperature_c", "temperature", "°C"),),
+    take="take_temperature",
+)
 
 
 @dataclass(frozen=True)
@@ -162,6 +182,12 @@ class SegmentInfo:
     start_ns: int
     end_ns: int
     preview: bool = False
+
+    @staticmethod
+    def of(segment: Segment, index: int, start_ns: int, end_ns: int) -> "SegmentInfo":
+        """A segment as it is recorded: the ``index``-th that was run, until ``end_ns``, or that has run so far."""
+        mode = segment.mode.value
+        return SegmentInfo(index, segment.procedure, segment.name, segment.use, mode, start_ns, end_ns, segment.preview)
 
 
 # What an in-situ experiment takes its load for (norton_bench.identification.in_situ).
@@ -223,6 +249,7 @@ class Measured:
         Stream(MOTIONS, "/modulator/motion", "modulator", "modulator motion", "modulator_motion_age_ns", required=True)
     )
     modulator_current: Table = _table(Stream(CURRENTS, "/modulator/current", "modulator", "modulator current"))
+    temperature: Table = _table(Stream(TEMPERATURES, "/temperature", "temperature_sensor", "housing temperature"))
 
     @property
     def empty(self) -> bool:

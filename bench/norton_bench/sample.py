@@ -7,11 +7,8 @@ from typing import Any, NamedTuple
 from norton_drivers.readings import CurrentReading, MotionReading, TorqueReading
 
 NAN = float("nan")
-# Stand for readings that have not come yet: later than any tick, with a number that no reading has.
-NEVER_NS = 2**63
-NO_MOTION = MotionReading(-1, NEVER_NS, NAN, NAN)
-NO_CURRENT = CurrentReading(-1, NEVER_NS, NAN)
-NO_TORQUE = TorqueReading(-1, NEVER_NS, NAN)
+# Stand for readings that have not come yet.
+NO_MOTION, NO_CURRENT, NO_TORQUE = MotionReading(-1, 0, NAN, NAN), CurrentReading(-1, 0, NAN), TorqueReading(-1, 0, NAN)
 
 
 class Sample(NamedTuple):
@@ -80,40 +77,37 @@ class Alignment:
         newest, new = self._newest, arrivals.get
         for name, readings in arrivals.items():
             newest[name] = readings[-1]
+        torque: TorqueReading = newest["torque"]
         motion: MotionReading = newest["motion"]
         load: MotionReading = newest["load_motion"]
-        torque: TorqueReading = newest["torque"]
         current: CurrentReading = newest["current"]
         load_current: CurrentReading = newest["load_current"]
         modulator: MotionReading = newest["modulator_motion"]
-        # What arrives while the tick reads its ports has an age of 0, not a negative one.
-        torque_age_ns, motion_age_ns, load_age_ns, current_age_ns, load_current_age_ns, modulator_age_ns = [
-            max(tick_ns - each.arrival_ns, 0 if each.sequence >= 0 else -1)
-            for each in (torque, motion, load, current, load_current, modulator)
-        ]
+        # By position, in the order of the fields: by keyword it takes four times as long. What arrives while the tick
+        # reads its ports has an age of 0, not a negative one.
         return Sample(
-            tick_ns=tick_ns,
-            torque_nm=torque.torque_nm - self.torque_bias_nm if torque.valid else NAN,
-            torque_age_ns=torque_age_ns,
-            torque_new="torque" in arrivals,
-            position_rad=motion.position_rad,
-            velocity_rad_s=motion.velocity_rad_s,
-            motion_age_ns=motion_age_ns,
-            motion_new="motion" in arrivals,
-            load_position_rad=load.position_rad,
-            load_velocity_rad_s=load.velocity_rad_s,
-            load_motion_age_ns=load_age_ns,
-            load_motion_new="load_motion" in arrivals,
-            current_a=current.current_a,
-            current_age_ns=current_age_ns,
-            current_new="current" in arrivals,
-            load_current_a=load_current.current_a,
-            load_current_age_ns=load_current_age_ns,
-            load_current_new="load_current" in arrivals,
-            torque_count=len(new("torque", ())),
-            motion_count=len(new("motion", ())),
-            load_motion_count=len(new("load_motion", ())),
-            modulator_position_rad=modulator.position_rad,
-            modulator_motion_age_ns=modulator_age_ns,
-            lateness_ns=tick_ns - deadline_ns,
+            tick_ns,
+            torque.torque_nm - self.torque_bias_nm if torque.valid else NAN,
+            -1 if torque is NO_TORQUE else max(0, tick_ns - torque.arrival_ns),
+            "torque" in arrivals,
+            motion.position_rad,
+            motion.velocity_rad_s,
+            -1 if motion is NO_MOTION else max(0, tick_ns - motion.arrival_ns),
+            "motion" in arrivals,
+            load.position_rad,
+            load.velocity_rad_s,
+            -1 if load is NO_MOTION else max(0, tick_ns - load.arrival_ns),
+            "load_motion" in arrivals,
+            current.current_a,
+            -1 if current is NO_CURRENT else max(0, tick_ns - current.arrival_ns),
+            "current" in arrivals,
+            load_current.current_a,
+            -1 if load_current is NO_CURRENT else max(0, tick_ns - load_current.arrival_ns),
+            "load_current" in arrivals,
+            len(new("torque", ())),
+            len(new("motion", ())),
+            len(new("load_motion", ())),
+            modulator.position_rad,
+            -1 if modulator is NO_MOTION else max(0, tick_ns - modulator.arrival_ns),
+            tick_ns - deadline_ns,
         )

@@ -4,6 +4,7 @@ Torque is that which the actuator exerts on the load, times ``direction``. Nothi
 :mod:`norton_drivers.codecs.lines`): where the sensor's lines are all of one width, say so with ``width``.
 """
 
+from collections.abc import Callable
 from math import inf
 
 from pydantic import Field
@@ -13,7 +14,7 @@ from norton_drivers.errors import DeviceTimeoutError
 from norton_drivers.link import Link
 from norton_drivers.ports import SerialPort
 from norton_drivers.readings import DeviceIdentity
-from norton_drivers.serial_sensor import SerialSensor
+from norton_drivers.serial_sensor import ByteStamps, SerialSensor
 from norton_drivers.wiring import DeviceSettings, TorqueSensorOptions, parse_options
 
 CONNECTION = "serial"
@@ -47,15 +48,18 @@ def open_torque_sensor(settings: DeviceSettings, link: Link) -> "AsciiSensor":
     return AsciiSensor(settings, options, link.serial_port(settings, options.baud), link)
 
 
-class AsciiSensor(SerialSensor):
-    """``numbers`` counts lines that are no number of the expected form, ``stream`` those that never ended."""
+class NumberLines:
+    """The numbers that a sensor prints on ``port``: each goes to ``put``, with when its line was complete [ns].
 
-    def __init__(self, settings: DeviceSettings, options: AsciiOptions, port: SerialPort, link: Link) -> None:
-        super().__init__(settings, options, port, link, options.scale)
+    ``numbers`` counts lines that are no number of the expected form, ``stream`` those that never ended.
+    """
+
+    def __init__(self, port: SerialPort, form: NumberFormat, baud: int, put: Callable[[float, int], None]) -> None:
         self.stream = LineStream(mid_line=True)
-        self.numbers = Numbers(options.number_format)
+        self.numbers = Numbers(form)
+        self._stamps = ByteStamps(baud)
+        self._put = put
         self._last_garbled = b""
-        self._baud = options.baud
         port.subscribe(self._on_bytes)
 
     @property
@@ -63,16 +67,8 @@ class AsciiSensor(SerialSensor):
         """Lines that are no number, or no line."""
         return self.numbers.garbled + self.stream.overlong
 
-    def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
-        """Wait for a number: the sensor says nothing else."""
-        if not self._comes(timeout_s):
-            raise DeviceTimeoutError(
-                f"[{self.role}] sensor on {self._port.name}: no number in {timeout_s:g} s{self._what_came()}; check "
-                f"power, port, baud {self._baud}, and unit, separator, field and width in the rig file"
-            )
-        return DeviceIdentity(driver="ascii", address=self._port.name)
-
-    def _what_came(self) -> str:
+    def what_came(self) -> str:
+        """In brackets, for a message that no number came; empty where nothing did."""
         if not self.malformed:
             return ""
         last = f", the last {self._last_garbled[:_SHOWN].decode('ascii', 'replace')!r}" if self._last_garbled else ""
@@ -84,4 +80,27 @@ class AsciiSensor(SerialSensor):
             if number is None:
                 self._last_garbled = line.text
             elif self.numbers.believed:
-                self._readings.put(number, self._stamps.complete_ns(arrival_ns, line.later_bytes))
+                self._put(number, self._stamps.complete_ns(arrival_ns, line.later_bytes))
+
+
+class AsciiSensor(SerialSensor):
+    """A torque sensor that prints lines."""
+
+    def __init__(self, settings: DeviceSettings, options: AsciiOptions, port: SerialPort, link: Link) -> None:
+        super().__init__(settings, options, port, link, options.scale)
+        self._baud = options.baud
+        self.lines = NumberLines(port, options.number_format, options.baud, self._readings.put)
+
+    @property
+    def malformed(self) -> int:
+        """Lines that are no number, or no line."""
+        return self.lines.malformed
+
+    def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
+        """Wait for a number: the sensor says nothing else."""
+        if not self._comes(timeout_s):
+            raise DeviceTimeoutError(
+                f"[{self.role}] sensor on {self._port.name}: no number in {timeout_s:g} s{self.lines.what_came()}; "
+                f"check power, port, baud {self._baud}, and unit, separator, field and width in the rig file"
+            )
+        return DeviceIdentity(driver="ascii", address=self._port.name)

@@ -43,6 +43,14 @@ class TorqueReading(NamedTuple):
     valid: bool = True
 
 
+class TemperatureReading(NamedTuple):
+    """Temperature at the place of a probe."""
+
+    sequence: int
+    arrival_ns: int
+    temperature_c: float
+
+
 class DriveState(Enum):
     """Where a drive stands, whatever its maker calls it."""
 

@@ -71,7 +71,7 @@ def _device_truth(truth: Truth, role: str) -> Mapping[str, Any]:
         "load": truth.load,
         "torque_sensor": truth.torque_sensor,
         "modulator": truth.modulator,
-    }[role]
+    }.get(role)
     return {} if described is None else described.device
 
 

@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from norton_bench.loop.devices import Devices, open_devices
-from norton_bench.loop.gate import guard_for
+from norton_bench.loop.devices import Devices, guard_for, open_devices
 from norton_bench.loop.loop import Loop
 from norton_bench.loop.outbox import Outbox
 from norton_bench.records import Measured

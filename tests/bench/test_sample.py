@@ -1,9 +1,10 @@
 """Ages count from arrival; a repeat is not a new measurement."""
 
 from math import isnan
+from typing import Any
 
 from norton_bench.records import STREAMS
-from norton_bench.sample import Alignment, Sample
+from norton_bench.sample import Alignment
 from norton_drivers.readings import CurrentReading, MotionReading, TorqueReading
 
 
@@ -51,39 +52,41 @@ def test_currents_of_both_drives() -> None:
     )
 
 
-def test_every_signal_of_a_sample_is_a_stream_of_the_table() -> None:
-    streams = {stream.name: stream for stream in STREAMS}
-    readings = {
-        "Motion": MotionReading(1, 400, 1.0, 2.0),
-        "Torque": TorqueReading(1, 400, 3.0),
-        "Current": CurrentReading(1, 400, 4.0),
-    }
-    arrived = {name: [readings[stream.kind.message]] for name, stream in streams.items()}
-    sample = Alignment().update(1_000, 700, arrived)
+def reading(message: str, place: int) -> Any:
+    """One that no other stream has."""
+    if message == "Motion":
+        return MotionReading(1, 100 * place, 10.0 * place, 10.0 * place + 1)
+    made = TorqueReading if message == "Torque" else CurrentReading
+    return made(1, 100 * place, 10.0 * place)
+
+
+def test_every_signal_of_a_sample_is_a_stream_of_the_table_and_stands_in_its_field() -> None:
+    streams = {stream.name: stream.kind.message for stream in STREAMS}
     assert set(Alignment()._newest) <= set(streams)
-    assert sample == Sample(
-        tick_ns=1_000,
-        torque_nm=3.0,
-        torque_age_ns=600,
-        torque_new=True,
-        position_rad=1.0,
-        velocity_rad_s=2.0,
-        motion_age_ns=600,
-        motion_new=True,
-        load_position_rad=1.0,
-        load_velocity_rad_s=2.0,
-        load_motion_age_ns=600,
-        load_motion_new=True,
-        current_a=4.0,
-        current_age_ns=600,
-        current_new=True,
-        load_current_a=4.0,
-        load_current_age_ns=600,
-        load_current_new=True,
-        torque_count=1,
-        motion_count=1,
-        load_motion_count=1,
-        modulator_position_rad=1.0,
-        modulator_motion_age_ns=600,
-        lateness_ns=300,
-    )
+    arrived = {name: [reading(message, place)] * place for place, (name, message) in enumerate(streams.items(), 1)}
+    assert Alignment().update(1_000, 700, arrived)._asdict() == {
+        "tick_ns": 1_000,
+        "torque_nm": 30.0,
+        "torque_age_ns": 700,
+        "torque_new": True,
+        "position_rad": 10.0,
+        "velocity_rad_s": 11.0,
+        "motion_age_ns": 900,
+        "motion_new": True,
+        "load_position_rad": 20.0,
+        "load_velocity_rad_s": 21.0,
+        "load_motion_age_ns": 800,
+        "load_motion_new": True,
+        "current_a": 40.0,
+        "current_age_ns": 600,
+        "current_new": True,
+        "load_current_a": 50.0,
+        "load_current_age_ns": 500,
+        "load_current_new": True,
+        "torque_count": 3,
+        "motion_count": 1,
+        "load_motion_count": 2,
+        "modulator_position_rad": 60.0,
+        "modulator_motion_age_ns": 400,
+        "lateness_ns": 300,
+    }

@@ -305,7 +305,7 @@ def test_ascii_lines_that_are_none(world, link, open_ascii):
         (3.0, False),
         (-0.5, True),
     ]
-    assert (sensor.numbers.garbled, sensor.stream.overlong, sensor.malformed) == (2, 1, 3)
+    assert (sensor.lines.numbers.garbled, sensor.lines.stream.overlong, sensor.malformed) == (2, 1, 3)
 
 
 def test_a_number_behind_a_line_that_is_none_is_not_believed(world, link, open_ascii):
@@ -313,7 +313,7 @@ def test_a_number_behind_a_line_that_is_none_is_not_believed(world, link, open_a
     world.line.arriving = b"\n1.0\n1.1\nx\n5\n\xff\n6\n1.2\n1.3\n"
     link.poll()
     assert [reading.torque_nm for reading in sensor.take_torque()] == [1.1, 1.2, 1.3]
-    assert sensor.numbers.garbled == 2
+    assert sensor.lines.numbers.garbled == 2
 
 
 def test_ascii_fields(world, link, open_ascii):
@@ -321,7 +321,7 @@ def test_ascii_fields(world, link, open_ascii):
     world.line.arriving = b"\n7,0 Nm,1200\n7,-0.25 Nm,1200\n7,0.5,1200\n"
     link.poll()
     assert [reading.torque_nm for reading in sensor.take_torque()] == [-0.25]
-    assert sensor.numbers.garbled == 1
+    assert sensor.lines.numbers.garbled == 1
 
 
 def test_ascii_identity(world, open_ascii):

@@ -2,13 +2,24 @@
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import Protocol
 
-from norton_bench.loop.learned import Learned
-from norton_bench.loop.watchdogs import WatchdogFinding
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.guard.model import EMPTY_MODEL, GuardModel
+from norton_bench.loop.devices import WatchdogFinding
 from norton_bench.records import Measured
 from norton_bench.segments import Segment
 from norton_drivers.readings import DeviceIdentity
+
+
+@dataclass(frozen=True)
+class Learned:
+    """``guard`` is for its checks; None stands for what is not known yet, and leaves things as they are."""
+
+    guard: GuardModel = EMPTY_MODEL
+    torque_bias_nm: float | None = None
+    calibration: LoadCalibration | None = None
 
 
 class Runner(Protocol):

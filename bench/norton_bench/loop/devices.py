@@ -1,15 +1,16 @@
-"""The devices of one bench as the loop handles them: opened, enabled, received from, sent to and stopped together."""
+"""The devices of one bench as the loop handles them, opened, watched and stopped together, and their guard."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from math import nan
+from math import inf, nan
 from typing import Any
 
-from norton_bench.errors import ExperimentError, RigError
+from norton_bench.errors import ExperimentError, RigError, SafetyStopError
 from norton_bench.guard.check import Commands, DriveHealth
-from norton_bench.loop.watchdogs import WatchdogFinding, fall_silent, has_none
+from norton_bench.guard.checks import Fitted, checks_for
+from norton_bench.guard.guard import Guard
 from norton_bench.records import STREAMS, Stream
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
@@ -19,6 +20,62 @@ from norton_drivers.link import Link
 from norton_drivers.ports import Backend
 from norton_drivers.readings import DeviceIdentity, DriveState
 from norton_drivers.registry import open_amplifier, open_device, open_torque_sensor
+
+
+@dataclass(frozen=True)
+class WatchdogFinding:
+    """``safe_after_s``: from the last command until the drive was seen to be safe; None where ``why`` says why not."""
+
+    role: str
+    safe_after_s: float | None = None
+    why: str = ""
+
+    def __str__(self) -> str:
+        if self.safe_after_s is None:
+            return f"watchdog of {self.role} not verified: {self.why}"
+        return f"watchdog of {self.role} verified: {self.safe_after_s * 1e3:.0f} ms"
+
+
+def has_none(drive: Amplifier) -> WatchdogFinding:
+    """Of a drive that nobody expects to stop by itself."""
+    return WatchdogFinding(drive.role, why="it has none that is switched on; if this program dies, it goes on driving")
+
+
+def fall_silent(drives: Sequence[Amplifier], link: Link) -> dict[str, WatchdogFinding]:
+    """Command the enabled ``drives`` no more, and watch until each has made itself safe; findings by role.
+
+    Each has its watchdog's time, and that in which it would tell. Raises SafetyStopError for one that does not, and
+    ConnectionFailedError.
+    """
+    for drive in drives:
+        drive.provoke_watchdog()
+    silent_ns = link.clock.now_ns()
+    found: dict[str, WatchdogFinding] = {}
+    while len(found) < len(drives):
+        link.wait()
+        after_s = (link.clock.now_ns() - silent_ns) * 1e-9
+        for drive in drives:
+            if drive.role not in found and (finding := _look(drive, after_s)) is not None:
+                found[drive.role] = finding
+    return found
+
+
+def _look(drive: Amplifier, after_s: float) -> WatchdogFinding | None:
+    """None while there is still time. Raises SafetyStopError where there is none left."""
+    safe = drive.made_itself_safe()
+    if safe:
+        return WatchdogFinding(drive.role, after_s)
+    if after_s < drive.watchdog_s + drive.heartbeat_timeout_ns * 1e-9:
+        return None
+    if safe is None:
+        return WatchdogFinding(drive.role, why="this drive does not show what its watchdog does")
+    raise SafetyStopError(
+        f"{drive.role} drive: still enabled {after_s * 1e3:.0f} ms after the last command, though its watchdog is to "
+        f"stop it after {drive.watchdog_s * 1e3:g} ms: set the watchdog in the drive and in [{drive.role}] of the rig "
+        "file; or, at your own risk, [guard] verify_watchdogs = false",
+        "watchdog",
+    )
+
 
 # A drive that was told to idle says so with its next heartbeat; waiting longer than this is pointless.
 IDLE_WITHIN_NS = 500_000_000
@@ -84,10 +141,14 @@ class Devices:
             if (device := devices.get(stream.role)) is not None
         )
 
+    @cached_property
+    def _takes(self) -> tuple[tuple[str, Callable[[], list[Any]]], ...]:
+        return tuple((stream.name, take) for stream, take in self.streams)
+
     def receive(self) -> Arrivals:
         """Everything that has arrived. Raises ConnectionFailedError where a port is lost."""
         self.link.poll()
-        return {stream.name: readings for stream, take in self.streams if (readings := take())}
+        return {name: readings for name, take in self._takes if (readings := take())}
 
     def send(self, commands: Commands) -> Commands:
         """Returns what the wires carry, which is what acts: each protocol rounds in its way.
@@ -245,3 +306,31 @@ def check_command_units(rig: Rig, devices: Devices) -> None:
     for drive in devices.drives:
         if wrong := wrong_unit_of(rig, settings[drive.role], drive.command_unit):
             raise RigError(f"{rig.place}: {wrong}")
+
+
+def guard_for(rig: Rig, devices: Devices) -> Guard:
+    """The guard with every plausibility check that the bench has signals for, but those that the rig leaves out."""
+    load, sensor, modulator = devices.load, devices.torque_sensor, devices.modulator
+    fitted = Fitted(
+        load=load is not None,
+        torque_sensor=sensor is not None,
+        # What is no motor may be a spring: it stands still under its greatest command.
+        runs=rig.wiring.shaft == "free" and rig.modelled,
+        range_nm=inf if sensor is None else sensor.range_nm,
+        resolution_rad=devices.actuator.position_resolution_rad,
+        load_resolution_rad=0.0 if load is None else load.position_resolution_rad,
+        modulation=rig.modulation,
+        modulator_resolution_rad=0.0 if modulator is None else modulator.position_resolution_rad,
+    )
+    checks = checks_for(rig.limits, rig.command, rig.tick_s, fitted, rig.supervision.leave_out)
+    modulation_limit = None if rig.modulation is None else rig.modulation.limit
+    return Guard(
+        rig.limits,
+        rig.command.limit,
+        rig.tick_s,
+        fitted.load,
+        fitted.torque_sensor,
+        checks,
+        modulation_limit,
+        0.0 if rig.wiring.load is None else rig.wiring.load.dead_band,
+    )

@@ -5,8 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
-from norton_bench.loop.devices import open_devices
-from norton_bench.loop.gate import guard_for
+from norton_bench.loop.devices import guard_for, open_devices
 from norton_bench.loop.loop import Loop, never_stop
 from norton_bench.loop.outbox import Outbox
 from norton_bench.records import Measured

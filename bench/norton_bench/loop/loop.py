@@ -1,28 +1,24 @@
-"""The loop: one tick is one straight line, and leaving it, however that happens, leaves the drives idle."""
+"""The loop: a tick is one straight line (:meth:`Loop._tick`), and however it ends, the drives are idle then."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
-from math import nan
 from typing import NamedTuple
 
 import numpy as np
 
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.errors import BenchError, OperatorStopError
-from norton_bench.guard.check import Commands, DriveHealth
+from norton_bench.guard.check import NOTHING, Commands, DriveHealth
 from norton_bench.guard.guard import Guard
-from norton_bench.loop.devices import Arrivals, Devices
-from norton_bench.loop.learned import Learned
-from norton_bench.loop.load_strategy import LoadStrategy, strategy_for
+from norton_bench.loop.bench_loop import Learned
+from norton_bench.loop.devices import Devices, WatchdogFinding
 from norton_bench.loop.outbox import Outlet
-from norton_bench.loop.segment_info import segment_info
+from norton_bench.loop.segment_run import SegmentRun, Step
 from norton_bench.loop.troubles import TroubleLog
-from norton_bench.loop.unrolled import Unrolled
-from norton_bench.loop.watchdogs import WatchdogFinding
-from norton_bench.records import NO_SEGMENT, Measured, SegmentInfo, join
-from norton_bench.sample import Alignment, Sample, Target
-from norton_bench.segments import LoadMode, Segment, Use
+from norton_bench.records import NO_SEGMENT, Measured, SegmentInfo, Tick, join
+from norton_bench.sample import Alignment, Sample
+from norton_bench.segments import Segment, Use
 from norton_drivers.errors import DeviceError
 from norton_drivers.readings import DeviceIdentity, DriveState, DriveStatus
 
@@ -39,8 +35,9 @@ def never_stop() -> str | None:
 
 
 class Stages(NamedTuple):
-    """When a tick began, and when each of its stages was done."""
+    """When a tick was due and when it began, and when each of its stages was done."""
 
+    deadline_ns: int
     begun_ns: int
     received_ns: int
     controlled_ns: int
@@ -69,13 +66,10 @@ class Loop:
     _next_ns: int = field(default=0, init=False)
     _segments: int = field(default=0, init=False)
     _label: int = field(default=NO_SEGMENT, init=False)  # which of them the ticks belong to
-    _last_segment: Segment = field(default=AT_REST, init=False)
-    _last_index: int = field(default=0, init=False)  # the tick of it that was the last
-    _too_fast: bool = field(default=False, init=False)  # it ended at the speed at which it was to end
+    _last: SegmentRun | None = field(default=None, init=False)  # since the drives were enabled
     _reference_rad: float | None = field(default=None, init=False)  # where the last imposed motion ended
-    _begun: bool = field(default=False, init=False)  # whether the segment has had a tick
-    _position_rad: float = field(default=nan, init=False)
-    _load_torque_nm: float = field(default=0.0, init=False)  # the last one sent
+    _sample: Sample = field(default=Sample(0), init=False)  # of the last tick
+    _sent: Commands = field(default=NOTHING, init=False)  # by the last tick
     _put_ns: int = field(default=0, init=False)  # what it took to put the last tick away
 
     def __post_init__(self) -> None:
@@ -135,36 +129,48 @@ class Loop:
         self.outbox.put_event(self.devices.clock.now_ns(), "operator", f"reset the guard ({word}) after: {reason}")
 
     def _enabled(self) -> Iterator[None]:
-        begun = self.devices.await_streams()
+        arrivals = self.devices.await_streams()
         now_ns = self._clock.now_ns()
-        self.alignment.update(now_ns, now_ns, begun)
+        self.alignment.update(now_ns, now_ns, arrivals)
         self.devices.enable()
         try:
             self._start()
             yield
         except (BenchError, DeviceError) as error:
-            self.outbox.put_event(self.devices.clock.now_ns(), "stop", str(error))
+            self.outbox.put_event(self._clock.now_ns(), "stop", str(error))
             raise
         finally:
             for complaint in self.devices.stop():
-                self.outbox.put_event(self.devices.clock.now_ns(), "drive", complaint)
-            self._troubles.end(self.devices.clock.now_ns())
+                self.outbox.put_event(self._clock.now_ns(), "drive", complaint)
+            self._troubles.end(self._clock.now_ns())
             self.outbox.hand_on()
+
+    def _start(self) -> None:
+        now_ns = self._clock.now_ns()
+        self._sample, self._sent = self.alignment.update(now_ns, now_ns, self.devices.receive()), NOTHING
+        self.guard.begin(self._sample)
+        self._troubles.begin(now_ns)
+        self._last, self._reference_rad = None, None
+        self._next_ns = now_ns + self.tick_ns
 
     def run(self, segment: Segment) -> Measured:
         """Run one segment; returns what was measured in it.
 
         Raises SafetyStopError, OperatorStopError, ConnectionFailedError; :meth:`running` then idles the drives.
         """
-        strategy = self._strategy(segment)
-        start_ns, self._label, self._last_segment = self._next_ns, self._segments, segment
+        self._last = run = self._prepared(segment)
+        start_ns, self._label = self._next_ns, self._segments
         parts: list[Measured] = []
 
         def hand_on() -> None:
-            parts.append(self.outbox.hand_on(self._info(segment, start_ns)).without_frames())
+            info = SegmentInfo.of(segment, self._segments, start_ns, self._next_ns)
+            parts.append(self.outbox.hand_on(info).without_frames())
 
         try:
-            self._too_fast = self._go_through(segment, strategy, hand_on)
+            while run.index < run.ticks and not run.fast:
+                if self._tick(run):
+                    hand_on()
+            self._ended(run)
         finally:
             hand_on()
             self._segments += 1
@@ -178,107 +184,94 @@ class Loop:
 
         Raises as :meth:`run` does, and SafetyStopError where no order comes within :data:`HELD_S`.
         """
-        held = round(HELD_S * 1e9 / self.tick_ns)
-        kept = 0 if self._too_fast else self.guard.limits.stall_after_ns // self.tick_ns
-        segment = self._last_segment.continued(self._last_index, kept, held, self.tick_ns * 1e-9)
-        self._label = NO_SEGMENT
-        if not self._go_through(segment, self._strategy(segment), self.outbox.hand_on, ordered):
-            raise self.guard.trip(
-                f"the session did not say within {HELD_S:g} s what comes after a segment: other programs keep it from "
-                "the processor, or it has too much to compute there: end them, or decide with the drives idle",
-                "stall",
-            )
+        run, self._label = self._prepared(self._going_on()), NO_SEGMENT
+        while run.index < run.ticks:
+            if ordered():
+                self._ended(run)
+                return
+            if self._tick(run):
+                self.outbox.hand_on()
+        raise self.guard.trip(
+            f"the session did not say within {HELD_S:g} s what comes after a segment: other programs keep it from "
+            "the processor, or it has too much to compute there: end them, or decide with the drives idle",
+            "stall",
+        )
 
-    def _strategy(self, segment: Segment) -> LoadStrategy:
-        base_rad = self._position_rad if self._reference_rad is None else self._reference_rad
-        strategy = strategy_for(segment, self.controller, base_rad)
-        self._obey_time(strategy)
-        return strategy
+    def _going_on(self) -> Segment:
+        """What follows the last segment for as long as nobody says what comes."""
+        last, ticks = self._last, round(HELD_S * 1e9 / self.tick_ns)
+        if last is None:
+            return AT_REST.continued(0, 0, ticks, self.tick_ns * 1e-9)
+        acting = 0 if last.fast else self.guard.limits.stall_after_ns // self.tick_ns
+        return last.segment.continued(max(last.index - 1, 0), acting, ticks, self.tick_ns * 1e-9)
 
-    def _go_through(
-        self,
-        segment: Segment,
-        strategy: LoadStrategy,
-        hand_on: Callable[[], object],
-        ended: Callable[[], bool] = lambda: False,
-    ) -> bool:
-        """Its ticks, one after the other; whether it ended before the last of them. Every full part is handed on."""
-        commands, stop_at_rad_s = Unrolled(segment.command), segment.stop_at_velocity_rad_s
-        modulations = Unrolled(segment.modulation) if len(segment.modulation) else Unrolled(np.zeros(len(commands)))
-        index, done = 0, False
-        self._begun = False
-        while index < len(commands) and not (done := done or ended()):
-            # What has come by then need not be read when time is short.
-            self._clock.wait_until_ns(self._next_ns, self._read_ahead)
-            begun_ns, arrivals = self._clock.now_ns(), self.devices.receive()
-            index = min(index + self._obey_time(strategy), len(commands) - 1)
-            sample, full = self._tick(commands[index], modulations[index], strategy, index, begun_ns, arrivals)
-            done = abs(sample.velocity_rad_s) >= stop_at_rad_s
-            index += 1
-            self._troubles.look(begun_ns)
-            if full:
-                hand_on()
-        if segment is self._last_segment:
-            self._last_index = max(index - 1, 0)
-        rigid = segment.mode is LoadMode.ADMITTANCE and segment.admittance.rigid
-        if index:
-            self._reference_rad = strategy.target(index - 1).position_rad if rigid else None
-        return done
+    def _prepared(self, segment: Segment) -> SegmentRun:
+        """Ready for its first tick, which is the next one that is not over yet."""
+        base_rad = self._sample.load_position_rad if self._reference_rad is None else self._reference_rad
+        run = SegmentRun(segment, self.controller, base_rad)
+        self._skip_missed(run, self._clock.now_ns())
+        return run
+
+    def _ended(self, run: SegmentRun) -> None:
+        if run.index:
+            self._reference_rad = run.end_rad
+
+    def _tick(self, run: SegmentRun) -> bool:
+        """The next tick of ``run``, in the six lines of docs/loop.md; whether the outbox has a part to hand on."""
+        devices, now_ns = self.devices, self._clock.now_ns
+        self._clock.wait_until_ns(self._next_ns, self._read_ahead)
+
+        begun_ns = now_ns()
+        arrivals = devices.receive()
+        received_ns = now_ns()
+        if received_ns - self._next_ns >= self.tick_ns:
+            run.skip(self._skip_missed(run, received_ns))
+
+        deadline_ns = self._next_ns
+        sample = self._sample = self.alignment.update(received_ns, deadline_ns, arrivals)
+
+        step = run.steps.at(run.index)
+        wish = Commands(step.command, run.load_torque_nm(sample, step), 0, step.modulation)
+        controlled_ns = now_ns()
+
+        if (reason := self.stop_request()) is not None:
+            raise OperatorStopError(f"stopped by the operator: {reason}")
+        drives = devices.health()
+        allowed = self.guard.limit(wish, sample, drives)
+        guarded_ns = now_ns()
+
+        sent = self._sent = devices.send(allowed)
+        sent_ns = now_ns()
+
+        run.sent(sent.load_torque_nm)
+        run.index += 1
+        run.fast = abs(sample.velocity_rad_s) >= run.segment.stop_at_velocity_rad_s
+        self._next_ns = deadline_ns + self.tick_ns
+        stages = Stages(deadline_ns, max(begun_ns, deadline_ns), received_ns, controlled_ns, guarded_ns, sent_ns)
+        full = self.outbox.put(self._row(stages, sample, step, wish, sent, drives), arrivals)
+        self._put_ns = now_ns() - sent_ns
+        self._troubles.look(begun_ns)
+        return full
 
     def _read_ahead(self) -> None:
+        """While the tick waits: what has come by then need not be read when time is short."""
         self.devices.link.poll()
         self.outbox.put_waiting()
 
-    def _start(self) -> None:
-        now_ns = self.devices.clock.now_ns()
-        sample = self.alignment.update(now_ns, now_ns, self.devices.receive())
-        self.guard.begin(sample)
-        self._troubles.begin(now_ns)
-        self._position_rad, self._reference_rad, self._load_torque_nm = sample.load_position_rad, None, 0.0
-        self._last_segment, self._last_index, self._too_fast = AT_REST, 0, False
-        self._next_ns = now_ns + self.tick_ns
+    def _skip_missed(self, run: SegmentRun, now_ns: int) -> int:
+        """Go on with the tick that is not over yet; returns how many were missed. Raises SafetyStopError.
 
-    def _tick(
-        self,
-        command: float,
-        modulation: float,
-        strategy: LoadStrategy,
-        index: int,
-        begun_ns: int,
-        arrivals: Arrivals,
-    ) -> tuple[Sample, bool]:
-        clock, deadline_ns = self._clock, self._next_ns
-        now_ns = clock.now_ns()
-        sample = self.alignment.update(now_ns, deadline_ns, arrivals)
-        if not self._begun:
-            strategy.begin(sample)
-            self._begun = True
-        wish = Commands(command, strategy.wish(sample, index), 0, modulation)
-        controlled_ns = clock.now_ns()
-        self._obey_operator()
-        drives = self.devices.health()
-        allowed = self.guard.limit(wish, sample, drives)
-        guarded_ns = clock.now_ns()
-        commands = self.devices.send(allowed)
-        stages = Stages(max(begun_ns, deadline_ns), now_ns, controlled_ns, guarded_ns, clock.now_ns())
-        strategy.note_sent(commands.load_torque_nm)
-        self._load_torque_nm = commands.load_torque_nm
-        self._position_rad = sample.load_position_rad
-        self._next_ns = deadline_ns + self.tick_ns
-        row = self._row(deadline_ns, stages, sample, wish, commands, strategy.target(index), drives)
-        full = self.outbox.put(row, arrivals)
-        self._put_ns = clock.now_ns() - stages.sent_ns
-        return sample, full
-
-    def _obey_operator(self) -> None:
-        reason = self.stop_request()
-        if reason is not None:
-            raise OperatorStopError(f"stopped by the operator: {reason}")
-
-    def _obey_time(self, strategy: LoadStrategy) -> int:
-        """Go on with the tick that is not over yet; returns how many were missed. Raises SafetyStopError."""
-        missed = self._pass_missed(strategy)
+        Ticks whose whole period is over are skipped, never made up for; the last command acted meanwhile.
+        """
+        missed = max((now_ns - self._next_ns) // self.tick_ns, 0)
+        if not missed:
+            return 0
         stall_ns = missed * self.tick_ns
+        self.skipped_ticks += missed
+        self._next_ns += stall_ns
+        self.guard.stood_still(self._next_ns, stall_ns)
+        for _ in range(missed):
+            run.sent(self._sent.load_torque_nm)
         if stall_ns > self.guard.limits.stall_after_ns:
             raise self.guard.trip(
                 f"the loop stood still for {stall_ns / 1e6:.0f} ms, more than stall_after = "
@@ -288,64 +281,50 @@ class Loop:
             )
         return missed
 
-    def _pass_missed(self, strategy: LoadStrategy) -> int:
-        """Ticks whose whole period has passed are skipped, never made up for; the last command acted meanwhile."""
-        missed = max((self._clock.now_ns() - self._next_ns) // self.tick_ns, 0)
-        self.skipped_ticks += missed
-        self._next_ns += missed * self.tick_ns
-        if missed:
-            self.guard.stood_still(self._next_ns, missed * self.tick_ns)
-        for _ in range(missed):
-            strategy.note_sent(self._load_torque_nm)
-        return missed
-
-    def _info(self, segment: Segment, start_ns: int) -> SegmentInfo:
-        return segment_info(segment, self._segments, start_ns, self._next_ns)
-
     def _row(
         self,
-        deadline_ns: int,
         stages: Stages,
         sample: Sample,
+        step: Step,
         wish: Commands,
-        commands: Commands,
-        target: Target,
+        sent: Commands,
         drives: tuple[DriveHealth, ...],
-    ) -> tuple[float, ...]:
+    ) -> Tick:
         devices, actuator = self.devices, drives[0].status
         load = NOT_THERE if devices.load is None else drives[1].status
-        return (
-            deadline_ns,
-            stages.begun_ns - deadline_ns,
-            stages.sent_ns - stages.begun_ns,
-            self._label,
-            commands.command,
-            wish.load_torque_nm,
-            commands.load_torque_nm,
-            sample.torque_nm,
-            sample.torque_age_ns,
-            sample.position_rad,
-            sample.velocity_rad_s,
-            sample.motion_age_ns,
-            sample.load_position_rad,
-            sample.load_velocity_rad_s,
-            sample.load_motion_age_ns,
-            target.position_rad,
-            target.velocity_rad_s,
-            actuator.transistor_temperature_c,
-            load.transistor_temperature_c,
-            commands.limited,
-            max(stages.received_ns - stages.begun_ns, 0),
-            stages.controlled_ns - stages.received_ns,
-            stages.guarded_ns - stages.controlled_ns,
-            stages.sent_ns - stages.guarded_ns,
-            self._put_ns,
-            commands.modulation,
-            sample.modulator_position_rad,
-            sample.modulator_motion_age_ns,
-            nan if devices.modulator is None else drives[-1].status.transistor_temperature_c,
-            actuator.bus_voltage_v,
-            load.bus_voltage_v,
-            actuator.motor_temperature_c,
-            load.motor_temperature_c,
-        )
+        modulator = NOT_THERE if devices.modulator is None else drives[-1].status
+        return {
+            "tick_ns": stages.deadline_ns,
+            "lateness_ns": stages.begun_ns - stages.deadline_ns,
+            "work_ns": stages.sent_ns - stages.begun_ns,
+            "segment": self._label,
+            "command": sent.command,
+            "wished_load_torque_nm": wish.load_torque_nm,
+            "load_torque_nm": sent.load_torque_nm,
+            "torque_nm": sample.torque_nm,
+            "torque_age_ns": sample.torque_age_ns,
+            "position_rad": sample.position_rad,
+            "velocity_rad_s": sample.velocity_rad_s,
+            "motion_age_ns": sample.motion_age_ns,
+            "load_position_rad": sample.load_position_rad,
+            "load_velocity_rad_s": sample.load_velocity_rad_s,
+            "load_motion_age_ns": sample.load_motion_age_ns,
+            "reference_position_rad": step.target.position_rad,
+            "reference_velocity_rad_s": step.target.velocity_rad_s,
+            "transistor_temperature_c": actuator.transistor_temperature_c,
+            "load_transistor_temperature_c": load.transistor_temperature_c,
+            "limited": sent.limited,
+            "receive_ns": max(stages.received_ns - stages.begun_ns, 0),
+            "control_ns": stages.controlled_ns - stages.received_ns,
+            "guard_ns": stages.guarded_ns - stages.controlled_ns,
+            "send_ns": stages.sent_ns - stages.guarded_ns,
+            "put_ns": self._put_ns,
+            "modulation": sent.modulation,
+            "modulator_position_rad": sample.modulator_position_rad,
+            "modulator_motion_age_ns": sample.modulator_motion_age_ns,
+            "modulator_transistor_temperature_c": modulator.transistor_temperature_c,
+            "supply_v": actuator.bus_voltage_v,
+            "load_supply_v": load.bus_voltage_v,
+            "motor_temperature_c": actuator.motor_temperature_c,
+            "load_motor_temperature_c": load.motor_temperature_c,
+        }

@@ -1,14 +1,18 @@
-"""What a session says to a loop in a process of its own, and what it answers: small messages over a pipe.
+"""What a session says to a loop in a process of its own: orders over a pipe, and a heartbeat."""
 
-Every order but :class:`Idle` gets one answer, :class:`Done` or :class:`Failed`. After :class:`Enable` is done, segments
-are run until :class:`Idle`, or until one fails: either way the drives are idle when :class:`Idled` comes.
-"""
-
-from dataclasses import dataclass
+import pickle
+import select
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.sharedctypes import RawArray
 from typing import Any
 
-from norton_bench.loop.learned import Learned
+from norton_bench.errors import SafetyStopError
+from norton_bench.loop.bench_loop import Learned
 from norton_bench.segments import Segment
+from norton_drivers.clock import Clock
 
 
 @dataclass(frozen=True)
@@ -89,3 +93,139 @@ class LeaveError(Exception):
     def __init__(self, idle: Idle) -> None:
         super().__init__(idle)
         self.idle = idle
+
+
+# Up to this, multiprocessing's pipes write a message and its length at once.
+PIECE_BYTES = 16_000
+# In one go: a tick has time for as many.
+AT_ONCE = 8
+MORE, LAST = b"\0", b"\1"
+
+
+def send_in_pieces(pipe: "Connection[Any, Any]", message: object) -> None:
+    """Returns when all of it is in the pipe. Raises OSError where nobody reads any more."""
+    data = pickle.dumps(message)
+    for at in range(0, len(data), PIECE_BYTES):
+        piece = data[at : at + PIECE_BYTES]
+        pipe.send_bytes((LAST if at + PIECE_BYTES >= len(data) else MORE) + piece)
+
+
+@dataclass
+class PieceReader:
+    """The far end of :func:`send_in_pieces`."""
+
+    pipe: "Connection[Any, Any]"
+    _pieces: list[bytes] = field(default_factory=list, init=False)
+    _whole: bool = field(default=False, init=False)  # a message, or the pipe's end
+
+    def __post_init__(self) -> None:
+        self._something_waits = _waiting_in(self.pipe)
+
+    def ready(self) -> bool:
+        """Take what waits; whether there is a message to read, or the pipe's end. Never waits."""
+        for _ in range(AT_ONCE):
+            if self._whole or not self._something_waits():
+                break
+            self._take()
+        return self._whole
+
+    def read(self) -> Any:
+        """The next message, waited for. Raises EOFError where the pipe has ended, OSError where it is closed."""
+        while not self._whole:
+            self._take()
+        pieces, self._pieces, self._whole = self._pieces, [], False
+        if not pieces or not pieces[-1].startswith(LAST):
+            raise EOFError
+        return pickle.loads(b"".join([piece[1:] for piece in pieces]))
+
+    def _take(self) -> None:
+        try:
+            self._pieces.append(self.pipe.recv_bytes())
+        except (EOFError, ConnectionResetError):
+            self._whole = True
+        else:
+            self._whole = self._pieces[-1].startswith(LAST)
+
+
+def _waiting_in(pipe: "Connection[Any, Any]") -> Callable[[], bool]:
+    """Whether there is something to read in the pipe, or its end. Its own ``poll`` takes half of a tick's work."""
+    if not hasattr(select, "poll"):  # Windows
+        return pipe.poll
+    poller = select.poll()
+    poller.register(pipe, select.POLLIN)
+    return lambda: bool(poller.poll(0))
+
+
+# During a segment a session beats 25 times a second; one that does not for so long hangs, or was stopped.
+SILENT_NS = 1_000_000_000
+# How often the pipe is looked at: it tells sooner of a session that has died.
+LOOK_NS = 10_000_000
+
+
+class Pulse:
+    """When the session was last seen alive, in memory that it shares with the loop; goes to it as an argument."""
+
+    def __init__(self) -> None:
+        self.memory: Any = RawArray("B", 8)
+
+    def view(self) -> "memoryview[int]":
+        """One number [ns]: the clock's when it beat."""
+        return memoryview(self.memory).cast("B").cast("Q")
+
+
+@dataclass
+class SessionWatch:
+    """The session as long as the drives are enabled: during a segment, and between two."""
+
+    pulse: Pulse
+    orders: PieceReader
+    clock: Clock
+    _within_segment: bool = field(default=False, init=False)
+    _look_ns: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        self._beat_ns = self.pulse.view()
+
+    @contextmanager
+    def segment(self) -> Iterator[None]:
+        """Inside, an order means that the session wants no more of the segment."""
+        self._within_segment = True
+        try:
+            yield
+        finally:
+            self._within_segment = False
+
+    def look(self) -> None:
+        """Asked every tick. Raises SafetyStopError where the session is gone, LeaveError where it wants them idle.
+
+        During a segment a session beats, and says nothing but that it wants no more of it. Between two it computes: how
+        long it may is the loop's to say.
+        """
+        if not self._within_segment:
+            return
+        now_ns = self._listen()
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + LOOK_NS
+            if self.orders.ready():
+                order = self.read()
+                raise LeaveError(order if isinstance(order, Idle) else Idle())
+
+    def ordered(self) -> bool:
+        """Asked every tick between two segments: whether :meth:`read` has something to read, or the session's end."""
+        return self.orders.ready()
+
+    def read(self) -> Order:
+        """The order that is there, or comes. Raises SafetyStopError where the session's process has died."""
+        try:
+            order: Order = self.orders.read()
+        except (EOFError, OSError):
+            raise SafetyStopError("the session's process has died", "session") from None
+        return order
+
+    def _listen(self) -> int:
+        """The time [ns], if the session's heart still beats."""
+        now_ns = self.clock.now_ns()
+        silent_ns = now_ns - self._beat_ns[0]
+        if silent_ns > SILENT_NS:
+            raise SafetyStopError(f"the session has not been heard for {silent_ns / 1e6:.0f} ms: it hangs", "session")
+        return now_ns

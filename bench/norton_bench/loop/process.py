@@ -11,8 +11,8 @@ from multiprocessing.connection import wait
 from typing import Any
 
 from norton_bench.errors import BenchError, SafetyStopError
-from norton_bench.loop.devices import open_devices
-from norton_bench.loop.learned import Learned
+from norton_bench.loop.bench_loop import Learned
+from norton_bench.loop.devices import WatchdogFinding, open_devices
 from norton_bench.loop.orders import (
     Close,
     Enable,
@@ -22,17 +22,15 @@ from norton_bench.loop.orders import (
     Idled,
     Learn,
     Order,
+    Pulse,
     ResetGuard,
     Run,
     VerifyWatchdogs,
+    send_in_pieces,
 )
-from norton_bench.loop.pieces import send_in_pieces
-from norton_bench.loop.segment_info import segment_info
+from norton_bench.loop.outbox import SharedInbox, SharedMemory
 from norton_bench.loop.service import Shared, serve_loop
-from norton_bench.loop.session_watch import Pulse
-from norton_bench.loop.shared_outbox import SharedInbox, SharedMemory
 from norton_bench.loop.stop_word import StopWord
-from norton_bench.loop.watchdogs import WatchdogFinding
 from norton_bench.records import NO_SEGMENT, Event, Measured, SegmentInfo, Table, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
@@ -276,7 +274,7 @@ class LoopProcess:
         if index != self._begun[0]:
             self._begun = index, int(ticks["tick_ns"][0])
         end_ns = int(ticks["tick_ns"][-1]) + self._rig.tick_ns
-        return segment_info(segment, index, self._begun[1], end_ns)
+        return SegmentInfo.of(segment, index, self._begun[1], end_ns)
 
 
 def _idled_in_its_place(rig: Rig, seed: int | None) -> str:

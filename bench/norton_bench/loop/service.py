@@ -15,8 +15,7 @@ from types import FrameType
 from typing import Any
 
 from norton_bench.errors import BenchError
-from norton_bench.loop.devices import open_devices
-from norton_bench.loop.gate import guard_for
+from norton_bench.loop.devices import guard_for, open_devices
 from norton_bench.loop.loop import Loop
 from norton_bench.loop.orders import (
     Close,
@@ -29,13 +28,14 @@ from norton_bench.loop.orders import (
     Learn,
     LeaveError,
     Order,
+    PieceReader,
+    Pulse,
     ResetGuard,
     Run,
+    SessionWatch,
     VerifyWatchdogs,
 )
-from norton_bench.loop.pieces import PieceReader
-from norton_bench.loop.session_watch import Pulse, SessionWatch
-from norton_bench.loop.shared_outbox import SharedMemory, SharedOutbox
+from norton_bench.loop.outbox import SharedMemory, SharedOutbox
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.rig import Rig
 from norton_bench.sample import Alignment

@@ -92,7 +92,7 @@ def _text(path: Path) -> str:
 
 def _rig(rig: Rig) -> str:
     devices = [
-        f"{device.role.replace('_', ' '):<14}{device.driver:<10}{device.bus or device.port}"
+        f"{device.role.replace('_', ' '):<13} {device.driver:<9} {device.bus or device.port}"
         for device in rig.wiring.devices()
     ]
     return "\n".join([f"{rig.backend}, {1 / rig.tick_s:.0f} Hz", *devices])

@@ -10,7 +10,7 @@ from norton_bench.guard.model import (
     torque_readings,
 )
 from norton_bench.identification.results import FitResult
-from norton_bench.loop.learned import Learned
+from norton_bench.loop.bench_loop import Learned
 from norton_bench.procedures.calibrate import known_well_enough
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.records import Measured

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
 
 from norton_bench.units import parse_quantity
+from norton_drivers.registry import DRIVES
 from norton_drivers.wiring import Wiring
 
 Place = Literal["drive", "shaft", "sensor", "bus"]
@@ -345,7 +346,7 @@ def _names(wiring: Wiring, places: frozenset[Place]) -> list[str]:
     """What of this bench is such a place."""
     roles = [device.role for device in wiring.devices()]
     sensors = [role for role in roles if role == "torque_sensor" and "sensor" in places]
-    drives = [role for role in roles if role != "torque_sensor" and "drive" in places]
+    drives = [role for role in roles if role in DRIVES and "drive" in places]
     drives += [role for role in roles if role in ("actuator", "load") and "shaft" in places]
     return [*drives, *sensors, *(bus.name for bus in wiring.buses if "bus" in places)]
 

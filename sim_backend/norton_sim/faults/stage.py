@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import cast
 
+from norton_drivers.registry import DRIVES
 from norton_drivers.wiring import Wiring
 from norton_sim.connectors import CanConnector, SerialConnector
 from norton_sim.faults.schema import Fault
@@ -35,7 +36,7 @@ class Stage:
 
     def armed(self) -> bool:
         """Whether all drives of the bench drive their motors."""
-        drives = (device for device in self.wiring.devices() if device.role != "torque_sensor")
+        drives = (device for device in self.wiring.devices() if device.role in DRIVES)
         return all(self.drive(device.role).armed for device in drives)
 
     def end(self, on: str) -> HostEnd:

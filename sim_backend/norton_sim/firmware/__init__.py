@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 
 from norton_drivers.odrive import ODriveOptions
 from norton_drivers.wiring import parse_options
+from norton_sim.firmware.celsius import CelsiusProbe
 from norton_sim.firmware.cia402 import Cia402Drive
 from norton_sim.firmware.context import DeviceContext
 from norton_sim.firmware.dyn200 import Dyn200Sensor
@@ -29,6 +30,7 @@ FIRMWARE: Mapping[str, Callable[[DeviceContext], Firmware]] = {
     "ascii": AsciiSensor,
     "bota": BotaSensor,
     "canopen": CanopenSensor,
+    "celsius": CelsiusProbe,
     "dbc": DbcSensor,
     "dyn200": Dyn200Sensor,
     "mantracourt": MantracourtSensor,

@@ -8,8 +8,9 @@ import pytest
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.errors import SafetyStopError
 from norton_bench.loop.loop import HELD_S
+from norton_bench.loop.outbox import Outbox
 from norton_bench.procedures.waves import Motion, coasting, imposed, pushed
-from norton_bench.records import NO_SEGMENT, join
+from norton_bench.records import NO_SEGMENT, TICK, join
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Segment, Use
 from tests.bench.bench_in_simulation import opened
@@ -137,3 +138,14 @@ def test_it_is_guarded_while_it_is_held() -> None:
             bench.loop.hold(lambda: False)
         assert stop.value.by != "stall"
         assert bench.armed() == []
+
+
+def test_a_row_has_the_columns_of_the_table_in_their_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows: list[list[str]] = []
+    put = Outbox.put
+    monkeypatch.setattr(
+        Outbox, "put", lambda self, row, arrivals: (rows.append(list(row)), put(self, row, arrivals))[1]
+    )
+    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
+        bench.loop.run(coasting("test", "rest", Use.PREPARE, np.zeros(1)))
+    assert rows == [list(TICK.names or ())]

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from norton_bench.loop.pieces import MORE, PIECE_BYTES, PieceReader, send_in_pieces
+from norton_bench.loop.orders import MORE, PIECE_BYTES, PieceReader, send_in_pieces
 
 LONG = bytes(range(256)) * 40_000  # ten megabytes: no pipe holds them
 

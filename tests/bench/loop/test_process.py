@@ -17,8 +17,8 @@ from norton_bench.errors import ExperimentError, OperatorStopError, SafetyStopEr
 from norton_bench.faults.host_loss import last_state, read_witness
 from norton_bench.loop import process as process_module
 from norton_bench.loop.loop import HELD_S
+from norton_bench.loop.orders import SILENT_NS
 from norton_bench.loop.process import LoopProcess
-from norton_bench.loop.session_watch import SILENT_NS
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.procedures.waves import coasting
 from norton_bench.records import NO_SEGMENT, Measured, join

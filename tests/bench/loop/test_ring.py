@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from norton_bench.loop import ring as ring_module
-from norton_bench.loop.ring import Ring, RingReader, RingWriter
+from norton_bench.loop import outbox
+from norton_bench.loop.outbox import Ring, RingReader, RingWriter
 
 SPAWN = multiprocessing.get_context("spawn")
 NUMBER = struct.Struct("<Q")
@@ -81,7 +81,7 @@ def test_what_the_writer_overwrites_during_a_copy_is_thrown_away() -> None:
 
 
 def test_machines_that_reorder_are_fenced(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ring_module.platform, "machine", lambda: "aarch64")
+    monkeypatch.setattr(outbox.platform, "machine", lambda: "aarch64")
     ring = Ring(4, NUMBER.size)
     writer, reader = RingWriter(ring), RingReader(ring)
     writer.put(NUMBER.pack(5))

@@ -10,9 +10,17 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError, SafetyStopError
-from norton_bench.loop.orders import Idle, LeaveError, Run
-from norton_bench.loop.pieces import PieceReader, send_in_pieces
-from norton_bench.loop.session_watch import LOOK_NS, SILENT_NS, Pulse, SessionWatch
+from norton_bench.loop.orders import (
+    LOOK_NS,
+    SILENT_NS,
+    Idle,
+    LeaveError,
+    PieceReader,
+    Pulse,
+    Run,
+    SessionWatch,
+    send_in_pieces,
+)
 from norton_bench.procedures.waves import coasting
 from norton_bench.segments import Use
 from norton_bench.testing.world import ScriptedClock

@@ -1,6 +1,7 @@
 """Shared memory between loop and session: what is put there comes out as the in-process outbox would hand it on."""
 
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -8,9 +9,8 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from norton_bench.loop.devices import Arrivals
-from norton_bench.loop.outbox import Outbox
-from norton_bench.loop.shared_outbox import EVENTS, FRAME_BYTES, SharedInbox, SharedMemory, SharedOutbox
-from norton_bench.records import TABLES, TICK
+from norton_bench.loop.outbox import EVENTS, FRAME_BYTES, Outbox, SharedInbox, SharedMemory, SharedOutbox
+from norton_bench.records import TABLES, TICK, Tick
 from norton_bench.rig.load import load_rig
 from norton_drivers.readings import CurrentReading, MotionReading, RawFrame, TorqueReading
 
@@ -41,9 +41,8 @@ chunks = st.builds(
 )
 
 
-def row(number: int) -> tuple[float, ...]:
-    kinds = [TICK[name].kind for name in TICK.names or ()]
-    return tuple(float(number) + 0.5 if kind == "f" else number for kind in kinds)
+def row(number: int) -> Tick:
+    return cast(Tick, {name: float(number) + 0.5 if TICK[name].kind == "f" else number for name in TICK.names or ()})
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from norton_bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Event, Measured, SegmentInfo
+from norton_bench.records import (
+    CURRENT,
+    MOTION,
+    NO_DEVICE_TIME,
+    TEMPERATURE,
+    TICK,
+    TORQUE,
+    Event,
+    Measured,
+    SegmentInfo,
+)
 from norton_bench.segments import Use
 from norton_drivers.readings import RawFrame
 
@@ -62,6 +72,7 @@ def make_part(first: int, count: int = 100, seed: int = 0) -> Measured:
         load_current=filled(CURRENT, first, count // 3, rng),
         modulator_motion=filled(MOTION, first, count, rng),
         modulator_current=filled(CURRENT, first, count // 4, rng),
+        temperature=filled(TEMPERATURE, first, count // 5, rng),
         segments=(SegmentInfo(0, "free", "staircase rising", Use.IDENTIFY, "admittance", start_ns, end_ns, True),),
         events=(Event(start_ns + first * TICK_NS, "note", f"part at {first} · µ"),),
         frames=frames,

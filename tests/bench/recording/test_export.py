@@ -20,6 +20,7 @@ TABLES = [
     "load_current",
     "modulator_motion",
     "modulator_current",
+    "temperature",
     "segments",
     "events",
     "frames",

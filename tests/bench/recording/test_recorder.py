@@ -90,6 +90,7 @@ def test_any_mcap_reader_understands_it(tmp_path, part) -> None:
         ("/torque", measured.torque),
         ("/actuator/current", measured.current),
         ("/load/current", measured.load_current),
+        ("/temperature", measured.temperature),
     ):
         stamp = table.dtype.names[0]
         assert [log_time for log_time, _ in decoded[topic]] == table[stamp].tolist()

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from norton_bench.procedures.options import STEPS
+from norton_bench.rig.draft import DEVICES
 from norton_bench.rig.driver_options import declared_by
 from norton_bench.rig.files import keys_of
 from norton_bench.rig.load import parse_rig
@@ -79,7 +80,7 @@ def test_every_plausibility_check_is_explained_and_quoted(name: str) -> None:
     assert f'`"{name}"`' in (DOCS / "rig-file.md").read_text()
 
 
-@pytest.mark.parametrize("group", [registry.AMPLIFIERS, registry.TORQUE_SENSORS])
+@pytest.mark.parametrize("group", [*dict.fromkeys(registry.group_of(role) for role in DEVICES)])
 def test_every_option_of_a_driver_is_explained(group: str) -> None:
     rows = (DOCS / "rig-file.md").read_text().splitlines()
     for driver in registry.names(group):
