@@ -9,11 +9,11 @@ import numpy as np
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.datasheet.ripple import LEVEL, Folded, Line, Order, Samples, folded, orders
 from norton_bench.datasheet.spectra import Piece, Spectra, spectra
+from norton_bench.identification.cleaning import clean
 from norton_bench.identification.conditions import ZeroRange, zero_range
-from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.identification.residual_tests import ResidualTests
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Aligned, align
-from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.separable import strongest_period
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.statistics import sandwich

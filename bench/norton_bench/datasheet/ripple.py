@@ -15,7 +15,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.residuals.diagnosis import HIGHEST_CYCLES, looked_at
+from norton_bench.identification.residual_tests import HIGHEST_CYCLES, looked_at
 from norton_bench.identification.statistics import BLOCKS_S, sandwich
 
 # A recording without any line shows one this seldom, whatever kind it seems to be of.

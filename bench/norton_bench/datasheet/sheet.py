@@ -8,7 +8,7 @@ import numpy as np
 
 from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
-from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.identification.residual_tests import ResidualTests
 from norton_bench.identification.results import FitResult
 from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, has_covariance, interval_of, seen_to
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_statuses

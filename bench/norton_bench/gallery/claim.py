@@ -10,7 +10,7 @@ from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.tables.averages import velocity_of
+from norton_bench.identification.averages import velocity_of
 from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sweep
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.rig.rig import Rig

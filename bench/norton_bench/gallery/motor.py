@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from norton_bench.arrays import FloatArray
 from norton_bench.gallery import motor_experiments as done
 from norton_bench.gallery.claim import Estimated, Experiment, Line, Look, Shown, looks, mean, pairs, row, wider
-from norton_bench.identification.model_free.branches import REST_SHARE
+from norton_bench.identification.branches import REST_SHARE
 from norton_bench.report.figures_network import legend
 from norton_bench.report.svg import ACCENT, MEASURED, MUTED, PREDICTED, figure
 from norton_bench.report.words import pretty_unit

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from norton_bench.errors import ExperimentError
 from norton_bench.gallery.claim import Experiment, Shown, mean, row, wider
-from norton_bench.identification.tables.exertion_table import ExertionTable, exertion_table
+from norton_bench.identification.exertion_table import ExertionTable, exertion_table
 from norton_bench.procedures.modulated import WAY, ModulatedProcedure
 from norton_bench.procedures.options import TabulateImpedanceOptions
 from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.model_free.impedance_table import PARTS, ImpedanceTable
-from norton_bench.identification.model_free.source_map import Settling, settling
-from norton_bench.identification.model_free.without_model import WithoutModel
+from norton_bench.identification.impedance_table import PARTS, ImpedanceTable
 from norton_bench.identification.results import FitResult, SourceMap, Trace, Validation
 from norton_bench.identification.rows import Aligned, align
 from norton_bench.identification.signals import Signals
+from norton_bench.identification.source_map import Settling, settling
+from norton_bench.identification.without_model import WithoutModel
 from norton_bench.networks.checks import VERDICTS
 from norton_bench.records import Measured, SegmentInfo
 

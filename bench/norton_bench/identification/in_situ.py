@@ -14,10 +14,10 @@ from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import delayed
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.cleaning import clean
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import fit_machine, weight_of
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.signals import INTERPOLATION, Port, positions_of, signals
 from norton_bench.identification.trials import (
     Seen,

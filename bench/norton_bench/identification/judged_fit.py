@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.identification.bootstrap import Readings
+from norton_bench.identification.cleaning import Cleaned, Findings
 from norton_bench.identification.expansion import Expansion
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import coupling_of
@@ -18,7 +19,6 @@ from norton_bench.identification.model_error import (
     widened,
 )
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sanity.cleaning import Cleaned, Findings
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
 from norton_bench.models.parameters import Estimate, Status

@@ -8,9 +8,9 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.friction.fit import FrictionFit, Problem, fit_friction
-from norton_bench.identification.friction.laws import Asymmetric, family_for
-from norton_bench.identification.friction.model import Equation, FrictionModel, Path, blocked_folds
+from norton_bench.identification.friction_fit import FrictionFit, Problem, fit_friction
+from norton_bench.identification.friction_laws import Asymmetric, family_for
+from norton_bench.identification.friction_model import Equation, FrictionModel, Path, blocked_folds
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Shape

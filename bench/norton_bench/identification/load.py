@@ -11,6 +11,7 @@ from scipy.stats import norm as normal
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fit import LEFT_BY_A_GOOD_FIT, fit_signals
 from norton_bench.identification.kernels import FULL_BAND
@@ -18,7 +19,6 @@ from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import STILL, Rows
-from norton_bench.identification.sanity.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.signals import Port, Signals, sent_at_s, signals
 from norton_bench.identification.statistics import sandwich

@@ -14,10 +14,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import Ringing, Simulation
 from norton_bench.identification.coupling import Coupling
-from norton_bench.identification.expansion import Expansion, Linearised, Sums
-from norton_bench.identification.fit import PHYSICAL
-from norton_bench.identification.ladder import Rung, selected
-from norton_bench.identification.residuals.departures import (
+from norton_bench.identification.departures import (
     CHANGE,
     Candidate,
     Departure,
@@ -25,6 +22,9 @@ from norton_bench.identification.residuals.departures import (
     departures,
     greatest_share,
 )
+from norton_bench.identification.expansion import Expansion, Linearised, Sums
+from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.ladder import Rung, selected
 from norton_bench.identification.results import FitResult, SensorZero
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.simulated_bench import inertia_of

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.counts import Turns, Whitening
-from norton_bench.identification.friction.operators import linear_basis
+from norton_bench.identification.friction_operators import linear_basis
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.rows import (
     COULOMB,

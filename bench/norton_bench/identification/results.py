@@ -10,9 +10,9 @@ from scipy.interpolate import PchipInterpolator
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification import branches
 from norton_bench.identification.kernels import FULL_BAND, Kernel
-from norton_bench.identification.model_free import branches
-from norton_bench.identification.sanity.checks import FailedCheck
+from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.models.network import NortonNetwork

@@ -11,7 +11,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError
-from norton_bench.identification.sanity.redundancy import AGREEMENT, SLOPE, agreement
+from norton_bench.identification.redundancy import AGREEMENT, SLOPE, agreement
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.column_map import ColumnMap

@@ -8,8 +8,8 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.identification.friction import operators
-from norton_bench.identification.friction.model import Path
+from norton_bench.identification import friction_operators as operators
+from norton_bench.identification.friction_model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.columns import Terms

@@ -10,9 +10,9 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.friction.laws import family_for
-from norton_bench.identification.friction.laws import model as friction_model
-from norton_bench.identification.friction.model import FrictionModel
+from norton_bench.identification.friction_laws import family_for
+from norton_bench.identification.friction_laws import model as friction_model
+from norton_bench.identification.friction_model import FrictionModel
 from norton_bench.identification.ladder import Rung, ladder, selected
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.doubts import (

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.sanity.standstill import resolution
+from norton_bench.identification.standstill import resolution
 from norton_bench.logs.log import Log, untrustworthy
 
 # Where the map says nothing: the low-pass of the position, and the rows' rate, as shares of the sampling rate.

@@ -8,8 +8,8 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.sanity import standstill
-from norton_bench.identification.sanity.standstill import FROZEN_ROWS, flat_tops, rows_of
+from norton_bench.identification import standstill
+from norton_bench.identification.standstill import FROZEN_ROWS, flat_tops, rows_of
 from norton_bench.logs.column_map import ColumnMap, ColumnSection, Given
 from norton_bench.logs.files import Content, read_file
 from norton_bench.units import conversion

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.identification.friction.model import Dimension, FrictionModel, Path
+from norton_bench.identification.friction_model import Dimension, FrictionModel, Path
 from norton_bench.identification.ladder import FrictionFit, Rung
 from norton_bench.identification.results import Trace, words
 from norton_bench.logs.column_map import ColumnMap

@@ -11,7 +11,7 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.identification.friction.fit import FrictionFit
+from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.statistics import held_out_rms, simplest_as_good
 from norton_bench.logs.column_map import ColumnMap, Units
 from norton_bench.logs.equation import Problem

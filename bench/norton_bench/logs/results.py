@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.friction.model import Dimension
+from norton_bench.identification.friction_model import Dimension
 from norton_bench.identification.ladder import FrictionFit
 from norton_bench.identification.results import Direction, Trace, loose_directions
 from norton_bench.logs.column_map import Units

@@ -2,11 +2,11 @@
 
 from math import isfinite
 
-from norton_bench.identification.tables.averages import UNKNOWN, Setting
-from norton_bench.identification.tables.conditions import PortsRow
-from norton_bench.identification.tables.exertion_table import ExertionTable, Line
-from norton_bench.identification.tables.modulation import Modulated, ModulatorPlaces
-from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.averages import UNKNOWN, Setting
+from norton_bench.identification.exertion_table import ExertionTable, Line
+from norton_bench.identification.modulation import Modulated, ModulatorPlaces
+from norton_bench.identification.source_table import SourceTable
+from norton_bench.identification.table_conditions import PortsRow
 from norton_bench.report.words import Facts, Units, number, pretty_unit, within
 
 

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification.branches import TAILS
 from norton_bench.identification.in_situ import SourceMotion
-from norton_bench.identification.model_free.branches import TAILS
 from norton_bench.identification.results import BlockedMap, SourceMap, Trace
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork

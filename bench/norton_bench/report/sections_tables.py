@@ -5,13 +5,13 @@ from typing import Protocol
 
 import numpy as np
 
-from norton_bench.identification.friction.fit import ROUGHNESS
-from norton_bench.identification.friction.laws import CONTAINS, EXCESS
+from norton_bench.identification.exertion_table import ExertionTable
+from norton_bench.identification.friction_fit import ROUGHNESS
+from norton_bench.identification.friction_laws import CONTAINS, EXCESS
 from norton_bench.identification.in_situ import SourceMotion
-from norton_bench.identification.tables.conditions import two_ports
-from norton_bench.identification.tables.exertion_table import ExertionTable
-from norton_bench.identification.tables.modulation import modulated
-from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.modulation import modulated
+from norton_bench.identification.source_table import SourceTable
+from norton_bench.identification.table_conditions import two_ports
 from norton_bench.identification.trials import TAUGHT_HZ, TrialFigures, diverge, last_driven, settled
 from norton_bench.models.parameters import UNITS
 from norton_bench.report.data import ReportData

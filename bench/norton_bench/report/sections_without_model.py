@@ -4,9 +4,9 @@ from math import isfinite
 
 import numpy as np
 
-from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.identification.residuals.diagnosis import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
+from norton_bench.identification.residual_tests import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import SourceMap
+from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.report.data import ReportData
 from norton_bench.report.figures_fit import residual_tests_figure
 from norton_bench.report.figures_network import Loop, presliding_loops

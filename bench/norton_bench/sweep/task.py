@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from norton_bench.errors import BenchError
+from norton_bench.identification.cleaning import clean
 from norton_bench.identification.judged_fit import fit_judged
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.models.parameters import PARAMETERS, Estimate, Status
 from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import true_parameters

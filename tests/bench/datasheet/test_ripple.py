@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from norton_bench.datasheet.ripple import Line, Samples, folded, orders
-from norton_bench.identification.residuals.diagnosis import looked_at
+from norton_bench.identification.residual_tests import looked_at
 
 COUNT, TICK_S = 60_000, 1e-3
 INERTIA_KGM2, DAMPING_NMS_RAD = 5e-5, 1e-3

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification.averages import Mean, Setting
 from norton_bench.identification.conditions import Interval, Judgement, share_left, usable
-from norton_bench.identification.tables.averages import Mean, Setting
-from norton_bench.identification.tables.exertion_table import ExertionTable, Zeros
-from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.exertion_table import ExertionTable, Zeros
+from norton_bench.identification.source_table import SourceTable
 
 
 @dataclass(frozen=True)

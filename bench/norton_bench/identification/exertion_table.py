@@ -8,9 +8,7 @@ from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.load import LoadFit, fit_load
-from norton_bench.identification.readings import resolution_rad
-from norton_bench.identification.tables.averages import (
+from norton_bench.identification.averages import (
     T_95,
     Branch,
     Mean,
@@ -26,6 +24,8 @@ from norton_bench.identification.tables.averages import (
     swept,
     torque_in,
 )
+from norton_bench.identification.load import LoadFit, fit_load
+from norton_bench.identification.readings import resolution_rad
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use
 

@@ -9,7 +9,7 @@ from scipy.stats import f as f_distribution
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.model_free.branches import (
+from norton_bench.identification.branches import (
     PIECES,
     RESAMPLES,
     SKIPPED_SHARE,
@@ -17,7 +17,7 @@ from norton_bench.identification.model_free.branches import (
     resting,
     settled,
 )
-from norton_bench.identification.model_free.impedance_table import ImpedanceTable
+from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.readings import noise_deviation
 from norton_bench.identification.results import BlockedMap, FitResult, SensorZero, SourceMap
 from norton_bench.models.parameters import Status

@@ -6,7 +6,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.friction.model import (
+from norton_bench.identification.friction_model import (
     COULOMB,
     PRESLIDING,
     PRESLIDING_DAMPING,
@@ -120,7 +120,7 @@ class ElastoPlastic:
     replaces: tuple[str, ...] = ()
 
     def columns(self, path: Path, shape: FloatArray) -> FloatArray:
-        from norton_bench.identification.friction import operators  # noqa: PLC0415  (compiled: slow to import)
+        from norton_bench.identification import friction_operators as operators  # noqa: PLC0415  (compiled: slow to import)
 
         share, plastic = operators.elasto_plastic(path.position, path.begin, shape[0], shape[1])
         rate = path.velocity * (1.0 - plastic * share * np.sign(path.velocity))
@@ -147,7 +147,7 @@ class MaxwellSlip:
     replaces: tuple[str, ...] = ()
 
     def columns(self, path: Path, shape: FloatArray) -> FloatArray:
-        from norton_bench.identification.friction import operators  # noqa: PLC0415  (compiled: slow to import)
+        from norton_bench.identification import friction_operators as operators  # noqa: PLC0415  (compiled: slow to import)
 
         deflections = shape[0] * np.geomspace(*AROUND, ELEMENTS)
         elements = operators.stops(path.position, path.begin, deflections)
@@ -157,7 +157,7 @@ class MaxwellSlip:
 
 def _contact(path: Path, strength: FloatArray, deflection: float) -> FloatArray:
     """Velocity, share and the share's rate times the deflection, shape (3, n)."""
-    from norton_bench.identification.friction import operators  # noqa: PLC0415  (compiled: slow to import)
+    from norton_bench.identification import friction_operators as operators  # noqa: PLC0415  (compiled: slow to import)
 
     share = operators.bristle(path.position, path.begin * strength, strength, deflection)
     rate = path.velocity * (1.0 - np.sign(path.velocity) * share / strength)

@@ -11,10 +11,10 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.friction.laws import CONTAINS
-from norton_bench.identification.friction.laws import model as member
-from norton_bench.identification.friction.model import Dimension, Equation, FrictionModel
-from norton_bench.identification.friction.operators import bounded_solution
+from norton_bench.identification.friction_laws import CONTAINS
+from norton_bench.identification.friction_laws import model as member
+from norton_bench.identification.friction_model import Dimension, Equation, FrictionModel
+from norton_bench.identification.friction_operators import bounded_solution
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
 
@@ -170,7 +170,7 @@ class Problem:
         return float(power - 2 * linear @ moment + linear @ gram @ linear)
 
     def _sums(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        from norton_bench.identification.friction.operators import part_sums  # noqa: PLC0415  (compiled: slow to import)
+        from norton_bench.identification.friction_operators import part_sums  # noqa: PLC0415  (compiled: slow to import)
 
         key = at.tobytes()
         if key not in self._scanned:
@@ -220,7 +220,7 @@ class Problem:
         return replace(now, converged=not len(start))
 
     def _reach(self, at: FloatArray, rows: BoolArray) -> Reached:
-        from norton_bench.identification.friction.operators import part_sums  # noqa: PLC0415  (compiled: slow to import)
+        from norton_bench.identification.friction_operators import part_sums  # noqa: PLC0415  (compiled: slow to import)
 
         columns, target = self.columns(at), self.equation.target
         gram, moment, _ = part_sums(columns, target, np.where(rows, 0, -1))

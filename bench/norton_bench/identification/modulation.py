@@ -7,10 +7,10 @@ from itertools import combinations, groupby, pairwise
 import numpy as np
 
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.averages import COMMAND_DECIMALS, Mean, Setting
+from norton_bench.identification.exertion_table import ExertionTable, Line
 from norton_bench.identification.readings import resolution_rad
-from norton_bench.identification.tables.averages import COMMAND_DECIMALS, Mean, Setting
-from norton_bench.identification.tables.exertion_table import ExertionTable, Line
-from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.source_table import SourceTable
 from norton_bench.records import Measured
 
 # A modulation that lasted less was one on the way.

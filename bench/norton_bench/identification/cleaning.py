@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification import standstill
 from norton_bench.identification.readings import SMALLEST_STEP_RAD, nominal_period_s, one_a_period, sampled_at_s
-from norton_bench.identification.sanity import standstill
-from norton_bench.identification.sanity.redundancy import (
+from norton_bench.identification.redundancy import (
     contradictions,
     has_device_clock,
     in_order,
@@ -22,7 +22,7 @@ from norton_bench.identification.sanity.redundancy import (
     longest,
     useless_device_clock,
 )
-from norton_bench.identification.sanity.standstill import spikes
+from norton_bench.identification.standstill import spikes
 from norton_bench.records import NO_DEVICE_TIME, Measured, Table
 
 FLAT_LEAST = 0.001

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
+from norton_bench.identification import friction_operators as operators
 from norton_bench.identification import loops
-from norton_bench.identification.friction import operators
-from norton_bench.identification.friction.operators import bounded_solution
+from norton_bench.identification.friction_operators import bounded_solution
+from norton_bench.identification.impedance_table import ImpedanceTable, impedance_table
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.model_free.impedance_table import ImpedanceTable, impedance_table
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult, Trace, trace
 from norton_bench.identification.rows import Aligned, align, usable_of

@@ -7,8 +7,7 @@ from math import isfinite
 import numpy as np
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.readings import resolution_rad
-from norton_bench.identification.tables.averages import (
+from norton_bench.identification.averages import (
     Mean,
     Setting,
     inside,
@@ -18,6 +17,7 @@ from norton_bench.identification.tables.averages import (
     torque_in,
     velocity_of,
 )
+from norton_bench.identification.readings import resolution_rad
 from norton_bench.records import Measured, SegmentInfo
 
 # The names of the procedure that measures it, and of its segments: "read actuator", "read external", then "leave".
