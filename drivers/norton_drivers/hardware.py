@@ -13,9 +13,8 @@ import serial
 
 from norton_drivers.adapters.serial_line import EagerSocket, LowLatencySerial, serial_mend
 from norton_drivers.adapters.table import open_bus
-from norton_drivers.clock import Clock, MonotonicClock
 from norton_drivers.errors import ConnectionFailedError, reason_of
-from norton_drivers.ports import CanPort, SerialLine, SerialPort
+from norton_drivers.ports import CanPort, Clock, MonotonicClock, SerialLine, SerialPort
 from norton_drivers.wiring import CanBusSettings, Wiring
 
 # A time stamp further in the past than this is of another clock than the wall's (some adapters count from power-on).

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
-from norton_drivers.clock import Clock
 from norton_drivers.errors import ConnectionFailedError, WiringError
-from norton_drivers.ports import Backend, CanPort, SerialPort, Tap
+from norton_drivers.ports import Backend, CanPort, Clock, SerialPort, Tap
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 Shared = TypeVar("Shared")

@@ -25,11 +25,10 @@ from norton_bench.errors import BenchError, ExperimentError, OperatorStopError, 
 from norton_bench.loop.loop import never_stop
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
-from norton_drivers.clock import Clock
 from norton_drivers.discovery import serial_obstacles
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
-from norton_drivers.ports import Backend
+from norton_drivers.ports import Backend, Clock
 from norton_drivers.real_time import LOOP_PRIORITY, permitted_priority
 from norton_drivers.recognition import Recognition, answers_remotely
 from norton_drivers.registry import load_backend, recognition

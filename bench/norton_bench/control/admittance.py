@@ -12,13 +12,11 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control import core
-from norton_bench.control.anticipation import Anticipation, design_anticipation
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.design import TorqueGains, design_torque_loop, design_tracking
-from norton_bench.control.dynamics import AMPLIFIER, POSITION, VELOCITY
 from norton_bench.control.observer import FREE_RATE, Estimator
-from norton_bench.control.regulator import FREE, LOAD
-from norton_bench.control.torque_loop import TorqueLoop, settles_s
+from norton_bench.control.regulator import AMPLIFIER, FREE, LOAD, POSITION, VELOCITY
+from norton_bench.control.torque_loop import Anticipation, TorqueLoop, design_anticipation, settles_s
 from norton_bench.sample import Sample, Target
 from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance
 

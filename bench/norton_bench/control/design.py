@@ -11,9 +11,8 @@ from itertools import chain, product
 from math import ceil, inf, sqrt
 
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.control.dynamics import Bench
 from norton_bench.control.observer import Noise, Observer, design_observer, holds_at_any_age
-from norton_bench.control.regulator import Regulator, design_regulator
+from norton_bench.control.regulator import Bench, Regulator, design_regulator
 from norton_bench.control.robustness import Control, margins, torque_control, tracking_control
 from norton_bench.errors import ExperimentError
 

@@ -1,6 +1,6 @@
 """The Kalman observer: where the bench is now, from readings that are all some time old.
 
-Its state adds to the bench's own (:mod:`norton_bench.control.dynamics`) the actuator's free acceleration and a
+Its state adds to the bench's own (:mod:`norton_bench.control.regulator`) the actuator's free acceleration and a
 disturbance torque on the load, both as random walks, and the offset between the two encoders. The states at the last
 few ticks are kept with it, so that a reading corrects what it really saw.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.control import core
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.control.dynamics import (
+from norton_bench.control.regulator import (
     POSITION,
     STATES,
     TWIST,
@@ -24,8 +24,8 @@ from norton_bench.control.dynamics import (
     Sampled,
     look_back,
     sampled,
+    solve_riccati,
 )
-from norton_bench.control.regulator import solve_riccati
 from norton_bench.sample import Sample
 
 FREE, FREE_RATE, LOAD, OFFSET = STATES, STATES + 1, STATES + 2, STATES + 3

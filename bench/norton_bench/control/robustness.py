@@ -6,9 +6,8 @@ from functools import lru_cache
 import numpy as np
 
 from norton_bench.arrays import ComplexArray, FloatArray
-from norton_bench.control.dynamics import STATES, VELOCITY, Bench, look_back, sampled
 from norton_bench.control.observer import WIDTH, Observer
-from norton_bench.control.regulator import Regulator
+from norton_bench.control.regulator import STATES, VELOCITY, Bench, Regulator, look_back, sampled
 
 FREQUENCIES = np.geomspace(0.02, np.pi, 80)  # rad per tick
 # The sensor's resonance lies near or beyond half the loop's rate, where it is a sharp peak at a frequency that no

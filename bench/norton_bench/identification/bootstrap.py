@@ -16,7 +16,6 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.coupling import Coupling, likeliest
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.readings import (
     resolution_rad,
@@ -33,7 +32,7 @@ from norton_bench.identification.signals import (
     signals,
     stream_of,
 )
-from norton_bench.identification.simulated_bench import ReadingErrors, Spectrum, Truth, inertia_of
+from norton_bench.identification.simulated_bench import Coupling, ReadingErrors, Spectrum, Truth, inertia_of, likeliest
 from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.records import Measured, Table
 from norton_bench.segments import Use

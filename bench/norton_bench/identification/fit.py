@@ -13,7 +13,6 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
-from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.current import fit_current
 from norton_bench.identification.results import (
     Cogging,
@@ -28,6 +27,7 @@ from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, VI
 from norton_bench.identification.sanity_checks import FailedCheck, failed_checks, status_of
 from norton_bench.identification.separable import Solution, limits, linear_solution, solve
 from norton_bench.identification.signals import Port, Signals, signals
+from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import Ringing, Simulation
-from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.departures import (
     CHANGE,
     Candidate,
@@ -27,7 +26,7 @@ from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.ladder import Rung, selected
 from norton_bench.identification.results import FitResult, SensorZero
 from norton_bench.identification.signals import Signals, signals
-from norton_bench.identification.simulated_bench import inertia_of
+from norton_bench.identification.simulated_bench import Coupling, inertia_of
 from norton_bench.identification.validation import free_runs
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status

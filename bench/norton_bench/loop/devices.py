@@ -11,10 +11,9 @@ from norton_bench.guard.check import Commands, DriveHealth
 from norton_bench.loop.watchdogs import WatchdogFinding, fall_silent, has_none
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
-from norton_drivers.clock import Clock
 from norton_drivers.devices import Amplifier, Device, TorqueSensor
 from norton_drivers.link import Link
-from norton_drivers.ports import Backend
+from norton_drivers.ports import Backend, Clock
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, MotionReading, TorqueReading
 from norton_drivers.registry import open_amplifier, open_torque_sensor
 

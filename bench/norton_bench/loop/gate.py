@@ -2,8 +2,7 @@
 
 from math import inf
 
-from norton_bench.guard.checks import Fitted, checks_for
-from norton_bench.guard.guard import Guard
+from norton_bench.guard.guard import Fitted, Guard, checks_for
 from norton_bench.loop.devices import Devices
 from norton_bench.rig.rig import Rig
 

@@ -9,7 +9,7 @@ from typing import Any
 from norton_bench.errors import SafetyStopError
 from norton_bench.loop.orders import Idle, LeaveError, Order
 from norton_bench.loop.pieces import PieceReader
-from norton_drivers.clock import Clock
+from norton_drivers.ports import Clock
 
 # During a segment a session beats 25 times a second; one that does not for so long hangs, or was stopped.
 SILENT_NS = 1_000_000_000

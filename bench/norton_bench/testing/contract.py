@@ -15,11 +15,10 @@ import pytest
 
 from norton_bench.rig.driver_options import declared_by
 from norton_drivers import registry
-from norton_drivers.clock import Clock
 from norton_drivers.codecs.can_errors import ErrorClass
 from norton_drivers.errors import DeviceError, WiringError
 from norton_drivers.link import Link
-from norton_drivers.ports import Backend, CanPort, SerialLine, SerialPort
+from norton_drivers.ports import Backend, CanPort, Clock, SerialLine, SerialPort
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 

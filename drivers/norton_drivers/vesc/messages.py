@@ -10,11 +10,10 @@ from typing import Any
 
 import can
 
-from norton_drivers.clock import Clock
 from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs import vesc_packets as packets
 from norton_drivers.codecs.vesc import Packet
-from norton_drivers.ports import CanPort
+from norton_drivers.ports import CanPort, Clock
 from norton_drivers.readings import Inbox, RawFrame, Unwrapped
 from norton_drivers.recognition import Question, Recognised
 

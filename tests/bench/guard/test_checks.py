@@ -5,7 +5,7 @@ from math import inf
 
 import pytest
 
-from norton_bench.guard.checks import Fitted, checks_for
+from norton_bench.guard.guard import Fitted, checks_for
 from norton_bench.rig.rig import Command, Limits
 from norton_bench.rig.schema import PLAUSIBILITY
 

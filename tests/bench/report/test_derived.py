@@ -7,7 +7,7 @@ import pytest
 
 from norton_bench.models.parameters import Status
 from norton_bench.report.data import ReportData
-from norton_bench.report.equation import derived_facts
+from norton_bench.report.facts_tables import derived_facts
 from tests.bench.report.test_words import read_back
 
 DRAWS, SEED = 200_000, 5

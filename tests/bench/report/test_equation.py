@@ -7,7 +7,7 @@ import pytest
 
 from norton_bench.models.parameters import Status
 from norton_bench.report.data import ReportData
-from norton_bench.report.equation import DIGITS, model_of
+from norton_bench.report.facts_tables import DIGITS, model_of
 from tests.bench.report.test_words import read_back
 
 NAMES = {"ωN": "source_velocity", "dτm/dt": "amplifier", "τ": "impedance", "dφ/dt": "contact"}
