@@ -12,7 +12,7 @@ from math import ceil, inf, sqrt
 
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.observer import Noise, Observer, design_observer, holds_at_any_age
-from norton_bench.control.regulator import Bench, Regulator, design_regulator
+from norton_bench.control.regulator import Regulator, SampledBench, design_regulator
 from norton_bench.control.robustness import Control, margins, torque_control, tracking_control
 from norton_bench.errors import ExperimentError
 
@@ -67,11 +67,11 @@ class Tracking:
     gentler: float = 1.0
 
 
-def nominal_bench(calibration: LoadCalibration, tick_s: float) -> Bench:
+def nominal_bench(calibration: LoadCalibration, tick_s: float) -> SampledBench:
     """The bench as calibrated; readings are half a tick old on average when a tick sees them."""
     c = calibration
     low, high = _inertias(c)
-    return Bench(
+    return SampledBench(
         gain=c.torque_gain,
         bandwidth_rad_s=c.amplifier_bandwidth_rad_s,
         load_inertia_kgm2=c.inertia_kgm2,
@@ -84,13 +84,13 @@ def nominal_bench(calibration: LoadCalibration, tick_s: float) -> Bench:
     )
 
 
-def sliding_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
+def sliding_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]:
     """Both contacts slide; the actuator's inertia is not well known."""
     bench = nominal_bench(calibration, tick_s)
     return of_inertias(bench, (*_inertias(calibration), bench.actuator_inertia_kgm2), tick_s)
 
 
-def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
+def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]:
     """The actuator's contact sticks: it is a spring, and so is the load's or not."""
     c, bench = calibration, nominal_bench(calibration, tick_s)
     contact, factors = (c, STICKING) if c.actuator_friction is None else (c.actuator_friction, STICKING_AS_KNOWN)
@@ -106,7 +106,7 @@ def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Be
         )
 
 
-def walls(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
+def walls(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]:
     """The actuator does not move at all: the command's whole torque is seen, the most that the plant's gain can be."""
     wall = replace(nominal_bench(calibration, tick_s), actuator_inertia_kgm2=WALL * calibration.inertia_kgm2)
     for bench in miscalibrated(wall, tick_s):
@@ -210,7 +210,7 @@ def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Trackin
     nominal = nominal_bench(calibration, tick_s)
 
     @cache
-    def seen(heavier: float, distrust: float) -> tuple[Bench, Observer | None]:
+    def seen(heavier: float, distrust: float) -> tuple[SampledBench, Observer | None]:
         bench = replace(nominal, actuator_inertia_kgm2=heavier * nominal.actuator_inertia_kgm2)
         return bench, _observer(calibration, bench, tick_s, distrust)
 
@@ -222,7 +222,7 @@ def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Trackin
             yield Tracking(observer, design_regulator(bench, effort, tick_s), max(effort / EFFORTS[-1], 1.0))
 
 
-def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float, distrust: float) -> Observer | None:
+def _observer(calibration: LoadCalibration, bench: SampledBench, tick_s: float, distrust: float) -> Observer | None:
     """The quickest that holds for readings of any age; None where none does."""
     torque_nm = doubted_torque_nm(calibration)
     free_rad_s2 = 100 * torque_nm / bench.actuator_inertia_kgm2  # per root second
@@ -236,7 +236,7 @@ def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float, distrus
 
 def doubting_observer(
     calibration: LoadCalibration,
-    bench: Bench,
+    bench: SampledBench,
     doubt: float,
     walks: tuple[float, float, float],
     tick_s: float,
@@ -272,13 +272,13 @@ def _inertias(calibration: LoadCalibration) -> tuple[float, float]:
     return base * low, base * high
 
 
-def of_inertias(bench: Bench, actuator_kgm2: Iterable[float], tick_s: float) -> Iterator[Bench]:
+def of_inertias(bench: SampledBench, actuator_kgm2: Iterable[float], tick_s: float) -> Iterator[SampledBench]:
     """``bench`` with each of these inertias for the actuator's, as it may be calibrated."""
     for inertia_kgm2 in actuator_kgm2:
         yield from miscalibrated(replace(bench, actuator_inertia_kgm2=inertia_kgm2), tick_s)
 
 
-def miscalibrated(bench: Bench, tick_s: float) -> Iterator[Bench]:
+def miscalibrated(bench: SampledBench, tick_s: float) -> Iterator[SampledBench]:
     """``bench``, and as it may be instead: see the errors named above."""
     late_s = DELAY_ERROR_TICKS * tick_s
     yield bench
@@ -288,12 +288,12 @@ def miscalibrated(bench: Bench, tick_s: float) -> Iterator[Bench]:
     yield replace(bench, stiffness_nm_rad=bench.stiffness_nm_rad * (1 - STIFFNESS_ERROR))
 
 
-def holds(control: Control, benches: Iterable[Bench], sensitivity: float, tick_s: float) -> bool:
+def holds(control: Control, benches: Iterable[SampledBench], sensitivity: float, tick_s: float) -> bool:
     """Whether it keeps its margins on all of them."""
     return all(margins(bench, control, tick_s).within(sensitivity) for bench in benches)
 
 
-def _worst(control: Control, benches: tuple[Bench, ...], least: float, tick_s: float) -> float:
+def _worst(control: Control, benches: tuple[SampledBench, ...], least: float, tick_s: float) -> float:
     """The greatest peak sensitivity, infinite where it is unstable or beyond ``least`` anyhow."""
     worst = 0.0
     for bench in benches:

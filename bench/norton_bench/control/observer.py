@@ -20,8 +20,8 @@ from norton_bench.control.regulator import (
     TWIST,
     TWIST_RATE,
     VELOCITY,
-    Bench,
     Sampled,
+    SampledBench,
     look_back,
     sampled,
     solve_riccati,
@@ -67,7 +67,7 @@ def place(delay_s: float, tick_s: float) -> tuple[int, int]:
     return back, round(after_s / tick_s * GRID)
 
 
-def holds_at_any_age(observer: Observer, bench: Bench, tick_s: float) -> bool:
+def holds_at_any_age(observer: Observer, bench: SampledBench, tick_s: float) -> bool:
     """Whether the observer's error dies out however old the readings are when a tick sees them, up to a tick."""
     size = (observer.past + 1) * WIDTH
     shift = np.eye(size, k=-WIDTH)
@@ -93,7 +93,7 @@ def _places(delay_s: float, tick_s: float) -> list[tuple[int, int]]:
     return [*places, (younger, 0), (older, GRID)] if younger < older else places
 
 
-def design_observer(bench: Bench, noise: Noise, tick_s: float, past: int) -> Observer:
+def design_observer(bench: SampledBench, noise: Noise, tick_s: float, past: int) -> Observer:
     """The steady-state Kalman observer for the nominal bench."""
     model = _extended(bench, tick_s)
     step = model.flow(tick_s)
@@ -104,7 +104,7 @@ def design_observer(bench: Bench, noise: Noise, tick_s: float, past: int) -> Obs
     return Observer(step, rows, gain, nominal, past, model.whole)
 
 
-def _extended(bench: Bench, tick_s: float) -> Sampled:
+def _extended(bench: SampledBench, tick_s: float) -> Sampled:
     """The bench with its disturbances as states; inputs: command, torque on the load, free acceleration."""
     a5, b5 = bench.matrices()
     a, b = np.zeros((WIDTH, WIDTH)), np.zeros((WIDTH, 3))
@@ -114,14 +114,14 @@ def _extended(bench: Bench, tick_s: float) -> Sampled:
     return sampled(a, b, tick_s, bench.command_delay_s)
 
 
-def _outputs(bench: Bench) -> FloatArray:
+def _outputs(bench: SampledBench) -> FloatArray:
     rows = np.zeros((3, WIDTH))
     rows[:, :STATES] = bench.outputs()
     rows[2, OFFSET] = 1.0
     return rows
 
 
-def _gain(model: Sampled, outputs: FloatArray, bench: Bench, noise: Noise, past: int) -> FloatArray:
+def _gain(model: Sampled, outputs: FloatArray, bench: SampledBench, noise: Noise, past: int) -> FloatArray:
     size = (past + 1) * WIDTH
     transition, seen = np.zeros((size, size)), np.zeros((3, size))
     transition[:WIDTH, :WIDTH] = model.flow(model.tick_s)[:, :WIDTH]
@@ -141,7 +141,7 @@ def _gain(model: Sampled, outputs: FloatArray, bench: Bench, noise: Noise, past:
     return np.asarray(gain * scale[:, None] / reading)
 
 
-def _process_noise(model: Sampled, bench: Bench, noise: Noise) -> FloatArray:
+def _process_noise(model: Sampled, bench: SampledBench, noise: Noise) -> FloatArray:
     """Of one tick: random walks of free acceleration, load torque and encoder offset, a little of everything else."""
     density = np.zeros(WIDTH)
     density[FREE], density[LOAD] = noise.free_rad_s2**2, noise.load_nm**2
@@ -157,7 +157,7 @@ def _process_noise(model: Sampled, bench: Bench, noise: Noise) -> FloatArray:
     return covariance
 
 
-def _scale(bench: Bench, noise: Noise) -> FloatArray:
+def _scale(bench: SampledBench, noise: Noise) -> FloatArray:
     """Typical sizes, which keep the Riccati equation well conditioned."""
     twist = noise.torque_nm / bench.stiffness_nm_rad
     return np.array(

@@ -15,7 +15,7 @@ COMMAND, DISTURBANCE, FREE_ACCELERATION = range(3)
 
 
 @dataclass(frozen=True)
-class Bench:
+class SampledBench:
     """The bench between two machines as the controller sees it: linear, sampled, with its delays.
 
     State: load position and velocity [rad, rad/s], twist of the sensor and its rate [rad, rad/s], torque of the
@@ -60,7 +60,7 @@ class Bench:
         row[TWIST], row[TWIST_RATE] = self.stiffness_nm_rad, self.damping_nms_rad
         return row
 
-    def with_damping(self, ratio: float) -> "Bench":
+    def with_damping(self, ratio: float) -> "SampledBench":
         """The same bench with the sensor's resonance damped by at least ``ratio`` of critical."""
         reduced = 1 / (1 / self.load_inertia_kgm2 + 1 / self.actuator_inertia_kgm2)
         least = 2 * ratio * sqrt(self.stiffness_nm_rad * reduced)
@@ -155,7 +155,7 @@ class Regulator:
     on_commands: FloatArray
 
 
-def design_regulator(bench: Bench, effort: float, tick_s: float) -> Regulator:
+def design_regulator(bench: SampledBench, effort: float, tick_s: float) -> Regulator:
     """``effort`` is √ρ: the error, as a torque, that is worth one newton metre of change within a tick."""
     transition, change = _transition(bench, tick_s)
     errors = np.zeros((2, len(transition)))
@@ -168,7 +168,7 @@ def design_regulator(bench: Bench, effort: float, tick_s: float) -> Regulator:
     return Regulator(gain[:WIDTH], gain[WIDTH:])
 
 
-def _transition(bench: Bench, tick_s: float) -> tuple[FloatArray, FloatArray]:
+def _transition(bench: SampledBench, tick_s: float) -> tuple[FloatArray, FloatArray]:
     """State (deviations, last commands newest first) from tick to tick, and its input, the change of the command."""
     a5, b5 = bench.matrices()
     a, b = np.zeros((WIDTH, WIDTH)), np.zeros((WIDTH, 1))
@@ -193,7 +193,7 @@ def _transition(bench: Bench, tick_s: float) -> tuple[FloatArray, FloatArray]:
     return transition, change
 
 
-def _scale(bench: Bench, size: int) -> FloatArray:
+def _scale(bench: SampledBench, size: int) -> FloatArray:
     """Typical sizes, which keep the Riccati equation well conditioned."""
     twist, scale = 1e-2 / bench.stiffness_nm_rad, np.full(size, 1e-2)
     free = 1e-2 / bench.load_inertia_kgm2

@@ -21,7 +21,7 @@ from norton_bench.control.design import (
     walls,
 )
 from norton_bench.control.observer import FREE, FREE_RATE, WIDTH, Observer, holds_at_any_age
-from norton_bench.control.regulator import POSITION, VELOCITY, Bench
+from norton_bench.control.regulator import POSITION, VELOCITY, SampledBench
 from norton_bench.control.robustness import Control, corrected, margins, observing, sizes
 
 # Feedback, over what it would be without anticipation.
@@ -157,11 +157,11 @@ class _Laws:
         memory_entry = np.stack([[1.0, 0.0, 0.0], needed_direct, undone * needed_direct])
         return observing(observer, state, wish, direct, memory, memory_entry)
 
-    def _sliding_benches(self) -> Iterator[Bench]:
+    def _sliding_benches(self) -> Iterator[SampledBench]:
         bench = nominal_bench(self.calibration, self.tick_s)
         return of_inertias(bench, (error * bench.actuator_inertia_kgm2 for error in INERTIA_ERRORS), self.tick_s)
 
-    def _sticking_benches(self) -> Iterator[Bench]:
+    def _sticking_benches(self) -> Iterator[SampledBench]:
         c, f = self.calibration, self.friction
         stuck = replace(
             nominal_bench(c, self.tick_s),

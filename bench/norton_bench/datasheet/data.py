@@ -12,7 +12,7 @@ from markupsafe import Markup
 from norton_bench.datasheet.evidence import Evidence
 from norton_bench.datasheet.pictures import Picture, drawings, pictures
 from norton_bench.datasheet.ripple import Order, Wave
-from norton_bench.datasheet.sheet import Difference, Known, Sheet, compared
+from norton_bench.datasheet.sheet import Difference, Sheet, SheetValue, compared
 from norton_bench.datasheet.spectra import Spectra, Transfer
 from norton_bench.datasheet.tables import (
     difference_table,
@@ -62,7 +62,7 @@ def comparison_data(differences: Sequence[Difference]) -> list[dict[str, Any]]:
     ]
 
 
-def _parameter(each: Known) -> dict[str, Any]:
+def _parameter(each: SheetValue) -> dict[str, Any]:
     return {
         "value": each.shown,
         "interval": _data_told(each.interval, known=each.settled),

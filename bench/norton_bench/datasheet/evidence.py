@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.datasheet.ripple import LEVEL, Folded, Line, Order, Samples, folded, orders
+from norton_bench.datasheet.ripple import LEVEL, Folded, Order, OrderWave, Samples, folded, orders
 from norton_bench.datasheet.spectra import Piece, Spectra, spectra
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.conditions import ZeroRange, zero_range
@@ -145,7 +145,7 @@ def _samples(fit: FitResult, aligned: Sequence[Aligned], stretches: tuple[Signal
     return samples, known
 
 
-def _line(aligned: Sequence[Aligned], periods: float, network: NortonNetwork, known: BoolArray) -> Line:
+def _line(aligned: Sequence[Aligned], periods: float, network: NortonNetwork, known: BoolArray) -> OrderWave:
     """Of so many periods a turn, at the instants that the residual is ``known`` at."""
     wave, velocity, acceleration = np.concatenate(
         [
@@ -160,7 +160,7 @@ def _line(aligned: Sequence[Aligned], periods: float, network: NortonNetwork, kn
         ],
         axis=2,
     )[:, :, known]
-    return Line(wave, network.inertia_kgm2 * acceleration + network.viscous_damping_nms_rad * velocity)
+    return OrderWave(wave, network.inertia_kgm2 * acceleration + network.viscous_damping_nms_rad * velocity)
 
 
 def _periods(fit: FitResult, samples: Samples, tests: ResidualTests | None) -> tuple[float, ...]:

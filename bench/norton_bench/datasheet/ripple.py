@@ -54,7 +54,7 @@ class Order:
 
 
 @dataclass(frozen=True)
-class Line:
+class OrderWave:
     """Of one order, through the same low-pass as the residual, each (2, n): cosine and sine of the angle, and the
     torque [N m/rad] that the network makes of an error of the angle of that form."""
 
@@ -84,7 +84,7 @@ class Folded:
     half_width_nm: FloatArray
 
 
-def orders(samples: Samples, lines: Mapping[float, Line]) -> tuple[Order, ...]:
+def orders(samples: Samples, lines: Mapping[float, OrderWave]) -> tuple[Order, ...]:
     """The lines of which something shows, the greatest cogging first; ``lines`` by their periods a turn."""
     if not lines:
         return ()

@@ -24,7 +24,7 @@ SAME = 0.01
 
 
 @dataclass(frozen=True)
-class Known:
+class SheetValue:
     """One parameter; ``std`` is NaN where nothing is told of it, ``status`` None where a network does not tell it."""
 
     name: str
@@ -58,7 +58,7 @@ class Sheet:
     name: str
     file: str
     network: NortonNetwork
-    parameters: tuple[Known, ...]
+    parameters: tuple[SheetValue, ...]
     limits: OperatingPoint | None = None
     told: tuple[str, ...] = ()
     evidence: Evidence = field(default_factory=Evidence)
@@ -114,7 +114,9 @@ def sheet_of_network(network: Network, file: str) -> Sheet:
     std = dict(zip(network.covariance_names, np.sqrt(np.diag(np.asarray(network.covariance))), strict=True))
     told = {name: Status(word) for name, word in told_statuses(network.provenance).items()}
     parameters = tuple(
-        Known(name, value, float(std.get(name, np.nan)), BY_NAME[name].unit_for(network.command_unit), told.get(name))
+        SheetValue(
+            name, value, float(std.get(name, np.nan)), BY_NAME[name].unit_for(network.command_unit), told.get(name)
+        )
         for attribute, name in PARAMETER_OF_FIELD.items()
         if (value := getattr(network, attribute)) is not None
     )
@@ -127,7 +129,7 @@ def sheet_of_fit(fit: FitResult, recording: Recording, tests: ResidualTests | No
     """The same with what the recording tells beside it: statuses, and points measured at the port. The fit must have
     converged."""
     about = recording.metadata
-    parameters = tuple(Known(each.name, each.value, each.std, each.unit, each.status) for each in fit.estimates)
+    parameters = tuple(SheetValue(each.name, each.value, each.std, each.unit, each.status) for each in fit.estimates)
     found = evidence(fit, recording.measured, tests, float(about["tick_s"]))
     limits = _limits(recording.rig_text, file)
     return Sheet(

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import isfinite
 
 from norton_bench.datasheet.ripple import Order, Wave
-from norton_bench.datasheet.sheet import Difference, Known, Sheet
+from norton_bench.datasheet.sheet import Difference, Sheet, SheetValue
 from norton_bench.models.derived import Figure, OperatingPoint
 from norton_bench.models.parameters import BY_NAME
 from norton_bench.report.words import NO_NUMBER as NONE
@@ -137,7 +137,7 @@ def _warming_sentence(sheet: Sheet) -> str:
     return f"While the drive's temperature went from {span}, friction changed by {value} mN·m ({interval})."
 
 
-def _parameter(each: Known, *, statuses: bool) -> tuple[str, ...]:
+def _parameter(each: SheetValue, *, statuses: bool) -> tuple[str, ...]:
     value, interval = between(each.shown, each.interval)
     row = BY_NAME[each.name]
     shown = interval if each.settled else NONE
@@ -153,7 +153,7 @@ def _figure(figure: Figure, sheet: Sheet, *, again: bool) -> tuple[str, ...]:
     return (figure.row.symbol, words, value, shown, pretty_unit(figure.unit), valid_where(figure, sheet))
 
 
-def _parameter_difference(first: Known, second: Known) -> tuple[str, ...]:
+def _parameter_difference(first: SheetValue, second: SheetValue) -> tuple[str, ...]:
     row, apart = BY_NAME[first.name], second.value - first.value
     half = 1.96 * float((first.std**2 + second.std**2) ** 0.5)
     if first.unit != second.unit:

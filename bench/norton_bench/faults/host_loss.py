@@ -16,7 +16,7 @@ from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
-from norton_bench.faults.case import Case, Detection, Outcome, Verdict, allowed_ns, judge, off_after_ns
+from norton_bench.faults.case import Case, CaseResult, Detection, Verdict, allowed_ns, judge, off_after_ns
 from norton_bench.faults.rehearse import nothing_yet
 from norton_bench.rig.rig import Rig
 from norton_drivers.rehearsal import TrueState
@@ -86,7 +86,7 @@ class _CannotServeError(Exception):
     """This machine cannot serve the rig's devices; the text says why."""
 
 
-def lose_host(rig: Rig, case: Case, watchdog_s: float, seed: int | None = None) -> Outcome:
+def lose_host(rig: Rig, case: Case, watchdog_s: float, seed: int | None = None) -> CaseResult:
     """One such case; skipped, with the reason, where this machine cannot try it."""
     allowed = allowed_ns(watchdog_s, rig.tick_ns)
     outcome = nothing_yet(rig, case, allowed)
@@ -141,7 +141,7 @@ def _last_words(folder: Path) -> str:
     return f"the host ended before it was lost: {lines[-1] if lines else 'without a word'}"
 
 
-def _judged(outcome: Outcome, states: Sequence[TrueState], begun_ns: int, rig: Rig) -> Outcome:
+def _judged(outcome: CaseResult, states: Sequence[TrueState], begun_ns: int, rig: Rig) -> CaseResult:
     off_ns = off_after_ns([state for state in states if state.stamp_ns >= begun_ns], begun_ns)
     detection = None if off_ns is None else Detection(begun_ns + off_ns, "the drives' own watchdogs")
     found = judge(

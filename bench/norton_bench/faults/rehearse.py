@@ -11,7 +11,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError, UsageError
-from norton_bench.faults.case import Case, Detection, Outcome, Verdict, allowed_ns, judge
+from norton_bench.faults.case import Case, CaseResult, Detection, Verdict, allowed_ns, judge
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.loop.devices import open_devices
 from norton_bench.procedures.calibrate import CalibrateProcedure
@@ -125,7 +125,7 @@ def prepare(rig: Rig, seed: int | None = None) -> Prepared:
     return Prepared(seen, known, longest_watchdog_s(rig))
 
 
-def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> Outcome:
+def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> CaseResult:
     """The exercise, and the fault in the middle of it. Raises UsageError for a backend that cannot rehearse."""
     rig = prepared.rig
     backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
@@ -188,16 +188,18 @@ def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None, a
     return _Run(error, bug, ended_ns, join(listener.parts), states)
 
 
-def nothing_yet(rig: Rig, case: Case, allowed: int) -> Outcome:
+def nothing_yet(rig: Rig, case: Case, allowed: int) -> CaseResult:
     """What is known of a case before it is tried; a drive is allowed to go on for so many nanoseconds."""
-    return Outcome(case.name, case.on, family(rig), rig.name, case.expected, Verdict.FAILED, allowed_s=allowed * 1e-9)
+    return CaseResult(
+        case.name, case.on, family(rig), rig.name, case.expected, Verdict.FAILED, allowed_s=allowed * 1e-9
+    )
 
 
-def _failed(outcome: Outcome, why: str) -> Outcome:
+def _failed(outcome: CaseResult, why: str) -> CaseResult:
     return replace(outcome, guard=why)
 
 
-def _judged(outcome: Outcome, run: _Run, begun_ns: int, hits: int, rig: Rig) -> Outcome:
+def _judged(outcome: CaseResult, run: _Run, begun_ns: int, hits: int, rig: Rig) -> CaseResult:
     detection = _detection(run)
     if detection is not None and detection.stamp_ns < begun_ns:
         return _failed(outcome, f"the session ended before the fault: {detection.words}")

@@ -67,7 +67,7 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class PaperExperiment:
     """What was measured on one rig, and what is true of its actuator, by the names of ``sim truth``.
 
     ``torque_zero_nm`` is what the torque sensor read at the start, with nothing at the port.
@@ -131,7 +131,7 @@ def wider(found: Estimated, by: float) -> Estimated:
     return Estimated(found.value, (low - by, high + by))
 
 
-class Line:
+class StraightLine:
     """A straight line through independent points (n,), by least squares."""
 
     def __init__(self, x: npt.ArrayLike, y: npt.ArrayLike) -> None:

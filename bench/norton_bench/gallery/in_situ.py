@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.gallery.claim import Experiment, Shown, mean, row, wider
+from norton_bench.gallery.claim import PaperExperiment, Shown, mean, row, wider
 from norton_bench.identification.in_situ import in_band_motion
 from norton_bench.identification.trials import TRIAL, in_band, seen
 from norton_bench.models.network import NortonNetwork
@@ -41,7 +41,7 @@ class Movement:
 class Assembled:
     """The true actuator, and what the bench measured while it was assembled."""
 
-    experiment: Experiment
+    experiment: PaperExperiment
 
     @cached_property
     def movements(self) -> tuple[Movement, ...]:
@@ -103,7 +103,7 @@ class Assembled:
         return np.asarray(np.gradient(in_band_motion(position_rad, self._tick_s), self._tick_s))
 
 
-def claims(experiment: Experiment) -> tuple[Shown, ...]:
+def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
     return (in_situ(Assembled(experiment)),)
 

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.gallery import gravity, in_situ, motor, muscle, spring
-from norton_bench.gallery.claim import Experiment, Row, Shown
+from norton_bench.gallery.claim import PaperExperiment, Row, Shown
 from norton_bench.gallery.gravity import TwoPorts
 from norton_bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
 from norton_bench.gallery.muscle import MuscleSweeps
@@ -29,7 +29,7 @@ class Entry:
 
     rig: str
     procedures: tuple[Procedure | Adaptive, ...]
-    claims: Callable[[Experiment], tuple[Shown, ...]]
+    claims: Callable[[PaperExperiment], tuple[Shown, ...]]
 
 
 CATALOGUE: Mapping[str, Entry] = {
@@ -99,7 +99,9 @@ def prove(name: str, rig: Rig, seed: int) -> tuple[Proof, ...]:
     return tuple(_drawn(claim, seed) for claim in shown)
 
 
-def measure(name: str, rig: Rig, seed: int, procedures: Sequence[Procedure | Adaptive] | None = None) -> Experiment:
+def measure(
+    name: str, rig: Rig, seed: int, procedures: Sequence[Procedure | Adaptive] | None = None
+) -> PaperExperiment:
     """What the experiment of that name measures, and what is true meanwhile; ``procedures`` in place of its own."""
     chosen = CATALOGUE[name].procedures if procedures is None else procedures
 
@@ -114,7 +116,7 @@ def measure(name: str, rig: Rig, seed: int, procedures: Sequence[Procedure | Ada
     if tare is None:
         raise ExperimentError(f"gallery, {name}: was not tared")
     true = {parameter: value for parameter, (value, _) in true_parameters(rig, seed).items()}
-    return Experiment(rig, recorded.measured, true, tare.torque_bias_nm)
+    return PaperExperiment(rig, recorded.measured, true, tare.torque_bias_nm)
 
 
 def _drawn(claim: Shown, seed: int) -> Proof:

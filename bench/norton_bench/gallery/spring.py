@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from norton_bench.errors import ExperimentError
-from norton_bench.gallery.claim import Experiment, Shown, mean, row, wider
+from norton_bench.gallery.claim import PaperExperiment, Shown, mean, row, wider
 from norton_bench.identification.exertion_table import ExertionTable, exertion_table
 from norton_bench.procedures.modulated import WAY, ModulatedProcedure
 from norton_bench.procedures.options import TabulateImpedanceOptions
@@ -30,7 +30,7 @@ EXPERIMENT = ModulatedProcedure(TABULATION, ROUNDS * MODULATIONS)
 class VariableSpring:
     """The true actuator, and what the bench tabulated of it: a table for each visit to a modulation."""
 
-    experiment: Experiment
+    experiment: PaperExperiment
 
     @cached_property
     def visits(self) -> tuple[ExertionTable, ...]:
@@ -61,7 +61,7 @@ class VariableSpring:
         return self.stiffness_nm_rad(modulation) * 2 * short_rad / float(reach_rad)
 
 
-def claims(experiment: Experiment) -> tuple[Shown, ...]:
+def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
     return (one_source_many_springs(VariableSpring(experiment)),)
 

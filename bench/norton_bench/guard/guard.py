@@ -9,8 +9,8 @@ from norton_bench.errors import SafetyStopError, UsageError
 from norton_bench.guard.check import NOTHING, Check, Commands, DriveHealth, Limited
 from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
 from norton_bench.guard.model import GuardModel
-from norton_bench.guard.motion_checks import Coupling, EncoderAgreement, HeldShaft, Standstill
-from norton_bench.guard.torque_checks import FrozenTorque, Saturation, TorqueBalance, TorqueJump
+from norton_bench.guard.motion_checks import CouplingCheck, EncoderAgreement, HeldShaft, Standstill
+from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueBalance, TorqueJump
 from norton_bench.rig.rig import Command, Limits
 from norton_bench.sample import Sample
 from norton_bench.units import conversion, same_dimension
@@ -18,7 +18,7 @@ from norton_drivers.readings import DriveState
 
 
 @dataclass(frozen=True)
-class Fitted:
+class Equipment:
     """Which plausibility checks a rig gets: those whose signals it has.
 
     What is on the bench. Resolutions are 0 where unknown.
@@ -37,14 +37,14 @@ class Fitted:
 
 
 def checks_for(
-    limits: Limits, command: Command, tick_s: float, fitted: Fitted, leave_out: Collection[str] = ()
+    limits: Limits, command: Command, tick_s: float, fitted: Equipment, leave_out: Collection[str] = ()
 ) -> tuple[Check, ...]:
     """In the order in which they are asked: what tells the cause before what tells the effect."""
     checks: list[Check] = [EncoderAgreement("actuator encoder", fitted.resolution_rad)]
     if fitted.load:
         checks.append(EncoderAgreement("load encoder", fitted.load_resolution_rad))
         resolution_rad = fitted.resolution_rad + fitted.load_resolution_rad
-        checks.append(Coupling(limits.twist_rad, limits.torque_nm, resolution_rad, tick_s))
+        checks.append(CouplingCheck(limits.twist_rad, limits.torque_nm, resolution_rad, tick_s))
     modulation = fitted.modulation
     if modulation is not None:
         checks.append(StuckModulator(modulation.limit, modulation.unit, fitted.modulator_resolution_rad))
@@ -54,7 +54,7 @@ def checks_for(
     if fitted.torque_sensor:
         checks += [FrozenTorque(), TorqueJump(limits.torque_nm, tick_s)]
     if isfinite(fitted.range_nm):
-        checks.append(Saturation(fitted.range_nm))
+        checks.append(SaturationCheck(fitted.range_nm))
     if fitted.load and fitted.torque_sensor:
         checks.append(TorqueBalance(limits.torque_nm))
         if fitted.resolution_rad > 0.0:
@@ -62,7 +62,7 @@ def checks_for(
     return tuple(check for check in checks if check.name not in leave_out)
 
 
-def _of_current(limits: Limits, command: Command, fitted: Fitted) -> list[Check]:
+def _of_current(limits: Limits, command: Command, fitted: Equipment) -> list[Check]:
     """None for a drive that takes no current and no torque: how much current it makes depends on the speed."""
     checks: list[Check] = []
     taken_as = command.unit if command.sent_as is None else command.sent_as

@@ -92,7 +92,7 @@ SKEW_S = 3e-3  # the times of travel of the two encoders' readings may differ by
 TWISTS = 4.0
 
 
-class Coupling:
+class CouplingCheck:
     """Two encoders on one shaft: apart from its twist, what one turns the other turns.
 
     A coupling that breaks or slips shows here, and an encoder that jumps, sticks or counts backwards. Positions are

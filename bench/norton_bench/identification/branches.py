@@ -22,7 +22,7 @@ SEED = 6
 
 
 @dataclass(frozen=True)
-class Settled:
+class Approach:
     """Where a velocity settles to while a command is held, and how well that is known.
 
     While the shaft still approaches its steady velocity v∞, and while a torque e · B acts on it, inertia and
@@ -52,7 +52,7 @@ def pieces_of(time_s: FloatArray, position: FloatArray) -> FloatArray:
     return velocity
 
 
-def settled(velocity: FloatArray, span_s: FloatArray, lost: FloatArray | None = None) -> Settled:
+def settled(velocity: FloatArray, span_s: FloatArray, lost: FloatArray | None = None) -> Approach:
     """From velocities in pieces (dwells, PIECES); ``span_s`` (dwells,) is how long each dwell's pieces last in all.
 
     ``lost`` (dwells, PIECES) is the velocity that torque at the port took from the shaft, steadily: e above. Only inner
@@ -69,7 +69,7 @@ def settled(velocity: FloatArray, span_s: FloatArray, lost: FloatArray | None = 
     deviation = np.sqrt(np.sum(left**2, axis=1) / (count - 1) / count * _alike(left))
     random = np.random.default_rng(SEED)
     drawn = centre + deviation * random.standard_t(count - 1, (RESAMPLES, len(velocity)))
-    return Settled(centre, drawn, share * float(np.mean(span_s)))
+    return Approach(centre, drawn, share * float(np.mean(span_s)))
 
 
 def _settling_share(velocity: FloatArray) -> float:

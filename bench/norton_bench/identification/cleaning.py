@@ -42,7 +42,7 @@ SLOWEST_S = 0.025
 
 
 @dataclass(frozen=True)
-class Stream:
+class RecordedColumn:
     """One table of a recording: what it is called, its column of values and its stamps."""
 
     field: str
@@ -51,13 +51,13 @@ class Stream:
     stamp: str = "arrival_ns"
 
 
-TICKS = Stream("ticks", "command", "command", "tick_ns")
-TORQUE = Stream("torque", "torque", "torque_nm")
+TICKS = RecordedColumn("ticks", "command", "command", "tick_ns")
+TORQUE = RecordedColumn("torque", "torque", "torque_nm")
 MOTIONS = (
-    Stream("motion", "position of the actuator", "position_rad"),
-    Stream("load_motion", "position of the load", "position_rad"),
+    RecordedColumn("motion", "position of the actuator", "position_rad"),
+    RecordedColumn("load_motion", "position of the load", "position_rad"),
 )
-STREAMS = (TICKS, TORQUE, *MOTIONS, Stream("current", "current", "current_a"))
+STREAMS = (TICKS, TORQUE, *MOTIONS, RecordedColumn("current", "current", "current_a"))
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def clean(measured: Measured) -> Cleaned:
     return Cleaned(kept, Findings(tuple(remarks), tuple(contradictions(kept))))
 
 
-def _finite(stream: Stream, table: Table, remarks: list[str]) -> Table:
+def _finite(stream: RecordedColumn, table: Table, remarks: list[str]) -> Table:
     good = np.isfinite(table[stream.column])
     if "valid" in (table.dtype.names or ()):
         told = table["valid"]
@@ -121,7 +121,7 @@ def _of_all(chosen: BoolArray) -> str:
     return f"{np.count_nonzero(chosen)} of {chosen.size} readings"
 
 
-def _one_clock(stream: Stream, tables: dict[str, Table], remarks: list[str]) -> Table:
+def _one_clock(stream: RecordedColumn, tables: dict[str, Table], remarks: list[str]) -> Table:
     """The longest part that was stamped without a jump, by clocks that run."""
     table = tables[stream.field]
     if has_device_clock(table) and useless_device_clock(table, stream.stamp):
@@ -165,7 +165,7 @@ def _torque(tables: dict[str, Table], origin_ns: int, remarks: list[str]) -> Tab
     return _kept(TORQUE, table, ~(flat | frozen | stray))
 
 
-def _motion(stream: Stream, tables: dict[str, Table], origin_ns: int, remarks: list[str]) -> Table:
+def _motion(stream: RecordedColumn, tables: dict[str, Table], origin_ns: int, remarks: list[str]) -> Table:
     """Positions that a shaft may have gone through."""
     table = _thinned(stream, tables[stream.field], remarks)
     values = np.ascontiguousarray(table["position_rad"])
@@ -197,7 +197,7 @@ def _since_s(table: Table, origin_ns: int) -> FloatArray:
     return np.asarray((table["arrival_ns"] - origin_ns) * 1e-9, dtype=np.float64)
 
 
-def _thinned(stream: Stream, table: Table, remarks: list[str]) -> Table:
+def _thinned(stream: RecordedColumn, table: Table, remarks: list[str]) -> Table:
     """Without rows that only repeat a reading."""
     rhythm = standstill.held(np.ascontiguousarray(table[stream.column]))
     if rhythm is None:
@@ -216,7 +216,7 @@ def _thinned(stream: Stream, table: Table, remarks: list[str]) -> Table:
     return table[first::every]
 
 
-def _changing(stream: Stream, values: FloatArray, unit: str) -> None:
+def _changing(stream: RecordedColumn, values: FloatArray, unit: str) -> None:
     if values.size and np.ptp(values) == 0:
         raise ExperimentError(
             f"{stream.name} never changes ({values[0]:.4g} {unit}): the sensor is stuck or not connected; check it"
@@ -243,7 +243,7 @@ def _frozen(
     return standstill.rows_of(found, len(values))
 
 
-def _tell_frozen(stream: Stream, frozen: BoolArray, time_s: FloatArray, remarks: list[str]) -> None:
+def _tell_frozen(stream: RecordedColumn, frozen: BoolArray, time_s: FloatArray, remarks: list[str]) -> None:
     if frozen.any():
         remarks.append(
             f"{stream.name} is frozen in {np.mean(frozen):.1%} of the readings (first at "
@@ -284,7 +284,7 @@ def _before_leaps(values: FloatArray, leaps: npt.NDArray[np.int64]) -> BoolArray
     return standstill.rows_of(zip(first[stuck].tolist(), length[stuck].tolist(), strict=True), len(values))
 
 
-def _kept(stream: Stream, table: Table, good: BoolArray) -> Table:
+def _kept(stream: RecordedColumn, table: Table, good: BoolArray) -> Table:
     if np.count_nonzero(good) < min(FEWEST, len(good)):
         raise ExperimentError(f"{stream.name} cannot be cleaned: hardly a reading follows from those around it")
     return table if good.all() else table[good]

@@ -113,7 +113,7 @@ CERTAIN = 0.95
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Condition:
     """One condition: whether it holds (None: these data cannot tell), why, and the figure it was judged by.
 
     ``figure`` says what ``value`` is, in ``unit``; ``interval`` is of 95 %. NaN where nothing was measured.
@@ -146,7 +146,7 @@ class Evidence:
     settling: Settling | None = None
 
 
-def conditions(evidence: Evidence) -> tuple[Judgement, ...]:
+def conditions(evidence: Evidence) -> tuple[Condition, ...]:
     """The three of them, in the paper's order."""
     return (_impedance_form(evidence.unseen), _unique_zero(evidence), _zero_dynamics(evidence.settling))
 
@@ -186,13 +186,13 @@ def _gap(fit: FitResult, stretches: Sequence[Signals], measured: Measured) -> Ze
     )
 
 
-def _impedance_form(unseen: Sequence[Trace]) -> Judgement:
+def _impedance_form(unseen: Sequence[Trace]) -> Condition:
     name, figure = (
         "impedance form",
         "share of the torque, kept apart from the fit, that motion and command leave unexplained",
     )
     if not unseen:
-        return Judgement(name, None, "no torque was measured under an imposed motion that was kept apart from the fit")
+        return Condition(name, None, "no torque was measured under an imposed motion that was kept apart from the fit")
     share, interval = min((_left_over(trace) for trace in unseen), key=lambda found: found[0])
     holds = usable(interval)
     why = {
@@ -200,7 +200,7 @@ def _impedance_form(unseen: Sequence[Trace]) -> Judgement:
         False: "most of the torque follows neither from the motion nor from the command",
         None: "part of the torque is explained by nothing here: another friction, or noise",
     }[holds]
-    return Judgement(name, holds, why, figure, share, interval, "")
+    return Condition(name, holds, why, figure, share, interval, "")
 
 
 def usable(share: Interval) -> bool | None:
@@ -228,11 +228,11 @@ def share_left(error: FloatArray, torque: FloatArray, block: int) -> tuple[float
     return float(np.sqrt(sums[:, 0].sum() / sums[:, 1].sum())), (float(low), float(high))
 
 
-def _unique_zero(evidence: Evidence) -> Judgement:
+def _unique_zero(evidence: Evidence) -> Condition:
     """One free motion to a command: no gap in displacement, and a torque that falls with velocity throughout."""
     name = "unique zero"
     if evidence.gap is not None and evidence.gap.is_gap:
-        return Judgement(
+        return Condition(
             name,
             False,
             "backlash: the port exerts nothing over a range of displacement, so its source is known to within that",
@@ -258,7 +258,7 @@ def _unique_zero(evidence: Evidence) -> Judgement:
         )
     else:
         holds, why = None, "the torque's fall with velocity is lost in its scatter: impose fewer velocities for longer"
-    return Judgement(name, holds, why, "least fall of torque with velocity", value, interval, "N*m*s/rad")
+    return Condition(name, holds, why, "least fall of torque with velocity", value, interval, "N*m*s/rad")
 
 
 def _no_gap(gap: ZeroRange | None) -> str:
@@ -275,13 +275,13 @@ def _branches_differ(source: SourceMap | None) -> bool | None:
     return found.significant and abs(found.difference_rad_s) > matters_rad_s
 
 
-def _by_branches(name: str, differs: bool | None) -> Judgement:
+def _by_branches(name: str, differs: bool | None) -> Condition:
     if differs is None:
-        return Judgement(name, None, "neither a velocity at which the torque vanishes nor the free motion was measured")
+        return Condition(name, None, "neither a velocity at which the torque vanishes nor the free motion was measured")
     if differs:
-        return Judgement(name, False, "one command has two free velocities, by the side from which it is approached")
+        return Condition(name, False, "one command has two free velocities, by the side from which it is approached")
     why = "each command has one free velocity, from whichever side; what lies beside it was not measured"
-    return Judgement(name, True, why)
+    return Condition(name, True, why)
 
 
 def _least_fall(table: ImpedanceTable) -> tuple[float, Interval, Interval] | None:
@@ -305,10 +305,10 @@ def _least_fall(table: ImpedanceTable) -> tuple[float, Interval, Interval] | Non
     return value, (value - one * deviation, value + one * deviation), (lowest, highest)
 
 
-def _zero_dynamics(seen: Settling | None) -> Judgement:
+def _zero_dynamics(seen: Settling | None) -> Condition:
     name, figure = "stable zero dynamics", "of a step's change, still to come in the last quarter of its dwell"
     if seen is None:
-        return Judgement(name, None, "no staircase of the free port was recorded to settle on: run the step 'free'")
+        return Condition(name, None, "no staircase of the free port was recorded to settle on: run the step 'free'")
     low, high = seen.left_interval
     if high <= SETTLED:
         holds, why = True, f"with no torque at the port, {seen.steps} steps of the command settled{_in_time(seen)}"
@@ -316,7 +316,7 @@ def _zero_dynamics(seen: Settling | None) -> Judgement:
         holds, why = False, f"with no torque at the port, the motion does not settle within {seen.dwell_s:.2g} s"
     else:
         holds, why = None, f"the motion has not clearly settled within {seen.dwell_s:.2g} s: dwell longer on each level"
-    return Judgement(name, holds, why, figure, seen.left, seen.left_interval, "")
+    return Condition(name, holds, why, figure, seen.left, seen.left_interval, "")
 
 
 def _in_time(seen: Settling) -> str:

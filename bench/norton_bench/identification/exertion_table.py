@@ -97,7 +97,7 @@ class Zeros:
 
 
 @dataclass(frozen=True)
-class Line:
+class SpringLine:
     """What the port exerts near its source, in few numbers.
 
     ``stiffness`` [N m/rad] is the slope of −τ over displacement on either side of the zeros, ``hysteresis_nm`` half of
@@ -167,7 +167,7 @@ class ExertionTable:
         displacement, torque, _ = self.curve(setting)
         return float(np.interp(displacement_rad, displacement, torque, left=np.nan, right=np.nan))
 
-    def lines(self) -> tuple[Line, ...]:
+    def lines(self) -> tuple[SpringLine, ...]:
         """One for each setting."""
         return tuple(self._line(setting) for setting in self.settings)
 
@@ -177,14 +177,14 @@ class ExertionTable:
         found = both_ways(own[True], own[False]) if len(own) == 2 else None
         return found if found is not None and found.mean[0].size else None
 
-    def _line(self, setting: Setting) -> Line:
+    def _line(self, setting: Setting) -> SpringLine:
         branches = [self.branch(setting, rising) for rising in (True, False)]
         sweep = self.sweep(setting)
         zeros = _zeros(branches) if sweep is None else _swept_zeros(sweep)
         stiffness = _slope(branches, zeros)
         if zeros is not None and sweep is not None:
             zeros = zeros.loosened(abs(sweep.friction.value) / max(abs(stiffness.value), SOFTEST_NM_RAD))
-        return Line(setting, self.sources[setting], stiffness, self.hysteresis_nm(setting), zeros, sweep)
+        return SpringLine(setting, self.sources[setting], stiffness, self.hysteresis_nm(setting), zeros, sweep)
 
 
 def shake_lines(tick_s: float) -> tuple[FloatArray, FloatArray]:

@@ -20,8 +20,8 @@ from norton_bench.identification.load import fit_machine, weight_of
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import INTERPOLATION, Port, positions_of, signals
 from norton_bench.identification.trials import (
-    Seen,
     TrialFigures,
+    TrialReadings,
     diverge,
     in_band,
     number_of,
@@ -138,7 +138,7 @@ AVERAGED = 3
 class Trial:
     """What was seen of one trial, the load torque that was sent, and the torque that the load tells: (ticks,)."""
 
-    seen: Seen
+    seen: TrialReadings
     load_torque_nm: FloatArray
     torque_nm: FloatArray
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.averages import COMMAND_DECIMALS, Mean, Setting
-from norton_bench.identification.exertion_table import ExertionTable, Line
+from norton_bench.identification.exertion_table import ExertionTable, SpringLine
 from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.records import Measured
@@ -141,7 +141,7 @@ def modulated(source: SourceTable | None, exertion: ExertionTable | None) -> Mod
     return found if len(stiffness) > 1 or found.shift is not None else None
 
 
-def _stiffness(lines: tuple[Line, ...]) -> Iterator[Stiffness]:
+def _stiffness(lines: tuple[SpringLine, ...]) -> Iterator[Stiffness]:
     known = [line for line in lines if line.setting.modulation is not None and np.isfinite(line.stiffness.value)]
     known.sort(key=_modulation)
     for modulation, group in groupby(known, key=_modulation):
@@ -151,7 +151,7 @@ def _stiffness(lines: tuple[Line, ...]) -> Iterator[Stiffness]:
         yield Stiffness(modulation, Mean(float(np.mean(values)), half))
 
 
-def _modulation(line: Line) -> float:
+def _modulation(line: SpringLine) -> float:
     return line.setting.modulation or 0.0
 
 

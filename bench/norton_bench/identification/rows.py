@@ -16,7 +16,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import REACH, unquantised
-from norton_bench.identification.signals import FINE, Signals, Stream
+from norton_bench.identification.signals import FINE, Signals, TimeSeries
 
 LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
@@ -93,7 +93,7 @@ def friction_error(signals: Signals, s_per_rad: float) -> FloatArray | None:
     return np.asarray(np.interp(fine_s, smoothed.time_s, np.mean(again, axis=0) - own))
 
 
-def _counted_again(smoothed: Stream, count_rad: float) -> Iterator[FloatArray]:
+def _counted_again(smoothed: TimeSeries, count_rad: float) -> Iterator[FloatArray]:
     wander = WANDERS_COUNTS_S * smoothed.time_s + SWAYS_COUNTS * np.sin(smoothed.time_s)
     for draw in range(COUNTED_DRAWS):
         zero_rad = count_rad * (wander + draw / COUNTED_DRAWS)

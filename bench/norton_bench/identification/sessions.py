@@ -19,7 +19,7 @@ LEAST_P = 1e-9
 
 
 @dataclass(frozen=True)
-class Fitted:
+class SessionFit:
     """One session: what messages call it, and its fit."""
 
     name: str
@@ -52,7 +52,7 @@ class Together:
         return bool(self.spreads)
 
 
-def together(sessions: Sequence[Fitted], command_unit: str) -> Together:
+def together(sessions: Sequence[SessionFit], command_unit: str) -> Together:
     """Combine the sessions, parameter by parameter: only what is valid in a session takes part."""
     known = {estimate.name for session in sessions for estimate in session.fit.estimates}
     names = [parameter.name for parameter in PARAMETERS if parameter.name in known]
@@ -78,7 +78,7 @@ def differing(spreads: Mapping[str, Combined]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _combined(name: str, takers: Sequence[Fitted]) -> Combined:
+def _combined(name: str, takers: Sequence[SessionFit]) -> Combined:
     estimates = [session.fit.estimate(name) for session in takers]
     values = np.array([each.value for each in estimates])
     # What a fit makes alike in every session of one bench: no average makes it smaller.
@@ -87,7 +87,7 @@ def _combined(name: str, takers: Sequence[Fitted]) -> Combined:
     return combine(values, np.array([each.std for each in estimates]), float(np.mean(repeated)))
 
 
-def _estimate(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> Estimate:
+def _estimate(name: str, sessions: Sequence[SessionFit], spread: Combined | None) -> Estimate:
     """What one session alone knows is not settled: nothing tells how far another would be from it."""
     own = [estimate for session in sessions for estimate in session.fit.estimates if estimate.name == name]
     unit = own[0].unit
@@ -101,7 +101,7 @@ def _estimate(name: str, sessions: Sequence[Fitted], spread: Combined | None) ->
 
 
 def _covariance(
-    sessions: Sequence[Fitted], estimates: Sequence[Estimate], spreads: Mapping[str, Combined]
+    sessions: Sequence[SessionFit], estimates: Sequence[Estimate], spreads: Mapping[str, Combined]
 ) -> FloatArray:
     """Of PHYSICAL: correlations within each session go in with its weights; between sessions none are known.
 
@@ -118,7 +118,7 @@ def _covariance(
     return np.asarray(total * np.outer(factor, factor))
 
 
-def _weights(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> FloatArray:
+def _weights(name: str, sessions: Sequence[SessionFit], spread: Combined | None) -> FloatArray:
     """How much each session counts for the parameter, 0 where it took no part; shape (sessions,)."""
     weights = np.array([float(session.taking_part(name) is not None) for session in sessions])
     if spread is not None:
@@ -127,8 +127,8 @@ def _weights(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> 
 
 
 def _verdict(
-    sessions: Sequence[Fitted],
-    takers: Mapping[str, Sequence[Fitted]],
+    sessions: Sequence[SessionFit],
+    takers: Mapping[str, Sequence[SessionFit]],
     estimates: Sequence[Estimate],
     spreads: Mapping[str, Combined],
 ) -> tuple[str, ...]:
@@ -165,7 +165,7 @@ def _difference(spreads: Mapping[str, Combined]) -> str:
     )
 
 
-def _left_out(sessions: Sequence[Fitted], takers: Mapping[str, Sequence[Fitted]]) -> list[str]:
+def _left_out(sessions: Sequence[SessionFit], takers: Mapping[str, Sequence[SessionFit]]) -> list[str]:
     """One sentence for each session that lacks what another has."""
     sentences = []
     for session in sessions:

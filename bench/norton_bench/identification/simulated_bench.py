@@ -20,7 +20,7 @@ from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.readings import NOISE_FEWEST_BLOCKS, NOISE_ORDER, NOISE_VARIANCE, NORMAL_MEDIAN_SQUARE
 from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS
 from norton_bench.identification.separable import Solution
-from norton_bench.identification.signals import FINE, Signals, Stream
+from norton_bench.identification.signals import FINE, Signals, TimeSeries
 
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
@@ -170,7 +170,7 @@ class ReadingErrors:
     jitter_s: float
 
     @classmethod
-    def of(cls, stream: Stream, step: float) -> "ReadingErrors":
+    def of(cls, stream: TimeSeries, step: float) -> "ReadingErrors":
         """The variance of a reading's error is a + b·rate²: b is that of its instant."""
         squares = np.diff(stream.value, NOISE_ORDER) ** 2 / NOISE_VARIANCE
         rate = np.gradient(stream.value, stream.time_s)[NOISE_ORDER // 2 : -(NOISE_ORDER // 2)]
@@ -209,7 +209,7 @@ def _line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Truth:
+class SimulatedStretch:
     """One stretch as if the fit were true: its motion, and the torque under that motion without a command.
 
     ``motion`` is on the motion's clock, ``passive_nm`` (n,) at ``time_s`` on the torque's, FINE times a tick.
@@ -221,7 +221,7 @@ class Truth:
     passive_nm: FloatArray
 
     @classmethod
-    def of(cls, stretch: Signals, solution: Solution) -> "Truth":
+    def of(cls, stretch: Signals, solution: Solution) -> "SimulatedStretch":
         shape, linear = solution.shape, solution.linear
         step_s = stretch.tick_s / FINE
         time_s = stretch.time_s[0] + np.arange(stretch.path_rad.size) * step_s

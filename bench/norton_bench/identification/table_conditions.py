@@ -7,7 +7,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.averages import Mean, Setting
-from norton_bench.identification.conditions import Interval, Judgement, share_left, usable
+from norton_bench.identification.conditions import Condition, Interval, share_left, usable
 from norton_bench.identification.exertion_table import ExertionTable, Zeros
 from norton_bench.identification.source_table import SourceTable
 
@@ -65,7 +65,7 @@ def _exerted(exertion: ExertionTable | None, setting: Setting, displacement_rad:
 BLOCK = 5
 
 
-def tabulated_conditions(source: SourceTable | None, exertion: ExertionTable | None) -> tuple[Judgement, ...]:
+def tabulated_conditions(source: SourceTable | None, exertion: ExertionTable | None) -> tuple[Condition, ...]:
     """The paper's three conditions (IV.B, VI) where no model was fitted: asked of the tables of source and exertion.
 
     The three of them, in the paper's order; none where nothing was tabulated.
@@ -75,13 +75,13 @@ def tabulated_conditions(source: SourceTable | None, exertion: ExertionTable | N
     return (_impedance_form(exertion), _unique_zero(exertion), _zero_dynamics(source))
 
 
-def _impedance_form(exertion: ExertionTable | None) -> Judgement:
+def _impedance_form(exertion: ExertionTable | None) -> Condition:
     """The port swept slowly should exert what it exerted where it was held, come to from the same side."""
     name, figure = "impedance form", "share of the torque along slow sweeps that the places held do not tell"
     error_nm, torque_nm = (np.empty(0), np.empty(0)) if exertion is None else _swept_and_held(exertion)
     if torque_nm.size < 2 * BLOCK:
         why = "the port was held still at each place and not swept: whether a moving one tells its torque was not tried"
-        return Judgement(name, None, why)
+        return Condition(name, None, why)
     share, interval = share_left(error_nm, torque_nm, BLOCK)
     holds = usable(interval)
     why = {
@@ -89,7 +89,7 @@ def _impedance_form(exertion: ExertionTable | None) -> Judgement:
         False: "swept slowly, the port exerts something else than at the places where it was held",
         None: "swept slowly, the port exerts in part what it exerted where it was held: take more steps",
     }[holds]
-    return Judgement(name, holds, why, figure, share, interval)
+    return Condition(name, holds, why, figure, share, interval)
 
 
 def _swept_and_held(exertion: ExertionTable) -> tuple[FloatArray, FloatArray]:
@@ -105,16 +105,16 @@ def _swept_and_held(exertion: ExertionTable) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([np.empty(0), *errors]), np.concatenate([np.empty(0), *torques])
 
 
-def _unique_zero(exertion: ExertionTable | None) -> Judgement:
+def _unique_zero(exertion: ExertionTable | None) -> Condition:
     """One place without torque under each setting; of several the one whose range of zeros may be the widest."""
     name, figure = "unique zero", "width of the interval of zeros"
     found = [] if exertion is None else [line.zeros for line in exertion.lines() if line.zeros is not None]
     if exertion is None or not found:
-        return Judgement(name, None, "the port was not held on both sides of its source: run 'tabulate_impedance'")
+        return Condition(name, None, "the port was not held on both sides of its source: run 'tabulate_impedance'")
     zeros = max([each for each in found if each.is_gap] or found, key=lambda each: each.width.value)
     several = any(_crossings(exertion, setting) > 1 for setting in exertion.settings)
     holds, why = (False, "under one command the torque vanishes at several places") if several else _one_place(zeros)
-    return Judgement(name, holds, why, figure, zeros.width.value, _ends(zeros), "rad")
+    return Condition(name, holds, why, figure, zeros.width.value, _ends(zeros), "rad")
 
 
 def _one_place(zeros: Zeros) -> tuple[bool | None, str]:
@@ -148,12 +148,12 @@ def _crossings(exertion: ExertionTable, setting: Setting) -> int:
     return int(np.count_nonzero(np.diff(signs)))
 
 
-def _zero_dynamics(source: SourceTable | None) -> Judgement:
+def _zero_dynamics(source: SourceTable | None) -> Condition:
     """Whether the free port came to rest, at its own port, under each command."""
     name, figure = "stable zero dynamics", "the longest that the free port took to settle"
     levels = () if source is None else [level for level in source.levels if level.port == "actuator"]
     if not levels:
-        return Judgement(name, None, "the free port was not let settle under several commands: run 'tabulate_source'")
+        return Condition(name, None, "the free port was not let settle under several commands: run 'tabulate_source'")
     moving = sum(not level.settled for level in levels)
     longest_s = float(np.max([level.settling_s for level in levels]))
     if not moving:
@@ -162,4 +162,4 @@ def _zero_dynamics(source: SourceTable | None) -> Judgement:
         holds, why = False, "with no torque at the port, it came to rest at no level of the command"
     else:
         holds, why = None, f"at {moving} of {len(levels)} levels of the command the port still moved: wait longer"
-    return Judgement(name, holds, why, figure, longest_s, unit="s")
+    return Condition(name, holds, why, figure, longest_s, unit="s")

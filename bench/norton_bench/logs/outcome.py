@@ -25,7 +25,7 @@ from norton_bench.logs.results import (
     with_back_emf,
     without_scale,
 )
-from norton_bench.logs.steps import Axis, Inputs, Load, Motor, Table, simulate
+from norton_bench.logs.steps import Axis, Inputs, Load, MotorTerms, Table, simulate
 from norton_bench.models.parameters import Estimate, Status
 
 SPEEDS = 400
@@ -102,7 +102,7 @@ def _axis(problem: Problem, fit: FrictionFit, stretch: Stretch) -> Axis:
     period = stretch.log.given("model", "cogging_period")
     return Axis(
         inertia=known["inertia"],
-        motor=Motor(stretch.log.given("actuator", "torque_gain") or known["torque_gain"]),
+        motor=MotorTerms(stretch.log.given("actuator", "torque_gain") or known["torque_gain"]),
         table=_table(problem, fit),
         cogging=(known.get("cogging_sine", 0.0), known.get("cogging_cosine", 0.0)),
         cogging_wave_number=2 * np.pi / period if period else 0.0,

@@ -16,7 +16,7 @@ from norton_bench.identification.statistics import held_out_rms, simplest_as_goo
 from norton_bench.logs.column_map import ColumnMap, Units
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.results import UNEXCITED_BEYOND, ErrorFigures, Step
-from norton_bench.logs.servo import LADDER, UNITS, Box, ServoFit, ServoLog, ServoModel, Trial, fit_servo
+from norton_bench.logs.servo import LADDER, UNITS, Box, FittedLogs, ServoFit, ServoLog, ServoModel, fit_servo
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.rig.files import nearest
 
@@ -66,7 +66,7 @@ class ServoRung:
         return self.held_out_relative <= max(OVERFITTED * self.train_relative, FORETOLD)
 
 
-def servo_ladder(trial: Trial, begin: Beginning, models: Sequence[ServoModel] = LADDER) -> tuple[ServoRung, ...]:
+def servo_ladder(trial: FittedLogs, begin: Beginning, models: Sequence[ServoModel] = LADDER) -> tuple[ServoRung, ...]:
     """Every model, each also started from the one before it; ``simplest_as_good`` selects one."""
     folds = held_out(trial)
     rungs: list[ServoRung] = []
@@ -125,7 +125,7 @@ def start_of(begin: Beginning) -> dict[str, float]:
     }
 
 
-def held_out(trial: Trial) -> tuple[tuple[BoolArray, ...], ...]:
+def held_out(trial: FittedLogs) -> tuple[tuple[BoolArray, ...], ...]:
     """The samples of each fold. A loop's gain is held out where there are several: what a servo does at another gain
     is what its model is for. Else each log is, and of a single log each half."""
     gains = [log.loop.proportional for log, rows in zip(trial.logs, trial.chosen, strict=True) if rows.any()]
@@ -147,13 +147,15 @@ def _halves(rows: BoolArray) -> tuple[BoolArray, BoolArray]:
     return rows & first, rows & ~first
 
 
-def _judged(trial: Trial, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]) -> ServoRung:
+def _judged(
+    trial: FittedLogs, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]
+) -> ServoRung:
     squares: list[float] = []
     others: list[ServoFit] = []
     for fold in folds:
         rest = tuple(rows & ~out for rows, out in zip(trial.chosen, fold, strict=True))
-        others.append(fit_servo(Trial(trial.logs, rest), fit.model, boxes, [fit.values], scattered=0, hops=0))
-        unseen = Trial(trial.logs, fold).each(others[-1].values)
+        others.append(fit_servo(FittedLogs(trial.logs, rest), fit.model, boxes, [fit.values], scattered=0, hops=0))
+        unseen = FittedLogs(trial.logs, fold).each(others[-1].values)
         squares += [float(np.mean(error[out] ** 2)) for error, out in zip(unseen, fold, strict=True) if out.any()]
     fit = replace(fit, deviations=_widened(fit, others))
     train = float(np.sqrt(np.mean(trial.errors(fit.values) ** 2)))
@@ -200,7 +202,7 @@ def refine(
     models = _models(column_map, asked)
     begin = beginning(column_map, problem, fit)
     logs = tuple(ServoLog.of(stretch, translation=column_map.translation) for stretch in problem.stretches)
-    train, test = (Trial(logs, tuple(split[side] for split in splits)) for side in (0, 1))
+    train, test = (FittedLogs(logs, tuple(split[side] for split in splits)) for side in (0, 1))
     rungs = servo_ladder(train, begin, models)
     chosen = next(rung for rung in rungs if (rung.selected if asked is None else rung.fit.model.name == asked))
     units = column_map.units
@@ -288,7 +290,7 @@ def _status(name: str, rung: ServoRung, scale: float, *, doubtful: bool) -> Stat
     return Status.VALID if sure and rung.foretells else Status.UNEXCITED
 
 
-def _figures(trial: Trial, fit: ServoFit, unit: str) -> ErrorFigures | None:
+def _figures(trial: FittedLogs, fit: ServoFit, unit: str) -> ErrorFigures | None:
     if not any(rows.any() for rows in trial.chosen):
         return None
     return ErrorFigures.of(trial.errors(fit.values), trial.spread, unit)

@@ -2,7 +2,7 @@
 
 from math import inf
 
-from norton_bench.guard.guard import Fitted, Guard, checks_for
+from norton_bench.guard.guard import Equipment, Guard, checks_for
 from norton_bench.loop.devices import Devices
 from norton_bench.rig.rig import Rig
 
@@ -10,7 +10,7 @@ from norton_bench.rig.rig import Rig
 def guard_for(rig: Rig, devices: Devices) -> Guard:
     """The guard with every plausibility check that the bench has signals for, but those that the rig leaves out."""
     load, sensor, modulator = devices.load, devices.torque_sensor, devices.modulator
-    fitted = Fitted(
+    fitted = Equipment(
         load=load is not None,
         torque_sensor=sensor is not None,
         # What is no motor may be a spring: it stands still under its greatest command.

@@ -80,7 +80,7 @@ class CheckedParameter:
 
 
 @dataclass(frozen=True, repr=False)
-class Outcome:
+class SessionOutcome:
     """What came of a session. ``result`` has all of it."""
 
     result: SessionResult

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from norton_bench.identification.conditions import Judgement
+from norton_bench.identification.conditions import Condition
 from norton_bench.identification.exertion_table import ExertionTable
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.ladder import Rung
@@ -40,7 +40,7 @@ class ReportData:
     modulator: ModulatorPlaces | None = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
-    conditions: Sequence[Judgement] = ()
+    conditions: Sequence[Condition] = ()
     ladder: Sequence[Rung] = ()
     trials: Sequence[TrialFigures] = ()
     in_situ: InSituResult | None = None

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from norton_bench.identification.averages import UNKNOWN, Setting
-from norton_bench.identification.exertion_table import ExertionTable, Line
+from norton_bench.identification.exertion_table import ExertionTable, SpringLine
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.source_table import SourceTable
@@ -154,7 +154,7 @@ def line_facts(table: ExertionTable, units: Units) -> Facts:
     return Facts(head, tuple(_line(line, units) for line in table.lines()))
 
 
-def _line(line: Line, units: Units) -> tuple[str, ...]:
+def _line(line: SpringLine, units: Units) -> tuple[str, ...]:
     width = UNKNOWN if line.zeros is None else line.zeros.width
     friction = UNKNOWN if line.sweep is None else line.sweep.friction
     return (

@@ -10,7 +10,7 @@ import numpy as np
 
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.cleaning import Cleaned, clean
-from norton_bench.identification.conditions import Judgement, conditions, evidence_of
+from norton_bench.identification.conditions import Condition, conditions, evidence_of
 from norton_bench.identification.exertion_table import ExertionTable, exertion_table
 from norton_bench.identification.in_situ import InSituResult, in_situ_result
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, with_what_moved
@@ -63,7 +63,7 @@ class Conclusion:
     blocked_map: BlockedMap | None = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
-    conditions: tuple[Judgement, ...] = ()
+    conditions: tuple[Condition, ...] = ()
     ladder: tuple[Rung, ...] = ()
     trials: tuple[TrialFigures, ...] = ()
     in_situ: InSituResult | None = None

@@ -29,7 +29,7 @@ class Handling(IntEnum):
     TAKE = 1  # it is an answer
 
 
-class Command(IntEnum):
+class PacketKind(IntEnum):
     """A packet's first byte."""
 
     FW_VERSION = 0
@@ -125,7 +125,7 @@ class Assembler:
 
 def ask_fault() -> bytes:
     """The packet that asks for the fault code alone: it and its answer take one frame each."""
-    return _SELECTED.pack(Command.GET_VALUES_SELECTIVE, FAULT_CODE)
+    return _SELECTED.pack(PacketKind.GET_VALUES_SELECTIVE, FAULT_CODE)
 
 
 def fault_value(code: int) -> bytes:
@@ -142,16 +142,16 @@ def fault_of(payload: bytes) -> int:
 
 def ask_version() -> bytes:
     """The packet that asks for firmware and hardware."""
-    return bytes((Command.FW_VERSION,))
+    return bytes((PacketKind.FW_VERSION,))
 
 
 def version_value(major: int, minor: int, hardware: str, uuid: bytes = bytes(12)) -> bytes:
     """The answer to :func:`ask_version`, as firmware 5 and later give it."""
-    return bytes((Command.FW_VERSION, major, minor)) + hardware.encode() + b"\0" + uuid + bytes(4)
+    return bytes((PacketKind.FW_VERSION, major, minor)) + hardware.encode() + b"\0" + uuid + bytes(4)
 
 
 def version_of(payload: bytes) -> tuple[int, int, str]:
     """Firmware (major, minor) and the hardware's name. Raises CodecError for another answer."""
-    if len(payload) < 3 or payload[0] != Command.FW_VERSION:
+    if len(payload) < 3 or payload[0] != PacketKind.FW_VERSION:
         raise CodecError("version: another packet")
     return payload[1], payload[2], payload[3:].partition(b"\0")[0].decode("ascii", "replace")

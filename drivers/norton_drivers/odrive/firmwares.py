@@ -34,7 +34,7 @@ class Message(Protocol):
     def encode(self) -> bytes: ...
 
 
-class Heard(NamedTuple):
+class HeartbeatState(NamedTuple):
     """What a heartbeat says, whatever the firmware: ``failed`` where something must be mended or cleared."""
 
     error_bits: int
@@ -88,7 +88,7 @@ class Dialect(Protocol):
         """What is to be called for messages that only this firmware sends, by command."""
         ...
 
-    def heard(self, data: bytearray) -> Heard:
+    def heard(self, data: bytearray) -> HeartbeatState:
         """Read a heartbeat. Raises CodecError."""
         ...
 
@@ -212,19 +212,19 @@ class Firmware05:
 
     def handlers(self) -> Mapping[int, Handler]:
         handlers: dict[int, Handler] = {part: partial(self._on_part, part) for part in _PARTS}
-        handlers[protocol.Command.VERSION] = self._on_version
+        handlers[protocol.MessageId.VERSION] = self._on_version
         return handlers
 
-    def heard(self, data: bytearray) -> Heard:
+    def heard(self, data: bytearray) -> HeartbeatState:
         heartbeat = Heartbeat05.decode(data)
         parts_failed = heartbeat.motor_failed or heartbeat.encoder_failed or heartbeat.controller_failed
         idle = heartbeat.axis_state == protocol.AxisState.IDLE
         failures = heartbeat.error_bits & ~ERROR_WATCHDOG if idle else heartbeat.error_bits
-        return Heard(heartbeat.error_bits, heartbeat.axis_state, parts_failed or failures != 0)
+        return HeartbeatState(heartbeat.error_bits, heartbeat.axis_state, parts_failed or failures != 0)
 
     def identify(self, timeout_s: float) -> tuple[str, str]:
         asked, before = self._versions.count, self._answers
-        self._drive.request(protocol.Command.VERSION)  # which 0.6 alone answers
+        self._drive.request(protocol.MessageId.VERSION)  # which 0.6 alone answers
         self._drive.request(Command05.SENSORLESS_ERROR)  # which 0.5 alone answers
         self._drive.wait_for(
             lambda: self._answers > before or self._versions.count > asked,
@@ -284,16 +284,16 @@ class Firmware06:
 
     def handlers(self) -> Mapping[int, Handler]:
         return {
-            protocol.Command.VERSION: self._on_version,
-            protocol.Command.ERROR: self._on_error,
-            protocol.Command.TX_SDO: self._on_parameter,
-            protocol.Command.TEMPERATURE: self._on_temperature,
+            protocol.MessageId.VERSION: self._on_version,
+            protocol.MessageId.ERROR: self._on_error,
+            protocol.MessageId.TX_SDO: self._on_parameter,
+            protocol.MessageId.TEMPERATURE: self._on_temperature,
         }
 
-    def heard(self, data: bytearray) -> Heard:
+    def heard(self, data: bytearray) -> HeartbeatState:
         heartbeat = protocol.Heartbeat.decode(data)
         self._result = heartbeat.procedure_result
-        return Heard(heartbeat.error_bits, heartbeat.axis_state, heartbeat.error_bits != 0)
+        return HeartbeatState(heartbeat.error_bits, heartbeat.axis_state, heartbeat.error_bits != 0)
 
     def identify(self, timeout_s: float) -> tuple[str, str]:
         if not any(self._tells_version(timeout_s / _TIMES_ASKED) for _ in range(_TIMES_ASKED)):
@@ -306,7 +306,7 @@ class Firmware06:
 
     def _tells_version(self, timeout_s: float) -> bool:
         before = self._versions.count
-        self._drive.request(protocol.Command.VERSION)
+        self._drive.request(protocol.MessageId.VERSION)
         return self._drive.arrives(lambda: self._versions.count > before, timeout_s)
 
     def arm_watchdog(self) -> None:
@@ -314,7 +314,7 @@ class Firmware06:
 
     def ask_why(self) -> None:
         if not self._disarm_bits:
-            self._drive.request(protocol.Command.ERROR)
+            self._drive.request(protocol.MessageId.ERROR)
 
     def forget(self) -> None:
         self._disarm_bits = 0

@@ -75,9 +75,9 @@ class VescQueries:
             self.pongs.put(hardware_type)
 
     def _on_packet(self, payload: bytes, arrival_ns: int) -> bool:
-        if payload[0] == packets.Command.FW_VERSION:
+        if payload[0] == packets.PacketKind.FW_VERSION:
             self.versions.put(packets.version_of(payload))
-        elif payload[0] == packets.Command.GET_VALUES_SELECTIVE:
+        elif payload[0] == packets.PacketKind.GET_VALUES_SELECTIVE:
             self.fault, self.fault_ns = packets.fault_of(payload), arrival_ns
             self.faults_told += 1
             return True

@@ -82,7 +82,7 @@ class Assembled(Drive, Commanded, ABC):
         return self.mounted / self.amplifier_gain
 
 
-class Motor(Body):
+class GearedMotor(Body):
     """A motor behind a transmission, as reflected to the port's side of its gears."""
 
     torque_constant_nm_a: TorqueConstant = Field(alias="torque_constant", gt=0, examples=["0.05 N*m/A"])

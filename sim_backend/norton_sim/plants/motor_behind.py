@@ -22,8 +22,8 @@ from norton_sim.plants.assembled import (
     TORQUE,
     Assembled,
     Backlash,
+    GearedMotor,
     Link,
-    Motor,
     Servo,
     Spring,
     row_of,
@@ -34,7 +34,7 @@ from norton_sim.tables import CubicStiffness, Number, Stiffening, Stiffness
 class MotorBehind(Assembled):
     """``motor`` as reflected to the connection's side, with ``servo`` where the command is an angle."""
 
-    motor: Motor
+    motor: GearedMotor
     servo: Servo | None = Field(default=None)
 
     @property

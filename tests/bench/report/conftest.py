@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.conditions import Judgement
+from norton_bench.identification.conditions import Condition
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.friction_laws import model
 from norton_bench.identification.impedance_table import ImpedanceTable
@@ -237,8 +237,8 @@ def full() -> ReportData:
         without_model=without_model(replace(trace, predicted=1.01 * predicted)),
         residuals=residuals(),
         conditions=(
-            Judgement("impedance form", None, "no torque was measured"),
-            Judgement(
+            Condition("impedance form", None, "no torque was measured"),
+            Condition(
                 "unique zero", True, "it vanishes at one velocity", "least fall", 1e-3, (0.9e-3, 1.1e-3), "N*m*s/rad"
             ),
         ),

@@ -103,7 +103,7 @@ COMMENT_AT = 36
 
 
 @dataclass(frozen=True)
-class Line:
+class RigFileLine:
     """The sections of a rig file under way, and the file's text: every line with a word on what it is.
 
     ``value`` is TOML already. What is not ``active`` is written as a comment, to show what there is.
@@ -124,10 +124,10 @@ class Section:
 
     name: str
     comment: str = ""
-    lines: list[Line] = field(default_factory=list)
+    lines: list[RigFileLine] = field(default_factory=list)
 
     def add(self, key: str, value: str, comment: str = "", *, active: bool = True) -> None:
-        self.lines.append(Line(key, value, comment, active))
+        self.lines.append(RigFileLine(key, value, comment, active))
 
     def text(self) -> str:
         return "\n".join([_commented(f"[{self.name}]", self.comment), *(line.text() for line in self.lines)])
