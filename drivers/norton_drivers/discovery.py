@@ -92,8 +92,8 @@ def found_serial(entry: Any, by_id: Path = BY_ID, usb_serial: Path = USB_SERIAL)
     """One of pyserial's ``ListPortInfo``."""
     known = usb_name(entry.vid, entry.pid)
     # What the device says of itself, then what its numbers tell.
-    said = entry.description if entry.description not in (None, "n/a") else ""
-    words = ", ".join(dict.fromkeys(filter(None, (said, known.words if known else ""))))
+    message = entry.description if entry.description not in (None, "n/a") else ""
+    words = ", ".join(dict.fromkeys(filter(None, (message, known.words if known else ""))))
     return FoundPort(
         kind="serial",
         channel=stable_path(entry.device, by_id),
@@ -134,10 +134,10 @@ def _detected() -> Iterator[FoundPort]:
         configurations = can.detect_available_configs()
     for each in configurations:
         if each["interface"] not in _NOT_BUSES:
-            said = [str(each[key]) for key in _SAID_OF_ADAPTERS if each.get(key)]  # type: ignore[literal-required]
+            message = [str(each[key]) for key in _SAID_OF_ADAPTERS if each.get(key)]  # type: ignore[literal-required]
             if each["interface"] == "udp_multicast":
-                said = ["no adapter: a bus between programs"]
-            yield FoundPort(str(each["interface"]), str(each["channel"]), " ".join(said))
+                message = ["no adapter: a bus between programs"]
+            yield FoundPort(str(each["interface"]), str(each["channel"]), " ".join(message))
 
 
 def _number(path: Path) -> int:

@@ -11,8 +11,8 @@ def reason_of(error: BaseException) -> str:
     "[Errno 2] could not open port x: [Errno 2] No such file or directory: 'x'" is "No such file or directory".
     """
     text = " ".join(str(error).split()) or type(error).__name__
-    said = _SYSTEM.findall(text)
-    return said[-1].strip() if said else text
+    message = _SYSTEM.findall(text)
+    return message[-1].strip() if message else text
 
 
 class DeviceError(Exception):

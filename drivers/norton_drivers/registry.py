@@ -52,11 +52,11 @@ def _first_line(error: Exception) -> str:
 
 def installed(group: str) -> dict[str, ModuleType]:
     """The modules of a group's drivers, by name. One that cannot be imported is left out: nobody asked for it."""
-    found: dict[str, ModuleType] = {}
+    result: dict[str, ModuleType] = {}
     for entry in entry_points(group=group):
         with suppress(Exception):  # a third party's module may raise anything
-            found[entry.name] = sys.modules[entry.load().__module__]
-    return dict(sorted(found.items()))
+            result[entry.name] = sys.modules[entry.load().__module__]
+    return dict(sorted(result.items()))
 
 
 def recognition() -> dict[str, Recognition]:

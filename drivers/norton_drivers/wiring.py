@@ -151,5 +151,7 @@ def _sentence(error: ValidationError, model: type[DeviceOptions], settings: Devi
         return f'[{settings.role}] driver = "{settings.driver}" needs {name}: {hints[name]}'
     if mistake["type"] == "extra_forbidden":
         return f'[{settings.role}] {name} is not an option of driver "{settings.driver}"; known: {", ".join(hints)}'
-    said = mistake["msg"].removeprefix("Value error, ")
-    return f"[{settings.role}] {name} = {mistake['input']!r}: {said[:1].lower()}{said[1:]} ({hints.get(name, '')})"
+    message = mistake["msg"].removeprefix("Value error, ")
+    return (
+        f"[{settings.role}] {name} = {mistake['input']!r}: {message[:1].lower()}{message[1:]} ({hints.get(name, '')})"
+    )

@@ -123,14 +123,14 @@ def really(settings: DeviceSettings, truth: Mapping[str, Any], place: str) -> tu
     options = {key: value for key, value in truth.items() if key not in (*PLACES, "plugged", "bitrate")}
     driver = str(truth.get("driver", settings.driver))
     converted = _in_units(options, driver, settings.role, where)
-    kept = settings.options if driver == settings.driver else {}
+    retained = settings.options if driver == settings.driver else {}
     hookup = Hookup(
         plugged=_boolean(truth.get("plugged", True), where),
         bitrate_bit_s=round(_quantity(truth["bitrate"], "bit/s", f"{where} bitrate")) if "bitrate" in truth else None,
         baud=converted["baud"] if isinstance(converted.get("baud"), int) else None,
     )
     bus, port = truth.get("bus", settings.bus), truth.get("port", settings.port)
-    return replace(settings, driver=driver, bus=bus, port=port, options={**kept, **converted}), hookup
+    return replace(settings, driver=driver, bus=bus, port=port, options={**retained, **converted}), hookup
 
 
 def bitrate_of(wiring: Wiring, bus: str | None) -> int:

@@ -55,22 +55,22 @@ def check_rig(
     with ExitStack() as stack:
         backend: Backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
         stack.callback(backend.close)
-        found = look(rig, backend, watch_s)
-        return found if move is None else _moved(rig, backend, found, move)
+        result = look(rig, backend, watch_s)
+        return result if move is None else _moved(rig, backend, result, move)
 
 
-def _moved(rig: Rig, backend: Backend, found: RigCheck, move: Permission) -> RigCheck:
-    if found.problems():
+def _moved(rig: Rig, backend: Backend, result: RigCheck, move: Permission) -> RigCheck:
+    if result.problems():
         move.say("nothing is moved until what was found is mended")
-        return found
+        return result
     move.say(announcement(rig))
     try:
         moved = check_moving(rig, backend, move.stop_request)
     except OperatorStopError:
         raise
     except (BenchError, DeviceError) as error:
-        return replace(found, whole=(*found.whole, error))
-    return replace(found, moved=moved.said, whole=(*found.whole, *moved.problems))
+        return replace(result, whole=(*result.whole, error))
+    return replace(result, moved=moved.said, whole=(*result.whole, *moved.problems))
 
 
 def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
@@ -148,8 +148,8 @@ class _Seen:
         answers = [answers_remotely] if offered is None else [answers_remotely, offered]
         first_ns, last_ns = each.asked_ns
         delays = [
-            found[0].stamp_ns - question.stamp_ns
-            for question, found in (() if bus is None else bus.answered(answers))
+            result[0].stamp_ns - question.stamp_ns
+            for question, result in (() if bus is None else bus.answered(answers))
             if first_ns <= question.stamp_ns <= last_ns
         ]
         return median(delays) * 1e-9 if delays else None

@@ -98,12 +98,12 @@ class RigCheck:
 
     def problems(self) -> tuple[Problem, ...]:
         """Everything that is wrong, each told once."""
-        found = [
+        result = [
             *(problem for bus in self.buses for problem in bus.problems),
             *(problem for device in self.devices for problem in device.problems),
             *self.whole,
         ]
-        return tuple({str(problem): problem for problem in found}.values())
+        return tuple({str(problem): problem for problem in result}.values())
 
 
 # Of one identifier: enough to see a rhythm, and no more than some seconds of the fastest stream.
@@ -189,10 +189,10 @@ class BusSurvey:
         log, questions = list(self.log), 0
         for place, question in enumerate(log):
             if question.sent and questions < _QUESTIONS:
-                found = list(_answers_to(question, islice(log, place + 1, None), answers))
+                result = list(_answers_to(question, islice(log, place + 1, None), answers))
                 questions += 1
-                if found:
-                    yield question, found
+                if result:
+                    yield question, result
 
 
 def _answers_to(question: RawFrame, after: Iterable[RawFrame], answers: Sequence[Answers]) -> Iterator[RawFrame]:

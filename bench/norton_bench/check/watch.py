@@ -54,23 +54,23 @@ class Watched:
 
 def open_watched(settings: DeviceSettings, link: Link, survey: Survey) -> Watched:
     """Open a device and ask who it is; what goes wrong is kept as its problem."""
-    found, begun_ns = Watched(settings), link.clock.now_ns()
+    result, begun_ns = Watched(settings), link.clock.now_ns()
     try:
         if settings.role == "torque_sensor":
             sensor = open_torque_sensor(settings, link)
-            found.takes = {"torque": sensor.take_torque}
+            result.takes = {"torque": sensor.take_torque}
             link.set_tap(survey.note)
-            found.identity = sensor.identify()
+            result.identity = sensor.identify()
         else:
             drive = open_amplifier(settings, link)
-            found.takes = {"motion": drive.take_motion, "current": drive.take_current}
-            found.status, found.command_unit = drive.status, drive.command_unit
+            result.takes = {"motion": drive.take_motion, "current": drive.take_current}
+            result.status, result.command_unit = drive.status, drive.command_unit
             link.set_tap(survey.note)
-            found.identity = drive.identify()
+            result.identity = drive.identify()
     except DeviceError as error:
-        found.problems.append(error)
-    found.asked_ns = (begun_ns, link.clock.now_ns())
-    return found
+        result.problems.append(error)
+    result.asked_ns = (begun_ns, link.clock.now_ns())
+    return result
 
 
 def watch(watched: Sequence[Watched], link: Link, watch_s: float) -> Problem | None:
@@ -193,22 +193,22 @@ def _troubles(bus: BusCheck) -> str:
     return ", ".join(f"{what} {count} times" for what, count in bus.troubles.items())
 
 
-def _elsewhere(settings: DeviceSettings, found: Sequence[Sender]) -> str:
+def _elsewhere(settings: DeviceSettings, result: Sequence[Sender]) -> str:
     """Its kind is heard, at another address."""
-    wanted = {name: settings.options[name] for name in found[0].options if name in settings.options}
-    heard = " and ".join(f"{sender.device} at {in_words(sender.options)} ({sender.says[0]})" for sender in found)
-    which = f"set {in_words(found[0].options)}" if len(found) == 1 else "set the one that is meant"
+    wanted = {name: settings.options[name] for name in result[0].options if name in settings.options}
+    received = " and ".join(f"{sender.device} at {in_words(sender.options)} ({sender.says[0]})" for sender in result)
+    which = f"set {in_words(result[0].options)}" if len(result) == 1 else "set the one that is meant"
     if not wanted:
-        return f"nobody is heard, but {heard}: {which}"
-    return f"nobody is heard at {in_words(wanted)}, but {heard}: {which}, or give the device {in_words(wanted)}"
+        return f"nobody is heard, but {received}: {which}"
+    return f"nobody is heard at {in_words(wanted)}, but {received}: {which}, or give the device {in_words(wanted)}"
 
 
-def _other_kind(found: Sequence[Sender]) -> str:
-    heard = " and ".join(
+def _other_kind(result: Sequence[Sender]) -> str:
+    received = " and ".join(
         f'{sender.device} (driver = "{sender.driver}"{", " if sender.options else ""}{in_words(sender.options)})'
-        for sender in found
+        for sender in result
     )
-    return f"heard instead: {heard}; is driver right, is the device powered?"
+    return f"heard instead: {received}; is driver right, is the device powered?"
 
 
 def _who_is_heard(bus: BusCheck, bitrate_bit_s: int) -> str:
@@ -241,9 +241,9 @@ def ask_everybody(
         probes = recognition.get(driver, Recognition()).probes
         if bus is None or probes is None or bus not in link.can_ports:
             continue
-        heard = survey.buses[bus].standard_ids()
+        received = survey.buses[bus].standard_ids()
         with suppress(DeviceError):  # a lost bus has been told
-            for question in probes(each.settings.options, heard):
+            for question in probes(each.settings.options, received):
                 link.can_ports[bus].send(question.arbitration_id, question.data, extended=question.extended)
                 link.wait(POLL_NS)
             link.wait(_ANSWER_NS)
@@ -271,13 +271,13 @@ def explain_noise(
     place, used = f"[{settings.role}] {settings.driver} on {settings.port}", _baud_of(settings)
     if used is None:
         return DeviceTimeoutError(f"{place}: {bytes_heard} bytes came, but nothing that is its; is driver right?")
-    found = next((baud for baud in BAUDS if baud != used and _speaks(settings, baud, backend)), None)
-    if found is None:
+    result = next((baud for baud in BAUDS if baud != used and _speaks(settings, baud, backend)), None)
+    if result is None:
         return DeviceTimeoutError(
             f"{place}: {bytes_heard} bytes came, but nothing that is its, neither at {used} baud nor at the other "
             "usual ones; is driver right, is the device set to stream?"
         )
-    return DeviceTimeoutError(f"{place}: it speaks at {found} baud, not at {used}: set {OPTION} = {found}")
+    return DeviceTimeoutError(f"{place}: it speaks at {result} baud, not at {used}: set {OPTION} = {result}")
 
 
 def _baud_of(settings: DeviceSettings) -> int | None:

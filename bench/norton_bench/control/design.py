@@ -115,15 +115,15 @@ def walls(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]
 
 def design_torque_loop(calibration: LoadCalibration, observer: Observer, tick_s: float) -> TorqueGains:
     """The greatest integral gain with margins. Raises ExperimentError where there is none."""
-    found = _torque_gains(calibration, observer, tick_s)
-    if found is None:
+    result = _torque_gains(calibration, observer, tick_s)
+    if result is None:
 
         def works(better: LoadCalibration) -> bool:
             tracking = _tracking(better, tick_s)
             return tracking is not None and _torque_gains(better, tracking.observer, tick_s) is not None
 
         raise ExperimentError(f"zero torque: no feedback keeps its margins on this bench; {_mend(calibration, works)}")
-    return found
+    return result
 
 
 def _torque_gains(calibration: LoadCalibration, observer: Observer, tick_s: float) -> TorqueGains | None:
@@ -145,9 +145,9 @@ def _torque_gains(calibration: LoadCalibration, observer: Observer, tick_s: floa
     integral, time_s, damping = 0.0, 0.0, 0.0
     for shape in product(INTEGRAL_TIMES_S, (rate * calibration.inertia_kgm2 for rate in DAMPING_RATES_RAD_S)):
         # Searched only where it beats the best so far.
-        found = _greatest(partial(sticks, time_s=shape[0], damping=shape[1]), max(1.05 * integral, 3.0), 3000.0)
-        if found:
-            integral, (time_s, damping) = found, shape
+        result = _greatest(partial(sticks, time_s=shape[0], damping=shape[1]), max(1.05 * integral, 3.0), 3000.0)
+        if result:
+            integral, (time_s, damping) = result, shape
     if integral == 0.0:
         return None
     boosted = _greatest(partial(slides, time_s=time_s), integral, MOST_BOOST * integral)
@@ -161,11 +161,11 @@ def design_tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:
     margins, heavier ones are tried; then observers that trust the torque reading less, and gentler gains at last.
     Raises ExperimentError where none is stable throughout.
     """
-    found = _tracking(calibration, tick_s)
-    if found is None:
+    result = _tracking(calibration, tick_s)
+    if result is None:
         mend = _mend(calibration, lambda better: _tracking(better, tick_s) is not None)
         raise ExperimentError(f"prescribed motion: no feedback, however gentle, is stable on this bench; {mend}")
-    return found
+    return result
 
 
 def _tracking(calibration: LoadCalibration, tick_s: float) -> Tracking | None:
@@ -297,10 +297,10 @@ def _worst(control: Control, benches: tuple[SampledBench, ...], least: float, ti
     """The greatest peak sensitivity, infinite where it is unstable or beyond ``least`` anyhow."""
     worst = 0.0
     for bench in benches:
-        found = margins(bench, control, tick_s)
-        if not found.within(least):
+        result = margins(bench, control, tick_s)
+        if not result.within(least):
             return inf
-        worst = max(worst, found.sensitivity)
+        worst = max(worst, result.sensitivity)
     return worst
 
 

@@ -37,7 +37,7 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class Control:
-    """A linear controller of n states: wish = ``direct``·readings + ``wish``·state; readings: `SampledBench.outputs`."""
+    """A linear controller of n states: wish = ``direct``·readings + ``wish``·state. See `SampledBench.outputs`."""
 
     step: FloatArray  # (n, n)
     entry: FloatArray  # (n, 3)

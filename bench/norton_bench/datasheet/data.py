@@ -98,11 +98,11 @@ def _at(figure: Figure) -> dict[str, Any] | None:
     return {"name": at.name, "command": at.command, "velocity_rad_s": at.velocity_rad_s}
 
 
-def _evidence(told: Evidence) -> dict[str, Any]:
-    gap, warming = told.gap, told.warming
+def _evidence(evidence: Evidence) -> dict[str, Any]:
+    gap, warming = evidence.gap, evidence.warming
     return {
-        "spectra": None if told.spectra is None else _spectra(told.spectra),
-        "cogging": [_order(order) for order in told.orders],
+        "spectra": None if evidence.spectra is None else _spectra(evidence.spectra),
+        "cogging": [_order(order) for order in evidence.orders],
         "free_play": None
         if gap is None
         else {"width_rad": gap.width_rad, "interval_rad": list(gap.interval_rad), "shows": bool(gap.is_gap)},
@@ -171,9 +171,9 @@ def content_of(sheets: Sequence[Sheet]) -> Content:
         (letter, sheet.name, sheet.file, sheet.origin, range_sentence(sheet))
         for letter, sheet in zip(letters, sheets, strict=True)
     )
-    told = _content_told([(*sheet.told, *remarks(sheet)) for sheet in sheets], letters)
+    evidence = _content_told([(*sheet.told, *remarks(sheet)) for sheet in sheets], letters)
     title = " and ".join(dict.fromkeys(sheet.name for sheet in sheets))
-    return Content(title, subjects, told, tuple(_tables(sheets, letters)), tuple(pictures(sheets)))
+    return Content(title, subjects, evidence, tuple(_tables(sheets, letters)), tuple(pictures(sheets)))
 
 
 def _content_told(sentences: Sequence[Sequence[str]], letters: Sequence[str]) -> tuple[str, ...]:
@@ -188,18 +188,18 @@ def _content_told(sentences: Sequence[Sequence[str]], letters: Sequence[str]) ->
 
 def _tables(sheets: Sequence[Sheet], letters: Sequence[str]) -> list[tuple[str, Facts]]:
     if len(sheets) == 1:
-        found = [("Parameters", parameter_table(sheets[0])), ("What follows from them", figure_table(sheets[0]))]
+        result = [("Parameters", parameter_table(sheets[0])), ("What follows from them", figure_table(sheets[0]))]
     else:
         first, second = sheets
-        found = [
+        result = [
             ("Parameters", parameter_difference_table(first, second)),
             ("What follows from them", difference_table(compared(first, second))),
         ]
     for letter, sheet in zip(letters, sheets, strict=True):
         table = order_table(sheet)
         if table is not None:
-            found.append((f"Cogging and ripple {letter}".strip(), table))
-    return found
+            result.append((f"Cogging and ripple {letter}".strip(), table))
+    return result
 
 
 def write_html(path: Path, sheets: Sequence[Sheet]) -> Path:

@@ -165,13 +165,13 @@ def _line(aligned: Sequence[Aligned], periods: float, network: NortonNetwork, kn
 
 def _periods(fit: FitResult, samples: Samples, tests: ResidualTests | None) -> tuple[float, ...]:
     """Where something may stand out: what the fit and its tests found, and what goes with the torque as well."""
-    found = [each.periods_per_turn for each in fit.cogging]
-    found += [] if tests is None else [each.periods_per_turn for each in tests.harmonics]
+    result = [each.periods_per_turn for each in fit.cogging]
+    result += [] if tests is None else [each.periods_per_turn for each in tests.harmonics]
     size = float(np.sqrt(np.mean(samples.drive_nm**2)))
     if size > 0.0:
         with_torque = strongest_period(samples.position_rad, samples.residual_nm * samples.drive_nm / size, 1.0)
-        found += [] if with_torque is None else [with_torque]
-    return tuple(dict.fromkeys(found))
+        result += [] if with_torque is None else [with_torque]
+    return tuple(dict.fromkeys(result))
 
 
 def _sliding(measured: Measured, fit: FitResult) -> Iterator[Sliding]:

@@ -305,22 +305,22 @@ def draw_efficiency(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Pal
 def draw_cogging(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Palette) -> None:
     left, right = part.subplots(1, 2)
     for each in drawn_sheets:
-        told = each.sheet.evidence
-        if told.folded is None:
+        evidence = each.sheet.evidence
+        if evidence.folded is None:
             continue
-        order = np.arange(1, told.order_nm.size + 1)
-        left.plot(order, 1e3 * told.order_nm, color=palette.muted, linewidth=0.8)
-        for place, line in enumerate(line for line in told.orders if line.is_torque):
+        order = np.arange(1, evidence.order_nm.size + 1)
+        left.plot(order, 1e3 * evidence.order_nm, color=palette.muted, linewidth=0.8)
+        for place, line in enumerate(line for line in evidence.orders if line.is_torque):
             wave = line.cogging_nm
             left.errorbar(
                 [line.periods_per_turn], [1e3 * wave.amplitude], yerr=[1e3 * wave.half_width], color=each.points,
                 marker=each.marker, markersize=4.5, label=None if place else each.label("stands out"), linestyle="none",
             )  # fmt: skip
-        angle = np.degrees(told.folded.angle_rad)
-        label = each.label(f"order {told.orders[0].periods_per_turn:g}")
+        angle = np.degrees(evidence.folded.angle_rad)
+        label = each.label(f"order {evidence.orders[0].periods_per_turn:g}")
         right.errorbar(
-            angle, 1e3 * told.folded.mean_nm, yerr=1e3 * told.folded.half_width_nm, color=each.points, elinewidth=0.6,
-            marker=each.marker, markersize=2.6, linewidth=0.6, label=label,
+            angle, 1e3 * evidence.folded.mean_nm, yerr=1e3 * evidence.folded.half_width_nm, color=each.points,
+            elinewidth=0.6, marker=each.marker, markersize=2.6, linewidth=0.6, label=label,
         )  # fmt: skip
     left.set_xlabel("periods a turn")
     left.set_ylabel("amplitude [mN·m]")

@@ -92,13 +92,13 @@ def orders(samples: Samples, lines: Mapping[float, OrderWave]) -> tuple[Order, .
     waves = np.concatenate([each.wave for each in lines.values()])
     errors = np.concatenate([each.of_error for each in lines.values()])
     columns = np.concatenate([waves, drive * waves, errors, [np.ones(drive.size), drive]])
-    found, covariance = _fitted(columns.T, samples.residual_nm, samples.time_s)
+    result, covariance = _fitted(columns.T, samples.residual_nm, samples.time_s)
     chances = KINDS * looked_at(samples.position_rad)
     blocks = _blocks(samples.time_s)
     told = []
     for place, each in enumerate(lines):
         pairs = (slice(first, first + 2) for first in range(2 * place, KINDS * len(waves), len(waves)))
-        told.append(Order(each, *(_wave(found[at], covariance[at, at], blocks, chances) for at in pairs)))
+        told.append(Order(each, *(_wave(result[at], covariance[at, at], blocks, chances) for at in pairs)))
     shown = [order for order in told if order.is_torque or order.angle_error_rad.shows]
     return tuple(sorted(shown, key=lambda order: (not order.is_torque, -order.cogging_nm.amplitude)))
 

@@ -130,10 +130,10 @@ def sheet_of_fit(fit: FitResult, recording: Recording, tests: ResidualTests | No
     converged."""
     about = recording.metadata
     parameters = tuple(SheetValue(each.name, each.value, each.std, each.unit, each.status) for each in fit.estimates)
-    found = evidence(fit, recording.measured, tests, float(about["tick_s"]))
+    result = evidence(fit, recording.measured, tests, float(about["tick_s"]))
     limits = _limits(recording.rig_text, file)
     return Sheet(
-        about["rig"], file, fit.network, parameters, limits, fit.verdict, found, recorded=True, origin=_origin(about)
+        about["rig"], file, fit.network, parameters, limits, fit.verdict, result, recorded=True, origin=_origin(about)
     )
 
 

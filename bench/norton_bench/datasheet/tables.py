@@ -44,12 +44,12 @@ _SIDE_BY_SIDE = ("", "figure", "A", "B", "B − A, 95 % interval", "unit", "diff
 
 def order_table(sheet: Sheet) -> Facts | None:
     """Cogging and ripple by order; None where nothing stands out."""
-    told = [each for each in sheet.evidence.orders if each.is_torque]
-    if not told:
+    evidence = [each for each in sheet.evidence.orders if each.is_torque]
+    if not evidence:
         return None
     head = ("periods a turn", "cogging [mN·m]", "95 % interval", "ripple [% of the torque]", "95 % interval")
     rows = tuple(
-        (f"{each.periods_per_turn:.4g}", *_wave(each.cogging_nm, 1e3), *_wave(each.ripple, 100.0)) for each in told
+        (f"{each.periods_per_turn:.4g}", *_wave(each.cogging_nm, 1e3), *_wave(each.ripple, 100.0)) for each in evidence
     )
     return Facts(head, rows)
 
@@ -90,19 +90,19 @@ def range_sentence(sheet: Sheet) -> str:
 
 def remarks(sheet: Sheet) -> Iterator[str]:
     """What was measured and shows nothing, and what was not measured: said, so that nobody looks for it."""
-    told = sheet.evidence
+    evidence = sheet.evidence
     if "scale" in sheet.network.provenance:
         yield "No torque was measured: only figures that need no torque scale are given."
     if not sheet.recorded:
         yield "From the network alone: measured points, cogging and free play are in its recording."
         return
-    if told.gap is not None:
+    if evidence.gap is not None:
         yield _gap_sentence(sheet)
-    if told.order_nm.size and not any(order.is_torque for order in told.orders):
+    if evidence.order_nm.size and not any(order.is_torque for order in evidence.orders):
         yield "No cogging and no ripple stands out from the noise."
-    yield from map(_angle_sentence, (order for order in told.orders if order.angle_error_rad.shows))
-    known = "the drive's current was recorded, but no voltage" if told.has_current else "no current and no voltage"
-    recorded = "" if told.has_current else " were recorded"
+    yield from map(_angle_sentence, (order for order in evidence.orders if order.angle_error_rad.shows))
+    known = "the drive's current was recorded, but no voltage" if evidence.has_current else "no current and no voltage"
+    recorded = "" if evidence.has_current else " were recorded"
     yield f"There is no electrical efficiency: {known}{recorded}. Mechanical efficiency holds friction's losses alone."
     yield _warming_sentence(sheet)
 

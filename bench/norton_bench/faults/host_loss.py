@@ -144,12 +144,12 @@ def _last_words(folder: Path) -> str:
 def _judged(outcome: CaseResult, states: Sequence[TrueState], begun_ns: int, rig: Rig) -> CaseResult:
     off_ns = off_after_ns([state for state in states if state.stamp_ns >= begun_ns], begun_ns)
     detection = None if off_ns is None else Detection(begun_ns + off_ns, "the drives' own watchdogs")
-    found = judge(
+    result = judge(
         states, begun_ns, detection, outcome.expected, allowed_ns=round(outcome.allowed_s * 1e9), limits=rig.limits
     )
     if detection is None:
-        return replace(outcome, **vars(found))
-    return replace(outcome, **vars(found), guard=detection.words, detected_s=found.off_s)
+        return replace(outcome, **vars(result))
+    return replace(outcome, **vars(result), guard=detection.words, detected_s=result.off_s)
 
 
 @contextmanager
@@ -158,10 +158,10 @@ def _served(rig: Rig, witness: Path) -> Iterator[None]:
     command = [*PROGRAM, "sim", "serve", rig.place, "--witness", str(witness)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as server:
         assert server.stderr is not None
-        said = server.stderr.readline()
+        log = server.stderr.readline()
         try:
-            if not said.startswith("serving"):
-                raise _CannotServeError(said.strip() or "the simulated devices could not be served")
+            if not log.startswith("serving"):
+                raise _CannotServeError(log.strip() or "the simulated devices could not be served")
             yield
         finally:
             _end(server)
@@ -182,9 +182,9 @@ def _host(rig: Rig, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
     (folder / "session.toml").write_text(SESSION)
     command = [*PROGRAM, "run", str(folder / "session.toml"), "--rig", rig.place, "--backend", "hardware"]
     with (
-        (folder / "said").open("wb") as said,
+        (folder / "said").open("wb") as log,
         subprocess.Popen(
-            [*command, "--out", str(folder / "out")], stdout=said, stderr=said, start_new_session=True
+            [*command, "--out", str(folder / "out")], stdout=log, stderr=log, start_new_session=True
         ) as host,
     ):
         try:

@@ -149,11 +149,11 @@ def longest_watchdog_s(rig: Rig) -> float:
     backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=None, place=rig.place)
     try:
         devices = open_devices(rig, backend)
-        found = max(drive.watchdog_s for drive in devices.drives)
+        result = max(drive.watchdog_s for drive in devices.drives)
         devices.link.close()
     finally:
         backend.close()
-    return found
+    return result
 
 
 def family(rig: Rig) -> str:
@@ -203,7 +203,7 @@ def _judged(outcome: CaseResult, run: _Run, begun_ns: int, hits: int, rig: Rig) 
     detection = _detection(run)
     if detection is not None and detection.stamp_ns < begun_ns:
         return _failed(outcome, f"the session ended before the fault: {detection.words}")
-    found = judge(
+    result = judge(
         run.states,
         begun_ns,
         detection,
@@ -213,7 +213,7 @@ def _judged(outcome: CaseResult, run: _Run, begun_ns: int, hits: int, rig: Rig) 
     )
     return replace(
         outcome,
-        **vars(found),
+        **vars(result),
         guard="" if detection is None else detection.words,
         detected_s=None if detection is None else (detection.stamp_ns - begun_ns) * 1e-9,
         hits=hits,

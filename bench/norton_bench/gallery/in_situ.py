@@ -45,10 +45,10 @@ class Assembled:
 
     @cached_property
     def movements(self) -> tuple[Movement, ...]:
-        found = tuple(self._movement(each) for each in self._segments)
-        if sum(each.driven for each in found) < LEARNT_FROM + 2 or found[0].driven:
+        result = tuple(self._movement(each) for each in self._segments)
+        if sum(each.driven for each in result) < LEARNT_FROM + 2 or result[0].driven:
             raise ExperimentError("in situ, there were too few trials for an interval; see what stopped them")
-        return found
+        return result
 
     @property
     def learnt(self) -> list[Movement]:
@@ -90,13 +90,13 @@ class Assembled:
 
     def _movement(self, segment: SegmentInfo) -> Movement:
         ticks = self.experiment.measured.between(segment.start_ns, segment.end_ns).ticks
-        found = seen(self.experiment.measured, segment, len(self.command), self._tick_s)
-        if found.torque_nm is None:
+        result = seen(self.experiment.measured, segment, len(self.command), self._tick_s)
+        if result.torque_nm is None:
             raise ExperimentError("in situ, no torque was read: the gallery needs a torque sensor to judge by")
         return Movement(
             driven=bool(np.any(ticks["load_torque_nm"] != 0.0)),
-            torque_nm=in_band(found.torque_nm - np.mean(found.torque_nm), self._tick_s),
-            velocity_rad_s=self._velocity(found.position_rad),
+            torque_nm=in_band(result.torque_nm - np.mean(result.torque_nm), self._tick_s),
+            velocity_rad_s=self._velocity(result.position_rad),
         )
 
     def _velocity(self, position_rad: FloatArray) -> FloatArray:

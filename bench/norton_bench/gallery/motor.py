@@ -54,8 +54,8 @@ class MotorExperiment:
     @cached_property
     def steady(self) -> FloatArray:
         """Imposed velocity and torque, and the command: shape (pairs, 3)."""
-        found = self._looks(done.SteadySpeeds.name, done.STEADY_LOOK_S)
-        return np.array([_odd(one, other) for one, other in pairs(found)])
+        result = self._looks(done.SteadySpeeds.name, done.STEADY_LOOK_S)
+        return np.array([_odd(one, other) for one, other in pairs(result)])
 
     @cached_property
     def steady_line(self) -> StraightLine:
@@ -67,11 +67,11 @@ class MotorExperiment:
 
         The velocity is that at no torque: what the load drive left of it is made up for, with the damping measured.
         """
-        found = list(pairs(self._looks(done.FreeLevels.name, done.FREE_LOOK_S)))
-        table = np.array([_odd(one, other) for one, other in found])
+        result = list(pairs(self._looks(done.FreeLevels.name, done.FREE_LOOK_S)))
+        table = np.array([_odd(one, other) for one, other in result])
         moving = np.abs(table[:, 0]) > np.abs(table[:, 1] / self.steady_line.slope.value)
         table[moving, 0] -= table[moving, 1] / self.steady_line.slope.value
-        return table, np.array([one.label[2] == "below" for one, _ in found])
+        return table, np.array([one.label[2] == "below" for one, _ in result])
 
     @cached_property
     def stops(self) -> dict[bool, FloatArray]:
@@ -82,12 +82,12 @@ class MotorExperiment:
             # As under approach from positive velocity: the command's sign is that of `with`.
             torque = 0.5 * float(side) * (one.torque_nm - other.torque_nm)
             table[float(sign) == float(side)].append((torque, float(taken)))
-        return {with_command: np.array(found) for with_command, found in table.items()}
+        return {with_command: np.array(result) for with_command, result in table.items()}
 
     @cached_property
     def stop_command(self) -> float:
-        found = self._looks(done.SlowStops.name, done.STOP_LOOK_S)
-        return float(np.mean([abs(each.command) for each in found]))
+        result = self._looks(done.SlowStops.name, done.STOP_LOOK_S)
+        return float(np.mean([abs(each.command) for each in result]))
 
     def stopped(self, with_command: bool) -> StraightLine:
         """Torque at rest against what was taken back; at none of it stands the paper's."""
@@ -142,11 +142,11 @@ def three_branches(motor: MotorExperiment) -> Shown:
         at = levels == level
         command = float(np.mean(free[at, 2]))
         without_friction = motor.gain * command / motor.damping
-        found = mean(free[at, 0])
+        result = mean(free[at, 0])
         if motor.source_rad_s(command) == 0.0:
-            found = wider(found, REST_SHARE * float(np.max(free[:, 0])))
+            result = wider(result, REST_SHARE * float(np.max(free[:, 0])))
         what = f"free velocity at {command / motor.coulomb * motor.gain:.1f} thresholds"
-        rows.append(row(name, what, "rad/s", motor.source_rad_s(command), found, without_friction))
+        rows.append(row(name, what, "rad/s", motor.source_rad_s(command), result, without_friction))
     moving = levels > levels.min()
     branch = StraightLine(free[moving, 2], free[moving, 0])
     unit = f"({motor.experiment.rig.command.unit})"

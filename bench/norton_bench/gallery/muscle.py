@@ -211,10 +211,10 @@ def nonlinear_connection(muscle: Muscle) -> Shown:
         ]
         for displaced in (-DISPLACED_RAD, DISPLACED_RAD):
             place = free.value + displaced
-            found = mean([curve.at(place) for curve in curves])
+            result = mean([curve.at(place) for curve in curves])
             linear = -muscle.stiffness_nm_rad(command) * (place - source)
             expected = float(muscle.exertion_nm(command, place))
-            rows.append(row(name, f"exertion {displaced:+g} rad from there", "N*m", expected, found, linear))
+            rows.append(row(name, f"exertion {displaced:+g} rad from there", "N*m", expected, result, linear))
     return Shown(
         name,
         "A muscle's connection is nonlinear, and zero at its source",

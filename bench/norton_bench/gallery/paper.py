@@ -65,13 +65,13 @@ class Proof:
 
 def rigs_in(folder: Path) -> dict[str, Rig]:
     """The rig of every experiment, by the experiment's name. Raises UsageError where one is not in ``folder``."""
-    found = {}
+    result = {}
     for name, entry in CATALOGUE.items():
         path = folder / f"{entry.rig}.toml"
         if not path.is_file():
             raise UsageError(f"{path}: no such rig file; leave --rigs out, or give a folder that holds it")
-        found[name] = load_rig(path, backend="simulated")
-    return found
+        result[name] = load_rig(path, backend="simulated")
+    return result
 
 
 def gallery(rigs: dict[str, Rig], seeds: Sequence[int], jobs: int, on_done: Callable[[str], None]) -> tuple[Proof, ...]:

@@ -70,11 +70,11 @@ def one_source_many_springs(spring: VariableSpring) -> Shown:
     name, least, most = "variable stiffness", MODULATIONS[0], MODULATIONS[-1]
     rows = []
     for modulation in MODULATIONS:
-        found = mean([visit.lines()[0].stiffness.value for visit in spring.of(modulation)])
-        found = wider(found, spring.left_open_nm_rad(modulation))
+        result = mean([visit.lines()[0].stiffness.value for visit in spring.of(modulation)])
+        result = wider(result, spring.left_open_nm_rad(modulation))
         rival = spring.stiffness_nm_rad(least if modulation != least else most)
         expected = spring.stiffness_nm_rad(modulation)
-        rows.append(row(name, f"stiffness at the source, π = {modulation:g}", "N*m/rad", expected, found, rival))
+        rows.append(row(name, f"stiffness at the source, π = {modulation:g}", "N*m/rad", expected, result, rival))
     ends = [[visit.lines()[0].source.value for visit in spring.of(modulation)] for modulation in (least, most)]
     # A source of exertion pulls with the same torque, whatever the spring: the place goes with its compliance.
     rival = spring.command * (spring.stiffness_nm_rad(least) / spring.stiffness_nm_rad(most) - 1)

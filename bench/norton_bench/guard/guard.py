@@ -151,9 +151,9 @@ class Guard:
         for drive in drives:
             self._check_drive(drive, sample.tick_ns)
         for check in self.checks:
-            said = check.fault(sample, self._sent)
-            if said is not None:
-                raise self.trip(said, check.name)
+            message = check.fault(sample, self._sent)
+            if message is not None:
+                raise self.trip(message, check.name)
         return self._clip(wished)
 
     def stood_still(self, until_ns: int, stall_ns: int) -> None:
@@ -190,11 +190,11 @@ class Guard:
     def _silent(self, name: str, age_ns: int, sample: Sample) -> SafetyStopError:
         if age_ns < 0:
             return self.trip(f"{name}: no reading yet", "stale")
-        said = (
+        message = (
             f"{name}: silent for {age_ns / 1e6:.1f} ms, more than [limits] stale_after = "
             f"{self.limits.stale_after_ns / 1e6:g} ms"
         )
-        return self.trip(f"{said}; {self._meanwhile(age_ns, sample)}", "stale")
+        return self.trip(f"{message}; {self._meanwhile(age_ns, sample)}", "stale")
 
     def _meanwhile(self, age_ns: int, sample: Sample) -> str:
         """What else was heard while a device was silent, and what follows from that."""
@@ -243,8 +243,8 @@ class Guard:
 
     def _outside(self, name: str, value: float, bound: float, key: str, unit: str, sample: Sample) -> SafetyStopError:
         if isfinite(value):
-            said = f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}"
-            return self.trip(f"{said}; {self._why_late(sample.tick_ns) or self._mend(key)}", key)
+            message = f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}"
+            return self.trip(f"{message}; {self._why_late(sample.tick_ns) or self._mend(key)}", key)
         return self.trip(
             f"{name}: is no number: the device marks its reading as invalid, or reads beyond its range; "
             "check the device",

@@ -172,11 +172,11 @@ def _onwards(pieces: list[tuple[float, float, float]]) -> list[tuple[float, floa
     """Those that are further on than the one before: at its ends the port hardly moves while the torque turns round."""
     way_rad = pieces[-1][0] - pieces[0][0]
     least_rad = LEAST_STEP * abs(way_rad) / len(pieces)
-    kept = pieces[:1]
+    retained = pieces[:1]
     for piece in pieces[1:]:
-        if (piece[0] - kept[-1][0]) * np.sign(way_rad) >= least_rad:
-            kept.append(piece)
-    return kept
+        if (piece[0] - retained[-1][0]) * np.sign(way_rad) >= least_rad:
+            retained.append(piece)
+    return retained
 
 
 def _piece(place_rad: FloatArray, torque_nm: FloatArray) -> tuple[float, float, float]:

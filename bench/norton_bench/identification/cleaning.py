@@ -97,18 +97,18 @@ def clean(measured: Measured) -> Cleaned:
     for stream in MOTIONS:
         if stream.field in tables:
             tables[stream.field] = _motion(stream, tables, origin_ns, remarks)
-    kept = replace(measured, **cast("dict[str, Any]", tables))
-    return Cleaned(kept, Findings(tuple(remarks), tuple(contradictions(kept))))
+    retained = replace(measured, **cast("dict[str, Any]", tables))
+    return Cleaned(retained, Findings(tuple(remarks), tuple(contradictions(retained))))
 
 
 def _finite(stream: RecordedColumn, table: Table, remarks: list[str]) -> Table:
     good = np.isfinite(table[stream.column])
     if "valid" in (table.dtype.names or ()):
-        told = table["valid"]
-        if not told.any():
+        valid = table["valid"]
+        if not valid.any():
             raise ExperimentError(f"no reading of {stream.name} is valid: check the sensor's own status and cable")
-        if not told.all():
-            table, good = table[told], good[told]
+        if not valid.all():
+            table, good = table[valid], good[valid]
     if not good.any():
         raise ExperimentError(f"no reading of {stream.name} is a finite number: check the sensor and how it is read")
     if good.all():
@@ -239,8 +239,8 @@ def _others(table: Table, tables: dict[str, Table], fields: Sequence[str]) -> It
 def _frozen(
     values: FloatArray, others: Callable[[], Sequence[FloatArray]], share_at_end: float = standstill.ELSEWHERE
 ) -> BoolArray:
-    found = standstill.frozen(values, others, least=standstill.FROZEN_ROWS, share_at_end=share_at_end)
-    return standstill.rows_of(found, len(values))
+    result = standstill.frozen(values, others, least=standstill.FROZEN_ROWS, share_at_end=share_at_end)
+    return standstill.rows_of(result, len(values))
 
 
 def _tell_frozen(stream: RecordedColumn, frozen: BoolArray, time_s: FloatArray, remarks: list[str]) -> None:

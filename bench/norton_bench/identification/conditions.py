@@ -60,14 +60,14 @@ def zero_range(
     crosses zero stays within ± T as long as it takes from T to 2 T on both sides together; a gap comes on top of that.
     """
     loops = {each.index for each in segments if each.procedure == "imposed" and each.name.startswith("loop")}
-    found: list[tuple[float, float]] = []
+    result: list[tuple[float, float]] = []
     for stretch in stretches:
         torque_nm = stretch.torque_nm - bias_nm + inertia_kgm2 * stretch.acceleration_rad_s2
         for stroke in _strokes(stretch, loops):
-            found += _ways(torque_nm[stroke], stretch.velocity_rad_s[stroke] * stretch.signals.tick_s, noise_nm)
-    if len(found) < LEAST_STROKES:
+            result += _ways(torque_nm[stroke], stretch.velocity_rad_s[stroke] * stretch.signals.tick_s, noise_nm)
+    if len(result) < LEAST_STROKES:
         return None
-    near, beside = np.array(found).T
+    near, beside = np.array(result).T
     widths = near - beside
     mean, deviation = float(np.mean(widths)), float(np.std(widths, ddof=1) / np.sqrt(len(widths)))
     half = float(t_distribution.ppf(0.975, len(widths) - 1)) * deviation
@@ -193,7 +193,7 @@ def _impedance_form(unseen: Sequence[Trace]) -> Condition:
     )
     if not unseen:
         return Condition(name, None, "no torque was measured under an imposed motion that was kept apart from the fit")
-    share, interval = min((_left_over(trace) for trace in unseen), key=lambda found: found[0])
+    share, interval = min((_left_over(trace) for trace in unseen), key=lambda result: result[0])
     holds = usable(interval)
     why = {
         True: "the torque follows from the measured motion and the command, also for motion kept apart from the fit",
@@ -268,11 +268,11 @@ def _no_gap(gap: ZeroRange | None) -> str:
 
 
 def _branches_differ(source: SourceMap | None) -> bool | None:
-    found = None if source is None else source.hysteresis()
-    if found is None or source is None:
+    result = None if source is None else source.hysteresis()
+    if result is None or source is None:
         return None
     matters_rad_s = SAME_BRANCH * float(np.nanmax(np.abs(source.velocity_rad_s)))
-    return found.significant and abs(found.difference_rad_s) > matters_rad_s
+    return result.significant and abs(result.difference_rad_s) > matters_rad_s
 
 
 def _by_branches(name: str, differs: bool | None) -> Condition:

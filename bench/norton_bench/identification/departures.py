@@ -93,10 +93,10 @@ def departures(
     What matters makes the error on segments left out smaller by more than held_out.LEAST_GAIN, and explains more of the
     mean square than ``usual_share``: what errors of readings alone make of some kind (:func:`greatest_share`).
     """
-    known, found = expansion.jacobian, list[Departure]()
+    known, result = expansion.jacobian, list[Departure]()
     at_first = _values(Sums.of(expansion, known))
     for _ in range(MOST_NAMED):
-        named = {each.kind.name for each in found}
+        named = {each.kind.name for each in result}
         before, trials = _tried(expansion, known, named, others)
         best = _best(before, usual_share, trials)
         if best is None:
@@ -105,8 +105,8 @@ def departures(
         known = np.concatenate([known, columns])
         change = expansion.physical(_values(Sums.of(expansion, known))[: len(at_first)] - at_first)
         explained = float(np.sqrt(max(before - after, 0.0)))
-        found.append(Departure(kind, explained, 1 - after / before, float(np.sqrt(after)), p_value, change, periods))
-    return tuple(found)
+        result.append(Departure(kind, explained, 1 - after / before, float(np.sqrt(after)), p_value, change, periods))
+    return tuple(result)
 
 
 def greatest_share(expansion: Expansion) -> float:

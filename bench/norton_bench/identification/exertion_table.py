@@ -174,8 +174,8 @@ class ExertionTable:
     def sweep(self, setting: Setting) -> Sweep | None:
         """Both ways across, the last that were made; None where there are not both, of one place at least in common."""
         own = {each.rising: each for each in self.swept if each.setting == setting.rounded}
-        found = both_ways(own[True], own[False]) if len(own) == 2 else None
-        return found if found is not None and found.mean[0].size else None
+        result = both_ways(own[True], own[False]) if len(own) == 2 else None
+        return result if result is not None and result.mean[0].size else None
 
     def _line(self, setting: Setting) -> SpringLine:
         branches = [self.branch(setting, rising) for rising in (True, False)]
@@ -294,10 +294,10 @@ def _swept_zeros(sweep: Sweep) -> Zeros | None:
 def _zeros(branches: Sequence[Branch]) -> Zeros | None:
     """The mean of both directions, so that friction at the port, which shifts them apart, drops out."""
     edges = [_edges(*branch) for branch in branches if branch[0].size]
-    found = [each for each in edges if each is not None]
-    if not found or len(found) < len(edges):
+    result = [each for each in edges if each is not None]
+    if not result or len(result) < len(edges):
         return None
-    low, high = np.mean(found, axis=0)
+    low, high = np.mean(result, axis=0)
     width = np.maximum(high - low, 0.0)
     half = float(np.ptp(np.quantile(width[1:], (0.025, 0.975)))) / 2
     spacing_rad = max(_widest_step(places, float(low[0]), float(high[0])) for places, _, _ in branches)

@@ -348,9 +348,9 @@ class Sums:
 
     def solved(self, chosen: IntArray, without: int | None = None) -> FloatArray:
         """Least squares of the residual by ``chosen`` columns, of all blocks but those of a segment; scaled."""
-        kept = np.ones(self.part.size, dtype=bool) if without is None else self.part != without
-        gram = self.gram[kept].sum(axis=0)[np.ix_(chosen, chosen)]
-        return np.asarray(np.linalg.lstsq(gram, self.score[kept].sum(axis=0)[chosen], rcond=1e-12)[0])
+        retained = np.ones(self.part.size, dtype=bool) if without is None else self.part != without
+        gram = self.gram[retained].sum(axis=0)[np.ix_(chosen, chosen)]
+        return np.asarray(np.linalg.lstsq(gram, self.score[retained].sum(axis=0)[chosen], rcond=1e-12)[0])
 
     def left(self, chosen: IntArray, values: FloatArray, within: npt.NDArray[np.bool_]) -> float:
         """The sum of squares that ``values`` of ``chosen`` columns leave of the residual in some blocks."""

@@ -111,12 +111,12 @@ def solution_of(
     measured = all(stretch.torque_nm is not None for stretch in stretches)
     doubtful = bool(findings.doubts)
     solution = solve(stretches, free_motion=not measured, roughly=doubtful, cogging=cogging)
-    told = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
+    determined = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
         beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
     )
-    if port is Port.LOAD and not told:
+    if port is Port.LOAD and not determined:
         raise ExperimentError(_why_no_scale(solution))
-    if measured and not told:
+    if measured and not determined:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return solution
 
@@ -163,9 +163,9 @@ def beyond_noise(solution: Solution) -> float:
     regression = solution.regression
     counts = [row.usable.size for row in regression.rows]
     noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
-    told = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
+    determined = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
     left = float(np.mean(solution.residual**2))
-    return float(np.clip(1.0 - noise / max(left, 1e-300), min(told, 1.0), 1.0))
+    return float(np.clip(1.0 - noise / max(left, 1e-300), min(determined, 1.0), 1.0))
 
 
 def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:

@@ -183,21 +183,21 @@ class Problem:
         ``contained`` are the shapes of models fitted to the same rows, by name; those that are not contained are not
         looked at.
         """
-        found = self.refine(rows, start)
+        result = self.refine(rows, start)
         starts = [
             self._reach(at, rows)
             for name in CONTAINS.get(self.model.name, ())
             if name in contained and contained[name].size
-            for at in self._becoming(member(name), contained[name], found.at)
+            for at in self._becoming(member(name), contained[name], result.at)
         ]
-        best = min(starts, key=lambda each: each.cost, default=found)
-        return self.refine(rows, best.at) if best.cost < found.cost else found
+        best = min(starts, key=lambda each: each.cost, default=result)
+        return self.refine(rows, best.at) if best.cost < result.cost else result
 
-    def _becoming(self, inner: FrictionModel, shape: FloatArray, found: FloatArray) -> Iterator[FloatArray]:
+    def _becoming(self, inner: FrictionModel, shape: FloatArray, result: FloatArray) -> Iterator[FloatArray]:
         """Where this model is ``inner`` with that ``shape``: unknowns that ``inner`` does not have are at their least,
         or do not matter and stay as ``found``."""
         known = {unknown.name: value for unknown, value in zip(inner.unknowns, np.log(shape), strict=True)}
-        for others in (self.low, found):
+        for others in (self.low, result):
             at = [known.get(each.name, other) for each, other in zip(self.model.unknowns, others, strict=True)]
             yield np.clip(at, self.low, self.high)
 

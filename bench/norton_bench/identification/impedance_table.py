@@ -121,14 +121,14 @@ def impedance_table(
     dwells = [dwell for stretch in stretches for index in sorted(grid) for dwell in _dwells(stretch, index)]
     if not dwells:
         return None
-    found = np.array(dwells)
-    command, row = _levels(found[:, 0])
-    velocity, column = _levels(found[:, 1])
+    result = np.array(dwells)
+    command, row = _levels(result[:, 0])
+    velocity, column = _levels(result[:, 1])
     shape = (command.size, velocity.size)
     seconds, torque, variance = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    np.add.at(seconds, (row, column), found[:, 4])
-    np.add.at(torque, (row, column), found[:, 2] * found[:, 4])
-    np.add.at(variance, (row, column), (found[:, 3] * found[:, 4]) ** 2)
+    np.add.at(seconds, (row, column), result[:, 4])
+    np.add.at(torque, (row, column), result[:, 2] * result[:, 4])
+    np.add.at(variance, (row, column), (result[:, 3] * result[:, 4]) ** 2)
     with np.errstate(invalid="ignore"):
         mean, deviation = torque / seconds - bias_nm, np.sqrt(variance) / seconds
     return ImpedanceTable(command, velocity, mean, deviation, seconds)

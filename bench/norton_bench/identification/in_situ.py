@@ -124,8 +124,8 @@ class LoadTaken:
 
 def load_taken(events: Sequence[Event]) -> LoadTaken | None:
     """What was said last; None where nothing was."""
-    said = [event.text for event in events if event.kind == LOAD_TAKEN]
-    return LoadTaken.of_text(said[-1]) if said else None
+    texts = [event.text for event in events if event.kind == LOAD_TAKEN]
+    return LoadTaken.of_text(texts[-1]) if texts else None
 
 
 # What its steps, and the segments of its trials, are called.
@@ -145,9 +145,9 @@ class Trial:
     @classmethod
     def of(cls, measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: float) -> "Trial":
         """Raises ExperimentError where a stream has gaps in it."""
-        found = seen(measured, segment, load.ticks, tick_s)
+        result = seen(measured, segment, load.ticks, tick_s)
         load_torque_nm = sent(measured, segment, "load_torque_nm", load.ticks, tick_s)
-        return cls(found, load_torque_nm, -load.machine.torque_nm(load_torque_nm, found.load_position_rad, tick_s))
+        return cls(result, load_torque_nm, -load.machine.torque_nm(load_torque_nm, result.load_position_rad, tick_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,8 +205,8 @@ def in_situ_result(measured: Measured, tick_s: float) -> InSituResult | None:
     if not whole:
         return None
     trials = [_exerted(measured, each, load, tick_s) for each in whole]
-    found, command = figures(trials), sent(measured, whole[0], "command", load.ticks, tick_s)
-    return InSituResult(found, source_motion(trials, command, tick_s), load.said, why_not_settled(found))
+    result, command = figures(trials), sent(measured, whole[0], "command", load.ticks, tick_s)
+    return InSituResult(result, source_motion(trials, command, tick_s), load.said, why_not_settled(result))
 
 
 def _exerted(measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: float) -> Exerted:

@@ -64,14 +64,14 @@ class ModulatorPlaces:
 
 def modulator_places(measured: Measured) -> ModulatorPlaces:
     """From all that was recorded. Raises ExperimentError where no modulation was held."""
-    found: dict[float, list[float]] = {}
+    result: dict[float, list[float]] = {}
     for modulation, place_rad in _held(measured):
-        found.setdefault(modulation, []).append(place_rad)
-    if not found:
+        result.setdefault(modulation, []).append(place_rad)
+    if not result:
         raise ExperimentError('no modulation was held: give a step one, such as modulation = "2 N*m/rad"')
-    way_rad = float(np.ptp([place for places in found.values() for place in places]))
+    way_rad = float(np.ptp([place for places in result.values() for place in places]))
     same_rad = max(SAME_SHARE * way_rad, SAME_COUNTS * resolution_rad(measured.modulator_motion["position_rad"]))
-    return ModulatorPlaces(tuple(Stood(each, tuple(found[each])) for each in sorted(found)), same_rad)
+    return ModulatorPlaces(tuple(Stood(each, tuple(result[each])) for each in sorted(result)), same_rad)
 
 
 def _held(measured: Measured) -> Iterator[tuple[float, float]]:
@@ -137,8 +137,8 @@ class Modulated:
 def modulated(source: SourceTable | None, exertion: ExertionTable | None) -> Modulated | None:
     """None where fewer than two modulations were tabulated."""
     stiffness = () if exertion is None else tuple(_stiffness(exertion.lines()))
-    found = Modulated(stiffness, _shift(_places(source, exertion)))
-    return found if len(stiffness) > 1 or found.shift is not None else None
+    result = Modulated(stiffness, _shift(_places(source, exertion)))
+    return result if len(stiffness) > 1 or result.shift is not None else None
 
 
 def _stiffness(lines: tuple[SpringLine, ...]) -> Iterator[Stiffness]:

@@ -234,14 +234,14 @@ def jumps(table: Table, stamp: str, others_end_ns: int) -> IntArray:
     """Rows, in order, before which a clock jumped: set back, set forward, or parted from the device's own."""
     stamps = table[stamp]
     steps = np.diff(stamps)
-    found = np.flatnonzero(steps < -SET_BACK_NS) + 1
+    result = np.flatnonzero(steps < -SET_BACK_NS) + 1
     overrun = int(stamps[-1]) - others_end_ns
     widest = int(np.argmax(steps)) if steps.size else 0
     if steps.size and overrun > OVERRUN_NS and abs(int(steps[widest]) - overrun) < LIKE_GAP * overrun:
-        found = np.append(found, widest + 1)
+        result = np.append(result, widest + 1)
     if has_device_clock(table):
-        found = np.append(found, _partings((stamps - table["device_ns"]).astype(np.float64)))
-    return np.unique(found)
+        result = np.append(result, _partings((stamps - table["device_ns"]).astype(np.float64)))
+    return np.unique(result)
 
 
 def has_device_clock(table: Table) -> bool:
@@ -272,10 +272,10 @@ def _partings(difference: FloatArray) -> IntArray:
     around = np.lib.stride_tricks.sliding_window_view(middle, AROUND)
     level = np.median(around, axis=1)
     change = np.abs(level[AROUND:] - level[:-AROUND])
-    found = []
+    result = []
     while change.size and change.max() > PARTED_NS:
         at = int(np.argmax(change))
         first, last = at * BLOCK, (at + 2 * AROUND) * BLOCK
-        found.append(first + 1 + int(np.argmax(np.abs(np.diff(difference[first:last])))))
+        result.append(first + 1 + int(np.argmax(np.abs(np.diff(difference[first:last])))))
         change[max(at - 2 * AROUND, 0) : at + 2 * AROUND] = 0.0
-    return np.array(sorted(found), dtype=np.int64)
+    return np.array(sorted(result), dtype=np.int64)

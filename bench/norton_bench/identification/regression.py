@@ -88,9 +88,9 @@ class Whitening:
     def of_known(cls, turns: Turns, known_again: npt.NDArray[np.int64], s_per_rad: float, width: float) -> "Whitening":
         """By turns that are known to within a deviation of ``width``: the Coulomb torque over that of a row's noise,
         times radians. At the rows ``known_again`` the error begins anew."""
-        kept = np.exp(-s_per_rad * turns.way_rad)
-        kept[known_again] = 0.0
-        return cls(kept, *loops.kalman_gains(kept, turns.kicks * width**2))
+        retained = np.exp(-s_per_rad * turns.way_rad)
+        retained[known_again] = 0.0
+        return cls(retained, *loops.kalman_gains(retained, turns.kicks * width**2))
 
     @classmethod
     def likeliest(

@@ -328,9 +328,9 @@ def residual_tests(
     for name, values in together.inputs.items():
         if of_motion and name in OWN_NOISE:
             continue
-        found = dependence(whitened, whiten(values, FULL_BAND, STRIDE), together.step_s, name, rms)
-        if found is not None:
-            dependences.append(found)
+        result = dependence(whitened, whiten(values, FULL_BAND, STRIDE), together.step_s, name, rms)
+        if result is not None:
+            dependences.append(result)
     spectrum, harmonics = position_harmonics(
         together.residual, together.position_rad, together.velocity_rad_s, together.step_s, together.step_s / STRIDE
     )

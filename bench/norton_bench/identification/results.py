@@ -56,7 +56,7 @@ class Direction:
 def loose_directions(names: Sequence[str], relative_covariance: FloatArray) -> tuple[Direction, ...]:
     """The singular directions of the information, the loosest first; ``relative_covariance`` is of logarithms."""
     variance, vectors = np.linalg.eigh(relative_covariance)
-    found = []
+    result = []
     for k in reversed(range(len(variance))):
         deviation = float(np.sqrt(max(variance[k], 0.0)))
         if not deviation > LOOSE_BEYOND:
@@ -64,8 +64,8 @@ def loose_directions(names: Sequence[str], relative_covariance: FloatArray) -> t
         largest = int(np.argmax(np.abs(vectors[:, k])))
         vector = vectors[:, k] * np.sign(vectors[largest, k])
         taking = np.flatnonzero(np.abs(vector) >= TAKES_PART * np.max(np.abs(vector)))
-        found.append(Direction(deviation, tuple(names[int(i)] for i in taking), vector[taking]))
-    return tuple(found)
+        result.append(Direction(deviation, tuple(names[int(i)] for i in taking), vector[taking]))
+    return tuple(result)
 
 
 def words(direction: Direction) -> str:

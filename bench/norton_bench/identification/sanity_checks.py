@@ -144,9 +144,9 @@ def failed_checks(
     solution: Solution, values: FloatArray, deviations: FloatArray, *, tick_s: float
 ) -> tuple[FailedCheck, ...]:
     """All that failed. ``values`` and their ``deviations`` are those of fit.PHYSICAL, then the two delays."""
-    found = [*_too_short(solution, tick_s), *_slow_motion(solution, tick_s)]
-    found += [*_wrong_signs(solution, values, deviations), *_unexplained(solution), *_cut_off(solution, tick_s)]
-    return (*found, *([] if found else _changing(solution, tick_s)))
+    result = [*_too_short(solution, tick_s), *_slow_motion(solution, tick_s)]
+    result += [*_wrong_signs(solution, values, deviations), *_unexplained(solution), *_cut_off(solution, tick_s)]
+    return (*result, *([] if result else _changing(solution, tick_s)))
 
 
 def status_of(status: Status, name: str, found: tuple[FailedCheck, ...]) -> Status:

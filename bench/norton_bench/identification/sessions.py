@@ -59,9 +59,9 @@ def together(sessions: Sequence[SessionFit], command_unit: str) -> Together:
     takers = {name: [session for session in sessions if session.taking_part(name)] for name in names}
     spreads = {name: _combined(name, takers[name]) for name in names if len(takers[name]) > 1}
     estimates = tuple(_estimate(name, sessions, spreads.get(name)) for name in names)
-    found = [estimate for estimate in estimates if np.isfinite(estimate.value)]
-    whole = set(PHYSICAL) <= {estimate.name for estimate in found}
-    network = network_of(found, command_unit, _covariance(sessions, found, spreads)) if whole else None
+    result = [estimate for estimate in estimates if np.isfinite(estimate.value)]
+    whole = set(PHYSICAL) <= {estimate.name for estimate in result}
+    network = network_of(result, command_unit, _covariance(sessions, result, spreads)) if whole else None
     return Together(estimates, spreads, network, _verdict(sessions, takers, estimates, spreads))
 
 
@@ -70,12 +70,12 @@ def differing(spreads: Mapping[str, Combined]) -> tuple[str, ...]:
 
     By Cochran's Q; chance is counted for all that are looked at (Holm 1979, Scand. J. Stat. 6:65).
     """
-    found: list[str] = []
+    result: list[str] = []
     for name in sorted(spreads, key=lambda name: spreads[name].p):
-        if spreads[name].p * (len(spreads) - len(found)) > ALARM:
+        if spreads[name].p * (len(spreads) - len(result)) > ALARM:
             break
-        found.append(name)
-    return tuple(found)
+        result.append(name)
+    return tuple(result)
 
 
 def _combined(name: str, takers: Sequence[SessionFit]) -> Combined:
@@ -113,8 +113,8 @@ def _covariance(
     for session, own in zip(sessions, weights, strict=True):
         share = np.outer(own, own)
         total += share * np.where(share > 0.0, np.array(session.fit.network.covariance), 0.0)
-    found = {estimate.name: estimate.std for estimate in estimates}
-    factor = np.array([found[name] for name in PHYSICAL]) / np.sqrt(np.diag(total))
+    result = {estimate.name: estimate.std for estimate in estimates}
+    factor = np.array([result[name] for name in PHYSICAL]) / np.sqrt(np.diag(total))
     return np.asarray(total * np.outer(factor, factor))
 
 
@@ -145,7 +145,7 @@ def _verdict(
     missing = [_plain(name) for name in PHYSICAL if not takers.get(name)]
     if missing:
         sentences.append(f"There is no network of all sessions: none has a valid {' or '.join(missing)}.")
-    shared = [said for said in sessions[0].fit.verdict if all(said in other.fit.verdict for other in sessions)]
+    shared = [message for message in sessions[0].fit.verdict if all(message in other.fit.verdict for other in sessions)]
     return (*sentences, *shared)
 
 

@@ -124,13 +124,13 @@ def likeliest(coupling: Coupling, inertia_kgm2: float, gain: Callable[[Coupling]
         options={"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": CLOSE, "fatol": LITTLE_LIKELIER},
     ).x
     best[1] = np.clip(best[1], np.log(LEAST_DAMPING_RATIO), 0.0)
-    found, least = spring(best), cost(best)
+    result, least = spring(best), cost(best)
     stiffer, damped = (_deviation(cost(best - step), least, cost(best + step), max(step)) for step in np.diag(PROBES))
     relative = coupling.stiffness_std_nm_rad / coupling.stiffness_nm_rad
     return replace(
-        found,
-        stiffness_std_nm_rad=found.stiffness_nm_rad * relative * min(stiffer, 1.0),
-        damping_std_nms_rad=min(found.damping_nms_rad * damped, coupling.damping_std_nms_rad),
+        result,
+        stiffness_std_nm_rad=result.stiffness_nm_rad * relative * min(stiffer, 1.0),
+        damping_std_nms_rad=min(result.damping_nms_rad * damped, coupling.damping_std_nms_rad),
     )
 
 

@@ -56,12 +56,12 @@ class PortTorque:
 
     def slope(self, command: float, velocity_rad_s: float) -> tuple[float, float]:
         """Fall of torque with velocity near this level [N m s/rad] and its deviation; NaN where it cannot be told."""
-        found = (self.damping_nms_rad, self.damping_std_nms_rad)
+        result = (self.damping_nms_rad, self.damping_std_nms_rad)
         if self.table is not None:
             measured = self.table.fall(command, velocity_rad_s)
-            found = measured if np.isfinite(measured).all() else found
-        value, deviation = found
-        return found if value > KNOWN_DEVIATIONS * deviation else (float("nan"), float("nan"))
+            result = measured if np.isfinite(measured).all() else result
+        value, deviation = result
+        return result if value > KNOWN_DEVIATIONS * deviation else (float("nan"), float("nan"))
 
 
 # The last part of a hold counts: before it the shaft still settles.
@@ -85,9 +85,9 @@ def source_map(measured: Measured, port: PortTorque | None = None) -> SourceMap:
         raise ExperimentError("no staircase was recorded: run the step 'free' to measure the static source map")
     command, rising = np.array([level.command for level in levels]), np.array([level.rising for level in levels])
     velocity, span_s = np.stack([level.velocity for level in levels]), np.array([level.span_s for level in levels])
-    found = settled(velocity, span_s)
-    std = np.std(found.resampled, axis=0)
-    source = SourceMap(command, found.velocity, std, rising, found.resampled, found.settling_s)
+    result = settled(velocity, span_s)
+    std = np.std(result.resampled, axis=0)
+    source = SourceMap(command, result.velocity, std, rising, result.resampled, result.settling_s)
     torque = np.stack([level.torque_nm for level in levels])
     if port is None or not np.isfinite(torque).all():
         return source
@@ -114,17 +114,17 @@ def _without_torque(
     slopes = np.array([port.slope(*level) for level in zip(source.command, source.velocity_rad_s, strict=True)])
     moves = ~resting(source.velocity_rad_s, source.velocity_std_rad_s) & np.isfinite(slopes).all(axis=1)
     per_nm = np.where(moves, 1.0 / slopes[:, 0], 0.0)
-    found = settled(velocity, span_s, port_nm * per_nm[:, None])
+    result = settled(velocity, span_s, port_nm * per_nm[:, None])
     mean_nm, scatter_nm = port_nm.mean(axis=1), port_nm.std(axis=1, ddof=1) / np.sqrt(PIECES)
     # What is the same in all levels: the zero, and the slope.
     random, weights = np.random.default_rng(SEED), port.zero.weights(time_s)
     zeros_nm = random.multivariate_normal(np.zeros(weights.shape[1]), port.zero.covariance_nm2, RESAMPLES) @ weights.T
     slope_errors = np.where(moves, mean_nm * per_nm**2 * slopes[:, 1], 0.0) * random.standard_normal((RESAMPLES, 1))
-    drawn = found.resampled + per_nm * zeros_nm + slope_errors
+    drawn = result.resampled + per_nm * zeros_nm + slope_errors
     zero_std_nm = np.sqrt(np.einsum("ij,jk,ik->i", weights, port.zero.covariance_nm2, weights))
     return replace(
         source,
-        velocity_rad_s=found.velocity,
+        velocity_rad_s=result.velocity,
         velocity_std_rad_s=np.std(drawn, axis=0),
         resampled_rad_s=drawn,
         port_torque_nm=mean_nm,

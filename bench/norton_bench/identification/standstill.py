@@ -69,12 +69,12 @@ def frozen(
     ends = first + length
     leap = np.abs(values[np.minimum(ends, len(values) - 1)] - values[first])
     at_end = ends == len(values)
-    found = np.flatnonzero((length >= least) & (at_end | (leap > LEAP * np.ptp(values))))
-    if not found.size or len(first) < 2:
+    result = np.flatnonzero((length >= least) & (at_end | (leap > LEAP * np.ptp(values))))
+    if not result.size or len(first) < 2:
         return []
-    found = found[at_end[found] | (leap[found] > ABRUPT_STEPS * resolution(values))]
-    columns = others() if found.size else ()
-    spans = [(int(first[k]), int(length[k]), share_at_end if at_end[k] else ELSEWHERE) for k in found]
+    result = result[at_end[result] | (leap[result] > ABRUPT_STEPS * resolution(values))]
+    columns = others() if result.size else ()
+    spans = [(int(first[k]), int(length[k]), share_at_end if at_end[k] else ELSEWHERE) for k in result]
     return [
         (a, n) for a, n, share in spans if any(np.ptp(other[a : a + n]) > share * np.ptp(other) for other in columns)
     ]
@@ -133,17 +133,17 @@ def rising(stamp_ns: npt.NDArray[np.int64]) -> BoolArray:
 
 def spikes(values: npt.NDArray[np.float64]) -> BoolArray:
     """Single values far from both neighbours, on the same side of them."""
-    found = np.zeros(values.size, dtype=bool)
+    result = np.zeros(values.size, dtype=bool)
     if values.size < FEWEST:
-        return found
+        return result
     steps = np.diff(values)
     ways = np.abs(steps)
     place = int(USUAL * (ways.size - 1))
     # One value in its place: a quantile between two costs ten times as much, and live this is asked every 100 ms.
     usual = float(np.partition(ways, place)[place]) or _count(ways)
     far = np.minimum(ways[:-1], ways[1:]) > SPIKE * usual
-    found[1:-1] = far & (steps[:-1] * steps[1:] < 0.0)
-    return found
+    result[1:-1] = far & (steps[:-1] * steps[1:] < 0.0)
+    return result
 
 
 def _count(ways: npt.NDArray[np.float64]) -> float:

@@ -178,14 +178,14 @@ def between_variance(values: FloatArray, variances: FloatArray) -> float:
 
     nodes = np.linspace(np.log(LEAST_SPREAD), np.log(GREATEST_SPREAD), NODES)
     best = int(np.argmin(_restricted_doubt(scaled, own + np.exp(2.0 * nodes)[:, None])))
-    found = minimize_scalar(
+    result = minimize_scalar(
         lambda log_spread: float(_restricted_doubt(scaled, own + np.exp(2.0 * log_spread))),
         bounds=(nodes[max(best - 1, 0)], nodes[min(best + 1, NODES - 1)]),
         method="bounded",
     )
-    if not found.fun < _restricted_doubt(scaled, own):
+    if not result.fun < _restricted_doubt(scaled, own):
         return 0.0
-    return float(np.exp(2.0 * found.x) * reach**2)
+    return float(np.exp(2.0 * result.x) * reach**2)
 
 
 def _restricted_doubt(values: FloatArray, totals: FloatArray) -> FloatArray:

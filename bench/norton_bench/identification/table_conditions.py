@@ -108,10 +108,10 @@ def _swept_and_held(exertion: ExertionTable) -> tuple[FloatArray, FloatArray]:
 def _unique_zero(exertion: ExertionTable | None) -> Condition:
     """One place without torque under each setting; of several the one whose range of zeros may be the widest."""
     name, figure = "unique zero", "width of the interval of zeros"
-    found = [] if exertion is None else [line.zeros for line in exertion.lines() if line.zeros is not None]
-    if exertion is None or not found:
+    result = [] if exertion is None else [line.zeros for line in exertion.lines() if line.zeros is not None]
+    if exertion is None or not result:
         return Condition(name, None, "the port was not held on both sides of its source: run 'tabulate_impedance'")
-    zeros = max([each for each in found if each.is_gap] or found, key=lambda each: each.width.value)
+    zeros = max([each for each in result if each.is_gap] or result, key=lambda each: each.width.value)
     several = any(_crossings(exertion, setting) > 1 for setting in exertion.settings)
     holds, why = (False, "under one command the torque vanishes at several places") if several else _one_place(zeros)
     return Condition(name, holds, why, figure, zeros.width.value, _ends(zeros), "rad")

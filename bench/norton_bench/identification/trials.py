@@ -160,10 +160,10 @@ def in_band(values: FloatArray, tick_s: float) -> FloatArray:
 
 def _figures(measured: Measured, segment: SegmentInfo, tick_s: float) -> TrialFigures:
     ticks = round((segment.end_ns - segment.start_ns) * 1e-9 / tick_s)
-    found = seen(measured, segment, ticks, tick_s)
-    if found.torque_nm is None:
+    result = seen(measured, segment, ticks, tick_s)
+    if result.torque_nm is None:
         raise ExperimentError(f"{segment.name}: no torque was read")
-    return figures_of(number_of(segment), found.torque_nm, found.torque_noise_nm, tick_s)
+    return figures_of(number_of(segment), result.torque_nm, result.torque_noise_nm, tick_s)
 
 
 def _band(size: int, tick_s: float) -> FloatArray:

@@ -107,10 +107,10 @@ def fit_operator(normal: Normal, *, gradual: bool = True) -> StopOperator:
     Without ``gradual`` elements it is the classical Prandtl-Ishlinskii operator, of ideal stops alone.
     """
     friction = slice(COMMAND_TICKS + 2, COMMAND_TICKS + 2 + 4 * ELEMENTS)
-    nonnegative, kept = np.zeros(normal.moment.size, dtype=bool), np.ones(normal.moment.size, dtype=bool)
+    nonnegative, retained = np.zeros(normal.moment.size, dtype=bool), np.ones(normal.moment.size, dtype=bool)
     nonnegative[friction] = True
-    kept[friction] = np.repeat([True, gradual, True, gradual], ELEMENTS)
-    weights = normal.solution(nonnegative, kept)
+    retained[friction] = np.repeat([True, gradual, True, gradual], ELEMENTS)
+    weights = normal.solution(nonnegative, retained)
     strength, damping = weights[friction].reshape(2, 2, ELEMENTS)
     return StopOperator(
         yield_rad=YIELD_RAD,

@@ -159,7 +159,7 @@ def astray(motion: ErrorFigures | None) -> Iterator[str]:
 def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], Problem]) -> Iterator[str]:
     """Two columns that explain far more with their places changed."""
     names = [name for name in SWAPPABLE if name in logs[0].columns]
-    found: list[tuple[float, str]] = []
+    result: list[tuple[float, str]] = []
     for first, second in combinations(names, 2):
         try:
             other = Basic.of(solve([_with_swapped(log, first, second) for log in logs]))
@@ -168,11 +168,11 @@ def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], 
         # A goal is so like its position that either would do.
         much = BETTER if basic.sound or second == "goal" else AS_GOOD
         if other.sound and other.unexplained < min(much * basic.unexplained, UNEXPLAINED):
-            found.append(
+            result.append(
                 (other.unexplained, f"{first} and {second} seem to be swapped: change them round in [columns].")
             )
-    if found:
-        yield min(found)[1]
+    if result:
+        yield min(result)[1]
 
 
 def _with_swapped(log: Log, first: str, second: str) -> Log:

@@ -88,14 +88,14 @@ def _part(match: re.Match[str], unit: str, piece: str, where: str) -> tuple[floa
 
 def extra_files(selection: Selection | None, paths: Sequence[Path]) -> tuple[Path, ...]:
     """Files that a selection names and that are not among the logs yet, in order."""
-    found: list[Path] = []
+    result: list[Path] = []
     known = {path.resolve() for path in paths}
     for pattern in selection.files if selection else ():
         given = Path(pattern)
         matches = [given] if given.is_file() else sorted(given.parent.glob(given.name)) if given.name else []
-        found += [path for path in matches if path.is_file() and path.resolve() not in known]
+        result += [path for path in matches if path.is_file() and path.resolve() not in known]
         known |= {path.resolve() for path in matches}
-    return tuple(found)
+    return tuple(result)
 
 
 def train_and_test(
@@ -137,8 +137,8 @@ def fit_logs(request: Request) -> LogFit:
     logs = [_checked(path, column_map) for path in paths]
     _check_alike(logs)
     remarks: list[str] = [remark for log in logs for remark in log.remarks]
-    parts, said = _on_grid(logs, column_map)
-    remarks += said
+    parts, sentences = _on_grid(logs, column_map)
+    remarks += sentences
     splits = _splits(parts, train, test)
     problem = make_problem(column_map, parts, splits)
     if request.test is not None and not problem.test.any():
@@ -198,9 +198,9 @@ def _on_grid(logs: Sequence[Log], column_map: ColumnMap) -> tuple[tuple[Stretch,
     parts: list[Stretch] = []
     remarks: list[str] = []
     for log in logs:
-        found, said = stretches(log, dt_s, column_map.log.gap_s)
-        parts += found
-        remarks += said
+        result, message = stretches(log, dt_s, column_map.log.gap_s)
+        parts += result
+        remarks += message
     return tuple(parts), remarks
 
 
@@ -247,12 +247,12 @@ def _doubts(
 ) -> tuple[str, ...]:
     basic = Basic.of(problem)
     left = chosen.train_rms / max(variation(problem), 1e-300)
-    found = [
+    result = [
         *unlike_derivative(problem.stretches, problem.filters),
         *ahead_of_goal(problem.stretches, problem.filters),
     ]
-    found = found or [*wrong_signs(basic, column_map)]
+    result = result or [*wrong_signs(basic, column_map)]
     if column_map.model.refine is None:
         # What is refined on the motion is judged by it.
-        found = found or [*out_of_step(problem, column_map), *unexplained(basic, left)]
-    return (*found, *(swapped(logs, basic, again) if found else ()))
+        result = result or [*out_of_step(problem, column_map), *unexplained(basic, left)]
+    return (*result, *(swapped(logs, basic, again) if result else ()))

@@ -202,19 +202,21 @@ def refined(judged: Judged, asked: str | None) -> LogFit:
     from norton_bench.logs.refine import refine  # noqa: PLC0415  (compiled: slow to import)
 
     column_map, problem, fit = judged.column_map, judged.problem, judged.chosen.fit
-    found = refine(column_map, problem, fit, judged.splits, asked, doubtful=bool(judged.doubts))
-    doubts = (*judged.doubts, *astray(found.train))
-    estimates = as_doubtful(found.estimates) if doubts else found.estimates
-    train, test = map(Errors, judged.exertion_errors, (found.train, found.test))
+    result = refine(column_map, problem, fit, judged.splits, asked, doubtful=bool(judged.doubts))
+    doubts = (*judged.doubts, *astray(result.train))
+    estimates = as_doubtful(result.estimates) if doubts else result.estimates
+    train, test = map(Errors, judged.exertion_errors, (result.train, result.test))
     return LogFit(
-        model=found.model,
+        model=result.model,
         estimates=estimates,
-        verdict=tuple(dict.fromkeys([*doubts, *judged.remarks, *found.verdict, *_uncertain(estimates)])),
-        converged=found.converged,
+        verdict=tuple(dict.fromkeys([*doubts, *judged.remarks, *result.verdict, *_uncertain(estimates)])),
+        converged=result.converged,
         doubtful=bool(doubts),
         train=train,
         test=test,
-        ladder=tuple(replace(step, estimates=as_doubtful(step.estimates)) if doubts else step for step in found.ladder),
+        ladder=tuple(
+            replace(step, estimates=as_doubtful(step.estimates)) if doubts else step for step in result.ladder
+        ),
         exertion=_trace(problem, fit, column_map),
     )
 
@@ -228,11 +230,11 @@ def _estimates(
     log = problem.stretches[0].log
     if column_map.actuator.voltage_driven:
         gain = log.given("actuator", "torque_gain")
-        estimates, said = with_back_emf(estimates, log.given("actuator", "resistance"), gain)
-        verdict.append(said)
+        estimates, message = with_back_emf(estimates, log.given("actuator", "resistance"), gain)
+        verdict.append(message)
     if not problem.scaled:
-        estimates, said = without_scale(estimates, column_map.units)
-        verdict.append(said)
+        estimates, message = without_scale(estimates, column_map.units)
+        verdict.append(message)
     elif log.given("actuator", "torque_gain") is not None and "exertion" not in log.columns:
         verdict.append("No torque was measured: the scale of every exertion is that of the torque gain given.")
     if not fit.converged:

@@ -257,13 +257,13 @@ class Equations:
         object.__setattr__(self, "read_rates", self._read("rate of", self.rates, names))
 
     def _read(self, what: str, texts: Mapping[str, str], names: list[str]) -> dict[str, Expression]:
-        found = {}
+        result = {}
         for name, text in texts.items():
             try:
-                found[name] = read_expression(text, names, self.tables)
+                result[name] = read_expression(text, names, self.tables)
             except ValueError as error:
                 raise ValueError(f"{what} {name}: {error}") from None
-        return found
+        return result
 
     @property
     def start(self) -> dict[str, float]:

@@ -175,8 +175,8 @@ def coupled(network: Network, command: npt.ArrayLike, load: Load, tick_s: float)
     if isinstance(network, LinearNetwork):
         return Coupled(*linear.coupled(network, commands, load, tick_s))
     written = as_equations(network) if isinstance(network, NortonNetwork) else network
-    found = nonlinear.coupled(written, commands, load, tick_s)
-    return Coupled(found["x"], found["f"])
+    result = nonlinear.coupled(written, commands, load, tick_s)
+    return Coupled(result["x"], result["f"])
 
 
 def converted(network: Network, kind: Kind, form: Form) -> Network:

@@ -42,5 +42,5 @@ def norton_run(
     """``norton_run(rig, session=None, *, seed=1, values={}, answers={}, fresh=False)``; see :class:`.benches.Runs`."""
     from norton_bench.pytest_plugin.benches import Runs  # noqa: PLC0415
 
-    kept = pytestconfig.getoption(OUT)
-    return Runs(Path(kept) if kept else tmp_path_factory.mktemp("norton-bench"))
+    retained = pytestconfig.getoption(OUT)
+    return Runs(Path(retained) if retained else tmp_path_factory.mktemp("norton-bench"))

@@ -67,7 +67,7 @@ def model_of(fit: FitResult, command_unit: str) -> Model:
     """The model that ``fit`` found; parameters that it does not tell stay symbols."""
     symbols = {name: parameter.symbol for name, parameter in BY_NAME.items()}
     values = {**symbols, **_values(fit.estimates)}
-    lines = tuple(Equation(said, form.format(**symbols), form.format(**values)) for said, form in _LINES)
+    lines = tuple(Equation(message, form.format(**symbols), form.format(**values)) for message, form in _LINES)
     torque = "N·m" if not fit.ratios_only else pretty_unit(command_unit) or "N·m"
     variables = (
         ("c", f"command [{pretty_unit(command_unit) or 'N·m'}]"),
@@ -194,20 +194,20 @@ def modulation_sentences(found: Modulated, units: Units) -> tuple[str, ...]:
     return tuple(filter(None, (_stiffens(found, pretty_unit(units.modulation)), _shifts(found, units))))
 
 
-def _stiffens(found: Modulated, unit: str) -> str:
-    if len(found.stiffness) < 2:
+def _stiffens(result: Modulated, unit: str) -> str:
+    if len(result.stiffness) < 2:
         return ""
-    first, last = found.stiffness[0], found.stiffness[-1]
+    first, last = result.stiffness[0], result.stiffness[-1]
     ends = [within(row.stiffness.value, row.stiffness.half_width) for row in (first, last)]
     span = f"from {number(first.modulation, 3)} to {number(last.modulation, 3)} {unit}"
-    if found.stiffens:
+    if result.stiffens:
         goes = f"goes from {ends[0]} to {ends[1]} N·m/rad"
         return f"The modulation changes the impedance: {span} the stiffness at the source {goes}."
     return f"The modulation does not show in the impedance: {span} the stiffness at the source stays {ends[0]} N·m/rad."
 
 
-def _shifts(found: Modulated, units: Units) -> str:
-    shift = found.shift
+def _shifts(result: Modulated, units: Units) -> str:
+    shift = result.shift
     if shift is None:
         return ""
     span = f"from {number(shift.low, 3)} to {number(shift.high, 3)} {pretty_unit(units.modulation)}"

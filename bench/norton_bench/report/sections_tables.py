@@ -232,14 +232,14 @@ def two_ports_section(data: ReportData) -> Section | None:
 
 
 def modulation_section(data: ReportData) -> Section | None:
-    found = modulated(data.source, data.exertion)
-    if found is None and data.modulator is None:
+    result = modulated(data.source, data.exertion)
+    if result is None and data.modulator is None:
         return None
     sentences: tuple[str, ...] = ()
     tables: tuple[Facts, ...] = ()
-    if found is not None:
-        sentences = modulation_sentences(found, data.units)
-        tables = (stiffness_facts(found, data.units),) if found.stiffness else ()
+    if result is not None:
+        sentences = modulation_sentences(result, data.units)
+        tables = (stiffness_facts(result, data.units),) if result.stiffness else ()
     if data.modulator is not None:
         sentences = (*sentences, modulator_sentence(data.modulator, data.units))
         tables = (*tables, modulator_facts(data.modulator, data.units))
@@ -266,28 +266,28 @@ def trials_section(data: ReportData) -> Section | None:
 
 def in_situ_section(data: ReportData) -> Section | None:
     """The actuator in situ: what it exerted, trial by trial, and its motion source."""
-    found = data.in_situ
-    if found is None or not found.trials:
+    result = data.in_situ
+    if result is None or not result.trials:
         return None
     pictures = [
         picture(
-            trials_figure(found.trials),
+            trials_figure(result.trials),
             "in-situ",
             "See whether the actuator was brought to exert nothing on its load, without a torque sensor.",
             f"Torque on the load below {TAUGHT_HZ:g} Hz, calculated from motion and load, in N·m as the load drive "
             "counts them. Where it is large the load drive was left off.",
         )
     ]
-    if found.source is not None:
-        pictures.append(_source(found.source, pretty_unit(data.command_unit)))
-    ending = _ending(found.trials, "what is left is what movements differ by anyway")
-    sentences = (*(f"{said[0].upper()}{said[1:]}." for said in found.assembly), ending)
+    if result.source is not None:
+        pictures.append(_source(result.source, pretty_unit(data.command_unit)))
+    ending = _ending(result.trials, "what is left is what movements differ by anyway")
+    sentences = (*(f"{message[0].upper()}{message[1:]}." for message in result.assembly), ending)
     return Section(
         "in-situ",
         "The motion source of an assembled actuator (in situ)",
         sentences,
         tuple(pictures),
-        (_table(found.trials, "movements differ by [mN·m]"),),
+        (_table(result.trials, "movements differ by [mN·m]"),),
     )
 
 

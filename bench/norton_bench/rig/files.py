@@ -56,9 +56,9 @@ def parse_toml(text: str, place: str, error: type[UsageError] = UsageError) -> d
 
 def check_kind(tables: Mapping[str, Any], kind: str, place: str, error: type[UsageError] = UsageError) -> None:
     """Raises ``error`` where a file that was read as a ``kind`` ("rig file") is one of another kind."""
-    found = _kind_of(tables)
-    if found not in ("", kind):
-        raise error(f"{place}: is a {found}, not a {kind}; {MENDS[found]}")
+    result = _kind_of(tables)
+    if result not in ("", kind):
+        raise error(f"{place}: is a {result}, not a {kind}; {MENDS[result]}")
 
 
 def _kind_of(tables: Mapping[str, Any]) -> str:
@@ -74,9 +74,9 @@ def _kind_of(tables: Mapping[str, Any]) -> str:
 
 def _neighbours(path: Path) -> str:
     """The mend for a file that is not there: those that lie where it was looked for."""
-    found = sorted(str(near) for near in path.parent.glob("*.toml"))[:5]
-    if found:
-        return f"there are: {', '.join(found)}"
+    result = sorted(str(near) for near in path.parent.glob("*.toml"))[:5]
+    if result:
+        return f"there are: {', '.join(result)}"
     return f"there is none in {path.parent}; check the path, or copy the shipped ones: norton-bench examples ."
 
 

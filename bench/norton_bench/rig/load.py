@@ -131,14 +131,14 @@ def true_parameters(rig: Rig, seed: int | None = None) -> dict[str, tuple[float,
 
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
-    found: dict[str, tuple[float, str]] = simulator("true_parameters")(
+    result: dict[str, tuple[float, str]] = simulator("true_parameters")(
         rig.simulated,
         seed=seed,
         place=rig.place,
         command_unit=rig.command.unit,
         modulation_unit=rig.wiring.modulation_unit,
     )
-    return found
+    return result
 
 
 TABLE = re.compile(r"^\[simulated\.actuator\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)

@@ -105,13 +105,13 @@ def sweep(
     anything with its interface; what it has not begun is cancelled where this is interrupted.
     """
     _check_names(tasks)
-    found = {task.name: store.done[task.name] for task in tasks if task.name in store.done}
-    futures = [executor.submit(carry_out, task) for task in tasks if task.name not in found]
+    result = {task.name: store.done[task.name] for task in tasks if task.name in store.done}
+    futures = [executor.submit(carry_out, task) for task in tasks if task.name not in result]
     try:
         for done in as_completed(futures):
             outcome = done.result()
             store.put(outcome)
-            found[outcome.name] = outcome
+            result[outcome.name] = outcome
             on_outcome(outcome)
     except BaseException:
         for future in futures:
@@ -119,7 +119,7 @@ def sweep(
         raise
     finally:
         store.close()
-    return tuple(found[task.name] for task in tasks)
+    return tuple(result[task.name] for task in tasks)
 
 
 @contextmanager

@@ -141,10 +141,10 @@ def carry_out(task: Task) -> TaskResult:
     return replace(outcome, took_s=perf_counter() - begun_s)
 
 
-def _outcome(name: str, found: FitResult | None, true: Mapping[str, float]) -> TaskResult:
-    if found is None:
+def _outcome(name: str, result: FitResult | None, true: Mapping[str, float]) -> TaskResult:
+    if result is None:
         return TaskResult(name, failure="nothing was measured to fit; the session needs a step 'free' or 'imposed'")
-    return TaskResult(name, found.estimates, not found.shortcoming, true)
+    return TaskResult(name, result.estimates, not result.shortcoming, true)
 
 
 WITHIN = 1.96  # deviations, of 95 %
@@ -175,8 +175,8 @@ class Spread:
 
 def summary(outcomes: Sequence[TaskResult]) -> tuple[Spread, ...]:
     """In the order of the table of parameters; what is valid nowhere is left out."""
-    found = (_spread(parameter.name, outcomes) for parameter in PARAMETERS)
-    return tuple(each for each in found if each is not None)
+    result = (_spread(parameter.name, outcomes) for parameter in PARAMETERS)
+    return tuple(each for each in result if each is not None)
 
 
 def _spread(name: str, outcomes: Sequence[TaskResult]) -> Spread | None:

@@ -187,11 +187,11 @@ def _check_plug(proxy: FaultProxy, error: Callable[[], Exception]) -> None:
         raise error()
 
 
-def _junk_frame(random: Random, heard: dict[int, can.Message], now_s: float) -> can.Message:
+def _junk_frame(random: Random, received: dict[int, can.Message], now_s: float) -> can.Message:
     extended = random.random() < 0.3
     identifier = random.randrange(1 << (29 if extended else 11))
-    if heard and random.random() < 0.7:
-        like = heard[random.choice(sorted(heard))]
+    if received and random.random() < 0.7:
+        like = received[random.choice(sorted(received))]
         identifier, extended = like.arbitration_id, like.is_extended_id
     remote, error = random.random() < 0.1, random.random() < 0.1
     return can.Message(
@@ -205,9 +205,9 @@ def _junk_frame(random: Random, heard: dict[int, can.Message], now_s: float) -> 
     )
 
 
-def _junk_bytes(random: Random, heard: bytes) -> bytes:
+def _junk_bytes(random: Random, received: bytes) -> bytes:
     """Noise, and pieces of what was really said with bits that flipped."""
-    piece = bytearray(heard[: random.randrange(len(heard) + 1)])
+    piece = bytearray(received[: random.randrange(len(received) + 1)])
     for _ in range(random.randrange(3)):
         if piece:
             piece[random.randrange(len(piece))] ^= 1 << random.randrange(8)

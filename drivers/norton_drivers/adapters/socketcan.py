@@ -19,8 +19,8 @@ _PATIENCE_S = 2.0
 
 def can_links(network: Path = NETWORK) -> dict[str, bool]:
     """The machine's CAN network interfaces, and whether each is up."""
-    found = {link.name: link for link in network.iterdir()} if network.is_dir() else {}
-    return {name: _is_up(link) for name, link in sorted(found.items()) if _read(link / "type") == _CAN_LINK}
+    result = {link.name: link for link in network.iterdir()} if network.is_dir() else {}
+    return {name: _is_up(link) for name, link in sorted(result.items()) if _read(link / "type") == _CAN_LINK}
 
 
 def real_bitrate(channel: str) -> int | None:

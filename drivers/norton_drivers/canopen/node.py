@@ -190,10 +190,10 @@ class Node:
         )
 
     def _check_product(self, vendor: int | None, product: int | None) -> None:
-        said = self._dictionary.device_information
+        message = self._dictionary.device_information
         for name, number, expected in (
-            ("vendor", vendor, said.vendor_number),
-            ("product", product, said.product_number),
+            ("vendor", vendor, message.vendor_number),
+            ("product", product, message.product_number),
         ):
             if expected and number is not None and number != expected:
                 raise DeviceError(

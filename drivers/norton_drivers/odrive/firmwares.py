@@ -232,8 +232,10 @@ class Firmware05:
             "does not answer; is it powered and on this bus?",
         )
         if versions := self._versions.take():
-            said = ".".join(map(str, versions[-1].firmware))
-            raise DeviceError(f'{self._drive.place}: says it runs firmware {said}; the rig file has firmware = "0.5"')
+            message = ".".join(map(str, versions[-1].firmware))
+            raise DeviceError(
+                f'{self._drive.place}: says it runs firmware {message}; the rig file has firmware = "0.5"'
+            )
         return "", "0.5"
 
     def arm_watchdog(self) -> None:
@@ -248,10 +250,10 @@ class Firmware05:
         self._bits = dict.fromkeys(_PARTS, 0)
 
     def errors(self, error_bits: int) -> tuple[str, ...]:
-        found = odrive_05.describe_errors_05(error_bits, odrive_05.AXIS_WORDS, "axis")
+        result = odrive_05.describe_errors_05(error_bits, odrive_05.AXIS_WORDS, "axis")
         for part, (meaning, name) in _PARTS.items():
-            found += odrive_05.describe_errors_05(self._bits[part], meaning, name)
-        return found
+            result += odrive_05.describe_errors_05(self._bits[part], meaning, name)
+        return result
 
     def refusals(self) -> tuple[str, ...]:
         return ()
@@ -299,10 +301,12 @@ class Firmware06:
         if not any(self._tells_version(timeout_s / _TIMES_ASKED) for _ in range(_TIMES_ASKED)):
             raise self._why_silent(timeout_s)
         version = self._versions.take()[-1]
-        said = ".".join(map(str, version.firmware))
+        message = ".".join(map(str, version.firmware))
         if version.firmware[:2] != (0, 6):
-            raise DeviceError(f'{self._drive.place}: says it runs firmware {said}; the rig file has firmware = "0.6"')
-        return ".".join(map(str, version.hardware)), said
+            raise DeviceError(
+                f'{self._drive.place}: says it runs firmware {message}; the rig file has firmware = "0.6"'
+            )
+        return ".".join(map(str, version.hardware)), message
 
     def _tells_version(self, timeout_s: float) -> bool:
         before = self._versions.count

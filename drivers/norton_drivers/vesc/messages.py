@@ -122,8 +122,8 @@ def answers(question: RawFrame, frame: RawFrame) -> bool:
     """A pong comes to whoever sent the ping, from the controller that was pinged."""
     if not (question.extended and frame.extended and question.data and frame.data):
         return False
-    (asked, node), (said, host) = protocol.split_id(question.arbitration_id), protocol.split_id(frame.arbitration_id)
-    return asked == Packet.PING and said == Packet.PONG and host == question.data[0] and frame.data[0] == node
+    (asked, node), (message, host) = protocol.split_id(question.arbitration_id), protocol.split_id(frame.arbitration_id)
+    return asked == Packet.PING and message == Packet.PONG and host == question.data[0] and frame.data[0] == node
 
 
 def probes(options: Mapping[str, Any], _heard: Collection[int]) -> Iterator[Question]:

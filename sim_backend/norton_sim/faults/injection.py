@@ -27,11 +27,11 @@ def read_faults(tables: object, wiring: Wiring, *, place: str, section: str) -> 
     faults: list[Fault] = []
     sentences: list[str] = []
     for number, table in enumerate(tables, 1):
-        found = _read(table, wiring, place, f"{section} {number}")
-        if isinstance(found, Fault):
-            faults.append(found)
+        result = _read(table, wiring, place, f"{section} {number}")
+        if isinstance(result, Fault):
+            faults.append(result)
         else:
-            sentences += found
+            sentences += result
     if sentences:
         raise WiringError("\n".join(sentences))
     return tuple(faults)

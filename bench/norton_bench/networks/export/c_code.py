@@ -167,7 +167,7 @@ def _stepping(written: Written) -> str:
     }
     if not written.commands:
         text = text.replace("    for (int i = 0; i < COMMANDS; ++i)\n        n->command[i] = command[i];\n", "")
-    return re.sub("|".join(rf"\b{key}(?=\b|_)" for key in values), lambda found: values[found[0]], text)
+    return re.sub("|".join(rf"\b{key}(?=\b|_)" for key in values), lambda result: values[result[0]], text)
 
 
 def _linear(network: LinearNetwork, prefix: str) -> Written:
