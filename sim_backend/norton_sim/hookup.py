@@ -15,8 +15,7 @@ from norton_bench.units import parse_quantity
 from norton_drivers import registry
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import DeviceSettings, Wiring
-from norton_sim.connectors import CanConnector, Piece, SerialConnector
-from norton_sim.transport import CAN_ERR_PROTOCOL
+from norton_sim.connectors import CAN_ERR_PROTOCOL, CanConnector, Piece, SerialConnector
 
 _DATA_BITS = 8
 _FRAME_BITS = 10  # start, eight data bits, stop

@@ -14,13 +14,15 @@ from norton_bench.models.parameters import BY_NAME, DahlMotor
 from norton_bench.units import parse_quantity
 from norton_drivers.errors import WiringError
 from norton_sim.departures import Departures
-from norton_sim.machines import Commanded, Drive, Machine
 from norton_sim.plants.assembled import Assembled
 from norton_sim.plants.motor_behind import GearTrainTruth, SeriesElasticTruth, VariableStiffnessTruth
 from norton_sim.plants.muscles import ArmTruth, PneumaticMuscleTruth
 from norton_sim.tables import (
+    Commanded,
     Damping,
     Device,
+    Drive,
+    Machine,
     Nanoseconds,
     Number,
     Rate,

@@ -8,19 +8,109 @@ from tempfile import TemporaryDirectory
 
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.gallery import gravity, in_situ, motor, muscle, spring
-from norton_bench.gallery.claim import PaperExperiment, Row, Shown
+from norton_bench.gallery.claim import LEVEL, PaperExperiment, Row, Shown
 from norton_bench.gallery.gravity import TwoPorts
 from norton_bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
 from norton_bench.gallery.muscle import MuscleSweeps
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
 from norton_bench.procedures.tare import TareProcedure
-from norton_bench.report.svg import style, svg
+from norton_bench.report.data import ReportData
+from norton_bench.report.render import Figure, fill, write_page
+from norton_bench.report.svg import standalone, style, svg
+from norton_bench.report.words import Facts, Picture, Section, number, pretty_unit
 from norton_bench.rig.load import load_rig, true_parameters
 from norton_bench.rig.rig import Rig
 from norton_bench.session.engine import record_script
 from norton_bench.session.pool import process_pool
 from norton_bench.session.script import Script, SoFar
+
+HEAD = ("seed", "figure", "expected", "found", f"± ({100 * LEVEL:g} %)", "unit", "")
+
+ABOUT = Section(
+    "about",
+    "Expected and found",
+    (
+        "Expected is the paper's closed form with the simulated machine's true values; found is what the bench "
+        "measured, through frames, bytes, noise, counts and delays, with an interval from its own repetitions.",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Proof:
+    """One claim at one seed, with its picture as SVG."""
+
+    seed: int
+    name: str
+    title: str
+    section: str
+    says: str
+    rows: tuple[Row, ...]
+    picture: str
+    caption: str
+
+    @property
+    def passed(self) -> bool:
+        return all(row.passed for row in self.rows)
+
+
+def write_gallery(folder: Path, proofs: Sequence[Proof], command: str) -> tuple[Path, tuple[Path, ...]]:
+    """The gallery as files: a picture for each claim, and a page with all of them.
+
+    Page and pictures in ``folder``; the pictures are those of the first seed.
+
+    Raises ExperimentError where they cannot be written.
+    """
+    first = [proof for proof in proofs if proof.seed == proofs[0].seed]
+    pictures = tuple(_write_picture(folder / f"gallery-{proof.name.replace(' ', '-')}.svg", proof) for proof in first)
+    passed = sum(row.passed for proof in proofs for row in proof.rows)
+    rows = sum(len(proof.rows) for proof in proofs)
+    text = fill(
+        data=ReportData("A general actuator model, shown"),
+        headline=[Figure(f"{passed} of {rows}", "rows pass"), Figure(str(len(first)), "claims")],
+        rows=[],
+        verdict=[],
+        sections=[
+            ABOUT,
+            *(_section(claim, [proof for proof in proofs if proof.name == claim.name]) for claim in first),
+        ],
+        commands=[(command, "runs all of it again")],
+    )
+    return write_page(folder / "gallery.html", text), pictures
+
+
+def _section(claim: Proof, seeds: Sequence[Proof]) -> Section:
+    table = Facts(HEAD, tuple(cells for proof in seeds for cells in cells_of(proof)))
+    says = (f"{claim.says} (Section {claim.section}.)",)
+    return Section(
+        claim.name.replace(" ", "-"), claim.title, says, (Picture(claim.picture, "", claim.caption),), (table,)
+    )
+
+
+def cells_of(proof: Proof) -> list[tuple[str, ...]]:
+    """The claim's rows as text, in the order of HEAD."""
+    return [
+        (
+            str(proof.seed),
+            row.what,
+            number(row.expected),
+            number(row.found),
+            number(0.5 * (row.interval[1] - row.interval[0]), 2),
+            pretty_unit(row.unit),
+            "pass" if row.passed else "FAIL",
+        )
+        for row in proof.rows
+    ]
+
+
+def _write_picture(path: Path, proof: Proof) -> Path:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(standalone(proof.picture), encoding="utf-8")
+    except OSError as error:
+        raise ExperimentError(f"{path}: cannot be written ({error.strerror}); choose another folder") from error
+    return path
 
 
 @dataclass(frozen=True)
@@ -43,24 +133,6 @@ CATALOGUE: Mapping[str, Entry] = {
     "spring": Entry("sim-variable-stiffness", (spring.EXPERIMENT,), spring.claims),
     "in situ": Entry("sim-odrive", (in_situ.EXPERIMENT,), in_situ.claims),
 }
-
-
-@dataclass(frozen=True)
-class Proof:
-    """One claim at one seed, with its picture as SVG."""
-
-    seed: int
-    name: str
-    title: str
-    section: str
-    says: str
-    rows: tuple[Row, ...]
-    picture: str
-    caption: str
-
-    @property
-    def passed(self) -> bool:
-        return all(row.passed for row in self.rows)
 
 
 def rigs_in(folder: Path) -> dict[str, Rig]:

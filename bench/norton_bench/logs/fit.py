@@ -15,7 +15,12 @@ from norton_bench.identification.friction_laws import model as friction_model
 from norton_bench.identification.friction_model import FrictionModel
 from norton_bench.identification.ladder import Rung, ladder, selected
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.doubts import (
+from norton_bench.logs.equation import Problem, make_problem
+from norton_bench.logs.grid import Stretch, common_interval, stretches
+from norton_bench.logs.log import Log, read_log, usable_rows
+from norton_bench.logs.outcome import Judged, outcome, refined
+from norton_bench.logs.results import LogFit
+from norton_bench.logs.sanity_checks import (
     Basic,
     ahead_of_goal,
     out_of_step,
@@ -25,11 +30,6 @@ from norton_bench.logs.doubts import (
     variation,
     wrong_signs,
 )
-from norton_bench.logs.equation import Problem, make_problem
-from norton_bench.logs.grid import Stretch, common_interval, stretches
-from norton_bench.logs.log import Log, read_log, usable_rows
-from norton_bench.logs.outcome import Judged, outcome, refined
-from norton_bench.logs.results import LogFit
 from norton_bench.units import NUMBER, parse_quantity
 
 PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)\s*")

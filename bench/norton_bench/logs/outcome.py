@@ -10,9 +10,7 @@ from norton_bench.identification.friction_model import Dimension, FrictionModel,
 from norton_bench.identification.ladder import FrictionFit, Rung
 from norton_bench.identification.results import Trace, words
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.columns import inputs_of, load_of, loop_of
-from norton_bench.logs.doubts import astray
-from norton_bench.logs.equation import Problem
+from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
 from norton_bench.logs.results import (
     ErrorFigures,
@@ -25,6 +23,7 @@ from norton_bench.logs.results import (
     with_back_emf,
     without_scale,
 )
+from norton_bench.logs.sanity_checks import astray
 from norton_bench.logs.steps import Axis, Inputs, Load, MotorTerms, Table, simulate
 from norton_bench.models.parameters import Estimate, Status
 

@@ -11,8 +11,15 @@ from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, im
 from norton_drivers.canopen.master import FrameHandler, Listener, Master
 from norton_drivers.canopen.parameters import ANSWER_WITHIN_S, Parameters, PolledNode
 from norton_drivers.codecs import canopen as protocol
-from norton_drivers.codecs.canopen import NODE_MAX, NmtCommand, NmtState, sdo_answer_id, sdo_request_id
-from norton_drivers.codecs.canopen_words import describe_error, describe_nmt_state
+from norton_drivers.codecs.canopen import (
+    NODE_MAX,
+    NmtCommand,
+    NmtState,
+    describe_error,
+    describe_nmt_state,
+    sdo_answer_id,
+    sdo_request_id,
+)
 from norton_drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.readings import DeviceIdentity, RawFrame

@@ -6,7 +6,7 @@ from math import inf
 
 import can
 
-from norton_sim.connectors import CanConnector, Piece, Tamper
+from norton_sim.connectors import CAN_ERR_PROTOCOL, TRANSMIT_QUEUE, CanConnector, Piece, Tamper, Trouble
 from norton_sim.faults.schema import (
     BabblingNode,
     BusOff,
@@ -20,7 +20,6 @@ from norton_sim.faults.schema import (
     Unplugged,
 )
 from norton_sim.faults.stage import Injected, Stage, Undo
-from norton_sim.transport import CAN_ERR_PROTOCOL, TRANSMIT_QUEUE, Trouble
 from norton_sim.world import World
 
 # A classic frame of eight bytes with all the stuff bits that it can have, and the error frame before it is sent again.

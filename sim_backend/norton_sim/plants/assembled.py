@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from norton_sim.machines import Body, Commanded, Drive
-from norton_sim.tables import Angle, Damping, Stiffness, Table, TorqueConstant
+from norton_sim.tables import Angle, Body, Commanded, Damping, Drive, Stiffness, Table, TorqueConstant
 
 # Columns.
 DRIVE = 0  # what moves the source, one of those below
