@@ -12,15 +12,13 @@ from norton_drivers.adapters.adapter import quiet_python_can
 from norton_drivers.adapters.socketcan import NETWORK, can_links
 
 
+# USB devices that are met at a bench, by vendor and product, and what a rig file would say of each.
+#
+# Sources: Linux, drivers/net/can/usb (gs_usb.c, peak_usb/pcan_usb_core.h, kvaser_usb) and drivers/usb/serial
+# (ftdi_sio_ids.h, ch341.c, cp210x.c, pl2303.h); the udev rules of ODrive's tool; bldc's usbd configuration.
 @dataclass(frozen=True)
 class UsbName:
-    """USB devices that are met at a bench, by vendor and product, and what a rig file would say of each.
-
-    Sources: Linux, drivers/net/can/usb (gs_usb.c, peak_usb/pcan_usb_core.h, kvaser_usb) and drivers/usb/serial
-    (ftdi_sio_ids.h, ch341.c, cp210x.c, pl2303.h); the udev rules of ODrive's tool; bldc's usbd configuration.
-
-    ``interface`` is python-can's, for CAN adapters; "" for a mere serial port.
-    """
+    """``interface`` is python-can's, for CAN adapters; "" for a mere serial port."""
 
     words: str
     interface: str = ""

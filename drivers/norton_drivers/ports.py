@@ -25,11 +25,9 @@ BUSY_NS, LATEST_NS = 300_000, 50_000
 BUSY_SHARE = 0.7
 
 
+# Time as the loop and the drivers know it: integer nanoseconds from one clock, which is passed in.
 class Clock(Protocol):
-    """Time as the loop and the drivers know it: integer nanoseconds from one clock, which is passed in.
-
-    A source of time. In simulation, waiting on it is what makes the plant move.
-    """
+    """A source of time. In simulation, waiting on it is what makes the plant move."""
 
     def now_ns(self) -> int:
         """The present instant [ns] since an arbitrary epoch."""
@@ -266,11 +264,9 @@ class SerialPort:
         self.line.close()
 
 
+# The seam between the bench and the world: who opens ports and owns the clock. A driver cannot tell which it has.
 class Backend(Protocol):
-    """The seam between the bench and the world: who opens ports and owns the clock. A driver cannot tell which it has.
-
-    Opens CAN buses and serial ports, and owns the clock.
-    """
+    """Opens CAN buses and serial ports, and owns the clock."""
 
     @property
     def clock(self) -> Clock: ...

@@ -28,11 +28,10 @@ if sys.platform == "linux":
 LOOP_PRIORITY, SERVER_PRIORITY = 80, 20
 
 
+# What keeps a loop in wall time on time, as far as Python and the machine allow.
 @contextmanager
 def in_real_time(priority: int) -> Iterator[None]:
-    """What keeps a loop in wall time on time, as far as Python and the machine allow.
-
-    Inside, memory is settled, and the thread inside runs in real time where the machine permits it: as root, or
+    """Inside, memory is settled, and the thread inside runs in real time where the machine permits it: as root, or
     with ``ulimit -r``.
     """
     with frozen_garbage(), _real_time(permitted_priority(priority)):
@@ -100,11 +99,10 @@ LOCK_CURRENT, LOCK_FUTURE = 1, 2
 SET_TIMER_SLACK = 29
 
 
+# What a process that is nothing but a loop takes from the machine for as long as it lives, where it may.
 @dataclass(frozen=True)
 class ProcessSetup:
-    """What a process that is nothing but a loop takes from the machine for as long as it lives, where it may.
-
-    What the process has got, in a few words, and what it has not, a sentence with the mend each; ``core`` is the
+    """What the process has got, in a few words, and what it has not, a sentence with the mend each; ``core`` is the
     number of its own, None where it shares all.
     """
 
@@ -154,17 +152,15 @@ def _wake_without_slack() -> None:
         ctypes.CDLL(None).prctl(SET_TIMER_SLACK, 1, 0, 0, 0)
 
 
+# The machine's cores: one for a loop alone, which others stay off and which never sleeps while the loop runs.
+#
+# A core that slept, be it for 50 µs, takes two to three times as long for what comes next: its caches are cold, and
+# in a virtual machine somebody else may have run there meanwhile. Spinning from tick to tick would starve all others
+# on the core, and Linux stops real-time processes that never sleep; so a process that gives way to everybody keeps it
+# awake.
 @dataclass(frozen=True)
 class OwnCore:
-    """The machine's cores: one for a loop alone, which others stay off and which never sleeps while the loop runs.
-
-    A core that slept, be it for 50 µs, takes two to three times as long for what comes next: its caches are cold,
-    and in a virtual machine somebody else may have run there meanwhile. Spinning from tick to tick would starve all
-    others on the core, and Linux stops real-time processes that never sleep; so a process that gives way to
-    everybody keeps it awake.
-
-    A core that no other loop of this machine takes while ``claim`` is open: also a killed process closes it.
-    """
+    """A core that no other loop of this machine takes while ``claim`` is open: also a killed process closes it."""
 
     number: int
     claim: socket.socket

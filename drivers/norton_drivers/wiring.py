@@ -64,15 +64,13 @@ class Wiring:
 AVERAGING_MAX_S: Final = 0.05
 
 
+# The options of a device, as its driver declares them: checked in one place, complained about in one sentence.
+#
+# A driver module declares its options as a frozen pydantic model and names in ``OPTION_UNITS`` those that are
+# quantities: a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the unit that
+# ``OPTION_UNITS`` gives.
 class DeviceOptions(BaseModel):
-    """The options of a device, as its driver declares them: checked in one place, complained about in one sentence.
-
-    A driver module declares its options as a frozen pydantic model and names in ``OPTION_UNITS`` those that are
-    quantities: a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the unit that
-    ``OPTION_UNITS`` gives.
-
-    Base of every driver's options.
-    """
+    """Base of every driver's options."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False, populate_by_name=False)
 

@@ -17,11 +17,9 @@ import serial
 BITS_PER_BYTE = 10  # start, eight data bits, stop
 
 
+# How long bytes travel: delay and jitter of one direction of a wire, on which nothing overtakes.
 class Delay:
-    """How long bytes travel: delay and jitter of one direction of a wire, on which nothing overtakes.
-
-    When a frame sent now arrives: ``delay_ns`` on average, uniformly within ± ``jitter_ns``, order preserved.
-    """
+    """When a frame sent now arrives: ``delay_ns`` on average, uniformly within ± ``jitter_ns``, order preserved."""
 
     def __init__(self, delay_ns: int, jitter_ns: int, random: Random) -> None:
         self._least_ns = delay_ns - jitter_ns
@@ -89,16 +87,13 @@ CAN_ERR_PROTOCOL = 0x08  # error classes, in an error frame's identifier
 CAN_ERR_BUS_OFF = 0x40
 
 
+# What can befall the host's own end of a wire, and how python-can and pyserial tell the host of it.
+#
+# Sources: python-can 4.5, ``interfaces/socketcan/socketcan.py`` (``_send_once``, ``capture_message``); pyserial 3.5,
+# ``serialposix.py``; Linux, ``Documentation/networking/can.rst`` and ``include/uapi/linux/can/error.h``. That a CAN
+# interface takes ten frames more once nothing leaves it, its ``txqueuelen``, is python-can's issue 310.
 class Trouble(Enum):
-    """What can befall the host's own end of a wire, and how python-can and pyserial tell the host of it.
-
-    Sources: python-can 4.5, ``interfaces/socketcan/socketcan.py`` (``_send_once``, ``capture_message``); pyserial
-    3.5, ``serialposix.py``; Linux, ``Documentation/networking/can.rst`` and ``include/uapi/linux/can/error.h``.
-    That a CAN interface takes ten frames more once nothing leaves it, its ``txqueuelen``, is python-can's issue
-    310.
-
-    What befalls it.
-    """
+    """What befalls it."""
 
     UNPLUGGED = "unplugged"  # the adapter is gone: whoever uses it is told so
     BUS_OFF = "bus-off"  # the controller has left the bus: nothing comes, and nothing leaves its queue
@@ -161,10 +156,9 @@ MessageReceiver = Callable[[can.Message], None]
 BytesPassage = Callable[[bytes], None]
 
 
+# Where a device meets its wire. A plug can be pulled or tampered with; a wire carries its bytes to the host.
 class Piece(NamedTuple):
-    """Where a device meets its wire. A plug can be pulled or tampered with; a wire carries its bytes to the host.
-
-    How faults reach what passes a plug: each direction is a chain of functions, its end the wire or the device.
+    """How faults reach what passes a plug: each direction is a chain of functions, its end the wire or the device.
 
     One frame's payload, or the bytes of one write, on its way through a plug.
 

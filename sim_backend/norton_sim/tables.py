@@ -83,12 +83,10 @@ def _example(model: type[BaseModel], loc: tuple[int | str, ...], name: str) -> s
     return f"{key} = {json.dumps(examples[0])}"
 
 
+# The kinds of quantity in a simulated bench's tables, and what all of its tables have in common.
 @dataclass(frozen=True)
 class Unit:
-    """The kinds of quantity in a simulated bench's tables, and what all of its tables have in common.
-
-    The unit of a table's field.
-    """
+    """The unit of a table's field."""
 
     text: str
 
@@ -126,11 +124,9 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+# What the machines of a simulated bench are made of: a drive, and a body with its friction.
 class Cogging(Table):
-    """What the machines of a simulated bench are made of: a drive, and a body with its friction.
-
-    Torque that goes with the rotor's position: amplitude · sin(periods · θ), opposing the motor's torque.
-    """
+    """Torque that goes with the rotor's position: amplitude · sin(periods · θ), opposing the motor's torque."""
 
     amplitude_nm: Torque = Field(alias="amplitude", ge=0, examples=["0.3 mN*m"])
     periods_per_turn: int = Field(ge=1, examples=[42])

@@ -17,11 +17,9 @@ from norton_drivers.recognition import Answers, Recognised, Recognition, answers
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 
+# Who is heard on a bus: the frames shown to every driver that offers to recognise them.
 class Claim(NamedTuple):
-    """Who is heard on a bus: the frames shown to every driver that offers to recognise them.
-
-    Which driver takes a frame for what, and the role of the rig's device that then sent it, if any did.
-    """
+    """Which driver takes a frame for what, and the role of the rig's device that then sent it, if any did."""
 
     driver: str
     claim: Recognised
@@ -120,12 +118,10 @@ _APART = 0.15
 _MOST = 0.8  # of the gaps: the host may be late now and then
 
 
+# Two devices that share one address: two answers to one question, two rhythms in one stream, values that contradict
+# each other.
 def answered_twice(survey: BusSurvey, answers: Sequence[Answers]) -> list[RawFrame]:
-    """Two devices that share one address: two answers to one question, two rhythms in one stream, values that
-    contradict each other.
-
-    An answer of each device whose every question had two.
-    """
+    """An answer of each device whose every question had two."""
     counts: dict[tuple[Key, bytes], list[int]] = {}
     example: dict[tuple[Key, bytes], RawFrame] = {}
     for question, result in survey.answered(answers):

@@ -167,11 +167,9 @@ def _contradictions(each: Watched) -> Iterator[Problem]:
 _TICKS = 500
 
 
+# What of this computer matters to the loop: whether it may run in real time, and how late it wakes up.
 def look_at_host(rig: Rig, clock: Clock) -> HostCheck:
-    """What of this computer matters to the loop: whether it may run in real time, and how late it wakes up.
-
-    Wait for some hundred ticks as the loop does, and note how late each came [s].
-    """
+    """Wait for some hundred ticks as the loop does, and note how late each came [s]."""
     late_s = np.empty(_TICKS)
     deadline_ns = clock.now_ns()
     for index in range(_TICKS):

@@ -44,13 +44,10 @@ _TRAVEL_MIN_RAD = 0.02
 _STEPS_MIN = 20  # of an encoder's resolution
 
 
+# Whether what devices say fits together: each encoder with itself, one with the other, the sensor with the drives.
 @dataclass(frozen=True)
 class Turned:
-    """Whether what devices say fits together: each encoder with itself, one with the other, the sensor with the
-    drives.
-
-    One drive's encoder over a stretch of motion that begins and ends nearly at rest.
-    """
+    """One drive's encoder over a stretch of motion that begins and ends nearly at rest."""
 
     role: str
     travel_rad: float

@@ -16,11 +16,10 @@ from norton_drivers.recognition import Answers
 Problem = BenchError | DeviceError
 
 
+# What a look at a rig has found: plain data, for the command line to show.
 @dataclass(frozen=True)
 class StreamCheck:
-    """What a look at a rig has found: plain data, for the command line to show.
-
-    One stream of readings over the time it was watched.
+    """One stream of readings over the time it was watched.
 
     ``jitter_s`` is the standard deviation of the time between arrivals, ``age_s`` the mean age of the newest
     reading when the loop would look, and ``longest_gap_s`` the longest silence.

@@ -104,11 +104,9 @@ def _value(reading: Reading) -> float:
     return reading.torque_nm if isinstance(reading, TorqueReading) else reading.current_a
 
 
+# How steadily readings came, and what is wrong with that.
 def streams_of(each: Watched, watch_s: float) -> tuple[StreamCheck, ...]:
-    """How steadily readings came, and what is wrong with that.
-
-    One figure for each stream that the device has.
-    """
+    """One figure for each stream that the device has."""
     return tuple(
         _stream(name, [reading.arrival_ns for reading in readings], each.ages_ns.get(name, []), watch_s)
         for name, readings in each.readings.items()
@@ -157,12 +155,11 @@ def status_problems(role: str, status: DriveStatus | None) -> Iterator[Problem]:
 _NAMED = 6  # of what nobody knows, no more are named than this
 
 
+# A device that does not answer: why, as far as what is heard can tell, and where it is instead.
 def explain_silence(
     settings: DeviceSettings, error: DeviceTimeoutError, bus: BusCheck, bitrate_bit_s: int
 ) -> DeviceTimeoutError:
-    """A device that does not answer: why, as far as what is heard can tell, and where it is instead.
-
-    Why a device on a bus does not answer, as far as what is heard there can tell.
+    """Why a device on a bus does not answer, as far as what is heard there can tell.
 
     ``error`` in better words; itself where the device is heard, so that something else is amiss.
     """

@@ -243,11 +243,10 @@ class AdmittanceController:
         return continued(target, target if begins else self._last_target, self.lead_ticks, self.tick_s)
 
 
+# The reference a little ahead of time, for when a command sent now has taken effect.
 @dataclass
 class Reference:
-    """The reference a little ahead of time, for when a command sent now has taken effect.
-
-    What is remembered of it; inertia and the friction of a contact are carried along its path.
+    """What is remembered of it; inertia and the friction of a contact are carried along its path.
 
     The instant is ``between`` (a share of a tick) beyond one tick before the newest that is known. ``path`` holds
     the contact's force [N m], and velocity [rad/s] and acceleration [rad/s²] of the newest instant.

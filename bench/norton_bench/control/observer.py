@@ -165,11 +165,10 @@ def _scale(bench: SampledBench, noise: Noise) -> FloatArray:
     )
 
 
+# The running observer: what the bench between the two amplifiers is doing at this tick.
 @dataclass
 class Estimator:
-    """The running observer: what the bench between the two amplifiers is doing at this tick.
-
-    Once a tick :meth:`sense`, then :meth:`advance` with the command that was sent.
+    """Once a tick :meth:`sense`, then :meth:`advance` with the command that was sent.
 
     ``states``, now and at the last ticks, are laid out as :mod:`norton_bench.control.observer` says; ``commands``
     holds what was sent, the last one first. The contacts of both machines are carried along the load's position:

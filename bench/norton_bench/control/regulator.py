@@ -14,18 +14,16 @@ STATES = 5
 COMMAND, DISTURBANCE, FREE_ACCELERATION = range(3)
 
 
+# The bench between two machines as the controller sees it: linear, sampled, with its delays.
+#
+# State: load position and velocity [rad, rad/s], twist of the sensor and its rate [rad, rad/s], torque of the load's
+# amplifier [N m]. Friction of the load enters as a known torque; whatever drives the actuator enters as the
+# acceleration that its shaft would have if it were free [rad/s²]: its motion source, differentiated.
+#
+# dω/dt = (T + τ + d) / I_l τ = k_s δ + b_s dδ/dt d²δ/dt² = a_f − τ / I_m − dω/dt dT/dt = β (G u − T)
 @dataclass(frozen=True)
 class SampledBench:
-    """The bench between two machines as the controller sees it: linear, sampled, with its delays.
-
-    State: load position and velocity [rad, rad/s], twist of the sensor and its rate [rad, rad/s], torque of the
-    load's amplifier [N m]. Friction of the load enters as a known torque; whatever drives the actuator enters as
-    the acceleration that its shaft would have if it were free [rad/s²]: its motion source, differentiated.
-
-    dω/dt = (T + τ + d) / I_l τ = k_s δ + b_s dδ/dt d²δ/dt² = a_f − τ / I_m − dω/dt dT/dt = β (G u − T)
-
-    What the linear model is made of (see the module).
-    """
+    """What the linear model above is made of."""
 
     gain: float
     bandwidth_rad_s: float

@@ -37,23 +37,20 @@ INERTIA_ERRORS = (1.0, 0.9, 1.1)
 KNOWN_TORQUE = WIDTH + 2  # where an observer's step takes the known torque on the load
 
 
+# Zero torque by an observer that knows the actuator's friction: what the free motion needs is foreseen over the
+# delay.
+#
+# Most of what feedback alone leaves at the port stands about the shaft's reversals: within a few milliseconds both
+# frictions turn round, the load needs another torque, and a reading tells of it too late. Where the calibration knows
+# the actuator's friction, that is no surprise. The observer takes it for known, so that what is left of the
+# actuator's free acceleration is smooth; the motion is foreseen until a command sent now acts, with both contacts
+# carried along; and the torque that takes the load along is fed forward. Torque feedback mends the rest, gently.
+#
+# Margins are those of two linear laws, both contacts sliding and both stuck, on every bench that the calibration may
+# mean.
 @dataclass(frozen=True)
 class Anticipation:
-    """Zero torque by an observer that knows the actuator's friction: what the free motion needs is foreseen over the
-    delay.
-
-    Most of what feedback alone leaves at the port stands about the shaft's reversals: within a few milliseconds
-    both frictions turn round, the load needs another torque, and a reading tells of it too late. Where the
-    calibration knows the actuator's friction, that is no surprise. The observer takes it for known, so that what is
-    left of the actuator's free acceleration is smooth; the motion is foreseen until a command sent now acts, with
-    both contacts carried along; and the torque that takes the load along is fed forward. Torque feedback mends the
-    rest, gently.
-
-    Margins are those of two linear laws, both contacts sliding and both stuck, on every bench that the calibration
-    may mean.
-
-    An observer that knows the actuator's friction, how far it foresees, and the feedback that is left.
-    """
+    """An observer that knows the actuator's friction, how far it foresees, and the feedback that is left."""
 
     observer: Observer
     lead_s: float

@@ -150,12 +150,10 @@ def _wave(wave: Wave) -> dict[str, Any]:
     return {"amplitude": wave.amplitude, "half_width": wave.half_width, "significant": wave.shows}
 
 
+# What stands on a sheet, in order, whether it becomes a page or paper.
 @dataclass(frozen=True)
 class Content:
-    """What stands on a sheet, in order, whether it becomes a page or paper.
-
-    ``subjects`` are a letter (none for a sheet alone), name, file, origin and where each holds.
-    """
+    """``subjects`` are a letter (none for a sheet alone), name, file, origin and where each holds."""
 
     title: str
     subjects: tuple[tuple[str, str, str, str, str], ...]
@@ -202,11 +200,9 @@ def _tables(sheets: Sequence[Sheet], letters: Sequence[str]) -> list[tuple[str, 
     return result
 
 
+# The sheet as one HTML file that needs nothing else, in the report's looks.
 def write_html(path: Path, sheets: Sequence[Sheet]) -> Path:
-    """The sheet as one HTML file that needs nothing else, in the report's looks.
-
-    Of one sheet, or of two side by side. Raises ExperimentError where it cannot be written.
-    """
+    """Of one sheet, or of two side by side. Raises ExperimentError where it cannot be written."""
     return write_page(path, html(sheets))
 
 

@@ -17,11 +17,9 @@ SENSOR = "torque_sensor"
 MODULATOR = "modulator"
 
 
+# Which faults are tried on a rig: each kind, wherever it has a place there, in sizes that its limits give.
 def cases(rig: Rig) -> tuple[Case, ...]:
-    """Which faults are tried on a rig: each kind, wherever it has a place there, in sizes that its limits give.
-
-    All of them; the rig has a load drive and a torque sensor.
-    """
+    """All of them; the rig has a load drive and a torque sensor."""
     return tuple(
         case for part in (_carried(rig), _connected(rig), _read(rig), _driven(rig), _host(rig)) for case in part
     )

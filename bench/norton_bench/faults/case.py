@@ -95,11 +95,9 @@ class CaseResult:
 SPARE_TICKS = 2
 
 
+# What is to be said of a case, from what is true: when both drives were off, and what had happened by then.
 def allowed_ns(watchdog_s: float, tick_ns: int) -> int:
-    """What is to be said of a case, from what is true: when both drives were off, and what had happened by then.
-
-    How long after a fault a drive may go on.
-    """
+    """How long after a fault a drive may go on."""
     return round(watchdog_s * 1e9) + SPARE_TICKS * tick_ns
 
 

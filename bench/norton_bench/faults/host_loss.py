@@ -24,11 +24,9 @@ from norton_drivers.rehearsal import TrueState
 LONGEST_LINE = 200
 
 
+# The file in which ``sim serve --witness`` writes what is true, read while it grows.
 def read_witness(path: Path) -> list[TrueState]:
-    """The file in which ``sim serve --witness`` writes what is true, read while it grows.
-
-    All whole lines so far; stamps are of the machine's monotonic clock.
-    """
+    """All whole lines so far; stamps are of the machine's monotonic clock."""
     return _states(path.read_bytes().split(b"\n")[1:])
 
 

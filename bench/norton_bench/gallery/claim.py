@@ -180,11 +180,9 @@ def _around(value: float, half: float) -> Estimated:
     return Estimated(value, (value - float(half), value + float(half)))
 
 
+# Moves to a place of the actuator's shaft, for plants that have places: a muscle, a pendulum.
 def place_rad(measured: Measured) -> float:
-    """Moves to a place of the actuator's shaft, for plants that have places: a muscle, a pendulum.
-
-    Where the actuator's shaft stands at the end.
-    """
+    """Where the actuator's shaft stands at the end."""
     return float(measured.motion["position_rad"][-1])
 
 

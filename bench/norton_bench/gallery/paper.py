@@ -55,10 +55,9 @@ class Proof:
         return all(row.passed for row in self.rows)
 
 
+# The gallery as files: a picture for each claim, and a page with all of them.
 def write_gallery(folder: Path, proofs: Sequence[Proof], command: str) -> tuple[Path, tuple[Path, ...]]:
-    """The gallery as files: a picture for each claim, and a page with all of them.
-
-    Page and pictures in ``folder``; the pictures are those of the first seed.
+    """Page and pictures in ``folder``; the pictures are those of the first seed.
 
     Raises ExperimentError where they cannot be written.
     """

@@ -17,11 +17,10 @@ from norton_bench.units import conversion, same_dimension
 from norton_drivers.readings import DriveState
 
 
+# Which plausibility checks a rig gets: those whose signals it has.
 @dataclass(frozen=True)
 class Equipment:
-    """Which plausibility checks a rig gets: those whose signals it has.
-
-    What is on the bench. Resolutions are 0 where unknown.
+    """What is on the bench. Resolutions are 0 where unknown.
 
     ``runs``: without a load, a command beyond friction makes the shaft turn on and on.
     """

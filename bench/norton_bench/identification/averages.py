@@ -110,16 +110,14 @@ LEAST_STEP = 0.25  # of their mean step: what is no further on is left out
 MIDDLE_SHARE = 0.5
 
 
+# What the port exerts while it is moved slowly across its source, from one end to the other and back.
+#
+# A port that is held still lets friction's contacts forget, by and by, how they were strained; one that slides does
+# not. Half of what lies between both directions is its friction at that speed; in the mean of both, friction drops
+# out.
 @dataclass(frozen=True)
 class Swept:
-    """What the port exerts while it is moved slowly across its source, from one end to the other and back.
-
-    A port that is held still lets friction's contacts forget, by and by, how they were strained; one that slides
-    does not. Half of what lies between both directions is its friction at that speed; in the mean of both, friction
-    drops out.
-
-    One way across. ``branch`` goes by displacement (θ − θ_N) from the source of its setting, increasing.
-    """
+    """One way across. ``branch`` goes by displacement (θ − θ_N) from the source of its setting, increasing."""
 
     setting: Setting
     rising: bool

@@ -21,20 +21,18 @@ RESAMPLES = 400
 SEED = 6
 
 
+# Where a velocity settles to while a command is held, and how well that is known.
+#
+# While the shaft still approaches its steady velocity v∞, and while a torque e · B acts on it, inertia and damping
+# make its velocity follow
+#
+# v + T dv/dt = v∞ − e + d, T = I / B
+#
+# So v + T dv/dt + e says v∞ at every instant, whatever approach or disturbance is under way; what is left, d, is what
+# disturbs the shaft unseen, and the torque sensor's noise. Unlike the velocity itself it does not wander.
 @dataclass(frozen=True)
 class Approach:
-    """Where a velocity settles to while a command is held, and how well that is known.
-
-    While the shaft still approaches its steady velocity v∞, and while a torque e · B acts on it, inertia and
-    damping make its velocity follow
-
-    v + T dv/dt = v∞ − e + d, T = I / B
-
-    So v + T dv/dt + e says v∞ at every instant, whatever approach or disturbance is under way; what is left, d, is
-    what disturbs the shaft unseen, and the torque sensor's noise. Unlike the velocity itself it does not wander.
-
-    Steady velocities (dwells,), as they might have come out (resamples, dwells), and the settling time, 0: none.
-    """
+    """Steady velocities (dwells,), as they might have come out (resamples, dwells), and the settling time, 0: none."""
 
     velocity: FloatArray
     resampled: FloatArray

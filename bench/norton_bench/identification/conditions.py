@@ -26,11 +26,10 @@ DEVIATIONS, SHARE = 3.0, 0.02
 LEAST_STROKES = 4
 
 
+# Backlash as the port shows it: a range of displacement in which it exerts nothing.
 @dataclass(frozen=True)
 class ZeroRange:
-    """Backlash as the port shows it: a range of displacement in which it exerts nothing.
-
-    The mean width over all strokes, and its 95 % interval (Student's, of the scatter between strokes).
+    """The mean width over all strokes, and its 95 % interval (Student's, of the scatter between strokes).
 
     ``crossing_rad`` is how far the port moves through zero at the slope that it has beside it: what is no wider
     than that is no gap, but a curve.

@@ -32,17 +32,15 @@ VAGUE_S = 5e-3
 LEAST = 1e-12
 
 
+# What a record tells of each parameter, or what an experiment that is only planned would tell, in the same terms.
+#
+# The columns and slopes of the fit's own regression, at an estimate that is there already, give the information
+# matrix JᵀJ / σ²: its inverse is the covariance that noise alone would leave (the Cramér–Rao bound where σ² is the
+# noise's density). Each stretch's initial friction and the sensor's wandering zero are unknowns too, and are
+# projected out.
 @dataclass(frozen=True)
 class Excitation:
-    """What a record tells of each parameter, or what an experiment that is only planned would tell, in the same terms.
-
-    The columns and slopes of the fit's own regression, at an estimate that is there already, give the information
-    matrix JᵀJ / σ²: its inverse is the covariance that noise alone would leave (the Cramér–Rao bound where σ² is
-    the noise's density). Each stretch's initial friction and the sensor's wandering zero are unknowns too, and are
-    projected out.
-
-    A planned stretch: arrays of shape (ticks,), the motion smooth and imposed, so known ahead.
-    """
+    """A planned stretch: arrays of shape (ticks,), the motion smooth and imposed, so known ahead."""
 
     tick_s: float
     command: FloatArray

@@ -80,12 +80,10 @@ class LoadDependent:
         return np.stack([path.velocity, side, side * np.abs(path.load)])
 
 
+# Friction that remembers the path: contacts that deflect before they slide.
 @dataclass(frozen=True)
 class Dahl:
-    """Friction that remembers the path: contacts that deflect before they slide.
-
-    ``dh/dx = (1 − s h)/d``: one contact that yields gradually over the presliding displacement d = Fc/σ0.
-    """
+    """``dh/dx = (1 − s h)/d``: one contact that yields gradually over the presliding displacement d = Fc/σ0."""
 
     name: str = "dahl"
     unknowns: tuple[Unknown, ...] = (PRESLIDING,)
@@ -234,11 +232,9 @@ CONTAINS = {
 }
 
 
+# All models of friction, from the simplest on, by their names.
 def model(name: str) -> FrictionModel:
-    """All models of friction, from the simplest on, by their names.
-
-    The member called ``name``. Raises UsageError, with the nearest name, where there is none.
-    """
+    """The member called ``name``. Raises UsageError, with the nearest name, where there is none."""
     by_name = {member.name: member for member in FAMILY}
     if name not in by_name:
         raise UsageError(f'there is no friction model "{name}"; {nearest(name, by_name)}')

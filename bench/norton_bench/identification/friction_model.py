@@ -68,11 +68,10 @@ class Path:
 ROUNDS = 6
 
 
+# One equation of motion in which friction is the unknown: a target, further linear columns, and friction's path.
 @dataclass(frozen=True)
 class Equation:
-    """One equation of motion in which friction is the unknown: a target, further linear columns, and friction's path.
-
-    ``target = coefficients @ others − friction``, in rows that may be coarser than the path.
+    """``target = coefficients @ others − friction``, in rows that may be coarser than the path.
 
     ``target`` and ``time_s`` (n,), ``others`` (k, n) named ``names``. ``process`` takes rows of the path's rate,
     shape (columns, path), through the filter and decimation that the target has passed: (columns, n). ``fold`` (n,)

@@ -159,13 +159,11 @@ def part_sums(columns: FloatArray, target: FloatArray, part: IntArray) -> tuple[
     return gram, moment, power
 
 
+# What may stand in an equation of motion beside friction, as linear columns: cogging, slow drift, temperature.
+#
+# Every column has the sign of what it takes off the exertion, and is on the path's own rate.
 def cogging(position: FloatArray, period: float) -> dict[str, FloatArray]:
-    """What may stand in an equation of motion beside friction, as linear columns: cogging, slow drift, temperature.
-
-    Every column has the sign of what it takes off the exertion, and is on the path's own rate.
-
-    Exertion that repeats with the position, every ``period`` rad or m; arrays (n,).
-    """
+    """Exertion that repeats with the position, every ``period`` rad or m; arrays (n,)."""
     phase = 2 * np.pi * position / period
     return {"cogging_sine": -np.sin(phase), "cogging_cosine": -np.cos(phase)}
 

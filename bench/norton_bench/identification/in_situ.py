@@ -85,12 +85,10 @@ class Machine:
         return np.asarray((following - stays * wanted) / (1.0 - stays) / self.network.torque_gain)
 
 
+# What an in-situ experiment took its load for: the one thing in its recording that its trials alone do not tell.
 @dataclass(frozen=True)
 class LoadTaken:
-    """What an in-situ experiment took its load for: the one thing in its recording that its trials alone do not tell.
-
-    The load's values, in sentences where they come from, and how many ticks a trial is to have.
-    """
+    """The load's values, in sentences where they come from, and how many ticks a trial is to have."""
 
     machine: Machine
     said: tuple[str, ...]
@@ -265,22 +263,19 @@ TWIST_NM_RAD = 100.0
 LOOSEST = 0.05
 
 
+# An actuator that stays assembled to its load, without a torque sensor: both machines from their two encoders.
+#
+# The shaft between them twists in proportion to the torque. How stiff it is nobody knows, and the load's values need
+# not know: its own command sets the scale. So the twist, times any number, is fitted as the load's port torque, and
+# all is divided by the torque gain that comes out: the load's values in newton metres *as its drive counts them*.
+#
+# Viscous damping is the exception. A twist that goes with velocity is also what two encoders show that are read half
+# a microsecond apart, so that one must be known from elsewhere.
+#
+# With the load known, the port torque follows from its motion and its command, and the actuator is fitted to that.
 @dataclass(frozen=True)
 class LoadByTwist:
-    """An actuator that stays assembled to its load, without a torque sensor: both machines from their two encoders.
-
-    The shaft between them twists in proportion to the torque. How stiff it is nobody knows, and the load's values
-    need not know: its own command sets the scale. So the twist, times any number, is fitted as the load's port
-    torque, and all is divided by the torque gain that comes out: the load's values in newton metres *as its drive
-    counts them*.
-
-    Viscous damping is the exception. A twist that goes with velocity is also what two encoders show that are read
-    half a microsecond apart, so that one must be known from elsewhere.
-
-    With the load known, the port torque follows from its motion and its command, and the actuator is fitted to
-    that.
-
-    The load in newton metres as its drive counts them, the relative deviation of its inertia there, and what the
+    """The load in newton metres as its drive counts them, the relative deviation of its inertia there, and what the
     weight of an arm on it gives at most, 0 where none hangs there: ``machine`` is the load without it.
     """
 

@@ -44,15 +44,14 @@ SAYS_NOTHING = 1e-6
 ROUNDS = 2
 
 
+# Parameters that move while the record is taken: a Kalman filter over its blocks, about the fit of all of it.
+#
+# A fit takes every parameter for constant. Where one of them goes with time by more than the scatter of the blocks
+# explains, it is given a random walk, at the rate with which the blocks are likeliest, and the filter follows it. All
+# others are estimated along with it, as constants.
 @dataclass(frozen=True)
 class Drift:
-    """Parameters that move while the record is taken: a Kalman filter over its blocks, about the fit of all of it.
-
-    A fit takes every parameter for constant. Where one of them goes with time by more than the scatter of the
-    blocks explains, it is given a random walk, at the rate with which the blocks are likeliest, and the filter
-    follows it. All others are estimated along with it, as constants.
-
-    What became of the unknowns at the end of the record: ``change`` (p,) from the solution's own, linear ones
+    """What became of the unknowns at the end of the record: ``change`` (p,) from the solution's own, linear ones
     first, with its ``covariance`` (p, p); ``moved`` are those that walked.
     """
 
@@ -158,16 +157,15 @@ class _Record:
 STRAY_NS = 1_000_000_000
 
 
+# Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
+#
+# Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the same
+# data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is imposed.
+# What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations are those of the
+# parametric bootstrap, which is repeated each time that the data have doubled; in between they shrink as the
+# residual's.
 def clean(part: Measured) -> Measured:
-    """Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
-
-    Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the
-    same data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is
-    imposed. What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations
-    are those of the parametric bootstrap, which is repeated each time that the data have doubled; in between they
-    shrink as the residual's.
-
-    What of a part can be trusted at all, before anything is learned from it.
+    """What of a part can be trusted at all, before anything is learned from it.
 
     A final fit can look at everything twice; what runs live digests each reading once and must not be poisoned by
     it.

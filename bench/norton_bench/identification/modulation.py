@@ -21,16 +21,14 @@ STOOD_SHARE = 0.5
 SAME_SHARE, SAME_COUNTS = 0.02, 4.0
 
 
+# Where the drive that sets the impedance stood under each modulation, by its own encoder.
+#
+# How far it goes for a command nobody told the bench; but under one modulation it must stand at one place, and under
+# two at two. A drive that slips or loses count does not, and then a table under that modulation is of several
+# impedances.
 @dataclass(frozen=True)
 class Stood:
-    """Where the drive that sets the impedance stood under each modulation, by its own encoder.
-
-    How far it goes for a command nobody told the bench; but under one modulation it must stand at one place, and
-    under two at two. A drive that slips or loses count does not, and then a table under that modulation is of
-    several impedances.
-
-    Under one modulation: the mean place [rad] of each time it was there, in their order.
-    """
+    """Under one modulation: the mean place [rad] of each time it was there, in their order."""
 
     modulation: float
     places_rad: tuple[float, ...]

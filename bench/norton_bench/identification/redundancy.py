@@ -210,11 +210,9 @@ LIKE_GAP = 0.1
 RATES_DIFFER = 0.02
 
 
+# Rows in the order in which they came, and where the clocks that stamped them jumped.
 def in_order(table: Table, stamp: str) -> Table:
-    """Rows in the order in which they came, and where the clocks that stamped them jumped.
-
-    Rows as they came, each once: by their number where they bear one, else by their stamp.
-    """
+    """Rows as they came, each once: by their number where they bear one, else by their stamp."""
     if "sequence" in (table.dtype.names or ()):
         if np.all(np.diff(table["sequence"]) > 0):
             return table

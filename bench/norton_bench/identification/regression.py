@@ -42,17 +42,16 @@ DRIFT_KNOT_S = 60.0
 UNKNOWN_COUNTS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
 
 
+# What an encoder's counts leave unknown of the friction after every turn, and rows whitened by it.
+#
+# Where within its counts the shaft turned round nobody reads, and an error there stays with the friction until the
+# shaft has gone on by some presliding lengths: what is left of the torque remembers it. A Kalman filter of that one
+# error, kicked at every turn, foretells each row; rows less what was foretold are white again, and least squares of
+# them is the prediction-error estimate (Ljung, System Identification, ch. 7). All terms pass the same filter, so it
+# cancels.
 @dataclass(frozen=True)
 class Turns:
-    """What an encoder's counts leave unknown of the friction after every turn, and rows whitened by it.
-
-    Where within its counts the shaft turned round nobody reads, and an error there stays with the friction until
-    the shaft has gone on by some presliding lengths: what is left of the torque remembers it. A Kalman filter of
-    that one error, kicked at every turn, foretells each row; rows less what was foretold are white again, and least
-    squares of them is the prediction-error estimate (Ljung, System Identification, ch. 7). All terms pass the same
-    filter, so it cancels.
-
-    Along some rows, (rows,) each: ``way_rad`` since the row before, and ``kicks``, the variance that turns since
+    """Along some rows, (rows,) each: ``way_rad`` since the row before, and ``kicks``, the variance that turns since
     then give the friction's share of the Coulomb torque, if each is known to within 1 rad.
     """
 

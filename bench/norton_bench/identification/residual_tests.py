@@ -32,12 +32,10 @@ PEAK_LENGTH = 128
 SIGNIFICANCE = 0.01
 
 
+# Whether a residual follows an input: tests whose blocks judge themselves, so that neither colour nor bursts alarm.
 @dataclass(frozen=True)
 class Dependence:
-    """Whether a residual follows an input: tests whose blocks judge themselves, so that neither colour nor bursts
-    alarm.
-
-    How the residual follows one input, ``lags_s`` earlier (negative: later); ``band`` is the half width of 95 %.
+    """How the residual follows one input, ``lags_s`` earlier (negative: later); ``band`` is the half width of 95 %.
 
     ``share`` of its variance, ``rms_nm`` of it, is a linear response to the input, strongest at ``peak_hz``.
     """
@@ -138,11 +136,10 @@ ORDER = 6
 MEMORY_LAGS = 25
 
 
+# Whether a sequence with gaps remembers itself, once the colour of a known low-pass is taken away.
 @dataclass(frozen=True)
 class Memory:
-    """Whether a sequence with gaps remembers itself, once the colour of a known low-pass is taken away.
-
-    Autocorrelation at ``lags_s`` (lags,), the half width of its 95 % band for a white residual, and the sum of all:
+    """Autocorrelation at ``lags_s`` (lags,), the half width of its 95 % band for a white residual, and the sum of all:
     a portmanteau test that allows for changing variance (``p_value`` is its chance where nothing is remembered).
     """
 
@@ -202,12 +199,10 @@ LEAST_HARMONIC_S = 2.0
 LARGEST_MEAN_PHASOR = 0.5
 
 
+# What of a residual goes with the shaft's position: lines by their periods a turn.
 @dataclass(frozen=True)
 class Harmonic:
-    """What of a residual goes with the shaft's position: lines by their periods a turn.
-
-    A part of the residual that follows the shaft's position; ``p_value`` allows for all that were looked at.
-    """
+    """A part of the residual that follows the shaft's position; ``p_value`` allows for all that were looked at."""
 
     periods_per_turn: float
     amplitude_nm: float

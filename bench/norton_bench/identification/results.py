@@ -36,12 +36,10 @@ MEND = {
 }
 
 
+# What the data cannot tell, in words: from the directions of parameter space in which the estimate is loose.
 @dataclass(frozen=True)
 class Direction:
-    """What the data cannot tell, in words: from the directions of parameter space in which the estimate is loose.
-
-    Parameters that may move together at no cost: relative deviation along it, and each one's part.
-    """
+    """Parameters that may move together at no cost: relative deviation along it, and each one's part."""
 
     deviation: float
     names: tuple[str, ...]

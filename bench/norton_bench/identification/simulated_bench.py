@@ -38,11 +38,9 @@ SMALLEST_NMS_RAD = 1e-12  # of a damping that somebody knows for sure
 PROBES = (0.2, 0.1)
 
 
+# The spring between the two motors, as far as the torque sensor's readings feel it.
 def least_damping_nms_rad(stiffness_nm_rad: float, mobility_1_kgm2: float) -> float:
-    """The spring between the two motors, as far as the torque sensor's readings feel it.
-
-    Of a spring between two inertias; ``mobility_1_kgm2`` is the sum of their inverses.
-    """
+    """Of a spring between two inertias; ``mobility_1_kgm2`` is the sum of their inverses."""
     return 2 * LEAST_DAMPING_RATIO * sqrt(max(stiffness_nm_rad, 0.0) / mobility_1_kgm2)
 
 

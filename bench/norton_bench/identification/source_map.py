@@ -252,11 +252,10 @@ QUARTER = PIECES // 4
 TAILS = (0.025, 0.975)
 
 
+# The zero dynamics as they are seen: how the port settles after each step of the command, with no torque on it.
 @dataclass(frozen=True)
 class Settling:
-    """The zero dynamics as they are seen: how the port settles after each step of the command, with no torque on it.
-
-    Over all steps: the time constant, and how much of a step's change still comes in the last quarter of its dwell.
+    """Over all steps: the time constant, and how much of a step's change still comes in the last quarter of its dwell.
 
     ``left`` is near 0 where the port comes to rest on its source, near 1 or above where it does not. Intervals are
     of 95 %, from steps drawn anew. ``time_s`` is 0 where the approach is too fast to be seen.

@@ -122,11 +122,9 @@ USUAL = 0.8
 FEWEST = 20
 
 
+# Single rows that cannot be: values far off on their own, and stamps that go back.
 def rising(stamp_ns: npt.NDArray[np.int64]) -> BoolArray:
-    """Single rows that cannot be: values far off on their own, and stamps that go back.
-
-    Stamps later than all before them; at least one.
-    """
+    """Stamps later than all before them; at least one."""
     latest = np.maximum.accumulate(stamp_ns)
     return np.concatenate([[True], stamp_ns[1:] > latest[:-1]])
 

@@ -12,11 +12,10 @@ from norton_bench.identification.exertion_table import ExertionTable, Zeros
 from norton_bench.identification.source_table import SourceTable
 
 
+# One actuator seen at two ports: θ̂_N = θ_N + Z_A⁻¹(Z_G(θ_N)), from tables alone (paper, section IV.C).
 @dataclass(frozen=True)
 class PortsRow:
-    """One actuator seen at two ports: θ̂_N = θ_N + Z_A⁻¹(Z_G(θ_N)), from tables alone (paper, section IV.C).
-
-    One setting. ``external`` and ``actuator`` are the sources θ_N and θ̂_N at the two ports [rad].
+    """One setting. ``external`` and ``actuator`` are the sources θ_N and θ̂_N at the two ports [rad].
 
     ``load`` is what the load's body asked of the actuator at θ_N, read there [N m]: Z_G(θ_N). ``exertion`` is what
     the actuator's own table says that it exerts so far from θ̂_N, and it should be the same; NaN where the table
@@ -65,11 +64,9 @@ def _exerted(exertion: ExertionTable | None, setting: Setting, displacement_rad:
 BLOCK = 5
 
 
+# The paper's three conditions (IV.B, VI) where no model was fitted: asked of the tables of source and exertion.
 def tabulated_conditions(source: SourceTable | None, exertion: ExertionTable | None) -> tuple[Condition, ...]:
-    """The paper's three conditions (IV.B, VI) where no model was fitted: asked of the tables of source and exertion.
-
-    The three of them, in the paper's order; none where nothing was tabulated.
-    """
+    """The three of them, in the paper's order; none where nothing was tabulated."""
     if source is None and exertion is None:
         return ()
     return (_impedance_form(exertion), _unique_zero(exertion), _zero_dynamics(source))

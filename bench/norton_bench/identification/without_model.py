@@ -26,19 +26,18 @@ COMMAND_TICKS = 20
 LEAD_TICKS = 4
 
 
+# The impedance without a friction law: a generalised Maxwell-slip (Prandtl-Ishlinskii) operator of the motion.
+#
+# τ(t) = Σ_k g_k·c(t − k·Δ) − I·ω̇ − B·ω − Σ_j w_j·h_j(θ)(t) − Σ_j b_j·ḣ_j(θ)(t), w_j, b_j >= 0
+#
+# Each h_j is an element in -1 .. 1 that follows the motion like a spring and yields at a displacement of its own.
+# Half of them yield all at once (stops: ideal springs in series with sliders), half gradually (the share that still
+# holds decays with the way travelled); which kind friction is made of, and at what displacements it yields, is left
+# to the data. All weights are linear, so they come from one least squares with some of them held non-negative. The
+# command acts through its own last values, each with a weight: no first-order amplifier either.
 @dataclass(frozen=True)
 class StopOperator:
-    """The impedance without a friction law: a generalised Maxwell-slip (Prandtl-Ishlinskii) operator of the motion.
-
-    τ(t) = Σ_k g_k·c(t − k·Δ) − I·ω̇ − B·ω − Σ_j w_j·h_j(θ)(t) − Σ_j b_j·ḣ_j(θ)(t), w_j, b_j >= 0
-
-    Each h_j is an element in -1 .. 1 that follows the motion like a spring and yields at a displacement of its own.
-    Half of them yield all at once (stops: ideal springs in series with sliders), half gradually (the share that
-    still holds decays with the way travelled); which kind friction is made of, and at what displacements it yields,
-    is left to the data. All weights are linear, so they come from one least squares with some of them held
-    non-negative. The command acts through its own last values, each with a weight: no first-order amplifier either.
-
-    Weights of the operator.
+    """Weights of the operator.
 
     ``strength_nm`` (2, elements) is what each element holds once it has yielded, the abrupt ones before the gradual
     ones; ``damping_nms`` (2, elements) is torque per rate of its share. ``response`` (ticks,) is torque per

@@ -16,14 +16,12 @@ from norton_bench.logs.grid import Filters, Stretch, integral, slope
 from norton_bench.logs.steps import Inputs, Load, Loop
 
 
+# What a stretch's columns mean in the equation of motion: motion, drive, and what the known load asks for.
+#
+# τ = gain · drive − inertia · a − friction − offset − load τ at the port, zero where it is free
 @dataclass(frozen=True)
 class Motion:
-    """What a stretch's columns mean in the equation of motion: motion, drive, and what the known load asks for.
-
-    τ = gain · drive − inertia · a − friction − offset − load τ at the port, zero where it is free
-
-    Filtered motion of one stretch, arrays (n,).
-    """
+    """Filtered motion of one stretch, arrays (n,)."""
 
     position: FloatArray
     velocity: FloatArray
@@ -100,10 +98,9 @@ def _known_load(stretch: Stretch, motion: Motion, *, translation: bool) -> Float
     return np.asarray((inertia or 0.0) * motion.acceleration + (gravity or 0.0) * pull)
 
 
+# What acts on an axis in a stretch of a log: its own loop, its drive, and the known load.
 def loop_of(stretch: Stretch, *, sampled: bool) -> Loop:
-    """What acts on an axis in a stretch of a log: its own loop, its drive, and the known load.
-
-    The device's own law where the map and the log know it, or the command as logged.
+    """The device's own law where the map and the log know it, or the command as logged.
 
     ``sampled`` where the log's instants are the device's own.
     """

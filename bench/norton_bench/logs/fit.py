@@ -35,12 +35,10 @@ from norton_bench.units import NUMBER, parse_quantity
 PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)\s*")
 
 
+# ``--train`` and ``--test``: parts of every log in seconds ("0:12.5 s, 20:30 s"), or files by name or pattern.
 @dataclass(frozen=True)
 class Selection:
-    """``--train`` and ``--test``: parts of every log in seconds ("0:12.5 s, 20:30 s"), or files by name or pattern.
-
-    Parts of every log's own time in seconds, or whole files; exactly one of the two is not empty.
-    """
+    """Parts of every log's own time in seconds, or whole files; exactly one of the two is not empty."""
 
     parts_s: tuple[tuple[float, float], ...] = ()
     files: tuple[str, ...] = ()

@@ -26,11 +26,10 @@ SETTLED_ROWS = 5
 SETTLED_PERIODS = 2
 
 
+# Zero-phase low-pass, derivatives, and the one decimation that both sides of an equation pass.
 @dataclass(frozen=True)
 class Filters:
-    """Zero-phase low-pass, derivatives, and the one decimation that both sides of an equation pass.
-
-    What stands between samples every ``dt_s`` and the rows of the equation, ``factor`` samples apart.
+    """What stands between samples every ``dt_s`` and the rows of the equation, ``factor`` samples apart.
 
     ``margin`` samples around anything that is not to be used are spoilt by the filters' memory.
     """

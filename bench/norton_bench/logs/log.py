@@ -114,10 +114,9 @@ FROZEN_SHARE = 0.01
 NEAR_LIMIT = 0.01
 
 
+# Which rows of a log can be used: numbers in every column, and a clock that goes forward.
 def check_constant(log: Log) -> None:
-    """Which rows of a log can be used: numbers in every column, and a clock that goes forward.
-
-    Columns that do not tell what they should: constant, at the end of their range, or frozen on one value.
+    """Columns that do not tell what they should: constant, at the end of their range, or frozen on one value.
 
     Raises UsageError for a column that never changes.
     """

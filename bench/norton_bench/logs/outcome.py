@@ -34,11 +34,9 @@ STEPS_A_SAMPLE = 4
 LEAST_SAMPLES = 50
 
 
+# The motion that a fit predicts from the goal or the command alone, beside the one that was logged.
 def can_be_simulated(column_map: ColumnMap, problem: Problem, model: FrictionModel) -> bool:
-    """The motion that a fit predicts from the goal or the command alone, beside the one that was logged.
-
-    Whether something drives the motion, its scale is known, and friction follows from velocity alone.
-    """
+    """Whether something drives the motion, its scale is known, and friction follows from velocity alone."""
     alone = "load" not in model.name and not column_map.model.temperature
     remembers = any(unknown.dimension is Dimension.DISPLACEMENT for unknown in model.unknowns)
     driven = problem.terms[0].drive is not None

@@ -31,12 +31,10 @@ OVERFITTED = 3.0
 FORETOLD = 0.1
 
 
+# The ladder of servos: each is fitted to some of the logs and judged on those that it has not seen.
 @dataclass(frozen=True)
 class Beginning:
-    """The ladder of servos: each is fitted to some of the logs and judged on those that it has not seen.
-
-    What the equation of motion says, in SI: gain per volt (or ampere), damping with back-EMF, and scales.
-    """
+    """What the equation of motion says, in SI: gain per volt (or ampere), damping with back-EMF, and scales."""
 
     gain: float
     inertia: float

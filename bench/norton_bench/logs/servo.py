@@ -125,16 +125,14 @@ HOP = 0.2
 AS_GOOD = 0.02
 
 
+# Output-error refinement of a servo: the parameters whose simulated motion is nearest to the logged one.
+#
+# The equation of motion starts it. The error is weighted robustly: where a simulation sticks and the machine slips,
+# the difference says little of how far a parameter is off. Starts from several places, and a fit that did not settle
+# says so.
 @dataclass(frozen=True)
 class Box:
-    """Output-error refinement of a servo: the parameters whose simulated motion is nearest to the logged one.
-
-    The equation of motion starts it. The error is weighted robustly: where a simulation sticks and the machine
-    slips, the difference says little of how far a parameter is off. Starts from several places, and a fit that did
-    not settle says so.
-
-    Where a parameter is searched: ``scale`` is its usual size, ``low`` and ``high`` are in SI.
-    """
+    """Where a parameter is searched: ``scale`` is its usual size, ``low`` and ``high`` are in SI."""
 
     scale: float
     low: float

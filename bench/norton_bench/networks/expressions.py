@@ -175,12 +175,10 @@ def _finite(value: float) -> float:
     return number
 
 
+# A part of a network as equations in state form: ẇ = N_state(w, c), x_N = N_output(w, c) and the like (section IV).
 @dataclass(frozen=True)
 class Table:
-    """A part of a network as equations in state form: ẇ = N_state(w, c), x_N = N_output(w, c) and the like (section
-    IV).
-
-    Measured maps as functions of one or two arguments: linear between the nodes, constant beyond them.
+    """Measured maps as functions of one or two arguments: linear between the nodes, constant beyond them.
 
     ``nodes``: one or two rising grids; ``values``: as many, or a row for each node of the first grid.
 

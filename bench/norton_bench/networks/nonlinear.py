@@ -190,14 +190,13 @@ Rates = Callable[[States, float], Mapping[str, Any]]
 BENT = 1e-6
 
 
+# Nonlinear networks in time, by the classical Runge-Kutta method in steps no longer than the network's own.
+#
+# Commands are held from tick to tick; what goes in at the port is linear in between.
 def respond(
     network: NonlinearNetwork, commands: FloatArray, port: Mapping[str, FloatArray], tick_s: float
 ) -> dict[str, FloatArray]:
-    """Nonlinear networks in time, by the classical Runge-Kutta method in steps no longer than the network's own.
-
-    Commands are held from tick to tick; what goes in at the port is linear in between.
-
-    What comes out at the port at the ticks, by name, each (n,), from the states at the start.
+    """What comes out at the port at the ticks, by name, each (n,), from the states at the start.
 
     ``commands`` is (n, m) in the order of ``command_units``; ``port`` has what goes in, by name, each (n,).
     """

@@ -20,12 +20,10 @@ TOLD = (Status.VALID, Status.LEARNING, Status.RATIO_ONLY)
 DIGITS = 4
 
 
+# The identified model as equations, once in symbols and once with its values.
 @dataclass(frozen=True)
 class Equation:
-    """The identified model as equations, once in symbols and once with its values.
-
-    One line of the model: what it says, in symbols, and with the values in it.
-    """
+    """One line of the model: what it says, in symbols, and with the values in it."""
 
     meaning: str
     symbols: str

@@ -160,11 +160,9 @@ _MARKERS = ("o", "s", "^", "v", "D")
 _APART = 0.015
 
 
+# The impedance without a model, in pictures: the table's curves, the operator's loops and what it is made of.
 def impedance_table_figure(table: ImpedanceTable, network: NortonNetwork, command_unit: str) -> Figure:
-    """The impedance without a model, in pictures: the table's curves, the operator's loops and what it is made of.
-
-    Torque against steady velocity, one line a command; beside it, what the network leaves of each cell.
-    """
+    """Torque against steady velocity, one line a command; beside it, what the network leaves of each cell."""
     picture = figure(3.6)
     curves, left = picture.subplots(1, 2, width_ratios=(1.35, 1))
     for row, command in enumerate(table.command):

@@ -39,11 +39,9 @@ ASSUMES = {
 WITHOUT_MEMORY = "depends on the velocity alone, not on the path"
 
 
+# The comparison of friction models, and why one with more numbers may fit worse.
 class Compared(Protocol):
-    """The comparison of friction models, and why one with more numbers may fit worse.
-
-    One model of the comparison.
-    """
+    """One model of the comparison."""
 
     @property
     def name(self) -> str: ...
@@ -246,11 +244,9 @@ def modulation_section(data: ReportData) -> Section | None:
     return Section("modulation", "What the modulation changes", sentences, tables=tables)
 
 
+# The report's sections on repeated movements.
 def trials_section(data: ReportData) -> Section | None:
-    """The report's sections on repeated movements.
-
-    Zero torque, trial by trial.
-    """
+    """Zero torque, trial by trial."""
     if not data.trials:
         return None
     drawn = picture(

@@ -106,10 +106,9 @@ def _above_in(axes: Axes) -> float:
 POINTS = 2000
 
 
+# Fewer points, same picture.
 def envelope(time_s: FloatArray, values: FloatArray, points: int = POINTS) -> tuple[FloatArray, FloatArray]:
-    """Fewer points, same picture.
-
-    At most ``points`` of the given ones: least and greatest of each stretch, in order, so that no spike is lost.
+    """At most ``points`` of the given ones: least and greatest of each stretch, in order, so that no spike is lost.
 
     A stretch without a finite value becomes one NaN, so that gaps stay gaps.
     """

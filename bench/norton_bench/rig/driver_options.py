@@ -120,12 +120,10 @@ def _model_in(module: ModuleType) -> type[DeviceOptions] | None:
 LOAD_UNIT = "N*m"
 
 
+# Whether each drive is commanded in the unit that it takes: one rule, for a rig file that is read, where the driver's
+# options tell the unit, and for a drive that is open, where only that does.
 class Commanded(Protocol):
-    """Whether each drive is commanded in the unit that it takes: one rule, for a rig file that is read, where the
-    driver's options tell the unit, and for a drive that is open, where only that does.
-
-    What is commanded: its unit, and the one in which the drive takes the same number, where that is another.
-    """
+    """What is commanded: its unit, and the one in which the drive takes the same number, where that is another."""
 
     @property
     def unit(self) -> str: ...

@@ -106,12 +106,10 @@ BOUNDS = {
 }
 
 
+# What is wrong in a file that a user wrote: every mistake in one sentence, with its place and the mend.
 @dataclass
 class Mistakes:
-    """What is wrong in a file that a user wrote: every mistake in one sentence, with its place and the mend.
-
-    The mistakes found so far in the file ``place``.
-    """
+    """The mistakes found so far in the file ``place``."""
 
     place: str
     sentences: list[str] = field(default_factory=list)

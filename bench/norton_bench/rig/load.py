@@ -118,11 +118,9 @@ def _limits(section: LimitsSection, load_torque_nm: float | None) -> Limits:
 SIMULATORS = "norton_bench.simulators"
 
 
+# The simulator's own tools, found by their entry points so that the bench never knows it.
 def simulator(name: str) -> Any:
-    """The simulator's own tools, found by their entry points so that the bench never knows it.
-
-    One of them. Raises WiringError where it is not installed.
-    """
+    """One of them. Raises WiringError where it is not installed."""
     return registry.load(SIMULATORS, name, asked_by="the simulator's part")
 
 

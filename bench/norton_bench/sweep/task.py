@@ -150,11 +150,10 @@ def _outcome(name: str, result: FitResult | None, true: Mapping[str, float]) -> 
 WITHIN = 1.96  # deviations, of 95 %
 
 
+# What the outcomes of a sweep say together, parameter by parameter.
 @dataclass(frozen=True)
 class Spread:
-    """What the outcomes of a sweep say together, parameter by parameter.
-
-    One parameter over all runs in which it is valid, in ``unit``; NaN where runs or truth are too few to say.
+    """One parameter over all runs in which it is valid, in ``unit``; NaN where runs or truth are too few to say.
 
     ``spread`` is the standard deviation of the values, ``std`` the median of those that the runs themselves give.
     ``bias`` and ``rms_error`` are of the errors, ``within`` is the share of 95 % intervals that hold the truth.

@@ -22,13 +22,11 @@ from norton_drivers.ports import Backend, CanPort, Clock, SerialLine, SerialPort
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 
+# What a contract needs of the device that a driver is tested against: an emulation, or a script of it.
+#
+# Values are in the device's own positive sense: what ``direction`` makes of them is what is tested.
 class EmulatedDevice(Protocol):
-    """What a contract needs of the device that a driver is tested against: an emulation, or a script of it.
-
-    Values are in the device's own positive sense: what ``direction`` makes of them is what is tested.
-
-    Any device.
-    """
+    """Any device."""
 
     def vanish(self) -> None:
         """From now on say nothing and hear nothing, as with the plug pulled."""

@@ -241,16 +241,14 @@ _CLOSING = Struct(">BBHH")
 _SELECTED = Struct(">BI")
 
 
+# VESC packets: what does not fit into one CAN frame, cut into frames and put together again.
+#
+# A packet of up to six bytes goes in one frame, PROCESS_SHORT_BUFFER; longer ones go piece by piece, each with its
+# offset, and are closed by PROCESS_RX_BUFFER with length and checksum (CRC-16/XMODEM). Source: vedderb/bldc,
+# comm/comm_can.c (``comm_can_send_buffer``, ``decode_msg``), comm/commands.c (``COMM_FW_VERSION``,
+# ``COMM_GET_VALUES_SELECTIVE``).
 class Handling(IntEnum):
-    """VESC packets: what does not fit into one CAN frame, cut into frames and put together again.
-
-    A packet of up to six bytes goes in one frame, PROCESS_SHORT_BUFFER; longer ones go piece by piece, each with
-    its offset, and are closed by PROCESS_RX_BUFFER with length and checksum (CRC-16/XMODEM). Source: vedderb/bldc,
-    comm/comm_can.c (``comm_can_send_buffer``, ``decode_msg``), comm/commands.c (``COMM_FW_VERSION``,
-    ``COMM_GET_VALUES_SELECTIVE``).
-
-    What the receiver is to do with a packet.
-    """
+    """What the receiver is to do with a packet."""
 
     ANSWER = 0
     TAKE = 1  # it is an answer

@@ -32,15 +32,13 @@ LINK_COLUMNS = 15
 MUSCLE, TORQUE, SERVO, REACH = 0.0, 1.0, 2.0, 3.0
 
 
+# What lies between an actuator's amplifier and its port, as the integrator works on it: one row of numbers.
+#
+# A *source* is driven and joined to the port's body by a *connection*, as in the paper's Norton network. The columns
+# are named below; a plant leaves those that it has no use for at zero.
 @dataclass(frozen=True)
 class Link:
-    """What lies between an actuator's amplifier and its port, as the integrator works on it: one row of numbers.
-
-    A *source* is driven and joined to the port's body by a *connection*, as in the paper's Norton network. The
-    columns are named below; a plant leaves those that it has no use for at zero.
-
-    ``row`` has shape (LINK_COLUMNS,). ``source`` is the body that is driven; None where there is none that moves.
-    """
+    """``row`` has shape (LINK_COLUMNS,). ``source`` is the body that is driven; None where there is none that moves."""
 
     row: NDArray[np.float64]
     source: Body | None = None

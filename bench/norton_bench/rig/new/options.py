@@ -20,11 +20,9 @@ from norton_drivers import registry
 from norton_drivers.wiring import DeviceOptions, written_as
 
 
+# A question of ``rig new``, and whoever answers it.
 def anything(text: str) -> str:
-    """A question of ``rig new``, and whoever answers it.
-
-    Any answer will do.
-    """
+    """Any answer will do."""
     return text
 
 
@@ -102,12 +100,10 @@ class Prepared:
 COMMENT_AT = 36
 
 
+# The sections of a rig file under way, and the file's text: every line with a word on what it is.
 @dataclass(frozen=True)
 class RigFileLine:
-    """The sections of a rig file under way, and the file's text: every line with a word on what it is.
-
-    ``value`` is TOML already. What is not ``active`` is written as a comment, to show what there is.
-    """
+    """``value`` is TOML already. What is not ``active`` is written as a comment, to show what there is."""
 
     key: str
     value: str
