@@ -116,7 +116,7 @@ def stable_path(device: str, by_id: Path = BY_ID) -> str:
 
 
 def serial_obstacles(device: str, usb_serial: Path = USB_SERIAL) -> Iterator[str]:
-    """What keeps a serial port from being opened, or from being quick, with the mend."""
+    """What keeps a serial port from being opened, or from being quick, with the remedy."""
     path = Path(device)
     if path.exists() and not os.access(path, os.R_OK | os.W_OK):
         yield "this user may not open it: `sudo usermod -aG dialout $USER`, then log in again"

@@ -16,7 +16,7 @@ def reason_of(error: BaseException) -> str:
 
 
 class DeviceError(Exception):
-    """A device or a port does not do what was asked; the text says which, what, and the mend."""
+    """A device or a port does not do what was asked; the text says which, what, and the remedy."""
 
 
 class ConnectionFailedError(DeviceError):

@@ -51,7 +51,7 @@ class HardwareBackend:
         return False
 
     def open_can(self, settings: CanBusSettings) -> CanPort:
-        """Raises ConnectionFailedError with the mend."""
+        """Raises ConnectionFailedError with the remedy."""
         opened = open_bus(settings)
         port = CanPort(
             settings.name,
@@ -66,7 +66,7 @@ class HardwareBackend:
         return port
 
     def open_serial(self, port: str, baud: int) -> SerialPort:
-        """``port`` is a path or any pyserial URL. Raises ConnectionFailedError with the mend."""
+        """``port`` is a path or any pyserial URL. Raises ConnectionFailedError with the remedy."""
         try:
             line = _open_line(port, baud)
         except (serial.SerialException, OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""A program that keeps its core awake and gives way to everybody there, for as long as the process named to it lives.
+"""Keeps its core awake while yielding to every other process there, until the process named to it ends.
 
 Run as a file, without the packages beside it: ``python -I -S idle_spinner.py PID``.
 """

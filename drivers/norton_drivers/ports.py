@@ -83,8 +83,8 @@ class SerialLine(Protocol):
 class CanPort:
     """A CAN bus with its listeners.
 
-    Parameters: the open bus; ``arrival_ns(message)``, which puts a received message's time stamp on ``clock``; how the
-    bus fares by its own account; whether a frame that is not marked as received is one of our own, sent back;
+    Parameters: the open bus; ``arrival_ns(message)``, which puts a received message's time stamp on ``clock``; the
+    state that the bus reports; whether a frame that is not marked as received is one of our own, sent back;
     whether error frames say what they mean as Linux' do.
     """
 

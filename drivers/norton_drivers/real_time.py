@@ -102,7 +102,7 @@ SET_TIMER_SLACK = 29
 # What a process that is nothing but a loop takes from the machine for as long as it lives, where it may.
 @dataclass(frozen=True)
 class ProcessSetup:
-    """What the process has got, in a few words, and what it has not, a sentence with the mend each; ``core`` is the
+    """What the process has got, in a few words, and what it has not, a sentence with the remedy each; ``core`` is the
     number of its own, None where it shares all.
     """
 
@@ -152,12 +152,6 @@ def _wake_without_slack() -> None:
         ctypes.CDLL(None).prctl(SET_TIMER_SLACK, 1, 0, 0, 0)
 
 
-# The machine's cores: one for a loop alone, which others stay off and which never sleeps while the loop runs.
-#
-# A core that slept, be it for 50 µs, takes two to three times as long for what comes next: its caches are cold, and
-# in a virtual machine somebody else may have run there meanwhile. Spinning from tick to tick would starve all others
-# on the core, and Linux stops real-time processes that never sleep; so a process that gives way to everybody keeps it
-# awake.
 @dataclass(frozen=True)
 class OwnCore:
     """A core that no other loop of this machine takes while ``claim`` is open: also a killed process closes it."""
@@ -199,7 +193,7 @@ def staying_off(core: int | None) -> Iterator[None]:
 
 
 def _allow(core: int, *, allowed: bool) -> None:
-    """For every thread there is; those to come do as the one that starts them."""
+    """Applies to every thread there is; new threads inherit it from the thread that starts them."""
     for task in Path("/proc/self/task").iterdir():
         with suppress(OSError):  # a thread may end meanwhile
             cores = os.sched_getaffinity(int(task.name)) - {core}
@@ -220,7 +214,7 @@ def kept_awake() -> Iterator[None]:
 
 @contextmanager
 def _spinner() -> Iterator[None]:
-    """A process, not a thread: of a loop that is killed, what gives way to everybody would be the last to go."""
+    """A process, not a thread: when a loop is killed, a thread of the lowest priority would end last."""
     with subprocess.Popen(
         [sys.executable, "-I", "-S", idle_spinner.__file__, str(os.getpid())],
         stdin=subprocess.DEVNULL,

@@ -45,7 +45,7 @@ class Question(NamedTuple):
 Recogniser = Callable[[can.Message, Mapping[str, Any]], Recognised | None]
 # Given a question as it was sent, and a frame that came after it.
 Answers = Callable[[RawFrame, RawFrame], bool]
-# Given the options, and the standard identifiers heard on the bus: those of others are not to be meddled with.
+# Given the options, and the standard identifiers heard on the bus: those of others must not be disturbed.
 Probes = Callable[[Mapping[str, Any], Collection[int]], Iterator[Question]]
 
 

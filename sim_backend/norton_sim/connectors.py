@@ -87,13 +87,13 @@ CAN_ERR_PROTOCOL = 0x08  # error classes, in an error frame's identifier
 CAN_ERR_BUS_OFF = 0x40
 
 
-# What can befall the host's own end of a wire, and how python-can and pyserial tell the host of it.
+# What can go wrong at the host's own end of a wire, and how python-can and pyserial tell the host of it.
 #
 # Sources: python-can 4.5, ``interfaces/socketcan/socketcan.py`` (``_send_once``, ``capture_message``); pyserial 3.5,
 # ``serialposix.py``; Linux, ``Documentation/networking/can.rst`` and ``include/uapi/linux/can/error.h``. That a CAN
 # interface takes ten frames more once nothing leaves it, its ``txqueuelen``, is python-can's issue 310.
 class Trouble(Enum):
-    """What befalls it."""
+    """What goes wrong at it."""
 
     UNPLUGGED = "unplugged"  # the adapter is gone: whoever uses it is told so
     BUS_OFF = "bus-off"  # the controller has left the bus: nothing comes, and nothing leaves its queue

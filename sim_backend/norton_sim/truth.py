@@ -154,7 +154,7 @@ def read_truth(
 ) -> Truth:
     """The true values written in ``simulated``, the rig file's table of that name; ``seed`` overrides its seed.
 
-    Raises WiringError, one sentence for each mistake with its place (``place`` names the rig file) and the mend.
+    Raises WiringError, one sentence for each mistake with its place (``place`` names the rig file) and the remedy.
     """
     written = {key: value for key, value in simulated.items() if key != FAULTS}
     if seed is not None:

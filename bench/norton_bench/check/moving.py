@@ -1,4 +1,4 @@
-"""``rig check --move``: a few gentle pushes, and whether every device tells of them alike."""
+"""``rig check --move``: a few gentle pushes, and whether all devices report them alike."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -34,7 +34,7 @@ from norton_drivers.real_time import LOOP_PRIORITY, in_real_time
 VELOCITY_TOLERANCE = 0.2
 # So does the twist of a soft torque sensor between two encoders.
 RATIO_TOLERANCE = 0.15
-# Motors give what they are told to within some tenths, and friction is not the same twice; what is sought are factors.
+# Motors give what is commanded to within some tenths, and friction varies: only wrong factors are looked for.
 TORQUE_TOLERANCE = 0.4
 _DRIVE_MEND = "torque constant, gear ratio, rated torque or range table"
 _SENSOR_MEND = "scale, range and axis"

@@ -84,7 +84,7 @@ COUNTS = ("bus", "device")  # events in which a recording counts what was wrong
 
 @dataclass
 class _Listener(Silent):
-    """Keeps what was measured, whatever becomes of the session."""
+    """Keeps what was measured, however the session ends."""
 
     parts: list[Measured] = field(default_factory=list)
 

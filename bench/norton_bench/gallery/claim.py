@@ -1,4 +1,4 @@
-"""What a claim of the paper comes to: rows of expected beside found, and a picture."""
+"""A claim of the paper as a result: rows of expected and measured values, and a picture."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass

@@ -1,5 +1,4 @@
-"""The last word before the wire. Independent of every controller and procedure, it fails closed: what it cannot judge,
-it stops. Once tripped it stays tripped, until an operator says otherwise."""
+"""The last check before commands are sent, and which plausibility checks a rig gets."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, field
@@ -88,10 +87,10 @@ WORTH_A_WORD_NS = 5_000_000
 
 @dataclass
 class Guard:
-    """The last word before the wire. Independent of every controller and procedure, it fails closed: what it cannot
-    judge, it stops. Once tripped it stays tripped, until an operator says otherwise.
+    """The last check before commands are sent: it holds the limits of one rig.
 
-    Holds the limits of one rig.
+    It depends on no controller and no procedure. It fails closed: where it cannot judge, it stops the bench. Once
+    tripped it stays tripped until an operator resets it.
 
     ``has_load`` and ``has_torque_sensor`` say which signals must be there; ``command_limit`` is the greatest
     actuator command, in its own unit, ``modulation_limit`` that of a modulator, None where there is none.

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from norton_bench.records import Measured, Table
 
 
-# What the bench has measured of itself, as far as the guard leans on it.
+# What the bench has measured of itself, as far as the guard relies on it.
 @dataclass(frozen=True)
 class Machine:
     """One of the two machines at the port, as it was identified. Torques are at the shaft.
@@ -70,7 +70,7 @@ NEIGHBOURS = 1.5
 HALF_STEP = 0.5
 
 
-# What the guard leans on, read from what was measured while all was well.
+# What the guard relies on, read from what was measured while all was well.
 def torque_readings(at_rest: Measured, shaken: Measured | None) -> TorqueReadings | None:
     """How the torque sensor behaves with the drives at zero, and by how much it changes at most; None without one."""
     torque = at_rest.torque[at_rest.torque["valid"]]

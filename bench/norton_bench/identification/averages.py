@@ -112,7 +112,7 @@ MIDDLE_SHARE = 0.5
 
 # What the port exerts while it is moved slowly across its source, from one end to the other and back.
 #
-# A port that is held still lets friction's contacts forget, by and by, how they were strained; one that slides does
+# A port that is held still lets friction's contacts forget, gradually how they were strained; one that slides does
 # not. Half of what lies between both directions is its friction at that speed; in the mean of both, friction drops
 # out.
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ SIGNIFICANT_CHANGE = 3.2
 COMPARABLE = (Status.VALID, Status.INADEQUATE)
 
 
-# Live values at the session's end beside the final ones: a parameter that moved meanwhile is said to have moved.
+# Live values at the session's end beside the final ones: a parameter that moved meanwhile is reported as moved.
 @dataclass(frozen=True)
 class Change:
     """One parameter, known at the end of the session and from all of it."""

@@ -36,7 +36,7 @@ MAY_MOVE = (GAIN, VISCOUS, COULOMB, DAMPING)
 SIGNIFICANT_TREND = 4.0
 # Random walks in question: a share of the value in the square root of a second.
 RATES = (1e-3, 3e-3, 1e-2, 3e-2)
-# What is known beforehand, in deviations of the fit: as good as nothing.
+# What is known beforehand, in deviations of the fit: next to nothing.
 VAGUE = 1e3
 # Directions of a block with less information than this, relative to the fit's, say nothing.
 SAYS_NOTHING = 1e-6

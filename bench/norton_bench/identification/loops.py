@@ -225,15 +225,15 @@ def kalman_gains(kept: FloatArray, kicks: FloatArray) -> tuple[FloatArray, Float
 
 @njit(cache=True, nogil=True)
 def innovations(values: FloatArray, kept: FloatArray, gain: FloatArray, scale: FloatArray) -> FloatArray:
-    """What such a filter does not foretell of each row of ``values`` (rows, n), scaled."""
+    """What such a filter does not predict of each row of ``values`` (rows, n), scaled."""
     output = np.empty_like(values)
     state = np.zeros(values.shape[0])
     for k in range(kept.size):
         for row in range(values.shape[0]):
-            foretold = state[row] * kept[k]
-            error = values[row, k] - foretold
+            predicted = state[row] * kept[k]
+            error = values[row, k] - predicted
             output[row, k] = error * scale[k]
-            state[row] = foretold + gain[k] * error
+            state[row] = predicted + gain[k] * error
     return output
 
 

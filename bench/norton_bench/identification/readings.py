@@ -219,7 +219,7 @@ DOUBTED_SHARE = 0.3
 AT_REST_STEPS = 1.5
 # From one level to the next within so many readings.
 BLEND = 4
-# A shaft that moves less than so many counts within so many readings is as good as stuck.
+# A shaft that moves less than so many counts within so many readings counts as stuck.
 MOVING_COUNTS = 8
 MOVING_WITHIN = 31
 SMALLEST_STEP_RAD = 1e-9

@@ -71,7 +71,7 @@ def agreement(one: FloatArray, other: FloatArray) -> tuple[float, float]:
 
 
 def contradictions(measured: Measured) -> Iterator[str]:
-    """A sentence, with the mend, for each pair that does not agree."""
+    """A sentence, with the remedy, for each pair that does not agree."""
     if len(measured.ticks) < 2 or len(measured.motion) < 2:
         return
     bins = Bins.of(measured.ticks)

@@ -46,7 +46,7 @@ UNKNOWN_COUNTS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
 #
 # Where within its counts the shaft turned round nobody reads, and an error there stays with the friction until the
 # shaft has gone on by some presliding lengths: what is left of the torque remembers it. A Kalman filter of that one
-# error, kicked at every turn, foretells each row; rows less what was foretold are white again, and least squares of
+# error, kicked at every turn, predicts each row; rows less what was predicted are white again, and least squares of
 # them is the prediction-error estimate (Ljung, System Identification, ch. 7). All terms pass the same filter, so it
 # cancels.
 @dataclass(frozen=True)

@@ -131,7 +131,7 @@ DELAYS = {2: "command", 3: "motion"}
 class FailedCheck:
     """A sanity check that a fit has failed: wrong signs, next to nothing explained, parameters that change midway.
 
-    ``sentence`` says what is wrong, with the mend. ``names`` are the estimates that it makes doubtful; where none is
+    ``sentence`` says what is wrong, with the remedy. ``names`` are the estimates that it makes doubtful; where none is
     named, all of them. ``midway`` says that something changed at some instant.
     """
 

@@ -284,7 +284,7 @@ def _usable(streams: dict[str, TimeSeries], time_s: FloatArray, in_use: BoolArra
 
 
 def _ends_of_rests(moves: BoolArray, tick_s: float) -> IntArray:
-    """Where motion begins after a rest worth the name."""
+    """Where motion begins after a rest of at least FORGETS_AFTER_S."""
     changes = np.flatnonzero(np.diff(moves.astype(np.int8))) + 1
     edges = np.concatenate([[0], changes, [moves.size]])
     ends = edges[1:][(np.diff(edges) * tick_s >= FORGETS_AFTER_S) & ~moves[edges[:-1]]]

@@ -24,7 +24,7 @@ from norton_bench.models.parameters import Status
 from norton_bench.records import Measured, SegmentInfo, Table
 
 # A slope is one to divide by where it is so many of its deviations above zero: the quotient's error is then a fifth of
-# its size at most, and as good as linear.
+# its size at most, and nearly linear.
 KNOWN_DEVIATIONS = 5.0
 
 

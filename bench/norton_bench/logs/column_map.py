@@ -276,7 +276,7 @@ class ColumnMap:
 
 
 def load_map(path: Path) -> ColumnMap:
-    """The column map in the file. Raises UsageError: one line for each mistake, with its place and the mend."""
+    """The column map in the file. Raises UsageError: one line for each mistake, with its place and the remedy."""
     return parse_map(read_text(path, "column map"), place=str(path))
 
 

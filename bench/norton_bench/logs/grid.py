@@ -40,7 +40,7 @@ class Filters:
 
     @classmethod
     def of(cls, dt_s: float, cutoff_hz: float | None, rows_hz: float | None) -> "Filters":
-        """A cutoff that the samples are too coarse for is as good as none: it is held below half of their rate."""
+        """A cutoff that the samples are too coarse for has no effect: it is held below half of their rate."""
         rate_hz = 1 / dt_s
         cutoff = min(CUTOFF * rate_hz if cutoff_hz is None else cutoff_hz, HIGHEST_CUTOFF * rate_hz)
         rows = max(ROWS * rate_hz, min(SLOWEST_ROWS_HZ, rate_hz)) if rows_hz is None else rows_hz

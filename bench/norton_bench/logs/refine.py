@@ -59,7 +59,7 @@ class ServoRung:
     selected: bool = False
 
     @property
-    def foretells(self) -> bool:
+    def predicts(self) -> bool:
         """Whether what is fitted to one part of the logs holds for another."""
         return self.held_out_relative <= max(OVERFITTED * self.train_relative, FORETOLD)
 
@@ -285,7 +285,7 @@ def _status(name: str, rung: ServoRung, scale: float, *, doubtful: bool) -> Stat
     if name in fit.at_bound:
         return Status.AT_BOUND
     sure = fit.deviations[name] <= UNEXCITED_BEYOND * max(abs(fit.values[name]), SMALL * scale)
-    return Status.VALID if sure and rung.foretells else Status.UNEXCITED
+    return Status.VALID if sure and rung.predicts else Status.UNEXCITED
 
 
 def _figures(trial: FittedLogs, fit: ServoFit, unit: str) -> ErrorFigures | None:
@@ -308,9 +308,9 @@ def _step(rung: ServoRung, begin: Beginning, units: Units, *, doubtful: bool) ->
 def _verdict(rung: ServoRung) -> tuple[str, ...]:
     sentences = ["The parameters are those whose simulated motion is nearest to the logged one."]
     fit = rung.fit
-    if not rung.foretells:
+    if not rung.predicts:
         sentences.append(
-            "They do not foretell what was held out: many others would follow these logs as well; use more logs, and "
+            "They do not predict what was held out: many others would follow these logs as well; use more logs, and "
             "several gains of the loop."
         )
     if "source_resistance" in fit.values:

@@ -1,6 +1,6 @@
 """What in a log contradicts mechanics: wrong signs, swapped columns, an equation that explains nothing.
 
-Every finding is a sentence with the mend; any of them makes all estimates doubtful.
+Every finding is a sentence with the remedy; any of them makes all estimates doubtful.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""The sections that lean on no parametric model, and the one that asks the residual what the model lacks."""
+"""The sections that use no parametric model, and the one that asks the residual what the model lacks."""
 
 from math import isfinite
 

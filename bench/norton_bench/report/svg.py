@@ -249,7 +249,7 @@ COLOUR = re.compile(r"--(\w+): (#\w+)")
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours by what they are for: stand-ins that a style sheet fills in, or those of print."""
+    """Colours by what they are for: placeholders that a style sheet fills in, or those of print."""
 
     ink: str = INK
     muted: str = MUTED

@@ -121,7 +121,7 @@ def _options(device: DeviceSection, role: str, folder: Path, mistakes: Mistakes)
     return read_options(device, declared, role, folder, mistakes)
 
 
-Found = Iterator[tuple[str, str]]  # where, and what is wrong with the mend
+Found = Iterator[tuple[str, str]]  # where, and what is wrong with the remedy
 
 
 def check(draft: Draft, backend: str | None, mistakes: Mistakes) -> None:

@@ -141,7 +141,7 @@ def wrong_unit_of(rig: Rig, settings: DeviceSettings, takes: str) -> str:
 def wrong_unit(
     role: str, driver: str, options: Mapping[str, Any], command: Commanded | None, takes: str
 ) -> tuple[str, str] | None:
-    """Where, and what is wrong with the mend; None where the drive ``takes`` commands in the unit that it is sent.
+    """Where, and what is wrong with the remedy; None where the drive ``takes`` commands in the unit that it is sent.
 
     ``command`` is None for a load, which is commanded in newton metres.
     """

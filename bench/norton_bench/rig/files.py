@@ -1,4 +1,4 @@
-"""Files that a user wrote: read, with every mistake in one sentence, its place and the mend."""
+"""Files that a user wrote: read, with every mistake in one sentence, its place and the remedy."""
 
 import json
 import re
@@ -106,7 +106,7 @@ BOUNDS = {
 }
 
 
-# What is wrong in a file that a user wrote: every mistake in one sentence, with its place and the mend.
+# What is wrong in a file that a user wrote: every mistake in one sentence, with its place and the remedy.
 @dataclass
 class Mistakes:
     """The mistakes found so far in the file ``place``."""
@@ -161,7 +161,7 @@ class Mistakes:
 def sentence(
     details: ErrorDetails, model: type[BaseModel], key: str, written: object, also_known: Iterable[str] = ()
 ) -> str:
-    """One mistake that pydantic found, in words, with the mend; ``written`` is what the file says there.
+    """One mistake that pydantic found, in words, with the remedy; ``written`` is what the file says there.
 
     ``also_known`` are keys that may stand there beside those of the model.
     """

@@ -23,7 +23,7 @@ from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 def load_rig(path: str | Path, *, backend: str | None = None) -> Rig:
     """The bench that the rig file describes; ``backend`` overrides the file's.
 
-    Raises RigError: one line for each mistake, each with its place and the mend.
+    Raises RigError: one line for each mistake, each with its place and the remedy.
     """
     path = Path(path)
     return parse_rig(read_text(path, "rig file", RigError), place=str(path), backend=backend)

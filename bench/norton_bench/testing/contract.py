@@ -38,7 +38,7 @@ class EmulatedAmplifier(EmulatedDevice, Protocol):
 
     @property
     def armed(self) -> bool:
-        """Whether it drives its motor now, be it with a command of zero."""
+        """Whether it drives its motor now, even with a command of zero."""
         ...
 
     @property

@@ -42,7 +42,7 @@ def _obstacle(settings: CanBusSettings) -> str | None:
 
 
 def obstacle_of(settings: CanBusSettings, network: Path = NETWORK, has_sockets: bool | None = None) -> str | None:
-    """Why the link cannot be used, with the mend."""
+    """Why the link cannot be used, with the remedy."""
     if not (_kernel_has_can() if has_sockets is None else has_sockets):
         return "this kernel has no CAN sockets; `sudo modprobe can_raw`, or use another interface"
     links = can_links(network)

@@ -216,7 +216,7 @@ class MitActuator(CanDrive):
         return self._probe_ended if self._probe_flowed else None
 
     def stop(self) -> None:
-        """A command of zero, and the frame that disables; that one again and again until somebody enables."""
+        """A command of zero, and the frame that disables; that one again and again until it is enabled."""
         self._enabled, self._status = False, None
         self._idle_from = self._replies + 3  # after one on its way and those to the frames sent here
         with suppress(Exception):

@@ -14,7 +14,7 @@ _STANDS_STILL_CODES = 8  # further than this a moving shaft gets from one code
 
 
 class OutOfRangeError(ValueError):
-    """Codes that stand for no position or velocity; the text says why, and the mend."""
+    """Codes that stand for no position or velocity; the text says why, and the remedy."""
 
 
 class MitShaft:

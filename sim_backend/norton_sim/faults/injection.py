@@ -20,7 +20,7 @@ def read_faults(tables: object, wiring: Wiring, *, place: str, section: str) -> 
 
     The faults written as ``[[section]]`` tables in the file ``place``, in their order.
 
-    Raises WiringError, one sentence for each mistake with its place and the mend.
+    Raises WiringError, one sentence for each mistake with its place and the remedy.
     """
     if not isinstance(tables, Sequence) or isinstance(tables, str):
         raise WiringError(f"{place}: [{section}] should be a list of tables: write [[{section}]], in double brackets")
@@ -103,7 +103,7 @@ COUNTED_EFFECTS: Mapping[type[Fault], Callable[[Any, Stage, Injected], Undo]] = 
 
 
 def inject(fault: Fault, stage: Stage) -> Injected:
-    """Let ``fault`` befall the stage, its time counted from now. Raises WiringError where it cannot."""
+    """Schedule ``fault``, its time counted from now. Raises WiringError where it cannot."""
     misplaced = fault.complaint(stage.wiring)
     if misplaced is not None:
         raise WiringError(f"{fault.kind}, {misplaced[0]}: {misplaced[1]}")

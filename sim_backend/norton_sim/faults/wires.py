@@ -255,7 +255,7 @@ def _frame_ns(fault: BabblingNode, stage: Stage) -> float:
 
 
 class _Babble:
-    """Frames of nobody's, heard by the host and by every device, one after the other."""
+    """Frames from no known device, received by the host and by every device, one after the other."""
 
     def __init__(self, fault: BabblingNode, stage: Stage) -> None:
         self._world = stage.world

@@ -32,7 +32,7 @@ class DriveFirmware(Firmware, Protocol):
 
     @property
     def armed(self) -> bool:
-        """Whether it drives its motor, be it with a current of zero."""
+        """Whether it drives its motor, even with a current of zero."""
         ...
 
     def break_down(self, fault: DriveFault) -> None:

@@ -100,7 +100,7 @@ class Prepared:
 COMMENT_AT = 36
 
 
-# The sections of a rig file under way, and the file's text: every line with a word on what it is.
+# The sections of a rig file under way, and the file's text: every line with a comment on what it is.
 @dataclass(frozen=True)
 class RigFileLine:
     """``value`` is TOML already. What is not ``active`` is written as a comment, to show what there is."""
