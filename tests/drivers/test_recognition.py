@@ -18,7 +18,7 @@ from norton_drivers.codecs.odrive import AxisState, EncoderEstimates, Heartbeat,
 from norton_drivers.mit import replies as mit
 from norton_drivers.odrive.drive import recognise
 from norton_drivers.readings import RawFrame
-from norton_drivers.recognition import Recognition, answers_remotely, nobodys
+from norton_drivers.registry import Recognition, answers_remotely, nobodys
 from norton_drivers.vesc import messages as vesc
 
 

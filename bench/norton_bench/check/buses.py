@@ -13,7 +13,7 @@ from norton_bench.check.survey import BusCheck, BusSurvey, HeardId, Key, Problem
 from norton_bench.errors import ExperimentError
 from norton_bench.rig.files import toml
 from norton_drivers.readings import RawFrame
-from norton_drivers.recognition import Answers, Recognised, Recognition, answers_remotely
+from norton_drivers.registry import Answers, Recognised, Recognition, answers_remotely
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 

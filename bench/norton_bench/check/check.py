@@ -30,8 +30,7 @@ from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
 from norton_drivers.ports import Backend, Clock
 from norton_drivers.real_time import LOOP_PRIORITY, permitted_priority
-from norton_drivers.recognition import Recognition, answers_remotely
-from norton_drivers.registry import load_backend, recognition
+from norton_drivers.registry import Recognition, answers_remotely, load_backend, recognition
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 WATCH_S = 1.0

@@ -11,7 +11,7 @@ import can
 from norton_bench.errors import BenchError
 from norton_drivers.errors import DeviceError
 from norton_drivers.readings import ERROR_FRAME, DeviceIdentity, DriveStatus, RawFrame
-from norton_drivers.recognition import Answers
+from norton_drivers.registry import Answers
 
 Problem = BenchError | DeviceError
 

@@ -24,8 +24,7 @@ from norton_drivers.readings import (
     MotionReading,
     TorqueReading,
 )
-from norton_drivers.recognition import Recognition
-from norton_drivers.registry import open_amplifier, open_torque_sensor
+from norton_drivers.registry import Recognition, open_amplifier, open_torque_sensor
 from norton_drivers.wiring import DeviceSettings
 
 POLL_NS = 1_000_000

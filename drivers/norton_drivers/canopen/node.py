@@ -23,7 +23,7 @@ from norton_drivers.codecs.canopen import (
 from norton_drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.readings import DeviceIdentity, RawFrame
-from norton_drivers.recognition import Question, Recognised, nobodys
+from norton_drivers.registry import Question, Recognised, nobodys
 
 _DEVICE = "a CANopen device"
 _HEARTBEAT, _ANSWER, _REQUEST, _EMERGENCY = 0x700, 0x580, 0x600, 0x080

@@ -33,7 +33,7 @@ from norton_drivers.readings import (
     MotionReading,
     Unwrapped,
 )
-from norton_drivers.recognition import Recognised
+from norton_drivers.registry import Recognised
 from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 TURN_RAD = 2 * pi

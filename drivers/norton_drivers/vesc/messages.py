@@ -14,7 +14,7 @@ from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs.vesc import Packet
 from norton_drivers.ports import CanPort, Clock
 from norton_drivers.readings import Inbox, RawFrame, Unwrapped
-from norton_drivers.recognition import Question, Recognised
+from norton_drivers.registry import Question, Recognised
 
 FAULT_PERIOD_NS = 20_000_000  # a fault lasts half a second at least
 

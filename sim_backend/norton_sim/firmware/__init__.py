@@ -14,7 +14,7 @@ FIRMWARE = {
     "mit": ("mit", "MitMotor"),
     "vesc": ("vesc", "VescController"),
     "ascii": ("serial_sensors", "AsciiSensor"),
-    "bota": ("serial_sensors", "BotaSensor"),
+    "bota": ("bota", "BotaSensor"),
     "canopen": ("can_sensors", "CanopenSensor"),
     "dbc": ("can_sensors", "DbcSensor"),
     "dyn200": ("dyn200", "Dyn200Sensor"),
