@@ -1,4 +1,4 @@
-"""What a rig file could name: serial ports and CAN adapters that are plugged in, and what stands in their way."""
+"""Serial ports and CAN adapters that are plugged in, and what prevents their use."""
 
 import os
 from collections.abc import Iterator

@@ -16,7 +16,7 @@ def reason_of(error: BaseException) -> str:
 
 
 class DeviceError(Exception):
-    """A device or a port does not do what was asked; the text says which, what, and the remedy."""
+    """A device or a port did not do what was asked. The text says which, what, and the remedy."""
 
 
 class ConnectionFailedError(DeviceError):

@@ -81,7 +81,7 @@ class SerialLine(Protocol):
 
 
 class CanPort:
-    """A CAN bus with its listeners.
+    """One CAN bus, shared by the drivers on it.
 
     Parameters: the open bus; ``arrival_ns(message)``, which puts a received message's time stamp on ``clock``; the
     state that the bus reports; whether a frame that is not marked as received is one of our own, sent back;

@@ -31,7 +31,7 @@ LOOP_PRIORITY, SERVER_PRIORITY = 80, 20
 # What keeps a loop in wall time on time, as far as Python and the machine allow.
 @contextmanager
 def in_real_time(priority: int) -> Iterator[None]:
-    """Inside, memory is settled, and the thread inside runs in real time where the machine permits it: as root, or
+    """Inside, garbage is frozen, and this thread runs in real time where the machine permits it: as root, or
     with ``ulimit -r``.
     """
     with frozen_garbage(), _real_time(permitted_priority(priority)):
@@ -40,7 +40,7 @@ def in_real_time(priority: int) -> Iterator[None]:
 
 @contextmanager
 def frozen_garbage() -> Iterator[None]:
-    """Inside, the garbage collector lets be what is there already: all that was imported takes it 0.1 s each time."""
+    """Inside, the garbage collector ignores what exists already: looking through it takes 0.1 s each time."""
     frozen_before = gc.get_freeze_count() > 0
     gc.collect()  # or what is left over already would stay for as long
     gc.freeze()
@@ -102,8 +102,9 @@ SET_TIMER_SLACK = 29
 # What a process that is nothing but a loop takes from the machine for as long as it lives, where it may.
 @dataclass(frozen=True)
 class ProcessSetup:
-    """What the process has got, in a few words, and what it has not, a sentence with the remedy each; ``core`` is the
-    number of its own, None where it shares all.
+    """What the system granted, in a few words, and a sentence with the remedy for each thing it refused.
+
+    ``core`` is the number of the process' own core; None where it shares all.
     """
 
     words: str
@@ -161,7 +162,7 @@ class OwnCore:
 
 
 def take_core() -> OwnCore | None:
-    """Bind this thread, and those it starts, to the last core that it may use and that no other loop has.
+    """Bind this thread, and those it starts, to the last core that it may use and that no other loop has taken.
 
     The first is left to everybody else: None where there is no other, or the system knows no such thing.
     """

@@ -66,7 +66,7 @@ def answers_remotely(question: RawFrame, frame: RawFrame) -> bool:
 
 
 def nobodys(identifier: int, heard: Collection[int], block: int = 32) -> bool:
-    """Whether nothing is heard near a standard identifier: nodes often own a block of them."""
+    """Whether no frame was received near a standard identifier: nodes often own a block of them."""
     return all(other // block != identifier // block for other in heard)
 
 

@@ -136,7 +136,7 @@ def parse_options(model: type[Options], settings: DeviceSettings) -> Options:
 
 
 def written_as(model: type[DeviceOptions], name: str) -> str:
-    """What a rig file calls the option: a default that is no good is told of under the field's own name."""
+    """What a rig file calls the option: for a wrong default, the field's own name."""
     field = model.model_fields.get(name)
     return (field.alias if field is not None else None) or name
 

@@ -156,7 +156,7 @@ MessageReceiver = Callable[[can.Message], None]
 BytesPassage = Callable[[bytes], None]
 
 
-# Where a device meets its wire. A plug can be pulled or tampered with; a wire carries its bytes to the host.
+# Where a device is connected to its wire. A connector can be pulled or tampered with.
 class Piece(NamedTuple):
     """How faults reach what passes a plug: each direction is a chain of functions, its end the wire or the device.
 

@@ -1,4 +1,4 @@
-"""How a device is really set up and connected, where that is not what the rig file says.
+"""How a simulated device is really set up and connected, where that differs from the rig file.
 
 ``device = { node = 3, baud = 115200 }`` in a device's true values changes its options as its firmware sees them, in the
 rig file's own spelling. ``driver``, ``bus`` and ``port`` may be given too, ``bitrate`` for a device on CAN, and

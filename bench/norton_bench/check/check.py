@@ -1,4 +1,4 @@
-"""A look at a rig: who is there, how fast and how evenly each device speaks, what is wrong."""
+"""``rig check``: which devices are there, how fast and how evenly each sends, and what is wrong."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack

@@ -1,4 +1,4 @@
-"""Everything that crosses the wires while a rig is looked at, by identifier and by serial port."""
+"""Everything that passes on the wires while a rig is checked, by identifier and by serial port."""
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence

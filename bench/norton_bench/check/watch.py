@@ -1,4 +1,4 @@
-"""Devices while they are looked at: opened, asked who they are, and listened to with nothing moving."""
+"""Devices during a check: opened, identified, and watched while nothing moves."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""The admittance law at the load drive: one call a tick turns a sample into the load torque that is wished.
+"""The admittance law at the load drive: one call a tick turns a sample into the load torque to command.
 
     M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port
 

@@ -1,4 +1,4 @@
-"""From the calibration to gains: the boldest that keep their margins on every bench that the calibration may mean.
+"""Gains from the calibration: the greatest that keep their stability margins on every bench within its errors.
 
 The actuator is not known before it has been identified, so its inertia and its friction are searched over a range about
 what the load's own calibration makes likely; where it sticks it is a spring, and at worst a wall.

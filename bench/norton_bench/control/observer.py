@@ -68,7 +68,7 @@ def place(delay_s: float, tick_s: float) -> tuple[int, int]:
 
 
 def holds_at_any_age(observer: Observer, bench: SampledBench, tick_s: float) -> bool:
-    """Whether the observer's error dies out however old the readings are when a tick sees them, up to a tick."""
+    """Whether the observer is stable however old the readings are when a tick uses them, up to one tick."""
     size = (observer.past + 1) * WIDTH
     shift = np.eye(size, k=-WIDTH)
     shift[:WIDTH, :WIDTH] = observer.step[:, :WIDTH]

@@ -1,4 +1,4 @@
-"""How far a loop is from trouble on benches that differ from the calibrated one."""
+"""Stability margins of a loop on benches that differ from the calibrated one."""
 
 from dataclasses import dataclass
 from functools import lru_cache

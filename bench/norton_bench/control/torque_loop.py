@@ -1,4 +1,4 @@
-"""Zero torque: feedback of the torque, and what is done before the torque shows it."""
+"""Zero torque: feedback of the torque, and feed-forward of what the known friction will need."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace

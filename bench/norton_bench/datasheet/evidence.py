@@ -1,4 +1,4 @@
-"""What a recording adds to its network: points measured at the port, and what the network does not have."""
+"""What a recording adds to its network: points measured at the port, and effects that the network does not contain."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""Many cases on several rigs: in lock step as many at a time as there are jobs, then in wall time one by one."""
+"""Runs many fault cases on several rigs: in lock step with as many processes as jobs, then in wall time one by one."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed

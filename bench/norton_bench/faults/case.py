@@ -1,4 +1,4 @@
-"""One fault on one rig, and what came of it."""
+"""One fault on one rig, and its result."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

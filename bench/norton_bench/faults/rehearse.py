@@ -1,4 +1,4 @@
-"""One case in lock step: a whole session on the simulated backend, with a witness of what is true."""
+"""Runs one case in lock step: a whole session on the simulated backend, with a record of the true state."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

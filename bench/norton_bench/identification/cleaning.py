@@ -1,4 +1,4 @@
-"""What of a recording may be cleaned, before anything is fitted: what cannot be is left out, and named.
+"""Cleans a recording before anything is fitted: what cannot be trusted is left out, and named.
 
 A reading that is left out is a gap, which all that follows knows how to bridge or to go round.
 """

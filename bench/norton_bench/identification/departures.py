@@ -1,4 +1,4 @@
-"""What a residual goes with: textbook departures from the motor of the paper, each a few columns of the equation.
+"""Known departures from the paper's motor that may explain a residual, each as a few columns of the equation.
 
 Every kind is judged by blocks, so that neither colour nor bursts of noise alarm, and by how much better segments are
 predicted that were left out. The best is named, joins the equation, and the rest is judged anew.

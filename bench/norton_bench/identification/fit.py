@@ -85,7 +85,7 @@ def fit_signals(
     readings: Readings | None = None,
     both_driven: bool = False,
 ) -> FitResult:
-    """The same, from signals that stand on one grid already, and what was found when they were made.
+    """The same, from signals that are on one grid already. ``findings`` are those of their cleaning.
 
     ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
     ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows. With

@@ -28,7 +28,7 @@ from norton_bench.segments import Use
 LOAD_COMMAND_UNIT = "N*m"
 DELAY_STEPS = 8
 # An arm's weight goes with the position, once a turn. It is looked for where a motor leaves more than
-# it should, and cleaned where it leaves less than this share of that.
+# it should, and believed where it leaves less than this share of that.
 GRAVITY = 1.0
 WORTHWHILE = 0.8
 
@@ -169,7 +169,7 @@ def above_zero(value: float, std: float) -> tuple[float, float]:
     """Mean and deviation of what was found to be ``value`` with ``std``, and is known to be above zero.
 
     A normal distribution cut off at zero. It changes nothing that is told; where counts are too coarse for the twist of
-    a stiff sensor, it is what may be cleaned of its compliance.
+    a stiff sensor, it is what may be believed of its compliance.
     """
     below = -value / std
     # The density over what is left: finite however far below zero it lies, where both vanish.

@@ -1,4 +1,4 @@
-"""What one firmware of an ODrive says otherwise than another, and what of the drive it needs to say it.
+"""What differs between the firmwares of an ODrive, and what each needs of the driver.
 
 Firmware 0.5 tells which part of the axis failed, and of what. It has no version and no parameters on CAN. Its watchdog
 is set in the drive over USB and minds an idle axis too: one that nobody has spoken to for a while says that its

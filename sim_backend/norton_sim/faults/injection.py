@@ -1,4 +1,4 @@
-"""Faults come true: each begins when it is due, and ends when its time is over."""
+"""Starts each fault when it is due, and ends it when its time is over."""
 
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
