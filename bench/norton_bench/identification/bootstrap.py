@@ -1,4 +1,4 @@
-"""Standard deviations and biases by a parametric bootstrap: the fit is simulated with the bench's errors, then refitted.
+"""Standard deviations and biases by a parametric bootstrap: the fit is simulated with the bench's errors and refitted.
 
 A parametric bootstrap (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, ch. 6 and 10). The smoothed motion
 is taken for the true one and the fit for the true actuator. The measuring chain is as it was measured: noise and steps
