@@ -46,7 +46,7 @@ from norton_bench.records import TABLES, Measured
 from norton_bench.rig.load import load_rig
 from norton_bench.session.engine import record_session
 from norton_bench.session.schema import Session, Step
-from norton_drivers.codecs.odrive import Command
+from norton_drivers.codecs.odrive import MessageId
 from norton_drivers.readings import RawFrame
 
 ROOT = Path(__file__).parents[1]
@@ -146,7 +146,7 @@ class Listener:
 
 
 def is_torque(arbitration_id: int) -> bool:
-    return arbitration_id & COMMAND_BITS == Command.SET_INPUT_TORQUE
+    return arbitration_id & COMMAND_BITS == MessageId.SET_INPUT_TORQUE
 
 
 # ---- kills -------------------------------------------------------------------------------------------------------

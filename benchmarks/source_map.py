@@ -24,9 +24,9 @@ import verdicts
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.model_free.branches import SKIPPED_SHARE, TAILS
-from norton_bench.identification.model_free.source_map import dwells, is_staircase
+from norton_bench.identification.branches import SKIPPED_SHARE, TAILS
 from norton_bench.identification.results import SourceMap
+from norton_bench.identification.source_map import dwells, is_staircase
 from norton_bench.procedures.catalogue import make_procedures
 from norton_bench.records import Measured
 from norton_bench.result import Result

@@ -35,9 +35,9 @@ import verdicts
 from identification import bounds, noise
 
 from norton_bench.errors import BenchError
+from norton_bench.identification.cleaning import clean
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.signals import signals
 from norton_bench.models.parameters import Status
 from norton_bench.recording.reader import read_recording

@@ -5,17 +5,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from norton_bench.errors import ExitCode
-from norton_bench.identification.conditions import Judgement
+from norton_bench.identification.conditions import Condition
+from norton_bench.identification.exertion_table import ExertionTable
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.model_error import ModelError
-from norton_bench.identification.model_free.without_model import WithoutModel
-from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.identification.modulation import ModulatorPlaces
+from norton_bench.identification.residual_tests import ResidualTests
 from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
-from norton_bench.identification.tables.exertion_table import ExertionTable
-from norton_bench.identification.tables.modulation import ModulatorPlaces
-from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.trials import TrialFigures
+from norton_bench.identification.without_model import WithoutModel
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameter_result import ExpectationResult, ParameterResult, parameter_result
 from norton_bench.procedures.knowledge import Knowledge
@@ -52,7 +52,7 @@ class Result:
     modulator: ModulatorPlaces | None = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
-    conditions: Sequence[Judgement] = ()
+    conditions: Sequence[Condition] = ()
     ladder: Sequence[Rung] = ()
     trials: Sequence[TrialFigures] = ()
     in_situ: InSituResult | None = None

@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from random import Random
 
-from norton_drivers.codecs.vesc import Packet
-from norton_drivers.codecs.vesc_packets import Assembler, frames_of
+from norton_drivers.codecs.vesc import Assembler, Packet, frames_of
 
 from .damage import damaged
 from .outcome import Judged, Outcome

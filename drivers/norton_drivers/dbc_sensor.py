@@ -18,7 +18,7 @@ from norton_drivers.errors import DeviceTimeoutError, WiringError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import DeviceIdentity, Inbox, TorqueReading
-from norton_drivers.recognition import Recognised
+from norton_drivers.registry import Recognised
 from norton_drivers.wiring import DeviceSettings, TorqueSensorOptions, parse_options
 
 CONNECTION = "can"

@@ -1,4 +1,4 @@
-"""What the bench may ask of a device. Drivers implement these; the bench knows nothing else of them.
+"""The interfaces that drivers implement. The bench knows nothing else of a device.
 
 Drivers never read a port themselves: whoever owns the ports polls them (see :class:`Link`), and each driver's
 subscription turns what arrived into readings, which the bench then takes.

@@ -1,4 +1,4 @@
-"""What a rig file could name: serial ports and CAN adapters that are plugged in, and what stands in their way."""
+"""Serial ports and CAN adapters that are plugged in, and what prevents their use."""
 
 import os
 from collections.abc import Iterator
@@ -12,15 +12,13 @@ from norton_drivers.adapters.adapter import quiet_python_can
 from norton_drivers.adapters.socketcan import NETWORK, can_links
 
 
+# USB devices that are met at a bench, by vendor and product, and what a rig file would say of each.
+#
+# Sources: Linux, drivers/net/can/usb (gs_usb.c, peak_usb/pcan_usb_core.h, kvaser_usb) and drivers/usb/serial
+# (ftdi_sio_ids.h, ch341.c, cp210x.c, pl2303.h); the udev rules of ODrive's tool; bldc's usbd configuration.
 @dataclass(frozen=True)
 class UsbName:
-    """USB devices that are met at a bench, by vendor and product, and what a rig file would say of each.
-
-    Sources: Linux, drivers/net/can/usb (gs_usb.c, peak_usb/pcan_usb_core.h, kvaser_usb) and drivers/usb/serial
-    (ftdi_sio_ids.h, ch341.c, cp210x.c, pl2303.h); the udev rules of ODrive's tool; bldc's usbd configuration.
-
-    ``interface`` is python-can's, for CAN adapters; "" for a mere serial port.
-    """
+    """``interface`` is python-can's, for CAN adapters; "" for a mere serial port."""
 
     words: str
     interface: str = ""
@@ -92,8 +90,8 @@ def found_serial(entry: Any, by_id: Path = BY_ID, usb_serial: Path = USB_SERIAL)
     """One of pyserial's ``ListPortInfo``."""
     known = usb_name(entry.vid, entry.pid)
     # What the device says of itself, then what its numbers tell.
-    said = entry.description if entry.description not in (None, "n/a") else ""
-    words = ", ".join(dict.fromkeys(filter(None, (said, known.words if known else ""))))
+    message = entry.description if entry.description not in (None, "n/a") else ""
+    words = ", ".join(dict.fromkeys(filter(None, (message, known.words if known else ""))))
     return FoundPort(
         kind="serial",
         channel=stable_path(entry.device, by_id),
@@ -118,7 +116,7 @@ def stable_path(device: str, by_id: Path = BY_ID) -> str:
 
 
 def serial_obstacles(device: str, usb_serial: Path = USB_SERIAL) -> Iterator[str]:
-    """What keeps a serial port from being opened, or from being quick, with the mend."""
+    """What keeps a serial port from being opened, or from being quick, with the remedy."""
     path = Path(device)
     if path.exists() and not os.access(path, os.R_OK | os.W_OK):
         yield "this user may not open it: `sudo usermod -aG dialout $USER`, then log in again"
@@ -134,10 +132,10 @@ def _detected() -> Iterator[FoundPort]:
         configurations = can.detect_available_configs()
     for each in configurations:
         if each["interface"] not in _NOT_BUSES:
-            said = [str(each[key]) for key in _SAID_OF_ADAPTERS if each.get(key)]  # type: ignore[literal-required]
+            message = [str(each[key]) for key in _SAID_OF_ADAPTERS if each.get(key)]  # type: ignore[literal-required]
             if each["interface"] == "udp_multicast":
-                said = ["no adapter: a bus between programs"]
-            yield FoundPort(str(each["interface"]), str(each["channel"]), " ".join(said))
+                message = ["no adapter: a bus between programs"]
+            yield FoundPort(str(each["interface"]), str(each["channel"]), " ".join(message))
 
 
 def _number(path: Path) -> int:

@@ -11,12 +11,12 @@ def reason_of(error: BaseException) -> str:
     "[Errno 2] could not open port x: [Errno 2] No such file or directory: 'x'" is "No such file or directory".
     """
     text = " ".join(str(error).split()) or type(error).__name__
-    said = _SYSTEM.findall(text)
-    return said[-1].strip() if said else text
+    message = _SYSTEM.findall(text)
+    return message[-1].strip() if message else text
 
 
 class DeviceError(Exception):
-    """A device or a port does not do what was asked; the text says which, what, and the mend."""
+    """A device or a port did not do what was asked. The text says which, what, and the remedy."""
 
 
 class ConnectionFailedError(DeviceError):

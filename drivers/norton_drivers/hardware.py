@@ -13,9 +13,8 @@ import serial
 
 from norton_drivers.adapters.serial_line import EagerSocket, LowLatencySerial, serial_mend
 from norton_drivers.adapters.table import open_bus
-from norton_drivers.clock import Clock, MonotonicClock
 from norton_drivers.errors import ConnectionFailedError, reason_of
-from norton_drivers.ports import CanPort, SerialLine, SerialPort
+from norton_drivers.ports import CanPort, Clock, MonotonicClock, SerialLine, SerialPort
 from norton_drivers.wiring import CanBusSettings, Wiring
 
 # A time stamp further in the past than this is of another clock than the wall's (some adapters count from power-on).
@@ -52,7 +51,7 @@ class HardwareBackend:
         return False
 
     def open_can(self, settings: CanBusSettings) -> CanPort:
-        """Raises ConnectionFailedError with the mend."""
+        """Raises ConnectionFailedError with the remedy."""
         opened = open_bus(settings)
         port = CanPort(
             settings.name,
@@ -67,7 +66,7 @@ class HardwareBackend:
         return port
 
     def open_serial(self, port: str, baud: int) -> SerialPort:
-        """``port`` is a path or any pyserial URL. Raises ConnectionFailedError with the mend."""
+        """``port`` is a path or any pyserial URL. Raises ConnectionFailedError with the remedy."""
         try:
             line = _open_line(port, baud)
         except (serial.SerialException, OSError, ValueError) as error:

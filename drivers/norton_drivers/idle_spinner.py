@@ -1,4 +1,4 @@
-"""A program that keeps its core awake and gives way to everybody there, for as long as the process named to it lives.
+"""Keeps its core awake while yielding to every other process there, until the process named to it ends.
 
 Run as a file, without the packages beside it: ``python -I -S idle_spinner.py PID``.
 """
@@ -13,7 +13,7 @@ SET_DEATH_SIGNAL = 1
 
 
 def main(parent: int) -> None:
-    """Until killed, which the parent's death does."""
+    """Spin until this process is killed, at the latest when its parent ends."""
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     libc, lock = ctypes.CDLL(None), ctypes.c_int()
     libc.prctl(SET_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
-from norton_drivers.clock import Clock
 from norton_drivers.errors import ConnectionFailedError, WiringError
-from norton_drivers.ports import Backend, CanPort, SerialPort, Tap
+from norton_drivers.ports import Backend, CanPort, Clock, SerialPort, Tap
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 Shared = TypeVar("Shared")
@@ -119,7 +118,7 @@ class Link:
 def wait_until(
     arrived: Callable[[], bool], link: Link, timeout_s: float, meanwhile: Callable[[], object] | None = None
 ) -> bool:
-    """Waiting for a device's answer.
+    """Wait for a device's answer.
 
     Poll until ``arrived()``; False where ``timeout_s`` passed first. ``meanwhile`` is called before each poll.
 
@@ -140,7 +139,7 @@ ANSWERS_THAT_TELL = 2
 
 
 class Questions:
-    """Asking a device that speaks only when it is spoken to: one question at a time, and a lost answer ends nothing.
+    """Asks a device that speaks only when spoken to: one question at a time; a lost answer is asked for again.
 
     Asks again as soon as the last answer is there, or after ``timeout_s`` where none came.
 

@@ -52,7 +52,7 @@ class TemperatureReading(NamedTuple):
 
 
 class DriveState(Enum):
-    """Where a drive stands, whatever its maker calls it."""
+    """The state of a drive, whatever its maker calls it."""
 
     UNKNOWN = "unknown"
     IDLE = "idle"
@@ -61,7 +61,7 @@ class DriveState(Enum):
 
 
 class DriveStatus(NamedTuple):
-    """The slow truth about a drive."""
+    """What a drive reports of itself now and then: state, errors, temperatures, supply voltage."""
 
     state: DriveState
     heartbeat_ns: int | None = None  # arrival of the last heartbeat
@@ -127,7 +127,7 @@ class Inbox(Generic[Reading]):
 
 
 class Unwrapped:
-    """Positions that begin anew after a turn, or after their range, made to go on.
+    """Unwraps a position that starts again after a turn or at the end of its range.
 
     Follows a reading that comes modulo ``span``, in the reading's own steps; ``total`` is where it has got to.
     """

@@ -28,11 +28,10 @@ if sys.platform == "linux":
 LOOP_PRIORITY, SERVER_PRIORITY = 80, 20
 
 
+# What keeps a loop in wall time on time, as far as Python and the machine allow.
 @contextmanager
 def in_real_time(priority: int) -> Iterator[None]:
-    """What keeps a loop in wall time on time, as far as Python and the machine allow.
-
-    Inside, memory is settled, and the thread inside runs in real time where the machine permits it: as root, or
+    """Inside, garbage is frozen, and this thread runs in real time where the machine permits it: as root, or
     with ``ulimit -r``.
     """
     with frozen_garbage(), _real_time(permitted_priority(priority)):
@@ -41,7 +40,7 @@ def in_real_time(priority: int) -> Iterator[None]:
 
 @contextmanager
 def frozen_garbage() -> Iterator[None]:
-    """Inside, the garbage collector lets be what is there already: all that was imported takes it 0.1 s each time."""
+    """Inside, the garbage collector ignores what exists already: looking through it takes 0.1 s each time."""
     frozen_before = gc.get_freeze_count() > 0
     gc.collect()  # or what is left over already would stay for as long
     gc.freeze()
@@ -100,12 +99,12 @@ LOCK_CURRENT, LOCK_FUTURE = 1, 2
 SET_TIMER_SLACK = 29
 
 
+# What a process that is nothing but a loop takes from the machine for as long as it lives, where it may.
 @dataclass(frozen=True)
 class ProcessSetup:
-    """What a process that is nothing but a loop takes from the machine for as long as it lives, where it may.
+    """What the system granted, in a few words, and a sentence with the remedy for each thing it refused.
 
-    What the process has got, in a few words, and what it has not, a sentence with the mend each; ``core`` is the
-    number of its own, None where it shares all.
+    ``core`` is the number of the process' own core; None where it shares all.
     """
 
     words: str
@@ -156,22 +155,14 @@ def _wake_without_slack() -> None:
 
 @dataclass(frozen=True)
 class OwnCore:
-    """The machine's cores: one for a loop alone, which others stay off and which never sleeps while the loop runs.
-
-    A core that slept, be it for 50 µs, takes two to three times as long for what comes next: its caches are cold,
-    and in a virtual machine somebody else may have run there meanwhile. Spinning from tick to tick would starve all
-    others on the core, and Linux stops real-time processes that never sleep; so a process that gives way to
-    everybody keeps it awake.
-
-    A core that no other loop of this machine takes while ``claim`` is open: also a killed process closes it.
-    """
+    """A core that no other loop of this machine takes while ``claim`` is open: also a killed process closes it."""
 
     number: int
     claim: socket.socket
 
 
 def take_core() -> OwnCore | None:
-    """Bind this thread, and those it starts, to the last core that it may use and that no other loop has.
+    """Bind this thread, and those it starts, to the last core that it may use and that no other loop has taken.
 
     The first is left to everybody else: None where there is no other, or the system knows no such thing.
     """
@@ -203,7 +194,7 @@ def staying_off(core: int | None) -> Iterator[None]:
 
 
 def _allow(core: int, *, allowed: bool) -> None:
-    """For every thread there is; those to come do as the one that starts them."""
+    """Applies to every thread there is; new threads inherit it from the thread that starts them."""
     for task in Path("/proc/self/task").iterdir():
         with suppress(OSError):  # a thread may end meanwhile
             cores = os.sched_getaffinity(int(task.name)) - {core}
@@ -224,7 +215,7 @@ def kept_awake() -> Iterator[None]:
 
 @contextmanager
 def _spinner() -> Iterator[None]:
-    """A process, not a thread: of a loop that is killed, what gives way to everybody would be the last to go."""
+    """A process, not a thread: when a loop is killed, a thread of the lowest priority would end last."""
     with subprocess.Popen(
         [sys.executable, "-I", "-S", idle_spinner.__file__, str(os.getpid())],
         stdin=subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""What a simulated backend may offer beyond ports and a clock: faults to rehearse, and a witness of what is true.
+"""What a simulated backend may offer beyond ports and a clock: injected faults, and a record of the true state.
 
 Optional: a backend that has these methods has them all, and nothing of a real run asks for them.
 """

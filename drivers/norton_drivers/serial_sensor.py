@@ -1,4 +1,4 @@
-"""What the drivers of serial torque sensors have in common, whatever it is that comes over the line."""
+"""What the drivers of serial torque sensors share."""
 
 from collections.abc import Iterator, Sequence
 from math import isfinite
@@ -15,7 +15,7 @@ BITS_PER_BYTE = 10  # start, eight data bits, stop
 
 
 class ByteStamps:
-    """When a message on a serial line was complete, told from when the bytes it was read with had arrived.
+    """Computes when a message on a serial line was complete, from the arrival of the bytes it was read with.
 
     Bytes come one by one: a message was complete before those that followed it in the same chunk.
 
@@ -42,7 +42,7 @@ class ByteStamps:
 
 
 class TorqueReadings:
-    """From a sensor's numbers to the bench's readings, as the drivers of serial torque sensors all need it.
+    """Turns a sensor's numbers into torque readings, as all drivers of serial torque sensors need it.
 
     Readings that wait to be taken. ``nm_per_unit`` turns the sensor's number and its sign into the bench's.
     """

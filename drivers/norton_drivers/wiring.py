@@ -65,15 +65,13 @@ class Wiring:
 AVERAGING_MAX_S: Final = 0.05
 
 
+# The options of a device, as its driver declares them: checked in one place, complained about in one sentence.
+#
+# A driver module declares its options as a frozen pydantic model and names in ``OPTION_UNITS`` those that are
+# quantities: a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the unit that
+# ``OPTION_UNITS`` gives.
 class DeviceOptions(BaseModel):
-    """The options of a device, as its driver declares them: checked in one place, complained about in one sentence.
-
-    A driver module declares its options as a frozen pydantic model and names in ``OPTION_UNITS`` those that are
-    quantities: a rig file says ``watchdog = "100 ms"``, and the driver receives ``0.1``, in the unit that
-    ``OPTION_UNITS`` gives.
-
-    Base of every driver's options.
-    """
+    """Base of every driver's options."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False, populate_by_name=False)
 
@@ -139,7 +137,7 @@ def parse_options(model: type[Options], settings: DeviceSettings) -> Options:
 
 
 def written_as(model: type[DeviceOptions], name: str) -> str:
-    """What a rig file calls the option: a default that is no good is told of under the field's own name."""
+    """What a rig file calls the option: for a wrong default, the field's own name."""
     field = model.model_fields.get(name)
     return (field.alias if field is not None else None) or name
 
@@ -152,5 +150,7 @@ def _sentence(error: ValidationError, model: type[DeviceOptions], settings: Devi
         return f'[{settings.role}] driver = "{settings.driver}" needs {name}: {hints[name]}'
     if mistake["type"] == "extra_forbidden":
         return f'[{settings.role}] {name} is not an option of driver "{settings.driver}"; known: {", ".join(hints)}'
-    said = mistake["msg"].removeprefix("Value error, ")
-    return f"[{settings.role}] {name} = {mistake['input']!r}: {said[:1].lower()}{said[1:]} ({hints.get(name, '')})"
+    message = mistake["msg"].removeprefix("Value error, ")
+    return (
+        f"[{settings.role}] {name} = {mistake['input']!r}: {message[:1].lower()}{message[1:]} ({hints.get(name, '')})"
+    )

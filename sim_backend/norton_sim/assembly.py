@@ -6,7 +6,7 @@ from typing import Any
 
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import DeviceSettings, Wiring
-from norton_sim.firmware import FIRMWARE
+from norton_sim.firmware import DRIVERS, start_firmware
 from norton_sim.firmware.context import CRYSTAL_PPM, DeviceContext, Wires
 from norton_sim.hookup import Hookup, really
 from norton_sim.plant import Plant
@@ -51,14 +51,13 @@ def mount(world: World, wiring: Wiring, truth: Truth, wires: Wires, place: str) 
     """
     for rig_settings in wiring.devices():
         settings, hookup = really(rig_settings, _device_truth(truth, rig_settings.role), place)
-        firmware = FIRMWARE.get(settings.driver)
-        if firmware is None:
-            known = ", ".join(sorted(FIRMWARE))
+        if settings.driver not in DRIVERS:
+            known = ", ".join(DRIVERS)
             raise WiringError(
                 f"[{settings.role}] driver = {settings.driver!r} has no emulated device; the simulator knows {known}"
             )
         try:
-            world.devices[settings.role] = firmware(_context(world, settings, wiring, truth, wires, hookup))
+            world.devices[settings.role] = start_firmware(_context(world, settings, wiring, truth, wires, hookup))
         except WiringError as error:
             if settings == rig_settings:
                 raise

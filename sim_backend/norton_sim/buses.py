@@ -8,12 +8,13 @@ from collections import deque
 import can
 from can.typechecking import CanFilters
 
-from norton_sim.connectors import CanConnector, SerialConnector
-from norton_sim.transport import (
+from norton_sim.connectors import (
     BITS_PER_BYTE,
     CAN_ERR_BUS_OFF,
     ByteStream,
+    CanConnector,
     Delay,
+    SerialConnector,
     Trouble,
     TroubledAdapter,
     lost_line,
@@ -40,7 +41,7 @@ class SimulatedCanWire:
         self._plugs.append(plug)
 
     def suffer(self, trouble: Trouble | None) -> None:
-        """See :class:`norton_sim.transport.HostEnd`."""
+        """See :class:`norton_sim.connectors.HostEnd`."""
         if trouble is Trouble.BUS_OFF:
             self.report_error(CAN_ERR_BUS_OFF)
         self.troubled = None if trouble is None else TroubledAdapter(trouble)
@@ -152,7 +153,7 @@ class SimulatedSerialWire:
         self._connector = plug
 
     def suffer(self, trouble: Trouble | None) -> None:
-        """See :class:`norton_sim.transport.HostEnd`; a line that is not unplugged is well."""
+        """See :class:`norton_sim.connectors.HostEnd`; a line that is not unplugged is well."""
         self.unplugged = trouble is Trouble.UNPLUGGED
 
     def report_error(self, error_class: int) -> None:

@@ -1,4 +1,4 @@
-"""How a device is really set up and connected, where that is not what the rig file says.
+"""How a simulated device is really set up and connected, where that differs from the rig file.
 
 ``device = { node = 3, baud = 115200 }`` in a device's true values changes its options as its firmware sees them, in the
 rig file's own spelling. ``driver``, ``bus`` and ``port`` may be given too, ``bitrate`` for a device on CAN, and
@@ -15,8 +15,7 @@ from norton_bench.units import parse_quantity
 from norton_drivers import registry
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import DeviceSettings, Wiring
-from norton_sim.connectors import CanConnector, Piece, SerialConnector
-from norton_sim.transport import CAN_ERR_PROTOCOL
+from norton_sim.connectors import CAN_ERR_PROTOCOL, CanConnector, Piece, SerialConnector
 
 _DATA_BITS = 8
 _FRAME_BITS = 10  # start, eight data bits, stop
@@ -123,14 +122,14 @@ def really(settings: DeviceSettings, truth: Mapping[str, Any], place: str) -> tu
     options = {key: value for key, value in truth.items() if key not in (*PLACES, "plugged", "bitrate")}
     driver = str(truth.get("driver", settings.driver))
     converted = _in_units(options, driver, settings.role, where)
-    kept = settings.options if driver == settings.driver else {}
+    retained = settings.options if driver == settings.driver else {}
     hookup = Hookup(
         plugged=_boolean(truth.get("plugged", True), where),
         bitrate_bit_s=round(_quantity(truth["bitrate"], "bit/s", f"{where} bitrate")) if "bitrate" in truth else None,
         baud=converted["baud"] if isinstance(converted.get("baud"), int) else None,
     )
     bus, port = truth.get("bus", settings.bus), truth.get("port", settings.port)
-    return replace(settings, driver=driver, bus=bus, port=port, options={**kept, **converted}), hookup
+    return replace(settings, driver=driver, bus=bus, port=port, options={**retained, **converted}), hookup
 
 
 def bitrate_of(wiring: Wiring, bus: str | None) -> int:

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from norton_sim import integrator as columns
-from norton_sim.machines import Body, Drive, Gravity
 from norton_sim.plants import assembled as link_columns
 from norton_sim.plants.assembled import Assembled, Link
+from norton_sim.tables import Body, Drive, Gravity
 from norton_sim.truth import LoadTruth, ModulatorTruth, MotorTruth, Truth
 
 # The longest substep; stiffer benches take shorter ones, so that the fastest rate turns less than this in each.

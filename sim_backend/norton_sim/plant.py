@@ -159,7 +159,7 @@ class Plant:
         return self._bench.stiffness * twist_rad + self._bench.damping * slip_rad_s
 
     def has(self, machine: Machine) -> bool:
-        """Whether there is such a machine, were it one that stands still."""
+        """Whether there is such a machine, even one that cannot move."""
         return machine in self._machines
 
     def drives(self, machine: Machine) -> bool:

@@ -26,12 +26,11 @@ from norton_drivers.ports import Backend, CanPort
 from norton_drivers.real_time import SERVER_PRIORITY, in_real_time
 from norton_drivers.wiring import CanBusSettings, Wiring
 from norton_sim.assembly import build_world, mount
-from norton_sim.connectors import CanConnector, SerialConnector
+from norton_sim.connectors import CAN_ERR_BUS_OFF, CanConnector, HostEnd, SerialConnector, Trouble
 from norton_sim.faults.injection import inject, read_faults
 from norton_sim.faults.stage import Stage
 from norton_sim.firmware.context import Wires
 from norton_sim.served_ports import SCHEME, ServedPort, ServedSocket
-from norton_sim.transport import CAN_ERR_BUS_OFF, HostEnd, Trouble
 from norton_sim.truth import FAULTS, read_truth
 from norton_sim.witness import Standstills, WitnessFile
 from norton_sim.world import World

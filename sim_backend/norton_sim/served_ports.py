@@ -21,7 +21,7 @@ _RATES = {
 
 
 class ServedPort:
-    """Serial ports that other processes open as they would open hardware: a pseudo-terminal behind a link.
+    """A pseudo-terminal behind a link, which other processes open as a serial port.
 
     A pseudo-terminal whose far end stands at ``path``, a link that lives as long as this is open.
 

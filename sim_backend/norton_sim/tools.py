@@ -18,7 +18,7 @@ def true_parameters(
 
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
-    found = truth.read_truth(
+    result = truth.read_truth(
         simulated, seed=seed, place=place, command_unit=command_unit, modulation_unit=modulation_unit
     )
-    return truth.true_parameters(found, command_unit, modulation_unit)
+    return truth.true_parameters(result, command_unit, modulation_unit)

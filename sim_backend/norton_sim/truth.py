@@ -14,13 +14,15 @@ from norton_bench.models.parameters import BY_NAME, DahlMotor
 from norton_bench.units import parse_quantity
 from norton_drivers.errors import WiringError
 from norton_sim.departures import Departures
-from norton_sim.machines import Commanded, Drive, Machine
 from norton_sim.plants.assembled import Assembled
 from norton_sim.plants.motor_behind import GearTrainTruth, SeriesElasticTruth, VariableStiffnessTruth
 from norton_sim.plants.muscles import ArmTruth, PneumaticMuscleTruth
 from norton_sim.tables import (
+    Commanded,
     Damping,
     Device,
+    Drive,
+    Machine,
     Nanoseconds,
     Number,
     Rate,
@@ -152,7 +154,7 @@ def read_truth(
 ) -> Truth:
     """The true values written in ``simulated``, the rig file's table of that name; ``seed`` overrides its seed.
 
-    Raises WiringError, one sentence for each mistake with its place (``place`` names the rig file) and the mend.
+    Raises WiringError, one sentence for each mistake with its place (``place`` names the rig file) and the remedy.
     """
     written = {key: value for key, value in simulated.items() if key != FAULTS}
     if seed is not None:

@@ -1,4 +1,4 @@
-"""A witness of what is true on the simulated bench, for whoever judges how it came through a fault."""
+"""Records the true state of the simulated bench, to judge how the bench handled a fault."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ WORTH_TELLING_NS = 5_000_000
 
 @dataclass
 class Standstills:
-    """How long served devices stood still, where real ones would have gone on: whether they or a loop were late.
+    """How long the served devices stood still where real ones would not have: tells whether they or the loop were late.
 
     Told each time the world goes on; ``count`` is how often it had stood still for longer than is worth telling.
     """

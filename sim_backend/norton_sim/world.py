@@ -14,7 +14,7 @@ Action = Callable[[int], None]
 
 
 class Firmware(Protocol):
-    """An emulated device. It speaks only through its plug; the bench's tests can break it."""
+    """An emulated device. It sends only through its connector; tests can break it."""
 
     def freeze(self) -> None:
         """From now on report the values of this instant, in ever new messages."""

@@ -8,7 +8,7 @@ from benchmarks import bound
 from benchmarks.bound import Noise, PathResponse
 from norton_bench.identification import loops
 from norton_bench.identification.expansion import Excitation, Linearised, Slopes, information, planned_signals
-from norton_bench.identification.signals import FINE, Stream
+from norton_bench.identification.signals import FINE, TimeSeries
 from norton_bench.models.network import NortonNetwork
 
 TICK_S = 1e-3
@@ -154,7 +154,7 @@ def test_generalised_least_squares_attains_it_and_plain_least_squares_does_not()
     errors = []
     for _ in range(DRAWS):
         read = plan.position_rad + NOISE.position_rad * rng.standard_normal(ticks)
-        path = Stream(clean.time_s, read, TICK_S).at(fine_s)
+        path = TimeSeries(clean.time_s, read, TICK_S).at(fine_s)
         torque = true + NOISE.torque_nm * rng.standard_normal(true.size)
         left = torque - explained(replace(clean, position_rad=path, path_rad=path))
         errors.append((best @ left, plain @ left))

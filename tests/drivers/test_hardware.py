@@ -18,9 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_drivers.adapters.quiet_udp import QuietUdpBus
-from norton_drivers.clock import MonotonicClock
 from norton_drivers.errors import ConnectionFailedError
 from norton_drivers.hardware import HardwareBackend, _ArrivalTime, open_backend
+from norton_drivers.ports import MonotonicClock
 from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 
 # A group and a port of this process's own: python-can's bus hears every group that is joined on the machine.

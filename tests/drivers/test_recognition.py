@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 
 from norton_drivers import dbc_sensor, registry
 from norton_drivers.canopen import node as canopen
-from norton_drivers.codecs.odrive import AxisState, Command, EncoderEstimates, Heartbeat, arbitration_id
+from norton_drivers.codecs.odrive import AxisState, EncoderEstimates, Heartbeat, MessageId, arbitration_id
 from norton_drivers.mit import replies as mit
 from norton_drivers.odrive.drive import recognise
 from norton_drivers.readings import RawFrame
-from norton_drivers.recognition import Recognition, answers_remotely, nobodys
+from norton_drivers.registry import Recognition, answers_remotely, nobodys
 from norton_drivers.vesc import messages as vesc
 
 
@@ -28,7 +28,7 @@ def message(identifier: int, data: bytes = b"", *, extended: bool = False, remot
 
 @given(st.integers(0, 63), st.sampled_from([state for state in AxisState if state]), st.integers(0, 2**32 - 1))
 def test_every_odrives_heartbeat_is_sure(node, state, errors):
-    found = recognise(message(arbitration_id(node, Command.HEARTBEAT), Heartbeat(errors, state).encode()), {})
+    found = recognise(message(arbitration_id(node, MessageId.HEARTBEAT), Heartbeat(errors, state).encode()), {})
     assert (found.device, found.says, found.options, found.sure, found.from_host) == (
         "an ODrive",
         "heartbeat",
@@ -65,8 +65,8 @@ def test_what_others_send_is_not_sure(frame, sure):
 
 
 def test_commands_are_known_to_come_from_a_host():
-    assert recognise(message(arbitration_id(3, Command.SET_INPUT_TORQUE), bytes(8)), {}).from_host
-    assert not recognise(message(arbitration_id(3, Command.IQ), bytes(8)), {}).from_host
+    assert recognise(message(arbitration_id(3, MessageId.SET_INPUT_TORQUE), bytes(8)), {}).from_host
+    assert not recognise(message(arbitration_id(3, MessageId.IQ), bytes(8)), {}).from_host
 
 
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8), st.booleans(), st.booleans())

@@ -18,7 +18,7 @@ from norton_drivers.ports import Backend
 from norton_drivers.readings import DriveState, RawFrame
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend, open_backend
-from norton_sim.firmware import FIRMWARE
+from norton_sim.firmware import DRIVERS
 
 MS = 1_000_000
 Bench = Callable[..., SimulatedBackend]
@@ -223,7 +223,7 @@ def test_what_cannot_be_simulated_is_refused_in_a_sentence(wiring: Wiring, simul
     portless = replace(wiring, torque_sensor=DeviceSettings("torque_sensor", "bota"))
     assert "[simulated.load] is missing" in complaint(wiring, without_load)
     assert complaint(wiring, without_load).startswith("rig.toml:")
-    assert f"the simulator knows {', '.join(sorted(FIRMWARE))}" in complaint(unknown, simulated)
+    assert f"the simulator knows {', '.join(DRIVERS)}" in complaint(unknown, simulated)
     assert "bus = 'can7' is not a bus of this rig (known: can0)" in complaint(lost, simulated)
     assert "needs a serial port" in complaint(portless, simulated)
 

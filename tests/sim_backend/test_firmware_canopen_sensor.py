@@ -11,7 +11,7 @@ import pytest
 from norton_drivers.codecs.canopen import NmtCommand
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend
-from norton_sim.firmware.torque_sensors import CanopenSensor
+from norton_sim.firmware.can_sensors import CanopenSensor
 from tests.sim_backend.canopen_host import CanopenHost
 
 NODE = 7

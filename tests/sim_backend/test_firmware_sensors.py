@@ -12,7 +12,8 @@ from norton_drivers.codecs.bota import BotaFrame, BotaStream
 from norton_drivers.dbc_sensor import SHIPPED
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend
-from norton_sim.firmware.torque_sensors import BotaSensor, DbcSensor
+from norton_sim.firmware.bota import BotaSensor
+from norton_sim.firmware.can_sensors import DbcSensor
 
 MS = 1_000_000
 Bench = Callable[..., SimulatedBackend]

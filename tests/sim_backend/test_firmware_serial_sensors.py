@@ -13,7 +13,7 @@ from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend
 from norton_sim.buses import SimulatedLine
 from norton_sim.firmware.dyn200 import Dyn200Sensor
-from norton_sim.firmware.torque_sensors import AsciiSensor, MantracourtSensor
+from norton_sim.firmware.serial_sensors import AsciiSensor, MantracourtSensor
 
 MS = 1_000_000
 PORT = "/tmp/sensor"

@@ -6,7 +6,7 @@ from typing import Any
 import can
 import pytest
 
-from norton_drivers.codecs.odrive import Command, arbitration_id
+from norton_drivers.codecs.odrive import MessageId, arbitration_id
 from norton_drivers.errors import DeviceTimeoutError, WiringError
 from norton_drivers.link import Link
 from norton_drivers.ports import CanPort
@@ -30,7 +30,7 @@ def heard_on(backend: SimulatedBackend, wiring: Wiring, for_s: float = 0.2) -> t
 
 
 def heartbeats(messages: list[can.Message]) -> set[int]:
-    return {each.arbitration_id >> 5 for each in messages if each.arbitration_id & 0x1F == Command.HEARTBEAT}
+    return {each.arbitration_id >> 5 for each in messages if each.arbitration_id & 0x1F == MessageId.HEARTBEAT}
 
 
 def test_a_device_as_the_rig_file_says(open_bench: Open, wiring: Wiring) -> None:
@@ -46,10 +46,10 @@ def test_another_node(open_bench: Open, wiring: Wiring, simulated: dict[str, Any
 def test_two_at_one_node_both_answer(open_bench: Open, wiring: Wiring, simulated: dict[str, Any]) -> None:
     backend = open_bench(wiring, **with_device(simulated, "load", node=1))
     port, heard = heard_on(backend, wiring)
-    port.send(arbitration_id(1, Command.VERSION), b"", remote=True)
+    port.send(arbitration_id(1, MessageId.VERSION), b"", remote=True)
     backend.clock.wait_until_ns(backend.clock.now_ns() + 5_000_000)
     port.poll()
-    assert [each.arbitration_id for each in heard].count(arbitration_id(1, Command.VERSION)) == 2
+    assert [each.arbitration_id for each in heard].count(arbitration_id(1, MessageId.VERSION)) == 2
 
 
 def test_a_device_that_is_not_plugged_in(open_bench: Open, wiring: Wiring, simulated: dict[str, Any]) -> None:
@@ -63,7 +63,7 @@ def test_another_bitrate_is_errors_and_silence(open_bench: Open, wiring: Wiring,
     assert heartbeats(heard) == {1}
     assert port.troubles()["bus error"] > 100
     before = port.error_frames
-    port.send(arbitration_id(2, Command.VERSION), b"", remote=True)
+    port.send(arbitration_id(2, MessageId.VERSION), b"", remote=True)
     backend.clock.wait_until_ns(backend.clock.now_ns() + 600_000)
     port.poll()
     assert port.error_frames > before

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from norton_sim.machines import Gravity
 from norton_sim.plant import Plant
+from norton_sim.tables import Gravity
 from norton_sim.truth import Truth, read_truth
 
 RIG = Path(__file__).parents[2] / "rigs" / "sim-odrive.toml"

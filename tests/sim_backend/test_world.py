@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_sim.transport import ByteStream, Delay
+from norton_sim.connectors import ByteStream, Delay
 from norton_sim.world import World
 
 MS = 1_000_000

@@ -1,1 +1,1 @@
-"""``rig check``: who is there, how each fares, and what is wrong, in a sentence with the mend."""
+"""``rig check``: which devices are there, how each is doing, and what is wrong, in a sentence with the remedy."""

@@ -13,15 +13,13 @@ from norton_bench.check.survey import BusCheck, BusSurvey, HeardId, Key, Problem
 from norton_bench.errors import ExperimentError
 from norton_bench.rig.files import toml
 from norton_drivers.readings import RawFrame
-from norton_drivers.recognition import Answers, Recognised, Recognition, answers_remotely
+from norton_drivers.registry import Answers, Recognised, Recognition, answers_remotely
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 
+# Who is heard on a bus: the frames shown to every driver that offers to recognise them.
 class Claim(NamedTuple):
-    """Who is heard on a bus: the frames shown to every driver that offers to recognise them.
-
-    Which driver takes a frame for what, and the role of the rig's device that then sent it, if any did.
-    """
+    """Which driver takes a frame for what, and the role of the rig's device that then sent it, if any did."""
 
     driver: str
     claim: Recognised
@@ -39,8 +37,8 @@ Claims = dict[Key, list[Claim]]  # by identifier
 def claims_on(survey: BusSurvey, recognition: Mapping[str, Recognition], devices: Sequence[DeviceSettings]) -> Claims:
     """What each driver takes each identifier for; claims that are not sure stand only beside one that is."""
     claims: Claims = {}
-    for key, heard in survey.heard.items():
-        each = (claim for frame in heard.samples.values() for claim in claims_of(frame, recognition, devices))
+    for key, received in survey.heard.items():
+        each = (claim for frame in received.samples.values() for claim in claims_of(frame, recognition, devices))
         claims[key] = list({(claim.who, claim.claim.says): claim for claim in each}.values())
     sure = [claim for claimed in claims.values() for claim in claimed if claim.claim.sure]
     # A frame that does not tell which of its kind sent it belongs to any of them.
@@ -60,8 +58,8 @@ def by_sender(
     }
     parts: dict[frozenset[tuple[Any, ...]], tuple[list[Claim], list[int]]] = {}
     for begins, arrival_ns in zip(heard.begun, heard.arrivals_ns, strict=True):
-        said = claimed.get(begins, [])
-        parts.setdefault(frozenset(claim.who for claim in said), (said, []))[1].append(arrival_ns)
+        claims = claimed.get(begins, [])
+        parts.setdefault(frozenset(claim.who for claim in claims), (claims, []))[1].append(arrival_ns)
     yield from parts.values()
 
 
@@ -79,14 +77,14 @@ def claims_of(
 
 def senders_on(survey: BusSurvey, claims: Claims) -> tuple[Sender, ...]:
     """One for each device that is heard. What a device of the rig sends is not taken for a stranger's as well."""
-    found: dict[tuple[Any, ...], list[tuple[Claim, int]]] = defaultdict(list)
+    result: dict[tuple[Any, ...], list[tuple[Claim, int]]] = defaultdict(list)
     for key, claimed in claims.items():
         ours = any(each.role is not None for each in claimed)
         for each in claimed:
             anybodys = not (each.claim.sure or each.claim.options)
             if not (each.claim.from_host or anybodys) and (not ours or each.role is not None):
-                found[each.who].append((each, survey.heard[key].count))
-    return tuple(_sender(said) for _, said in sorted(found.items(), key=str))
+                result[each.who].append((each, survey.heard[key].count))
+    return tuple(_sender(claims) for _, claims in sorted(result.items(), key=str))
 
 
 def in_words(options: Mapping[str, Any]) -> str:
@@ -103,11 +101,11 @@ def _matches(options: Mapping[str, Any], settings: DeviceSettings) -> bool:
     return all(settings.options.get(name) == value for name, value in options.items())
 
 
-def _sender(said: Sequence[tuple[Claim, int]]) -> Sender:
-    surest = sorted(said, key=lambda each: (not each[0].claim.sure, each[0].claim.says))
+def _sender(claims: Sequence[tuple[Claim, int]]) -> Sender:
+    surest = sorted(claims, key=lambda each: (not each[0].claim.sure, each[0].claim.says))
     first = surest[0][0]
     says = dict.fromkeys(each.claim.says for each, _ in surest)
-    frames = sum(count for _, count in said)
+    frames = sum(count for _, count in claims)
     return Sender(first.driver, first.claim.device, dict(first.claim.options), tuple(says), frames, first.role)
 
 
@@ -120,18 +118,16 @@ _APART = 0.15
 _MOST = 0.8  # of the gaps: the host may be late now and then
 
 
+# Two devices that share one address: two answers to one question, two rhythms in one stream, values that contradict
+# each other.
 def answered_twice(survey: BusSurvey, answers: Sequence[Answers]) -> list[RawFrame]:
-    """Two devices that share one address: two answers to one question, two rhythms in one stream, values that
-    contradict each other.
-
-    An answer of each device whose every question had two.
-    """
+    """An answer of each device whose every question had two."""
     counts: dict[tuple[Key, bytes], list[int]] = {}
     example: dict[tuple[Key, bytes], RawFrame] = {}
-    for question, found in survey.answered(answers):
+    for question, result in survey.answered(answers):
         asked = ((question.arbitration_id, question.extended), b"" if question.remote else question.data)
-        counts.setdefault(asked, []).append(len(found))
-        example[asked] = found[0]
+        counts.setdefault(asked, []).append(len(result))
+        example[asked] = result[0]
     return [example[asked] for asked, each in counts.items() if min(each) >= 2 and median(each) == 2]
 
 
@@ -189,7 +185,7 @@ def check_bus(
         survey.frames / took_s,
         load,
         senders_on(survey, claims),
-        tuple(heard.name for key, heard in sorted(survey.heard.items()) if key not in known),
+        tuple(received.name for key, received in sorted(survey.heard.items()) if key not in known),
         dict(troubles),
         (*_overfull(settings, load), *_problems(settings, _Bus(survey, claims, devices, recognition))),
     )
@@ -217,25 +213,25 @@ class _Bus:
 
     def shared(self) -> dict[str, str]:
         """Who there are two of, and how that shows."""
-        found: dict[str, str] = {}
+        result: dict[str, str] = {}
         offered = [each.answers for each in self.recognition.values() if each.answers is not None]
         for frame in answered_twice(self.survey, [answers_remotely, *offered]):
             claims = list(claims_of(frame, self.recognition, self.devices))
-            found.setdefault(_who(claims, self.survey.heard[frame.arbitration_id, frame.extended]), _TWICE)
-        for key, heard in sorted(self.survey.heard.items()):
-            for claims, arrivals_ns in by_sender(heard, self.claims.get(key, ()), self.recognition, self.devices):
+            result.setdefault(_who(claims, self.survey.heard[frame.arbitration_id, frame.extended]), _TWICE)
+        for key, received in sorted(self.survey.heard.items()):
+            for claims, arrivals_ns in by_sender(received, self.claims.get(key, ()), self.recognition, self.devices):
                 if two_rhythms(arrivals_ns):
-                    found.setdefault(_who(claims, heard), f"{heard.name} comes from two senders")
-        return found
+                    result.setdefault(_who(claims, received), f"{received.name} comes from two senders")
+        return result
 
     def commanded(self) -> dict[str, str]:
         """Devices of the rig that are commanded by somebody else, and the identifier of the commands."""
-        found: dict[str, str] = {}
+        result: dict[str, str] = {}
         for key, claimed in self.claims.items():
             for each in claimed:
                 if each.claim.from_host and each.role is not None:
-                    found.setdefault(each.role, self.survey.heard[key].name)
-        return found
+                    result.setdefault(each.role, self.survey.heard[key].name)
+        return result
 
 
 def _overfull(settings: CanBusSettings, load: float) -> Iterator[Problem]:
@@ -258,8 +254,8 @@ def _problems(settings: CanBusSettings, bus: _Bus) -> Iterator[Problem]:
         )
 
 
-def _who(claims: Sequence[Claim], heard: HeardId) -> str:
+def _who(claims: Sequence[Claim], received: HeardId) -> str:
     ours = next((each.role for each in claims if each.role is not None), None)
     if ours is not None:
         return f"[{ours}]"
-    return next((f"{each.claim.device} at {in_words(each.claim.options)}" for each in claims), heard.name)
+    return next((f"{each.claim.device} at {in_words(each.claim.options)}" for each in claims), received.name)

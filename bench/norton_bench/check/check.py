@@ -1,4 +1,4 @@
-"""A look at a rig: who is there, how fast and how evenly each device speaks, what is wrong."""
+"""``rig check``: which devices are there, how fast and how evenly each sends, and what is wrong."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
@@ -25,14 +25,12 @@ from norton_bench.errors import BenchError, ExperimentError, OperatorStopError, 
 from norton_bench.loop.loop import never_stop
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
-from norton_drivers.clock import Clock
 from norton_drivers.discovery import serial_obstacles
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
-from norton_drivers.ports import Backend
+from norton_drivers.ports import Backend, Clock
 from norton_drivers.real_time import LOOP_PRIORITY, permitted_priority
-from norton_drivers.recognition import Recognition, answers_remotely
-from norton_drivers.registry import load_backend, recognition
+from norton_drivers.registry import Recognition, answers_remotely, load_backend, recognition
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 WATCH_S = 1.0
@@ -56,22 +54,22 @@ def check_rig(
     with ExitStack() as stack:
         backend: Backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
         stack.callback(backend.close)
-        found = look(rig, backend, watch_s)
-        return found if move is None else _moved(rig, backend, found, move)
+        result = look(rig, backend, watch_s)
+        return result if move is None else _moved(rig, backend, result, move)
 
 
-def _moved(rig: Rig, backend: Backend, found: RigCheck, move: Permission) -> RigCheck:
-    if found.problems():
+def _moved(rig: Rig, backend: Backend, result: RigCheck, move: Permission) -> RigCheck:
+    if result.problems():
         move.say("nothing is moved until what was found is mended")
-        return found
+        return result
     move.say(announcement(rig))
     try:
         moved = check_moving(rig, backend, move.stop_request)
     except OperatorStopError:
         raise
     except (BenchError, DeviceError) as error:
-        return replace(found, whole=(*found.whole, error))
-    return replace(found, moved=moved.said, whole=(*found.whole, *moved.problems))
+        return replace(result, whole=(*result.whole, error))
+    return replace(result, moved=moved.said, whole=(*result.whole, *moved.problems))
 
 
 def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
@@ -149,8 +147,8 @@ class _Seen:
         answers = [answers_remotely] if offered is None else [answers_remotely, offered]
         first_ns, last_ns = each.asked_ns
         delays = [
-            found[0].stamp_ns - question.stamp_ns
-            for question, found in (() if bus is None else bus.answered(answers))
+            result[0].stamp_ns - question.stamp_ns
+            for question, result in (() if bus is None else bus.answered(answers))
             if first_ns <= question.stamp_ns <= last_ns
         ]
         return median(delays) * 1e-9 if delays else None
@@ -168,11 +166,9 @@ def _contradictions(each: Watched) -> Iterator[Problem]:
 _TICKS = 500
 
 
+# What of this computer matters to the loop: whether it may run in real time, and how late it wakes up.
 def look_at_host(rig: Rig, clock: Clock) -> HostCheck:
-    """What of this computer matters to the loop: whether it may run in real time, and how late it wakes up.
-
-    Wait for some hundred ticks as the loop does, and note how late each came [s].
-    """
+    """Wait for some hundred ticks as the loop does, and note how late each came [s]."""
     late_s = np.empty(_TICKS)
     deadline_ns = clock.now_ns()
     for index in range(_TICKS):

@@ -1,4 +1,4 @@
-"""``rig check --move``: a few gentle pushes, and whether every device tells of them alike."""
+"""``rig check --move``: a few gentle pushes, and whether all devices report them alike."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -34,7 +34,7 @@ from norton_drivers.real_time import LOOP_PRIORITY, in_real_time
 VELOCITY_TOLERANCE = 0.2
 # So does the twist of a soft torque sensor between two encoders.
 RATIO_TOLERANCE = 0.15
-# Motors give what they are told to within some tenths, and friction is not the same twice; what is sought are factors.
+# Motors give what is commanded to within some tenths, and friction varies: only wrong factors are looked for.
 TORQUE_TOLERANCE = 0.4
 _DRIVE_MEND = "torque constant, gear ratio, rated torque or range table"
 _SENSOR_MEND = "scale, range and axis"
@@ -44,13 +44,10 @@ _TRAVEL_MIN_RAD = 0.02
 _STEPS_MIN = 20  # of an encoder's resolution
 
 
+# Whether what devices say fits together: each encoder with itself, one with the other, the sensor with the drives.
 @dataclass(frozen=True)
 class Turned:
-    """Whether what devices say fits together: each encoder with itself, one with the other, the sensor with the
-    drives.
-
-    One drive's encoder over a stretch of motion that begins and ends nearly at rest.
-    """
+    """One drive's encoder over a stretch of motion that begins and ends nearly at rest."""
 
     role: str
     travel_rad: float

@@ -1,4 +1,4 @@
-"""Everything that crosses the wires while a rig is looked at, by identifier and by serial port."""
+"""Everything that passes on the wires while a rig is checked, by identifier and by serial port."""
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,16 +11,15 @@ import can
 from norton_bench.errors import BenchError
 from norton_drivers.errors import DeviceError
 from norton_drivers.readings import ERROR_FRAME, DeviceIdentity, DriveStatus, RawFrame
-from norton_drivers.recognition import Answers
+from norton_drivers.registry import Answers
 
 Problem = BenchError | DeviceError
 
 
+# What a look at a rig has found: plain data, for the command line to show.
 @dataclass(frozen=True)
 class StreamCheck:
-    """What a look at a rig has found: plain data, for the command line to show.
-
-    One stream of readings over the time it was watched.
+    """One stream of readings over the time it was watched.
 
     ``jitter_s`` is the standard deviation of the time between arrivals, ``age_s`` the mean age of the newest
     reading when the loop would look, and ``longest_gap_s`` the longest silence.
@@ -98,12 +97,12 @@ class RigCheck:
 
     def problems(self) -> tuple[Problem, ...]:
         """Everything that is wrong, each told once."""
-        found = [
+        result = [
             *(problem for bus in self.buses for problem in bus.problems),
             *(problem for device in self.devices for problem in device.problems),
             *self.whole,
         ]
-        return tuple({str(problem): problem for problem in found}.values())
+        return tuple({str(problem): problem for problem in result}.values())
 
 
 # Of one identifier: enough to see a rhythm, and no more than some seconds of the fastest stream.
@@ -189,10 +188,10 @@ class BusSurvey:
         log, questions = list(self.log), 0
         for place, question in enumerate(log):
             if question.sent and questions < _QUESTIONS:
-                found = list(_answers_to(question, islice(log, place + 1, None), answers))
+                result = list(_answers_to(question, islice(log, place + 1, None), answers))
                 questions += 1
-                if found:
-                    yield question, found
+                if result:
+                    yield question, result
 
 
 def _answers_to(question: RawFrame, after: Iterable[RawFrame], answers: Sequence[Answers]) -> Iterator[RawFrame]:

@@ -1,4 +1,4 @@
-"""Devices while they are looked at: opened, asked who they are, and listened to with nothing moving."""
+"""Devices during a check: opened, identified, and watched while nothing moves."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -18,9 +18,13 @@ from norton_drivers.devices import Amplifier
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
 from norton_drivers.ports import Backend
-from norton_drivers.readings import DeviceIdentity, DriveState, DriveStatus, TorqueReading
-from norton_drivers.recognition import Recognition
-from norton_drivers.registry import AMPLIFIERS, group_of, open_device
+from norton_drivers.readings import (
+    DeviceIdentity,
+    DriveState,
+    DriveStatus,
+    TorqueReading,
+)
+from norton_drivers.registry import AMPLIFIERS, Recognition, group_of, open_device
 from norton_drivers.wiring import DeviceSettings
 
 POLL_NS = 1_000_000
@@ -49,20 +53,20 @@ class Watched:
 
 def open_watched(settings: DeviceSettings, link: Link, survey: Survey) -> Watched:
     """Open a device and ask who it is; what goes wrong is kept as its problem."""
-    found, begun_ns = Watched(settings), link.clock.now_ns()
+    result, begun_ns = Watched(settings), link.clock.now_ns()
     try:
         device = open_device(settings, link)
-        found.streams = {_name(each): each for each in STREAMS if each.role == settings.role}
-        found.takes = {name: getattr(device, each.kind.take) for name, each in found.streams.items()}
+        result.streams = {_name(each): each for each in STREAMS if each.role == settings.role}
+        result.takes = {name: getattr(device, each.kind.take) for name, each in result.streams.items()}
         if group_of(settings.role) == AMPLIFIERS:
             drive = cast(Amplifier, device)
-            found.status, found.command_unit = drive.status, drive.command_unit
+            result.status, result.command_unit = drive.status, drive.command_unit
         link.set_tap(survey.note)
-        found.identity = device.identify()
+        result.identity = device.identify()
     except DeviceError as error:
-        found.problems.append(error)
-    found.asked_ns = (begun_ns, link.clock.now_ns())
-    return found
+        result.problems.append(error)
+    result.asked_ns = (begun_ns, link.clock.now_ns())
+    return result
 
 
 def watch(watched: Sequence[Watched], link: Link, watch_s: float) -> Problem | None:
@@ -95,11 +99,9 @@ def _name(stream: Stream) -> str:
     return stream.kind.message.lower()
 
 
+# How steadily readings came, and what is wrong with that.
 def streams_of(each: Watched, watch_s: float) -> tuple[StreamCheck, ...]:
-    """How steadily readings came, and what is wrong with that.
-
-    One figure for each stream that the device has.
-    """
+    """One figure for each stream that the device has."""
     return tuple(
         _stream(name, [reading.arrival_ns for reading in readings], each.ages_ns.get(name, []), watch_s)
         for name, readings in each.readings.items()
@@ -148,12 +150,11 @@ def status_problems(role: str, status: DriveStatus | None) -> Iterator[Problem]:
 _NAMED = 6  # of what nobody knows, no more are named than this
 
 
+# A device that does not answer: why, as far as what is heard can tell, and where it is instead.
 def explain_silence(
     settings: DeviceSettings, error: DeviceTimeoutError, bus: BusCheck, bitrate_bit_s: int
 ) -> DeviceTimeoutError:
-    """A device that does not answer: why, as far as what is heard can tell, and where it is instead.
-
-    Why a device on a bus does not answer, as far as what is heard there can tell.
+    """Why a device on a bus does not answer, as far as what is heard there can tell.
 
     ``error`` in better words; itself where the device is heard, so that something else is amiss.
     """
@@ -184,22 +185,22 @@ def _troubles(bus: BusCheck) -> str:
     return ", ".join(f"{what} {count} times" for what, count in bus.troubles.items())
 
 
-def _elsewhere(settings: DeviceSettings, found: Sequence[Sender]) -> str:
+def _elsewhere(settings: DeviceSettings, result: Sequence[Sender]) -> str:
     """Its kind is heard, at another address."""
-    wanted = {name: settings.options[name] for name in found[0].options if name in settings.options}
-    heard = " and ".join(f"{sender.device} at {in_words(sender.options)} ({sender.says[0]})" for sender in found)
-    which = f"set {in_words(found[0].options)}" if len(found) == 1 else "set the one that is meant"
+    wanted = {name: settings.options[name] for name in result[0].options if name in settings.options}
+    received = " and ".join(f"{sender.device} at {in_words(sender.options)} ({sender.says[0]})" for sender in result)
+    which = f"set {in_words(result[0].options)}" if len(result) == 1 else "set the one that is meant"
     if not wanted:
-        return f"nobody is heard, but {heard}: {which}"
-    return f"nobody is heard at {in_words(wanted)}, but {heard}: {which}, or give the device {in_words(wanted)}"
+        return f"nobody is heard, but {received}: {which}"
+    return f"nobody is heard at {in_words(wanted)}, but {received}: {which}, or give the device {in_words(wanted)}"
 
 
-def _other_kind(found: Sequence[Sender]) -> str:
-    heard = " and ".join(
+def _other_kind(result: Sequence[Sender]) -> str:
+    received = " and ".join(
         f'{sender.device} (driver = "{sender.driver}"{", " if sender.options else ""}{in_words(sender.options)})'
-        for sender in found
+        for sender in result
     )
-    return f"heard instead: {heard}; is driver right, is the device powered?"
+    return f"heard instead: {received}; is driver right, is the device powered?"
 
 
 def _who_is_heard(bus: BusCheck, bitrate_bit_s: int) -> str:
@@ -232,9 +233,9 @@ def ask_everybody(
         probes = recognition.get(driver, Recognition()).probes
         if bus is None or probes is None or bus not in link.can_ports:
             continue
-        heard = survey.buses[bus].standard_ids()
+        received = survey.buses[bus].standard_ids()
         with suppress(DeviceError):  # a lost bus has been told
-            for question in probes(each.settings.options, heard):
+            for question in probes(each.settings.options, received):
                 link.can_ports[bus].send(question.arbitration_id, question.data, extended=question.extended)
                 link.wait(POLL_NS)
             link.wait(_ANSWER_NS)
@@ -262,13 +263,13 @@ def explain_noise(
     place, used = f"[{settings.role}] {settings.driver} on {settings.port}", _baud_of(settings)
     if used is None:
         return DeviceTimeoutError(f"{place}: {bytes_heard} bytes came, but nothing that is its; is driver right?")
-    found = next((baud for baud in BAUDS if baud != used and _speaks(settings, baud, backend)), None)
-    if found is None:
+    result = next((baud for baud in BAUDS if baud != used and _speaks(settings, baud, backend)), None)
+    if result is None:
         return DeviceTimeoutError(
             f"{place}: {bytes_heard} bytes came, but nothing that is its, neither at {used} baud nor at the other "
             "usual ones; is driver right, is the device set to stream?"
         )
-    return DeviceTimeoutError(f"{place}: it speaks at {found} baud, not at {used}: set {OPTION} = {found}")
+    return DeviceTimeoutError(f"{place}: it speaks at {result} baud, not at {used}: set {OPTION} = {result}")
 
 
 def _baud_of(settings: DeviceSettings) -> int | None:

@@ -15,8 +15,8 @@ from norton_bench.errors import ExitCode, UsageError
 from norton_bench.shipped import shipped_folder
 
 if TYPE_CHECKING:
-    from norton_bench.faults.campaign import Trial
-    from norton_bench.faults.case import Case, Outcome
+    from norton_bench.faults.campaign import FaultTrial
+    from norton_bench.faults.case import Case, CaseResult
 
 # One for each family of drives: the shipped ones that are tried where none is named.
 FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit")
@@ -53,10 +53,10 @@ def faults(
     return ExitCode.OK if all(verdict.safe for verdict in tried) else ExitCode.EXPERIMENT_FAILED
 
 
-def _trial(path: Path, quick: bool, only: str | None, losses: bool) -> "Trial":
+def _trial(path: Path, quick: bool, only: str | None, losses: bool) -> "FaultTrial":
     """``losses``: the host is lost there too, which takes wall time."""
     from norton_bench.faults.campaign import (  # noqa: PLC0415
-        Trial,
+        FaultTrial,
         cases,
         host_losses,
     )
@@ -67,21 +67,21 @@ def _trial(path: Path, quick: bool, only: str | None, losses: bool) -> "Trial":
     def chosen(all_cases: Sequence["Case"]) -> list["Case"]:
         return [case for case in all_cases if (case.quick or not quick) and _named(case, only)]
 
-    return Trial(rig, chosen(cases(rig)), chosen(host_losses()) if losses else ())
+    return FaultTrial(rig, chosen(cases(rig)), chosen(host_losses()) if losses else ())
 
 
 def _named(case: "Case", only: str | None) -> bool:
     return only is None or any(only.lower() in text.lower() for text in (case.name, case.table["kind"], case.on))
 
 
-def _remark(outcome: "Outcome") -> str:
+def _remark(outcome: "CaseResult") -> str:
     return f"{outcome.family}: {outcome.fault} ({outcome.on}): {outcome.verdict.value}"
 
 
 # ---- What is printed -----------------------------------------------------------------------------------------------
 
 
-def faults_data(outcomes: Sequence["Outcome"]) -> dict[str, Any]:
+def faults_data(outcomes: Sequence["CaseResult"]) -> dict[str, Any]:
     """What ``--json`` prints."""
     return {
         "safe": all(outcome.verdict.safe for outcome in outcomes if outcome.verdict.value != "skipped"),
@@ -98,7 +98,7 @@ def faults_data(outcomes: Sequence["Outcome"]) -> dict[str, Any]:
     }
 
 
-def faults_text(outcomes: Sequence["Outcome"]) -> str:
+def faults_text(outcomes: Sequence["CaseResult"]) -> str:
     """The same for a terminal: a line of figures for each fault, and below it who noticed, or what shows that it was no
     danger. Times and peaks count from the fault on."""
     lines: list[str] = []
@@ -110,7 +110,7 @@ def faults_text(outcomes: Sequence["Outcome"]) -> str:
     return "\n".join([*lines, f"{safe} of {len(outcomes) - skipped} faults end safely{left_out}."])
 
 
-def _family_lines(family: str, rig: str, outcomes: Sequence["Outcome"]) -> Iterator[str]:
+def _family_lines(family: str, rig: str, outcomes: Sequence["CaseResult"]) -> Iterator[str]:
     allowed_ms = outcomes[0].allowed_s * 1e3
     yield f"{family} ({rig}): a drive may go on for {allowed_ms:g} ms, its watchdog's period and two ticks"
     headings = ("noticed", "off", "torque", "speed")

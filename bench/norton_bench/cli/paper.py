@@ -33,8 +33,11 @@ def paper(
 ) -> int:
     """Repeat the paper's claims as simulated experiments: expected by closed form, found by the bench, pass or fail."""
     from norton_bench.cli.progress import counting  # noqa: PLC0415
-    from norton_bench.gallery.page import write_gallery  # noqa: PLC0415
-    from norton_bench.gallery.paper import gallery, rigs_in  # noqa: PLC0415
+    from norton_bench.gallery.paper import (  # noqa: PLC0415
+        gallery,
+        rigs_in,
+        write_gallery,
+    )
 
     output, chosen = Output(json, quiet), numbers_in("--seeds", seeds)
     found = rigs_in(rigs or shipped_folder() / "rigs")
@@ -77,7 +80,7 @@ def paper_data(proofs: Sequence["Proof"]) -> dict[str, Any]:
 def paper_view(proofs: Sequence["Proof"]) -> Iterator["RenderableType"]:
     """The same for a terminal: what each claim says, and below it a line for each figure."""
 
-    from norton_bench.gallery.page import HEAD, cells_of  # noqa: PLC0415
+    from norton_bench.gallery.paper import HEAD, cells_of  # noqa: PLC0415
 
     for claim in dict.fromkeys(proof.title for proof in proofs):
         yield claim

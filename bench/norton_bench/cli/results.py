@@ -10,7 +10,7 @@ from rich.table import Table
 
 from norton_bench.cli.output import plain_table
 from norton_bench.cli.tables import model_free, residual_figures, tables_data, tables_view
-from norton_bench.identification.conditions import Judgement
+from norton_bench.identification.conditions import Condition
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.model_error import ModelError
@@ -57,7 +57,7 @@ def events(measured: Measured) -> list[dict[str, Any]]:
     ]
 
 
-def condition_figures(judged: Judgement) -> dict[str, Any]:
+def condition_figures(judged: Condition) -> dict[str, Any]:
     """One of the three conditions; ``holds`` is null where the data cannot tell."""
     return {
         "condition": judged.condition,

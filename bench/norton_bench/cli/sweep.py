@@ -15,7 +15,7 @@ from norton_bench.errors import ExitCode, UsageError
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from norton_bench.sweep.task import Outcome, Recorded, Simulated, Spread
+    from norton_bench.sweep.task import RecordedTask, SimulatedTask, Spread, TaskResult
 
 RECORDING_SUFFIX = ".mcap"
 
@@ -62,9 +62,9 @@ def sweep(
 
 def _tasks(
     sources: Sequence[Path], seeds: str | None, session: Path | None, keep: Path | None
-) -> "tuple[Sequence[Simulated | Recorded], dict[str, str]]":
+) -> "tuple[Sequence[SimulatedTask | RecordedTask], dict[str, str]]":
     """What is to be done, and what of it must not change from one run to the next."""
-    from norton_bench.sweep.task import Recorded  # noqa: PLC0415
+    from norton_bench.sweep.task import RecordedTask  # noqa: PLC0415
 
     recordings = [path for path in sources if path.suffix.lower() == RECORDING_SUFFIX]
     if not recordings:
@@ -76,36 +76,36 @@ def _tasks(
         raise UsageError(f"{odd}: is no recording; name either one rig file or recordings ({RECORDING_SUFFIX})")
     if seeds is not None or session is not None:
         raise UsageError("--seeds and --session are for a simulated rig; recordings are as they are: leave them out")
-    return [Recorded(path.resolve(), keep) for path in sources], {"kind": "recordings"}
+    return [RecordedTask(path.resolve(), keep) for path in sources], {"kind": "recordings"}
 
 
 def _simulations(
     rig_file: Path, seeds: str | None, session: Path | None, keep: Path | None
-) -> "tuple[Sequence[Simulated], dict[str, str]]":
+) -> "tuple[Sequence[SimulatedTask], dict[str, str]]":
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
     from norton_bench.session.schema import load_session, standard_session  # noqa: PLC0415
-    from norton_bench.sweep.task import Simulated  # noqa: PLC0415
+    from norton_bench.sweep.task import SimulatedTask  # noqa: PLC0415
 
     if seeds is None:
         raise UsageError("--seeds is missing: say which seeds to simulate, such as --seeds 1-20")
     rig = load_rig(rig_file, backend="simulated")
     steps = standard_session(rig) if session is None else load_session(session)
     about = {"kind": "simulations", "rig": _digest(rig.text), "session": _digest(f"{steps.text}{steps.steps!r}")}
-    return [Simulated(rig, steps, seed, keep) for seed in numbers_in("--seeds", seeds)], about
+    return [SimulatedTask(rig, steps, seed, keep) for seed in numbers_in("--seeds", seeds)], about
 
 
 def _digest(text: str) -> str:
     return sha256(text.encode()).hexdigest()
 
 
-def _line(outcome: "Outcome") -> str:
+def _line(outcome: "TaskResult") -> str:
     if outcome.failure:
         return f"{outcome.name}: {outcome.failure}"
     valid = sum(each.status.value == "valid" for each in outcome.estimates)
     return f"{outcome.name}: {valid} of {len(outcome.estimates)} parameters valid, {outcome.took_s:.0f} s"
 
 
-def sweep_data(outcomes: "Sequence[Outcome]", spreads: "Sequence[Spread]", folder: Path) -> dict[str, Any]:
+def sweep_data(outcomes: "Sequence[TaskResult]", spreads: "Sequence[Spread]", folder: Path) -> dict[str, Any]:
     """What ``--json`` prints."""
     return {
         "parameters": {
@@ -118,7 +118,9 @@ def sweep_data(outcomes: "Sequence[Outcome]", spreads: "Sequence[Spread]", folde
     }
 
 
-def sweep_view(outcomes: "Sequence[Outcome]", spreads: "Sequence[Spread]", folder: Path) -> "Iterator[RenderableType]":
+def sweep_view(
+    outcomes: "Sequence[TaskResult]", spreads: "Sequence[Spread]", folder: Path
+) -> "Iterator[RenderableType]":
     """The same for a terminal: a row for each parameter, errors where the truth is known; then what failed."""
 
     with_truth = any(each.rms_error == each.rms_error for each in spreads)

@@ -7,16 +7,16 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from norton_bench.cli.output import plain_table
-from norton_bench.identification.model_free.branches import TAILS, DeadZone, Hysteresis
-from norton_bench.identification.model_free.impedance_table import ImpedanceTable
-from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.identification.averages import Branch, Mean, Setting
+from norton_bench.identification.branches import TAILS, DeadZone, Hysteresis
+from norton_bench.identification.exertion_table import ExertionTable
+from norton_bench.identification.impedance_table import ImpedanceTable
+from norton_bench.identification.modulation import Modulated, ModulatorPlaces, modulated
+from norton_bench.identification.residual_tests import ResidualTests
 from norton_bench.identification.results import BlockedMap, SourceMap
-from norton_bench.identification.tables.averages import Branch, Mean, Setting
-from norton_bench.identification.tables.conditions import two_ports
-from norton_bench.identification.tables.exertion_table import ExertionTable
-from norton_bench.identification.tables.modulation import Modulated, ModulatorPlaces, modulated
-from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.source_table import SourceTable
+from norton_bench.identification.table_conditions import two_ports
+from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.report.facts_tables import modulation_sentences, modulator_sentence
 from norton_bench.report.words import Facts
 from norton_bench.result import Result

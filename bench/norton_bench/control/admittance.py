@@ -1,4 +1,4 @@
-"""The admittance law at the load drive: one call a tick turns a sample into the load torque that is wished.
+"""The admittance law at the load drive: one call a tick turns a sample into the load torque to command.
 
     M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port
 
@@ -12,13 +12,11 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control import core
-from norton_bench.control.anticipation import Anticipation, design_anticipation
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.design import TorqueGains, design_torque_loop, design_tracking
-from norton_bench.control.dynamics import AMPLIFIER, POSITION, VELOCITY
 from norton_bench.control.observer import FREE_RATE, Estimator
-from norton_bench.control.regulator import FREE, LOAD
-from norton_bench.control.torque_loop import TorqueLoop, settles_s
+from norton_bench.control.regulator import AMPLIFIER, FREE, LOAD, POSITION, VELOCITY
+from norton_bench.control.torque_loop import Anticipation, TorqueLoop, design_anticipation, settles_s
 from norton_bench.sample import Sample, Target
 from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance
 
@@ -245,11 +243,10 @@ class AdmittanceController:
         return continued(target, target if begins else self._last_target, self.lead_ticks, self.tick_s)
 
 
+# The reference a little ahead of time, for when a command sent now has taken effect.
 @dataclass
 class Reference:
-    """The reference a little ahead of time, for when a command sent now has taken effect.
-
-    What is remembered of it; inertia and the friction of a contact are carried along its path.
+    """What is remembered of it; inertia and the friction of a contact are carried along its path.
 
     The instant is ``between`` (a share of a tick) beyond one tick before the newest that is known. ``path`` holds
     the contact's force [N m], and velocity [rad/s] and acceleration [rad/s²] of the newest instant.

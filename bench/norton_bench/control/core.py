@@ -107,7 +107,7 @@ def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type:
 
 @njit(cache=True)
 def sense(states, inputs, contacts, clocks, readings, ages, delays, counts, now, tick, rows, gain, laws, position):  # type: ignore[no-untyped-def]
-    """Take in one tick's readings, and let the contacts slide by what the shaft has turned (at row ``position``).
+    """Use one tick's readings, and let the contacts slide by what the shaft has turned (at row ``position``).
 
     ``ages`` and ``delays`` [s] of each reading: since it arrived, and until then. ``counts`` of each came since the
     last tick.

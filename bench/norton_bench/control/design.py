@@ -1,4 +1,4 @@
-"""From the calibration to gains: the boldest that keep their margins on every bench that the calibration may mean.
+"""Gains from the calibration: the greatest that keep their stability margins on every bench within its errors.
 
 The actuator is not known before it has been identified, so its inertia and its friction are searched over a range about
 what the load's own calibration makes likely; where it sticks it is a spring, and at worst a wall.
@@ -11,9 +11,8 @@ from itertools import chain, product
 from math import ceil, inf, sqrt
 
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.control.dynamics import Bench
 from norton_bench.control.observer import Noise, Observer, design_observer, holds_at_any_age
-from norton_bench.control.regulator import Regulator, design_regulator
+from norton_bench.control.regulator import Regulator, SampledBench, design_regulator
 from norton_bench.control.robustness import Control, margins, torque_control, tracking_control
 from norton_bench.errors import ExperimentError
 
@@ -68,11 +67,11 @@ class Tracking:
     gentler: float = 1.0
 
 
-def nominal_bench(calibration: LoadCalibration, tick_s: float) -> Bench:
+def nominal_bench(calibration: LoadCalibration, tick_s: float) -> SampledBench:
     """The bench as calibrated; readings are half a tick old on average when a tick sees them."""
     c = calibration
     low, high = _inertias(c)
-    return Bench(
+    return SampledBench(
         gain=c.torque_gain,
         bandwidth_rad_s=c.amplifier_bandwidth_rad_s,
         load_inertia_kgm2=c.inertia_kgm2,
@@ -85,13 +84,13 @@ def nominal_bench(calibration: LoadCalibration, tick_s: float) -> Bench:
     )
 
 
-def sliding_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
+def sliding_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]:
     """Both contacts slide; the actuator's inertia is not well known."""
     bench = nominal_bench(calibration, tick_s)
     return of_inertias(bench, (*_inertias(calibration), bench.actuator_inertia_kgm2), tick_s)
 
 
-def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
+def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]:
     """The actuator's contact sticks: it is a spring, and so is the load's or not."""
     c, bench = calibration, nominal_bench(calibration, tick_s)
     contact, factors = (c, STICKING) if c.actuator_friction is None else (c.actuator_friction, STICKING_AS_KNOWN)
@@ -107,7 +106,7 @@ def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[Be
         )
 
 
-def walls(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
+def walls(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]:
     """The actuator does not move at all: the command's whole torque is seen, the most that the plant's gain can be."""
     wall = replace(nominal_bench(calibration, tick_s), actuator_inertia_kgm2=WALL * calibration.inertia_kgm2)
     for bench in miscalibrated(wall, tick_s):
@@ -116,15 +115,15 @@ def walls(calibration: LoadCalibration, tick_s: float) -> Iterator[Bench]:
 
 def design_torque_loop(calibration: LoadCalibration, observer: Observer, tick_s: float) -> TorqueGains:
     """The greatest integral gain with margins. Raises ExperimentError where there is none."""
-    found = _torque_gains(calibration, observer, tick_s)
-    if found is None:
+    result = _torque_gains(calibration, observer, tick_s)
+    if result is None:
 
         def works(better: LoadCalibration) -> bool:
             tracking = _tracking(better, tick_s)
             return tracking is not None and _torque_gains(better, tracking.observer, tick_s) is not None
 
         raise ExperimentError(f"zero torque: no feedback keeps its margins on this bench; {_mend(calibration, works)}")
-    return found
+    return result
 
 
 def _torque_gains(calibration: LoadCalibration, observer: Observer, tick_s: float) -> TorqueGains | None:
@@ -146,9 +145,9 @@ def _torque_gains(calibration: LoadCalibration, observer: Observer, tick_s: floa
     integral, time_s, damping = 0.0, 0.0, 0.0
     for shape in product(INTEGRAL_TIMES_S, (rate * calibration.inertia_kgm2 for rate in DAMPING_RATES_RAD_S)):
         # Searched only where it beats the best so far.
-        found = _greatest(partial(sticks, time_s=shape[0], damping=shape[1]), max(1.05 * integral, 3.0), 3000.0)
-        if found:
-            integral, (time_s, damping) = found, shape
+        result = _greatest(partial(sticks, time_s=shape[0], damping=shape[1]), max(1.05 * integral, 3.0), 3000.0)
+        if result:
+            integral, (time_s, damping) = result, shape
     if integral == 0.0:
         return None
     boosted = _greatest(partial(slides, time_s=time_s), integral, MOST_BOOST * integral)
@@ -162,11 +161,11 @@ def design_tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:
     margins, heavier ones are tried; then observers that trust the torque reading less, and gentler gains at last.
     Raises ExperimentError where none is stable throughout.
     """
-    found = _tracking(calibration, tick_s)
-    if found is None:
+    result = _tracking(calibration, tick_s)
+    if result is None:
         mend = _mend(calibration, lambda better: _tracking(better, tick_s) is not None)
         raise ExperimentError(f"prescribed motion: no feedback, however gentle, is stable on this bench; {mend}")
-    return found
+    return result
 
 
 def _tracking(calibration: LoadCalibration, tick_s: float) -> Tracking | None:
@@ -211,7 +210,7 @@ def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Trackin
     nominal = nominal_bench(calibration, tick_s)
 
     @cache
-    def seen(heavier: float, distrust: float) -> tuple[Bench, Observer | None]:
+    def seen(heavier: float, distrust: float) -> tuple[SampledBench, Observer | None]:
         bench = replace(nominal, actuator_inertia_kgm2=heavier * nominal.actuator_inertia_kgm2)
         return bench, _observer(calibration, bench, tick_s, distrust)
 
@@ -223,7 +222,7 @@ def _candidates(calibration: LoadCalibration, tick_s: float) -> Iterator[Trackin
             yield Tracking(observer, design_regulator(bench, effort, tick_s), max(effort / EFFORTS[-1], 1.0))
 
 
-def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float, distrust: float) -> Observer | None:
+def _observer(calibration: LoadCalibration, bench: SampledBench, tick_s: float, distrust: float) -> Observer | None:
     """The quickest that holds for readings of any age; None where none does."""
     torque_nm = doubted_torque_nm(calibration)
     free_rad_s2 = 100 * torque_nm / bench.actuator_inertia_kgm2  # per root second
@@ -237,7 +236,7 @@ def _observer(calibration: LoadCalibration, bench: Bench, tick_s: float, distrus
 
 def doubting_observer(
     calibration: LoadCalibration,
-    bench: Bench,
+    bench: SampledBench,
     doubt: float,
     walks: tuple[float, float, float],
     tick_s: float,
@@ -273,13 +272,13 @@ def _inertias(calibration: LoadCalibration) -> tuple[float, float]:
     return base * low, base * high
 
 
-def of_inertias(bench: Bench, actuator_kgm2: Iterable[float], tick_s: float) -> Iterator[Bench]:
+def of_inertias(bench: SampledBench, actuator_kgm2: Iterable[float], tick_s: float) -> Iterator[SampledBench]:
     """``bench`` with each of these inertias for the actuator's, as it may be calibrated."""
     for inertia_kgm2 in actuator_kgm2:
         yield from miscalibrated(replace(bench, actuator_inertia_kgm2=inertia_kgm2), tick_s)
 
 
-def miscalibrated(bench: Bench, tick_s: float) -> Iterator[Bench]:
+def miscalibrated(bench: SampledBench, tick_s: float) -> Iterator[SampledBench]:
     """``bench``, and as it may be instead: see the errors named above."""
     late_s = DELAY_ERROR_TICKS * tick_s
     yield bench
@@ -289,19 +288,19 @@ def miscalibrated(bench: Bench, tick_s: float) -> Iterator[Bench]:
     yield replace(bench, stiffness_nm_rad=bench.stiffness_nm_rad * (1 - STIFFNESS_ERROR))
 
 
-def holds(control: Control, benches: Iterable[Bench], sensitivity: float, tick_s: float) -> bool:
+def holds(control: Control, benches: Iterable[SampledBench], sensitivity: float, tick_s: float) -> bool:
     """Whether it keeps its margins on all of them."""
     return all(margins(bench, control, tick_s).within(sensitivity) for bench in benches)
 
 
-def _worst(control: Control, benches: tuple[Bench, ...], least: float, tick_s: float) -> float:
+def _worst(control: Control, benches: tuple[SampledBench, ...], least: float, tick_s: float) -> float:
     """The greatest peak sensitivity, infinite where it is unstable or beyond ``least`` anyhow."""
     worst = 0.0
     for bench in benches:
-        found = margins(bench, control, tick_s)
-        if not found.within(least):
+        result = margins(bench, control, tick_s)
+        if not result.within(least):
             return inf
-        worst = max(worst, found.sensitivity)
+        worst = max(worst, result.sensitivity)
     return worst
 
 

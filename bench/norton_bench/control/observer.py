@@ -1,6 +1,6 @@
 """The Kalman observer: where the bench is now, from readings that are all some time old.
 
-Its state adds to the bench's own (:mod:`norton_bench.control.dynamics`) the actuator's free acceleration and a
+Its state adds to the bench's own (:mod:`norton_bench.control.regulator`) the actuator's free acceleration and a
 disturbance torque on the load, both as random walks, and the offset between the two encoders. The states at the last
 few ticks are kept with it, so that a reading corrects what it really saw.
 """
@@ -14,18 +14,18 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.control import core
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.control.dynamics import (
+from norton_bench.control.regulator import (
     POSITION,
     STATES,
     TWIST,
     TWIST_RATE,
     VELOCITY,
-    Bench,
     Sampled,
+    SampledBench,
     look_back,
     sampled,
+    solve_riccati,
 )
-from norton_bench.control.regulator import solve_riccati
 from norton_bench.sample import Sample
 
 FREE, FREE_RATE, LOAD, OFFSET = STATES, STATES + 1, STATES + 2, STATES + 3
@@ -67,8 +67,8 @@ def place(delay_s: float, tick_s: float) -> tuple[int, int]:
     return back, round(after_s / tick_s * GRID)
 
 
-def holds_at_any_age(observer: Observer, bench: Bench, tick_s: float) -> bool:
-    """Whether the observer's error dies out however old the readings are when a tick sees them, up to a tick."""
+def holds_at_any_age(observer: Observer, bench: SampledBench, tick_s: float) -> bool:
+    """Whether the observer is stable however old the readings are when a tick uses them, up to one tick."""
     size = (observer.past + 1) * WIDTH
     shift = np.eye(size, k=-WIDTH)
     shift[:WIDTH, :WIDTH] = observer.step[:, :WIDTH]
@@ -93,7 +93,7 @@ def _places(delay_s: float, tick_s: float) -> list[tuple[int, int]]:
     return [*places, (younger, 0), (older, GRID)] if younger < older else places
 
 
-def design_observer(bench: Bench, noise: Noise, tick_s: float, past: int) -> Observer:
+def design_observer(bench: SampledBench, noise: Noise, tick_s: float, past: int) -> Observer:
     """The steady-state Kalman observer for the nominal bench."""
     model = _extended(bench, tick_s)
     step = model.flow(tick_s)
@@ -104,7 +104,7 @@ def design_observer(bench: Bench, noise: Noise, tick_s: float, past: int) -> Obs
     return Observer(step, rows, gain, nominal, past, model.whole)
 
 
-def _extended(bench: Bench, tick_s: float) -> Sampled:
+def _extended(bench: SampledBench, tick_s: float) -> Sampled:
     """The bench with its disturbances as states; inputs: command, torque on the load, free acceleration."""
     a5, b5 = bench.matrices()
     a, b = np.zeros((WIDTH, WIDTH)), np.zeros((WIDTH, 3))
@@ -114,14 +114,14 @@ def _extended(bench: Bench, tick_s: float) -> Sampled:
     return sampled(a, b, tick_s, bench.command_delay_s)
 
 
-def _outputs(bench: Bench) -> FloatArray:
+def _outputs(bench: SampledBench) -> FloatArray:
     rows = np.zeros((3, WIDTH))
     rows[:, :STATES] = bench.outputs()
     rows[2, OFFSET] = 1.0
     return rows
 
 
-def _gain(model: Sampled, outputs: FloatArray, bench: Bench, noise: Noise, past: int) -> FloatArray:
+def _gain(model: Sampled, outputs: FloatArray, bench: SampledBench, noise: Noise, past: int) -> FloatArray:
     size = (past + 1) * WIDTH
     transition, seen = np.zeros((size, size)), np.zeros((3, size))
     transition[:WIDTH, :WIDTH] = model.flow(model.tick_s)[:, :WIDTH]
@@ -141,7 +141,7 @@ def _gain(model: Sampled, outputs: FloatArray, bench: Bench, noise: Noise, past:
     return np.asarray(gain * scale[:, None] / reading)
 
 
-def _process_noise(model: Sampled, bench: Bench, noise: Noise) -> FloatArray:
+def _process_noise(model: Sampled, bench: SampledBench, noise: Noise) -> FloatArray:
     """Of one tick: random walks of free acceleration, load torque and encoder offset, a little of everything else."""
     density = np.zeros(WIDTH)
     density[FREE], density[LOAD] = noise.free_rad_s2**2, noise.load_nm**2
@@ -157,7 +157,7 @@ def _process_noise(model: Sampled, bench: Bench, noise: Noise) -> FloatArray:
     return covariance
 
 
-def _scale(bench: Bench, noise: Noise) -> FloatArray:
+def _scale(bench: SampledBench, noise: Noise) -> FloatArray:
     """Typical sizes, which keep the Riccati equation well conditioned."""
     twist = noise.torque_nm / bench.stiffness_nm_rad
     return np.array(
@@ -165,11 +165,10 @@ def _scale(bench: Bench, noise: Noise) -> FloatArray:
     )
 
 
+# The running observer: what the bench between the two amplifiers is doing at this tick.
 @dataclass
 class Estimator:
-    """The running observer: what the bench between the two amplifiers is doing at this tick.
-
-    Once a tick :meth:`sense`, then :meth:`advance` with the command that was sent.
+    """Once a tick :meth:`sense`, then :meth:`advance` with the command that was sent.
 
     ``states``, now and at the last ticks, are laid out as :mod:`norton_bench.control.observer` says; ``commands``
     holds what was sent, the last one first. The contacts of both machines are carried along the load's position:

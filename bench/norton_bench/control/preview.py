@@ -1,4 +1,4 @@
-"""Zero torque, seen coming: the motion source predicted from the network identified so far, as a segment's reference.
+"""Zero torque with preview: the free motion is predicted from the network identified so far, as a segment's reference.
 
 The load then follows the free motion by feed-forward, and feedback of the torque closes what the prediction misses. A
 prediction drifts in position, which does no harm: under zero torque only its velocity and acceleration are used.

@@ -1,4 +1,4 @@
-"""How far a loop is from trouble on benches that differ from the calibrated one."""
+"""Stability margins of a loop on benches that differ from the calibrated one."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -6,9 +6,8 @@ from functools import lru_cache
 import numpy as np
 
 from norton_bench.arrays import ComplexArray, FloatArray
-from norton_bench.control.dynamics import STATES, VELOCITY, Bench, look_back, sampled
 from norton_bench.control.observer import WIDTH, Observer
-from norton_bench.control.regulator import Regulator
+from norton_bench.control.regulator import STATES, VELOCITY, Regulator, SampledBench, look_back, sampled
 
 FREQUENCIES = np.geomspace(0.02, np.pi, 80)  # rad per tick
 # The sensor's resonance lies near or beyond half the loop's rate, where it is a sharp peak at a frequency that no
@@ -38,7 +37,7 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class Control:
-    """A linear controller of n states: wish = ``direct``·readings + ``wish``·state, readings as in `Bench.outputs`."""
+    """A linear controller of n states: wish = ``direct``·readings + ``wish``·state. See `SampledBench.outputs`."""
 
     step: FloatArray  # (n, n)
     entry: FloatArray  # (n, 3)
@@ -46,7 +45,7 @@ class Control:
     direct: FloatArray  # (3,)
 
 
-def margins(bench: Bench, control: Control, tick_s: float) -> Margins:
+def margins(bench: SampledBench, control: Control, tick_s: float) -> Margins:
     """Margins of a controller on ``bench``, with the loop broken at the load's command."""
     loop = np.sum(_bench_response(bench.with_damping(LEAST_DAMPING), tick_s) * _control_response(control), axis=1)
     poles = np.linalg.eigvals(_closed_loop(bench, control, tick_s))
@@ -54,7 +53,7 @@ def margins(bench: Bench, control: Control, tick_s: float) -> Margins:
 
 
 @lru_cache(maxsize=256)
-def _bench_response(bench: Bench, tick_s: float) -> ComplexArray:
+def _bench_response(bench: SampledBench, tick_s: float) -> ComplexArray:
     """From command to readings at FREQUENCIES, (n, 3)."""
     readings, step, entry = _bench_part(bench, tick_s)
     return np.asarray(_resolved(step, entry[:, None])[:, :, 0] @ readings.T)
@@ -72,7 +71,7 @@ def _resolved(step: FloatArray, entry: FloatArray) -> ComplexArray:
     return np.asarray(np.linalg.solve(z * np.eye(len(step)) - step, entry[None]))
 
 
-def _closed_loop(bench: Bench, control: Control, tick_s: float) -> FloatArray:
+def _closed_loop(bench: SampledBench, control: Control, tick_s: float) -> FloatArray:
     readings, bench_step, bench_entry = _bench_part(bench, tick_s)
     return np.block(
         [
@@ -153,7 +152,7 @@ def observing(
 
 
 @lru_cache(maxsize=256)
-def _bench_part(bench: Bench, tick_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _bench_part(bench: SampledBench, tick_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(readings (3, n), step (n, n), entry (n,)) over the last states and the last commands received."""
     model = sampled(*bench.matrices(), tick_s, bench.command_delay_s)
     past = max(look_back(delay_s, tick_s)[0] for delay_s in bench.delays_s())

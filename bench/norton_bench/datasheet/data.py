@@ -12,7 +12,7 @@ from markupsafe import Markup
 from norton_bench.datasheet.evidence import Evidence
 from norton_bench.datasheet.pictures import Picture, drawings, pictures
 from norton_bench.datasheet.ripple import Order, Wave
-from norton_bench.datasheet.sheet import Difference, Known, Sheet, compared
+from norton_bench.datasheet.sheet import Difference, Sheet, SheetValue, compared
 from norton_bench.datasheet.spectra import Spectra, Transfer
 from norton_bench.datasheet.tables import (
     difference_table,
@@ -62,7 +62,7 @@ def comparison_data(differences: Sequence[Difference]) -> list[dict[str, Any]]:
     ]
 
 
-def _parameter(each: Known) -> dict[str, Any]:
+def _parameter(each: SheetValue) -> dict[str, Any]:
     return {
         "value": each.shown,
         "interval": _data_told(each.interval, known=each.settled),
@@ -98,11 +98,11 @@ def _at(figure: Figure) -> dict[str, Any] | None:
     return {"name": at.name, "command": at.command, "velocity_rad_s": at.velocity_rad_s}
 
 
-def _evidence(told: Evidence) -> dict[str, Any]:
-    gap, warming = told.gap, told.warming
+def _evidence(evidence: Evidence) -> dict[str, Any]:
+    gap, warming = evidence.gap, evidence.warming
     return {
-        "spectra": None if told.spectra is None else _spectra(told.spectra),
-        "cogging": [_order(order) for order in told.orders],
+        "spectra": None if evidence.spectra is None else _spectra(evidence.spectra),
+        "cogging": [_order(order) for order in evidence.orders],
         "free_play": None
         if gap is None
         else {"width_rad": gap.width_rad, "interval_rad": list(gap.interval_rad), "shows": bool(gap.is_gap)},
@@ -150,12 +150,10 @@ def _wave(wave: Wave) -> dict[str, Any]:
     return {"amplitude": wave.amplitude, "half_width": wave.half_width, "significant": wave.shows}
 
 
+# What stands on a sheet, in order, whether it becomes a page or paper.
 @dataclass(frozen=True)
 class Content:
-    """What stands on a sheet, in order, whether it becomes a page or paper.
-
-    ``subjects`` are a letter (none for a sheet alone), name, file, origin and where each holds.
-    """
+    """``subjects`` are a letter (none for a sheet alone), name, file, origin and where each holds."""
 
     title: str
     subjects: tuple[tuple[str, str, str, str, str], ...]
@@ -171,9 +169,9 @@ def content_of(sheets: Sequence[Sheet]) -> Content:
         (letter, sheet.name, sheet.file, sheet.origin, range_sentence(sheet))
         for letter, sheet in zip(letters, sheets, strict=True)
     )
-    told = _content_told([(*sheet.told, *remarks(sheet)) for sheet in sheets], letters)
+    evidence = _content_told([(*sheet.told, *remarks(sheet)) for sheet in sheets], letters)
     title = " and ".join(dict.fromkeys(sheet.name for sheet in sheets))
-    return Content(title, subjects, told, tuple(_tables(sheets, letters)), tuple(pictures(sheets)))
+    return Content(title, subjects, evidence, tuple(_tables(sheets, letters)), tuple(pictures(sheets)))
 
 
 def _content_told(sentences: Sequence[Sequence[str]], letters: Sequence[str]) -> tuple[str, ...]:
@@ -188,25 +186,23 @@ def _content_told(sentences: Sequence[Sequence[str]], letters: Sequence[str]) ->
 
 def _tables(sheets: Sequence[Sheet], letters: Sequence[str]) -> list[tuple[str, Facts]]:
     if len(sheets) == 1:
-        found = [("Parameters", parameter_table(sheets[0])), ("What follows from them", figure_table(sheets[0]))]
+        result = [("Parameters", parameter_table(sheets[0])), ("What follows from them", figure_table(sheets[0]))]
     else:
         first, second = sheets
-        found = [
+        result = [
             ("Parameters", parameter_difference_table(first, second)),
             ("What follows from them", difference_table(compared(first, second))),
         ]
     for letter, sheet in zip(letters, sheets, strict=True):
         table = order_table(sheet)
         if table is not None:
-            found.append((f"Cogging and ripple {letter}".strip(), table))
-    return found
+            result.append((f"Cogging and ripple {letter}".strip(), table))
+    return result
 
 
+# The sheet as one HTML file that needs nothing else, in the report's looks.
 def write_html(path: Path, sheets: Sequence[Sheet]) -> Path:
-    """The sheet as one HTML file that needs nothing else, in the report's looks.
-
-    Of one sheet, or of two side by side. Raises ExperimentError where it cannot be written.
-    """
+    """Of one sheet, or of two side by side. Raises ExperimentError where it cannot be written."""
     return write_page(path, html(sheets))
 
 

@@ -1,4 +1,4 @@
-"""What a recording adds to its network: points measured at the port, and what the network does not have."""
+"""What a recording adds to its network: points measured at the port, and effects that the network does not contain."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -7,13 +7,13 @@ from typing import cast
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.datasheet.ripple import LEVEL, Folded, Line, Order, Samples, folded, orders
+from norton_bench.datasheet.ripple import LEVEL, Folded, Order, OrderWave, Samples, folded, orders
 from norton_bench.datasheet.spectra import Piece, Spectra, spectra
+from norton_bench.identification.cleaning import clean
 from norton_bench.identification.conditions import ZeroRange, zero_range
-from norton_bench.identification.residuals.diagnosis import ResidualTests
+from norton_bench.identification.residual_tests import ResidualTests
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Aligned, align
-from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.separable import strongest_period
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.statistics import sandwich
@@ -145,7 +145,7 @@ def _samples(fit: FitResult, aligned: Sequence[Aligned], stretches: tuple[Signal
     return samples, known
 
 
-def _line(aligned: Sequence[Aligned], periods: float, network: NortonNetwork, known: BoolArray) -> Line:
+def _line(aligned: Sequence[Aligned], periods: float, network: NortonNetwork, known: BoolArray) -> OrderWave:
     """Of so many periods a turn, at the instants that the residual is ``known`` at."""
     wave, velocity, acceleration = np.concatenate(
         [
@@ -160,18 +160,18 @@ def _line(aligned: Sequence[Aligned], periods: float, network: NortonNetwork, kn
         ],
         axis=2,
     )[:, :, known]
-    return Line(wave, network.inertia_kgm2 * acceleration + network.viscous_damping_nms_rad * velocity)
+    return OrderWave(wave, network.inertia_kgm2 * acceleration + network.viscous_damping_nms_rad * velocity)
 
 
 def _periods(fit: FitResult, samples: Samples, tests: ResidualTests | None) -> tuple[float, ...]:
     """Where something may stand out: what the fit and its tests found, and what goes with the torque as well."""
-    found = [each.periods_per_turn for each in fit.cogging]
-    found += [] if tests is None else [each.periods_per_turn for each in tests.harmonics]
+    result = [each.periods_per_turn for each in fit.cogging]
+    result += [] if tests is None else [each.periods_per_turn for each in tests.harmonics]
     size = float(np.sqrt(np.mean(samples.drive_nm**2)))
     if size > 0.0:
         with_torque = strongest_period(samples.position_rad, samples.residual_nm * samples.drive_nm / size, 1.0)
-        found += [] if with_torque is None else [with_torque]
-    return tuple(dict.fromkeys(found))
+        result += [] if with_torque is None else [with_torque]
+    return tuple(dict.fromkeys(result))
 
 
 def _sliding(measured: Measured, fit: FitResult) -> Iterator[Sliding]:

@@ -25,7 +25,7 @@ MARKERS = ("o", "^")
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnSheet:
     """One sheet in a picture: its colours, its marker and its name, which is empty where it is the only one."""
 
     sheet: Sheet
@@ -54,16 +54,16 @@ class Picture:
     title: str
     caption: str
     height_in: float
-    draw: Callable[[Part, Sequence[Drawn], Palette], None]
+    draw: Callable[[Part, Sequence[DrawnSheet], Palette], None]
 
 
-def drawings(sheets: Sequence[Sheet], palette: Palette) -> list[Drawn]:
+def drawings(sheets: Sequence[Sheet], palette: Palette) -> list[DrawnSheet]:
     """Alone, what was measured has a colour of its own; of two sheets each has one."""
     if len(sheets) == 1:
-        return [Drawn(sheets[0], palette.predicted, palette.measured, MARKERS[0], "")]
+        return [DrawnSheet(sheets[0], palette.predicted, palette.measured, MARKERS[0], "")]
     colours = (palette.predicted, palette.measured)
     return [
-        Drawn(sheet, colour, colour, marker, name)
+        DrawnSheet(sheet, colour, colour, marker, name)
         for sheet, colour, marker, name in zip(sheets, colours, MARKERS, ("A", "B"), strict=True)
     ]
 
@@ -83,7 +83,7 @@ def pictures(sheets: Sequence[Sheet]) -> Iterator[Picture]:
         yield COGGING
 
 
-def draw_envelope(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> None:
+def draw_envelope(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Palette) -> None:
     points = max((each.sheet.points for each in drawn_sheets), key=len)
     panels = np.ravel(part.subplots(1, len(points), squeeze=False))
     for place, (axes, point) in enumerate(zip(panels, points, strict=True)):
@@ -104,7 +104,7 @@ def draw_envelope(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -
     panels[0].legend(labelcolor=palette.ink)
 
 
-def _characteristic(axes: Axes, each: Drawn, command: float, edge_rad_s: float) -> None:
+def _characteristic(axes: Axes, each: DrawnSheet, command: float, edge_rad_s: float) -> None:
     """Torque against velocity at one command, and its 95 % band; at rest friction leaves 2·τc open."""
     seen_command, seen_velocity = (seen_to(each.sheet.network, name) for name in ("command", "velocity"))
     label: str | None = each.label(f"at {command:.3g} {pretty_unit(each.sheet.network.command_unit) or 'N·m'}")
@@ -129,7 +129,7 @@ def _steady(motor: Motor, command: float, velocity_rad_s: FloatArray) -> FloatAr
     return np.asarray(drive - side * coulomb - damping * velocity_rad_s)
 
 
-def _sliding_points(axes: Axes, each: Drawn, command: float) -> None:
+def _sliding_points(axes: Axes, each: DrawnSheet, command: float) -> None:
     """What was measured at commands near that one; either sign, for the figure is the same turned over."""
     label: str | None = each.label("measured")
     for sliding in each.sheet.evidence.sliding:
@@ -141,7 +141,7 @@ def _sliding_points(axes: Axes, each: Drawn, command: float) -> None:
             label = None
 
 
-def draw_backdriving(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> None:
+def draw_backdriving(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Palette) -> None:
     axes = part.subplots()
     for each in drawn_sheets:
         prediction = each.sheet.network.prediction
@@ -163,7 +163,7 @@ def draw_backdriving(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette
     _legend(axes, palette)
 
 
-def _idle_points(axes: Axes, each: Drawn) -> None:
+def _idle_points(axes: Axes, each: DrawnSheet) -> None:
     idle = min(each.sheet.evidence.sliding, key=lambda sliding: abs(sliding.command), default=None)
     # A command that is not nearly none would have to be taken off by the network itself.
     if idle is None or abs(idle.command) > 0.05 * each.sheet.network.thresholds[1]:
@@ -173,7 +173,7 @@ def _idle_points(axes: Axes, each: Drawn) -> None:
     _scatter(axes, np.abs(velocity), -np.sign(velocity) * idle.samples.measured_nm[some], each, each.label("measured"))
 
 
-def draw_bode(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> None:
+def draw_bode(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Palette) -> None:
     panels = part.subplots(3, 2, sharex="col", height_ratios=(2.0, 1.2, 0.8))
     units = {pretty_unit(each.sheet.network.command_unit) or "N·m" for each in drawn_sheets}
     static: list[float] = []
@@ -202,7 +202,7 @@ def draw_bode(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> No
     panels[0, 0].set_ylim(min(static) / 12, 3 * max(static))
 
 
-def _torque_path(panels: npt.NDArray[Any], each: Drawn, gain: float) -> None:
+def _torque_path(panels: npt.NDArray[Any], each: DrawnSheet, gain: float) -> None:
     network, spectra = each.sheet.network, each.sheet.evidence.spectra
     frequency = _frequencies(each.sheet)
     if _knows_bandwidth(each.sheet):
@@ -213,7 +213,7 @@ def _torque_path(panels: npt.NDArray[Any], each: Drawn, gain: float) -> None:
         _bode_points(panels, scaled, each)
 
 
-def _impedance(panels: npt.NDArray[Any], each: Drawn) -> None:
+def _impedance(panels: npt.NDArray[Any], each: DrawnSheet) -> None:
     network, spectra = each.sheet.network, each.sheet.evidence.spectra
     frequency = _frequencies(each.sheet)
     if spectra is not None:
@@ -239,7 +239,7 @@ def _bode_line(
     panels: npt.NDArray[Any],
     frequency_hz: FloatArray,
     response: npt.NDArray[np.complex128],
-    each: Drawn,
+    each: DrawnSheet,
     label: str,
     **how: Any,
 ) -> None:
@@ -247,7 +247,7 @@ def _bode_line(
     panels[1].plot(frequency_hz, np.degrees(np.angle(response)), color=each.line, **how)
 
 
-def _bode_points(panels: npt.NDArray[Any], path: Transfer, each: Drawn) -> None:
+def _bode_points(panels: npt.NDArray[Any], path: Transfer, each: DrawnSheet) -> None:
     magnitude = np.abs(path.response)
     looks: Any = {"color": each.points, "marker": each.marker, "markersize": 2.6, "linestyle": "none"}
     lower = np.minimum(path.half_width, 0.95 * magnitude)  # a logarithmic axis has no zero
@@ -263,7 +263,7 @@ def _bode_points(panels: npt.NDArray[Any], path: Transfer, each: Drawn) -> None:
     panels[2].plot(path.frequency_hz, path.coherence, **looks)
 
 
-def draw_hysteresis(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> None:
+def draw_hysteresis(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Palette) -> None:
     axes = part.subplots()
     for each in drawn_sheets:
         for place, loop in enumerate(each.sheet.evidence.loops):
@@ -278,7 +278,7 @@ def draw_hysteresis(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette)
     _legend(axes, palette)
 
 
-def draw_efficiency(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> None:
+def draw_efficiency(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Palette) -> None:
     axes, highest = part.subplots(), 0.0
     for each, dashes in zip(drawn_sheets, ("solid", "dashed"), strict=False):
         if not each.sheet.points:
@@ -302,25 +302,25 @@ def draw_efficiency(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette)
     axes.set_xlim(left=0.0)
 
 
-def draw_cogging(part: Part, drawn_sheets: Sequence[Drawn], palette: Palette) -> None:
+def draw_cogging(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Palette) -> None:
     left, right = part.subplots(1, 2)
     for each in drawn_sheets:
-        told = each.sheet.evidence
-        if told.folded is None:
+        evidence = each.sheet.evidence
+        if evidence.folded is None:
             continue
-        order = np.arange(1, told.order_nm.size + 1)
-        left.plot(order, 1e3 * told.order_nm, color=palette.muted, linewidth=0.8)
-        for place, line in enumerate(line for line in told.orders if line.is_torque):
+        order = np.arange(1, evidence.order_nm.size + 1)
+        left.plot(order, 1e3 * evidence.order_nm, color=palette.muted, linewidth=0.8)
+        for place, line in enumerate(line for line in evidence.orders if line.is_torque):
             wave = line.cogging_nm
             left.errorbar(
                 [line.periods_per_turn], [1e3 * wave.amplitude], yerr=[1e3 * wave.half_width], color=each.points,
                 marker=each.marker, markersize=4.5, label=None if place else each.label("stands out"), linestyle="none",
             )  # fmt: skip
-        angle = np.degrees(told.folded.angle_rad)
-        label = each.label(f"order {told.orders[0].periods_per_turn:g}")
+        angle = np.degrees(evidence.folded.angle_rad)
+        label = each.label(f"order {evidence.orders[0].periods_per_turn:g}")
         right.errorbar(
-            angle, 1e3 * told.folded.mean_nm, yerr=1e3 * told.folded.half_width_nm, color=each.points, elinewidth=0.6,
-            marker=each.marker, markersize=2.6, linewidth=0.6, label=label,
+            angle, 1e3 * evidence.folded.mean_nm, yerr=1e3 * evidence.folded.half_width_nm, color=each.points,
+            elinewidth=0.6, marker=each.marker, markersize=2.6, linewidth=0.6, label=label,
         )  # fmt: skip
     left.set_xlabel("periods a turn")
     left.set_ylabel("amplitude [mN·m]")
@@ -336,7 +336,7 @@ def _band(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
     return ends[:, 0], ends[:, 1]
 
 
-def _scatter(axes: Axes, x: FloatArray, y: FloatArray, each: Drawn, label: str | None) -> None:
+def _scatter(axes: Axes, x: FloatArray, y: FloatArray, each: DrawnSheet, label: str | None) -> None:
     axes.plot(
         x, y, linestyle="none", marker=each.marker, markersize=2.6, markeredgewidth=0, color=each.points, alpha=0.6,
         label=label, zorder=1.5,

@@ -15,7 +15,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.residuals.diagnosis import HIGHEST_CYCLES, looked_at
+from norton_bench.identification.residual_tests import HIGHEST_CYCLES, looked_at
 from norton_bench.identification.statistics import BLOCKS_S, sandwich
 
 # A recording without any line shows one this seldom, whatever kind it seems to be of.
@@ -54,7 +54,7 @@ class Order:
 
 
 @dataclass(frozen=True)
-class Line:
+class OrderWave:
     """Of one order, through the same low-pass as the residual, each (2, n): cosine and sine of the angle, and the
     torque [N m/rad] that the network makes of an error of the angle of that form."""
 
@@ -84,7 +84,7 @@ class Folded:
     half_width_nm: FloatArray
 
 
-def orders(samples: Samples, lines: Mapping[float, Line]) -> tuple[Order, ...]:
+def orders(samples: Samples, lines: Mapping[float, OrderWave]) -> tuple[Order, ...]:
     """The lines of which something shows, the greatest cogging first; ``lines`` by their periods a turn."""
     if not lines:
         return ()
@@ -92,13 +92,13 @@ def orders(samples: Samples, lines: Mapping[float, Line]) -> tuple[Order, ...]:
     waves = np.concatenate([each.wave for each in lines.values()])
     errors = np.concatenate([each.of_error for each in lines.values()])
     columns = np.concatenate([waves, drive * waves, errors, [np.ones(drive.size), drive]])
-    found, covariance = _fitted(columns.T, samples.residual_nm, samples.time_s)
+    result, covariance = _fitted(columns.T, samples.residual_nm, samples.time_s)
     chances = KINDS * looked_at(samples.position_rad)
     blocks = _blocks(samples.time_s)
     told = []
     for place, each in enumerate(lines):
         pairs = (slice(first, first + 2) for first in range(2 * place, KINDS * len(waves), len(waves)))
-        told.append(Order(each, *(_wave(found[at], covariance[at, at], blocks, chances) for at in pairs)))
+        told.append(Order(each, *(_wave(result[at], covariance[at, at], blocks, chances) for at in pairs)))
     shown = [order for order in told if order.is_torque or order.angle_error_rad.shows]
     return tuple(sorted(shown, key=lambda order: (not order.is_torque, -order.cogging_nm.amplitude)))
 

@@ -22,7 +22,7 @@ SAME = 0.01
 
 
 @dataclass(frozen=True)
-class Known:
+class SheetValue:
     """One parameter; ``std`` is NaN where nothing is told of it, ``status`` None where a network does not tell it."""
 
     name: str
@@ -56,7 +56,7 @@ class Sheet:
     name: str
     file: str
     network: NortonNetwork
-    parameters: tuple[Known, ...]
+    parameters: tuple[SheetValue, ...]
     limits: OperatingPoint | None = None
     told: tuple[str, ...] = ()
     evidence: Evidence = field(default_factory=Evidence)
@@ -112,7 +112,9 @@ def sheet_of_network(network: Network, file: str) -> Sheet:
     std = dict(zip(network.covariance_names, np.sqrt(np.diag(np.asarray(network.covariance))), strict=True))
     told = {name: Status(word) for name, word in told_statuses(network.provenance).items()}
     parameters = tuple(
-        Known(name, value, float(std.get(name, np.nan)), BY_NAME[name].unit_for(network.command_unit), told.get(name))
+        SheetValue(
+            name, value, float(std.get(name, np.nan)), BY_NAME[name].unit_for(network.command_unit), told.get(name)
+        )
         for attribute, name in PARAMETER_OF_FIELD.items()
         if (value := getattr(network, attribute)) is not None
     )
@@ -128,11 +130,11 @@ def sheet_of_result(result: Result) -> Sheet:
     assert fit is not None
     assert measured is not None
     file = str(result.recording)
-    parameters = tuple(Known(each.name, each.value, each.std, each.unit, each.status) for each in fit.estimates)
-    found = evidence(fit, measured, result.residuals, float(about["tick_s"]))
+    parameters = tuple(SheetValue(each.name, each.value, each.std, each.unit, each.status) for each in fit.estimates)
+    points = evidence(fit, measured, result.residuals, float(about["tick_s"]))
     limits = _limits(result.rig_text, file)
     return Sheet(
-        about["rig"], file, fit.network, parameters, limits, fit.verdict, found, recorded=True, origin=_origin(about)
+        about["rig"], file, fit.network, parameters, limits, fit.verdict, points, recorded=True, origin=_origin(about)
     )
 
 

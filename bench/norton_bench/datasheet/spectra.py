@@ -99,7 +99,7 @@ def torque_line(network: NortonNetwork, frequency_hz: FloatArray) -> ComplexArra
 
 
 def impedance_line(network: NortonNetwork, frequency_hz: FloatArray, velocity_rms_rad_s: float) -> ComplexArray:
-    """The best linear stand-in for the network's impedance while it slides back and forth [N m s/rad].
+    """The best linear approximation of the network's impedance while it slides back and forth [N m s/rad].
 
     Under a velocity that is normally distributed, as a multisine's nearly is, friction τc·sgn ω looks like a damping of
     √(2/π)·τc/σ_ω (Bussgang 1952; Pintelon and Schoukens, "System Identification", 2nd edition, chapter 3).

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import isfinite
 
 from norton_bench.datasheet.ripple import Order, Wave
-from norton_bench.datasheet.sheet import Difference, Known, Sheet
+from norton_bench.datasheet.sheet import Difference, Sheet, SheetValue
 from norton_bench.models.derived import Figure, OperatingPoint
 from norton_bench.models.parameters import BY_NAME
 from norton_bench.report.words import NO_NUMBER as NONE
@@ -44,12 +44,12 @@ _SIDE_BY_SIDE = ("", "figure", "A", "B", "B − A, 95 % interval", "unit", "diff
 
 def order_table(sheet: Sheet) -> Facts | None:
     """Cogging and ripple by order; None where nothing stands out."""
-    told = [each for each in sheet.evidence.orders if each.is_torque]
-    if not told:
+    evidence = [each for each in sheet.evidence.orders if each.is_torque]
+    if not evidence:
         return None
     head = ("periods a turn", "cogging [mN·m]", "95 % interval", "ripple [% of the torque]", "95 % interval")
     rows = tuple(
-        (f"{each.periods_per_turn:.4g}", *_wave(each.cogging_nm, 1e3), *_wave(each.ripple, 100.0)) for each in told
+        (f"{each.periods_per_turn:.4g}", *_wave(each.cogging_nm, 1e3), *_wave(each.ripple, 100.0)) for each in evidence
     )
     return Facts(head, rows)
 
@@ -90,19 +90,19 @@ def range_sentence(sheet: Sheet) -> str:
 
 def remarks(sheet: Sheet) -> Iterator[str]:
     """What was measured and shows nothing, and what was not measured: said, so that nobody looks for it."""
-    told = sheet.evidence
+    evidence = sheet.evidence
     if "scale" in sheet.network.provenance:
         yield "No torque was measured: only figures that need no torque scale are given."
     if not sheet.recorded:
         yield "From the network alone: measured points, cogging and free play are in its recording."
         return
-    if told.gap is not None:
+    if evidence.gap is not None:
         yield _gap_sentence(sheet)
-    if told.order_nm.size and not any(order.is_torque for order in told.orders):
+    if evidence.order_nm.size and not any(order.is_torque for order in evidence.orders):
         yield "No cogging and no ripple stands out from the noise."
-    yield from map(_angle_sentence, (order for order in told.orders if order.angle_error_rad.shows))
-    known = "the drive's current was recorded, but no voltage" if told.has_current else "no current and no voltage"
-    recorded = "" if told.has_current else " were recorded"
+    yield from map(_angle_sentence, (order for order in evidence.orders if order.angle_error_rad.shows))
+    known = "the drive's current was recorded, but no voltage" if evidence.has_current else "no current and no voltage"
+    recorded = "" if evidence.has_current else " were recorded"
     yield f"There is no electrical efficiency: {known}{recorded}. Mechanical efficiency holds friction's losses alone."
     yield _warming_sentence(sheet)
 
@@ -137,7 +137,7 @@ def _warming_sentence(sheet: Sheet) -> str:
     return f"While the drive's temperature went from {span}, friction changed by {value} mN·m ({interval})."
 
 
-def _parameter(each: Known, *, statuses: bool) -> tuple[str, ...]:
+def _parameter(each: SheetValue, *, statuses: bool) -> tuple[str, ...]:
     value, interval = between(each.shown, each.interval)
     row = BY_NAME[each.name]
     shown = interval if each.settled else NONE
@@ -153,7 +153,7 @@ def _figure(figure: Figure, sheet: Sheet, *, again: bool) -> tuple[str, ...]:
     return (figure.row.symbol, words, value, shown, pretty_unit(figure.unit), valid_where(figure, sheet))
 
 
-def _parameter_difference(first: Known, second: Known) -> tuple[str, ...]:
+def _parameter_difference(first: SheetValue, second: SheetValue) -> tuple[str, ...]:
     row, apart = BY_NAME[first.name], second.value - first.value
     half = 1.96 * float((first.std**2 + second.std**2) ** 0.5)
     if first.unit != second.unit:

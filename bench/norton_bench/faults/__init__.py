@@ -1,1 +1,1 @@
-"""Every fault on every rig: rehearsed on the simulated backend, and judged by what is true there."""
+"""Every kind of fault on every rig, run on the simulated backend and judged by its true state."""

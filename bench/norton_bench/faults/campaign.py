@@ -1,11 +1,11 @@
-"""Many cases on several rigs: in lock step as many at a time as there are jobs, then in wall time one by one."""
+"""Runs many fault cases on several rigs: in lock step with as many processes as jobs, then in wall time one by one."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from typing import Any
 
-from norton_bench.faults.case import Case, Expected, Outcome
+from norton_bench.faults.case import Case, CaseResult, Expected
 from norton_bench.faults.host_loss import lose_host
 from norton_bench.faults.rehearse import Exercise, longest_watchdog_s, prepare, rehearse
 from norton_bench.rig.rig import Rig
@@ -17,11 +17,9 @@ SENSOR = "torque_sensor"
 MODULATOR = "modulator"
 
 
+# Which faults are tried on a rig: each kind, wherever it has a place there, in sizes that its limits give.
 def cases(rig: Rig) -> tuple[Case, ...]:
-    """Which faults are tried on a rig: each kind, wherever it has a place there, in sizes that its limits give.
-
-    All of them; the rig has a load drive and a torque sensor.
-    """
+    """All of them; the rig has a load drive and a torque sensor."""
     return tuple(
         case for part in (_carried(rig), _connected(rig), _read(rig), _driven(rig), _host(rig)) for case in part
     )
@@ -135,11 +133,11 @@ def _bus_of(rig: Rig, role: str) -> str | None:
     return next((device.bus for device in rig.wiring.devices() if device.role == role), None)
 
 
-OnOutcome = Callable[[Outcome], None]
+OnOutcome = Callable[[CaseResult], None]
 
 
 @dataclass(frozen=True)
-class Trial:
+class FaultTrial:
     """What to try on one rig: ``cases`` in lock step, ``losses`` of the host in wall time."""
 
     rig: Rig
@@ -151,7 +149,7 @@ class Trial:
         return len(self.cases) + len(self.losses)
 
 
-def run_campaign(trials: Sequence[Trial], jobs: int, seed: int | None, on_outcome: OnOutcome) -> list[Outcome]:
+def run_campaign(trials: Sequence[FaultTrial], jobs: int, seed: int | None, on_outcome: OnOutcome) -> list[CaseResult]:
     """All outcomes, rig by rig in the order of its cases; ``on_outcome`` hears of each as it comes.
 
     Raises RigError for a rig without a load drive; BenchError, DeviceError where one does not get as far as its faults.
@@ -167,7 +165,9 @@ def run_campaign(trials: Sequence[Trial], jobs: int, seed: int | None, on_outcom
     return [outcome for outcomes in by_rig for outcome in outcomes]
 
 
-def _in_lock_step(trials: Sequence[Trial], jobs: int, seed: int | None, on_outcome: OnOutcome) -> list[list[Outcome]]:
+def _in_lock_step(
+    trials: Sequence[FaultTrial], jobs: int, seed: int | None, on_outcome: OnOutcome
+) -> list[list[CaseResult]]:
     with process_pool(jobs) as pool:
         ready = {index: pool.submit(prepare, trial.rig, seed) for index, trial in enumerate(trials) if trial.cases}
         futures = [

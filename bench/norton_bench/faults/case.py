@@ -1,4 +1,4 @@
-"""One fault on one rig, and what came of it."""
+"""One fault on one rig, and its result."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -58,7 +58,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CaseResult:
     """What came of a case. Times count from when the fault began; NaN or None stands for what did not happen.
 
     ``off_s`` is when no drive drove its motor any more, where the fault was noticed. ``peak`` counts from the fault on,
@@ -95,11 +95,9 @@ class Outcome:
 SPARE_TICKS = 2
 
 
+# What is to be said of a case, from what is true: when both drives were off, and what had happened by then.
 def allowed_ns(watchdog_s: float, tick_ns: int) -> int:
-    """What is to be said of a case, from what is true: when both drives were off, and what had happened by then.
-
-    How long after a fault a drive may go on.
-    """
+    """How long after a fault a drive may go on."""
     return round(watchdog_s * 1e9) + SPARE_TICKS * tick_ns
 
 
@@ -112,8 +110,8 @@ class Detection:
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """See :class:`norton_bench.faults.case.Outcome`."""
+class CaseJudgement:
+    """See :class:`norton_bench.faults.case.CaseResult`."""
 
     verdict: Verdict
     off_s: float | None
@@ -130,7 +128,7 @@ def judge(
     *,
     allowed_ns: int,
     limits: Limits,
-) -> Judgement:
+) -> CaseJudgement:
     """``states`` reach from before the fault until long after the session, and the last tells how the drives were left;
     ``allowed_ns`` is what a drive may take to be off, from the fault on."""
     after = [state for state in states if state.stamp_ns >= begun_ns]
@@ -146,7 +144,7 @@ def judge(
         within = peak.torque_nm <= limits.torque_nm and peak.velocity_rad_s <= limits.velocity_rad_s
         verdict = Verdict.RIDDEN_THROUGH if within else Verdict.BEYOND_LIMITS
     off_s = None if off_ns is None or detection is None else off_ns * 1e-9
-    return Judgement(verdict, off_s, _left(after[-1]), peak, peak_after)
+    return CaseJudgement(verdict, off_s, _left(after[-1]), peak, peak_after)
 
 
 def off_after_ns(after: Sequence[TrueState], begun_ns: int) -> int | None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
-from norton_bench.faults.case import Case, Detection, Outcome, Verdict, allowed_ns, judge, off_after_ns
+from norton_bench.faults.case import Case, CaseResult, Detection, Verdict, allowed_ns, judge, off_after_ns
 from norton_bench.faults.rehearse import nothing_yet
 from norton_bench.rig.rig import Rig
 from norton_drivers.rehearsal import TrueState
@@ -24,11 +24,9 @@ from norton_drivers.rehearsal import TrueState
 LONGEST_LINE = 200
 
 
+# The file in which ``sim serve --witness`` writes what is true, read while it grows.
 def read_witness(path: Path) -> list[TrueState]:
-    """The file in which ``sim serve --witness`` writes what is true, read while it grows.
-
-    All whole lines so far; stamps are of the machine's monotonic clock.
-    """
+    """All whole lines so far; stamps are of the machine's monotonic clock."""
     return _states(path.read_bytes().split(b"\n")[1:])
 
 
@@ -86,7 +84,7 @@ class _CannotServeError(Exception):
     """This machine cannot serve the rig's devices; the text says why."""
 
 
-def lose_host(rig: Rig, case: Case, watchdog_s: float, seed: int | None = None) -> Outcome:
+def lose_host(rig: Rig, case: Case, watchdog_s: float, seed: int | None = None) -> CaseResult:
     """One such case; skipped, with the reason, where this machine cannot try it."""
     allowed = allowed_ns(watchdog_s, rig.tick_ns)
     outcome = nothing_yet(rig, case, allowed)
@@ -141,15 +139,15 @@ def _last_words(folder: Path) -> str:
     return f"the host ended before it was lost: {lines[-1] if lines else 'without a word'}"
 
 
-def _judged(outcome: Outcome, states: Sequence[TrueState], begun_ns: int, rig: Rig) -> Outcome:
+def _judged(outcome: CaseResult, states: Sequence[TrueState], begun_ns: int, rig: Rig) -> CaseResult:
     off_ns = off_after_ns([state for state in states if state.stamp_ns >= begun_ns], begun_ns)
     detection = None if off_ns is None else Detection(begun_ns + off_ns, "the drives' own watchdogs")
-    found = judge(
+    result = judge(
         states, begun_ns, detection, outcome.expected, allowed_ns=round(outcome.allowed_s * 1e9), limits=rig.limits
     )
     if detection is None:
-        return replace(outcome, **vars(found))
-    return replace(outcome, **vars(found), guard=detection.words, detected_s=found.off_s)
+        return replace(outcome, **vars(result))
+    return replace(outcome, **vars(result), guard=detection.words, detected_s=result.off_s)
 
 
 @contextmanager
@@ -158,10 +156,10 @@ def _served(rig: Rig, witness: Path) -> Iterator[None]:
     command = [*PROGRAM, "sim", "serve", rig.place, "--witness", str(witness)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as server:
         assert server.stderr is not None
-        said = server.stderr.readline()
+        log = server.stderr.readline()
         try:
-            if not said.startswith("serving"):
-                raise _CannotServeError(said.strip() or "the simulated devices could not be served")
+            if not log.startswith("serving"):
+                raise _CannotServeError(log.strip() or "the simulated devices could not be served")
             yield
         finally:
             _end(server)
@@ -182,9 +180,9 @@ def _host(rig: Rig, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
     (folder / "session.toml").write_text(SESSION)
     command = [*PROGRAM, "run", str(folder / "session.toml"), "--rig", rig.place, "--backend", "hardware"]
     with (
-        (folder / "said").open("wb") as said,
+        (folder / "said").open("wb") as log,
         subprocess.Popen(
-            [*command, "--out", str(folder / "out")], stdout=said, stderr=said, start_new_session=True
+            [*command, "--out", str(folder / "out")], stdout=log, stderr=log, start_new_session=True
         ) as host,
     ):
         try:

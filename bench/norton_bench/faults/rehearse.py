@@ -1,4 +1,4 @@
-"""One case in lock step: a whole session on the simulated backend, with a witness of what is true."""
+"""Runs one case in lock step: a whole session on the simulated backend, with a record of the true state."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +12,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError, UsageError
 from norton_bench.events import PartMeasured, SessionEvent
-from norton_bench.faults.case import Case, Detection, Outcome, Verdict, allowed_ns, judge
+from norton_bench.faults.case import Case, CaseResult, Detection, Verdict, allowed_ns, judge
 from norton_bench.loop.devices import open_devices
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.free import command_multisine
@@ -83,7 +83,7 @@ COUNTS = ("bus", "device")  # events in which a recording counts what was wrong
 
 @dataclass
 class _Listener:
-    """Keeps what was measured, whatever becomes of the session."""
+    """Keeps what was measured, however the session ends."""
 
     parts: list[Measured] = field(default_factory=list)
 
@@ -125,7 +125,7 @@ def prepare(rig: Rig, seed: int | None = None) -> Prepared:
     return Prepared(seen, known, longest_watchdog_s(rig))
 
 
-def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> Outcome:
+def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> CaseResult:
     """The exercise, and the fault in the middle of it. Raises UsageError for a backend that cannot rehearse."""
     rig = prepared.rig
     backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
@@ -149,11 +149,11 @@ def longest_watchdog_s(rig: Rig) -> float:
     backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=None, place=rig.place)
     try:
         devices = open_devices(rig, backend)
-        found = max(drive.watchdog_s for drive in devices.drives)
+        result = max(drive.watchdog_s for drive in devices.drives)
         devices.link.close()
     finally:
         backend.close()
-    return found
+    return result
 
 
 def family(rig: Rig) -> str:
@@ -188,20 +188,22 @@ def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None, a
     return _Run(error, bug, ended_ns, join(listener.parts), states)
 
 
-def nothing_yet(rig: Rig, case: Case, allowed: int) -> Outcome:
+def nothing_yet(rig: Rig, case: Case, allowed: int) -> CaseResult:
     """What is known of a case before it is tried; a drive is allowed to go on for so many nanoseconds."""
-    return Outcome(case.name, case.on, family(rig), rig.name, case.expected, Verdict.FAILED, allowed_s=allowed * 1e-9)
+    return CaseResult(
+        case.name, case.on, family(rig), rig.name, case.expected, Verdict.FAILED, allowed_s=allowed * 1e-9
+    )
 
 
-def _failed(outcome: Outcome, why: str) -> Outcome:
+def _failed(outcome: CaseResult, why: str) -> CaseResult:
     return replace(outcome, guard=why)
 
 
-def _judged(outcome: Outcome, run: _Run, begun_ns: int, hits: int, rig: Rig) -> Outcome:
+def _judged(outcome: CaseResult, run: _Run, begun_ns: int, hits: int, rig: Rig) -> CaseResult:
     detection = _detection(run)
     if detection is not None and detection.stamp_ns < begun_ns:
         return _failed(outcome, f"the session ended before the fault: {detection.words}")
-    found = judge(
+    result = judge(
         run.states,
         begun_ns,
         detection,
@@ -211,7 +213,7 @@ def _judged(outcome: Outcome, run: _Run, begun_ns: int, hits: int, rig: Rig) -> 
     )
     return replace(
         outcome,
-        **vars(found),
+        **vars(result),
         guard="" if detection is None else detection.words,
         detected_s=None if detection is None else (detection.stamp_ns - begun_ns) * 1e-9,
         hits=hits,

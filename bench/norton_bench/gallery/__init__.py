@@ -1,1 +1,1 @@
-"""The paper's claims as experiments: each measured on a simulated bench, and laid beside its closed form."""
+"""The paper's claims as experiments: each measured on a simulated bench and compared with its closed form."""

@@ -1,4 +1,4 @@
-"""What a claim of the paper comes to: rows of expected beside found, and a picture."""
+"""A claim of the paper as a result: rows of expected and measured values, and a picture."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.tables.averages import velocity_of
+from norton_bench.identification.averages import velocity_of
 from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sweep
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.rig.rig import Rig
@@ -67,7 +67,7 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class PaperExperiment:
     """What was measured on one rig, and what is true of its actuator, by the names of ``sim truth``.
 
     ``torque_zero_nm`` is what the torque sensor read at the start, with nothing at the port.
@@ -131,7 +131,7 @@ def wider(found: Estimated, by: float) -> Estimated:
     return Estimated(found.value, (low - by, high + by))
 
 
-class Line:
+class StraightLine:
     """A straight line through independent points (n,), by least squares."""
 
     def __init__(self, x: npt.ArrayLike, y: npt.ArrayLike) -> None:
@@ -180,11 +180,9 @@ def _around(value: float, half: float) -> Estimated:
     return Estimated(value, (value - float(half), value + float(half)))
 
 
+# Moves to a place of the actuator's shaft, for plants that have places: a muscle, a pendulum.
 def place_rad(measured: Measured) -> float:
-    """Moves to a place of the actuator's shaft, for plants that have places: a muscle, a pendulum.
-
-    Where the actuator's shaft stands at the end.
-    """
+    """Where the actuator's shaft stands at the end."""
     return float(measured.motion["position_rad"][-1])
 
 

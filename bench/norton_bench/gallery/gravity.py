@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
-from norton_bench.gallery.claim import Experiment, Shown, let_go, mean, place_rad, row, swept
+from norton_bench.gallery.claim import PaperExperiment, Shown, let_go, mean, place_rad, row, swept
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.waves import hold, ramp, zero_torque
 from norton_bench.records import Measured, SegmentInfo
@@ -82,7 +82,7 @@ class TwoPorts:
 class Arms:
     """The true arms, and where the bench saw them rest."""
 
-    experiment: Experiment
+    experiment: PaperExperiment
 
     @cached_property
     def command(self) -> float:
@@ -117,7 +117,7 @@ class Arms:
         return np.asarray(0.5 * (self.rests_rad(port, "below") + self.rests_rad(port, "above")))
 
 
-def claims(experiment: Experiment) -> tuple[Shown, ...]:
+def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
     return (two_ports(Arms(experiment)),)
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.gallery.claim import Experiment, Shown, mean, row, wider
+from norton_bench.gallery.claim import PaperExperiment, Shown, mean, row, wider
 from norton_bench.identification.in_situ import in_band_motion
 from norton_bench.identification.trials import TRIAL, in_band, seen
 from norton_bench.models.network import NortonNetwork
@@ -41,14 +41,14 @@ class Movement:
 class Assembled:
     """The true actuator, and what the bench measured while it was assembled."""
 
-    experiment: Experiment
+    experiment: PaperExperiment
 
     @cached_property
     def movements(self) -> tuple[Movement, ...]:
-        found = tuple(self._movement(each) for each in self._segments)
-        if sum(each.driven for each in found) < LEARNT_FROM + 2 or found[0].driven:
+        result = tuple(self._movement(each) for each in self._segments)
+        if sum(each.driven for each in result) < LEARNT_FROM + 2 or result[0].driven:
             raise ExperimentError("in situ, there were too few trials for an interval; see what stopped them")
-        return found
+        return result
 
     @property
     def learnt(self) -> list[Movement]:
@@ -90,20 +90,20 @@ class Assembled:
 
     def _movement(self, segment: SegmentInfo) -> Movement:
         ticks = self.experiment.measured.between(segment.start_ns, segment.end_ns).ticks
-        found = seen(self.experiment.measured, segment, len(self.command), self._tick_s)
-        if found.torque_nm is None:
+        result = seen(self.experiment.measured, segment, len(self.command), self._tick_s)
+        if result.torque_nm is None:
             raise ExperimentError("in situ, no torque was read: the gallery needs a torque sensor to judge by")
         return Movement(
             driven=bool(np.any(ticks["load_torque_nm"] != 0.0)),
-            torque_nm=in_band(found.torque_nm - np.mean(found.torque_nm), self._tick_s),
-            velocity_rad_s=self._velocity(found.position_rad),
+            torque_nm=in_band(result.torque_nm - np.mean(result.torque_nm), self._tick_s),
+            velocity_rad_s=self._velocity(result.position_rad),
         )
 
     def _velocity(self, position_rad: FloatArray) -> FloatArray:
         return np.asarray(np.gradient(in_band_motion(position_rad, self._tick_s), self._tick_s))
 
 
-def claims(experiment: Experiment) -> tuple[Shown, ...]:
+def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
     return (in_situ(Assembled(experiment)),)
 

@@ -10,18 +10,29 @@ from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
 from norton_bench.gallery import motor_experiments as done
-from norton_bench.gallery.claim import Estimated, Experiment, Line, Look, Shown, looks, mean, pairs, row, wider
-from norton_bench.identification.model_free.branches import REST_SHARE
+from norton_bench.gallery.claim import (
+    Estimated,
+    Look,
+    PaperExperiment,
+    Shown,
+    StraightLine,
+    looks,
+    mean,
+    pairs,
+    row,
+    wider,
+)
+from norton_bench.identification.branches import REST_SHARE
 from norton_bench.report.figures_network import legend
 from norton_bench.report.svg import ACCENT, MEASURED, MUTED, PREDICTED, figure
 from norton_bench.report.words import pretty_unit
 
 
 @dataclass(frozen=True)
-class Motor:
+class MotorExperiment:
     """The true motor, and what the bench measured of it, each pair as its half difference."""
 
-    experiment: Experiment
+    experiment: PaperExperiment
 
     @property
     def gain(self) -> float:
@@ -43,12 +54,12 @@ class Motor:
     @cached_property
     def steady(self) -> FloatArray:
         """Imposed velocity and torque, and the command: shape (pairs, 3)."""
-        found = self._looks(done.SteadySpeeds.name, done.STEADY_LOOK_S)
-        return np.array([_odd(one, other) for one, other in pairs(found)])
+        result = self._looks(done.SteadySpeeds.name, done.STEADY_LOOK_S)
+        return np.array([_odd(one, other) for one, other in pairs(result)])
 
     @cached_property
-    def steady_line(self) -> Line:
-        return Line(self.steady[:, 0], self.steady[:, 1])
+    def steady_line(self) -> StraightLine:
+        return StraightLine(self.steady[:, 0], self.steady[:, 1])
 
     @cached_property
     def free(self) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
@@ -56,11 +67,11 @@ class Motor:
 
         The velocity is that at no torque: what the load drive left of it is made up for, with the damping measured.
         """
-        found = list(pairs(self._looks(done.FreeLevels.name, done.FREE_LOOK_S)))
-        table = np.array([_odd(one, other) for one, other in found])
+        result = list(pairs(self._looks(done.FreeLevels.name, done.FREE_LOOK_S)))
+        table = np.array([_odd(one, other) for one, other in result])
         moving = np.abs(table[:, 0]) > np.abs(table[:, 1] / self.steady_line.slope.value)
         table[moving, 0] -= table[moving, 1] / self.steady_line.slope.value
-        return table, np.array([one.label[2] == "below" for one, _ in found])
+        return table, np.array([one.label[2] == "below" for one, _ in result])
 
     @cached_property
     def stops(self) -> dict[bool, FloatArray]:
@@ -71,34 +82,34 @@ class Motor:
             # As under approach from positive velocity: the command's sign is that of `with`.
             torque = 0.5 * float(side) * (one.torque_nm - other.torque_nm)
             table[float(sign) == float(side)].append((torque, float(taken)))
-        return {with_command: np.array(found) for with_command, found in table.items()}
+        return {with_command: np.array(result) for with_command, result in table.items()}
 
     @cached_property
     def stop_command(self) -> float:
-        found = self._looks(done.SlowStops.name, done.STOP_LOOK_S)
-        return float(np.mean([abs(each.command) for each in found]))
+        result = self._looks(done.SlowStops.name, done.STOP_LOOK_S)
+        return float(np.mean([abs(each.command) for each in result]))
 
-    def stopped(self, with_command: bool) -> Line:
+    def stopped(self, with_command: bool) -> StraightLine:
         """Torque at rest against what was taken back; at none of it stands the paper's."""
         table = self.stops[with_command]
-        return Line(table[:, 1], table[:, 0])
+        return StraightLine(table[:, 1], table[:, 0])
 
     def _looks(self, procedure: str, look_s: float) -> list[Look]:
         names = ("rest", "release", "creep")
         return [each for each in looks(self.experiment.measured, procedure, look_s) if each.label[0] not in names]
 
 
-def claims(experiment: Experiment) -> tuple[Shown, ...]:
+def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
-    motor = Motor(experiment)
+    motor = MotorExperiment(experiment)
     return (thevenin_and_norton(motor), three_branches(motor), steady_torque(motor), slow_approach(motor))
 
 
-def thevenin_and_norton(motor: Motor) -> Shown:
+def thevenin_and_norton(motor: MotorExperiment) -> Shown:
     name, command = "one source", motor.stop_command
     above, below = motor.stops[True], motor.stops[False]
     # Mirrored, an approach against the command is one from below under a positive command.
-    apart = Line(above[:, 1], -below[:, 0] - above[:, 0]).value(0.0)
+    apart = StraightLine(above[:, 1], -below[:, 0] - above[:, 0]).value(0.0)
     free, from_below = motor.free
     levels = np.unique(np.round(free[:, 2] / free[:, 2].max(), 3))
     same = [np.isclose(free[:, 2] / free[:, 2].max(), level, atol=0.01) for level in levels[1:]]
@@ -121,7 +132,7 @@ def thevenin_and_norton(motor: Motor) -> Shown:
     )
 
 
-def three_branches(motor: Motor) -> Shown:
+def three_branches(motor: MotorExperiment) -> Shown:
     """Within its threshold a shaft on Dahl's contact creeps while the load drive shivers: what is slow enough rests."""
     name = "three branches"
     free, _ = motor.free
@@ -131,13 +142,13 @@ def three_branches(motor: Motor) -> Shown:
         at = levels == level
         command = float(np.mean(free[at, 2]))
         without_friction = motor.gain * command / motor.damping
-        found = mean(free[at, 0])
+        result = mean(free[at, 0])
         if motor.source_rad_s(command) == 0.0:
-            found = wider(found, REST_SHARE * float(np.max(free[:, 0])))
+            result = wider(result, REST_SHARE * float(np.max(free[:, 0])))
         what = f"free velocity at {command / motor.coulomb * motor.gain:.1f} thresholds"
-        rows.append(row(name, what, "rad/s", motor.source_rad_s(command), found, without_friction))
+        rows.append(row(name, what, "rad/s", motor.source_rad_s(command), result, without_friction))
     moving = levels > levels.min()
-    branch = Line(free[moving, 2], free[moving, 0])
+    branch = StraightLine(free[moving, 2], free[moving, 0])
     unit = f"({motor.experiment.rig.command.unit})"
     rows += [
         row(name, "slope of the outer branches", f"rad/s/{unit}", motor.gain / motor.damping, branch.slope, 0.0),
@@ -155,7 +166,7 @@ def three_branches(motor: Motor) -> Shown:
     )
 
 
-def steady_torque(motor: Motor) -> Shown:
+def steady_torque(motor: MotorExperiment) -> Shown:
     name, line = "steady torque", motor.steady_line
     command = float(np.mean(motor.steady[:, 2]))
     slope = line.slope
@@ -175,7 +186,7 @@ def steady_torque(motor: Motor) -> Shown:
     )
 
 
-def slow_approach(motor: Motor) -> Shown:
+def slow_approach(motor: MotorExperiment) -> Shown:
     name, command = "slow approach", motor.stop_command
     source_nm = motor.damping * motor.source_rad_s(command)
     above = "blocked, with the source's motion: B·ω_N"
@@ -210,7 +221,7 @@ def _odd(one: Look, other: Look) -> tuple[float, float, float]:
 SIDES = (("from above", "v", True), ("from below", "^", False))
 
 
-def draw_one_source(motor: "Motor", command: float) -> Figure:
+def draw_one_source(motor: "MotorExperiment", command: float) -> Figure:
     """Blocked torque and free velocity, each from either side."""
     picture = figure(3.3)
     blocked, free = picture.subplots(1, 2)
@@ -234,7 +245,7 @@ def draw_one_source(motor: "Motor", command: float) -> Figure:
     return picture
 
 
-def draw_three_branches(motor: "Motor") -> Figure:
+def draw_three_branches(motor: "MotorExperiment") -> Figure:
     picture = figure(3.4)
     axes = picture.subplots()
     table, _ = motor.free
@@ -248,7 +259,7 @@ def draw_three_branches(motor: "Motor") -> Figure:
     return picture
 
 
-def draw_steady_torque(motor: "Motor") -> Figure:
+def draw_steady_torque(motor: "MotorExperiment") -> Figure:
     picture = figure(3.2)
     axes = picture.subplots()
     speed, torque, command = motor.steady.T
@@ -264,7 +275,7 @@ def draw_steady_torque(motor: "Motor") -> Figure:
     return picture
 
 
-def draw_slow_approach(motor: "Motor") -> Figure:
+def draw_slow_approach(motor: "MotorExperiment") -> Figure:
     picture = figure(3.2)
     source_nm = motor.damping * motor.source_rad_s(motor.stop_command)
     panels = picture.subplots(1, 2)
@@ -282,7 +293,7 @@ def draw_slow_approach(motor: "Motor") -> Figure:
     return picture
 
 
-def _source(axes: Axes, motor: "Motor", greatest: float, least: float) -> None:
+def _source(axes: Axes, motor: "MotorExperiment", greatest: float, least: float) -> None:
     edge = motor.coulomb / motor.gain
     command = np.array(sorted({least, greatest, edge, *((-edge, 0.0) if least < 0.0 else (0.0,))}))
     axes.plot(command, [motor.source_rad_s(each) for each in command], color=PREDICTED, label="ω_N(c)")

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
-from norton_bench.gallery.claim import Experiment, Line, Shown, mean, place_rad, row, swept
+from norton_bench.gallery.claim import PaperExperiment, Shown, StraightLine, mean, place_rad, row, swept
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.waves import hold, ramp, zero_torque
 from norton_bench.records import Measured, SegmentInfo
@@ -94,7 +94,7 @@ class Curve:
     def at(self, place_rad: float) -> float:
         """By a straight line through what lies within the window."""
         near = np.abs(self.place_rad - place_rad) <= WINDOW_RAD
-        return float(Line(self.place_rad[near], self.exertion_nm[near]).at(place_rad))
+        return float(StraightLine(self.place_rad[near], self.exertion_nm[near]).at(place_rad))
 
     def zero_rad(self, near_rad: float) -> float:
         """Where nothing is exerted, by a parabola: the curve bends."""
@@ -107,7 +107,7 @@ class Curve:
 class Muscle:
     """The true muscle, and what the bench measured of it."""
 
-    experiment: Experiment
+    experiment: PaperExperiment
 
     @property
     def spring(self) -> float:
@@ -189,7 +189,7 @@ class Muscle:
         return means[0], means[1] - self.experiment.torque_zero_nm - drift_nm_s * since_s
 
 
-def claims(experiment: Experiment) -> tuple[Shown, ...]:
+def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
     return (nonlinear_connection(Muscle(experiment)),)
 
@@ -211,10 +211,10 @@ def nonlinear_connection(muscle: Muscle) -> Shown:
         ]
         for displaced in (-DISPLACED_RAD, DISPLACED_RAD):
             place = free.value + displaced
-            found = mean([curve.at(place) for curve in curves])
+            result = mean([curve.at(place) for curve in curves])
             linear = -muscle.stiffness_nm_rad(command) * (place - source)
             expected = float(muscle.exertion_nm(command, place))
-            rows.append(row(name, f"exertion {displaced:+g} rad from there", "N*m", expected, found, linear))
+            rows.append(row(name, f"exertion {displaced:+g} rad from there", "N*m", expected, result, linear))
     return Shown(
         name,
         "A muscle's connection is nonlinear, and zero at its source",

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from norton_bench.errors import ExperimentError
-from norton_bench.gallery.claim import Experiment, Shown, mean, row, wider
-from norton_bench.identification.tables.exertion_table import ExertionTable, exertion_table
+from norton_bench.gallery.claim import PaperExperiment, Shown, mean, row, wider
+from norton_bench.identification.exertion_table import ExertionTable, exertion_table
 from norton_bench.procedures.modulated import WAY, ModulatedProcedure
 from norton_bench.procedures.options import TabulateImpedanceOptions
 from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
@@ -30,7 +30,7 @@ EXPERIMENT = ModulatedProcedure(TABULATION, ROUNDS * MODULATIONS)
 class VariableSpring:
     """The true actuator, and what the bench tabulated of it: a table for each visit to a modulation."""
 
-    experiment: Experiment
+    experiment: PaperExperiment
 
     @cached_property
     def visits(self) -> tuple[ExertionTable, ...]:
@@ -61,7 +61,7 @@ class VariableSpring:
         return self.stiffness_nm_rad(modulation) * 2 * short_rad / float(reach_rad)
 
 
-def claims(experiment: Experiment) -> tuple[Shown, ...]:
+def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
     return (one_source_many_springs(VariableSpring(experiment)),)
 
@@ -70,11 +70,11 @@ def one_source_many_springs(spring: VariableSpring) -> Shown:
     name, least, most = "variable stiffness", MODULATIONS[0], MODULATIONS[-1]
     rows = []
     for modulation in MODULATIONS:
-        found = mean([visit.lines()[0].stiffness.value for visit in spring.of(modulation)])
-        found = wider(found, spring.left_open_nm_rad(modulation))
+        result = mean([visit.lines()[0].stiffness.value for visit in spring.of(modulation)])
+        result = wider(result, spring.left_open_nm_rad(modulation))
         rival = spring.stiffness_nm_rad(least if modulation != least else most)
         expected = spring.stiffness_nm_rad(modulation)
-        rows.append(row(name, f"stiffness at the source, π = {modulation:g}", "N*m/rad", expected, found, rival))
+        rows.append(row(name, f"stiffness at the source, π = {modulation:g}", "N*m/rad", expected, result, rival))
     ends = [[visit.lines()[0].source.value for visit in spring.of(modulation)] for modulation in (least, most)]
     # A source of exertion pulls with the same torque, whatever the spring: the place goes with its compliance.
     rival = spring.command * (spring.stiffness_nm_rad(least) / spring.stiffness_nm_rad(most) - 1)

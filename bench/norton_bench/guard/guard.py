@@ -1,15 +1,77 @@
-"""The last word before the wire. Independent of every controller and procedure, it fails closed: what it cannot judge,
-it stops. Once tripped it stays tripped, until an operator says otherwise."""
+"""The last check before commands are sent, and which plausibility checks a rig gets."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from math import inf, isfinite
 
 from norton_bench.errors import SafetyStopError, UsageError
 from norton_bench.guard.check import NOTHING, Check, Commands, DriveHealth, Limited
+from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
 from norton_bench.guard.model import GuardModel
-from norton_bench.rig.rig import Limits
+from norton_bench.guard.motion_checks import CouplingCheck, EncoderAgreement, HeldShaft, Standstill
+from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueBalance, TorqueJump
+from norton_bench.rig.rig import Command, Limits
 from norton_bench.sample import Sample
+from norton_bench.units import conversion, same_dimension
 from norton_drivers.readings import DriveState
+
+
+# Which plausibility checks a rig gets: those whose signals it has.
+@dataclass(frozen=True)
+class Equipment:
+    """What is on the bench. Resolutions are 0 where unknown.
+
+    ``runs``: without a load, a command beyond friction makes the shaft turn on and on.
+    """
+
+    load: bool
+    torque_sensor: bool
+    runs: bool = False
+    range_nm: float = inf
+    resolution_rad: float = 0.0
+    load_resolution_rad: float = 0.0
+    modulation: Command | None = None  # of a second drive
+    modulator_resolution_rad: float = 0.0
+
+
+def checks_for(
+    limits: Limits, command: Command, tick_s: float, fitted: Equipment, leave_out: Collection[str] = ()
+) -> tuple[Check, ...]:
+    """In the order in which they are asked: what tells the cause before what tells the effect."""
+    checks: list[Check] = [EncoderAgreement("actuator encoder", fitted.resolution_rad)]
+    if fitted.load:
+        checks.append(EncoderAgreement("load encoder", fitted.load_resolution_rad))
+        resolution_rad = fitted.resolution_rad + fitted.load_resolution_rad
+        checks.append(CouplingCheck(limits.twist_rad, limits.torque_nm, resolution_rad, tick_s))
+    modulation = fitted.modulation
+    if modulation is not None:
+        checks.append(StuckModulator(modulation.limit, modulation.unit, fitted.modulator_resolution_rad))
+    if fitted.runs and not fitted.load:
+        checks.append(Standstill(command.unit))
+    checks += _of_current(limits, command, fitted)
+    if fitted.torque_sensor:
+        checks += [FrozenTorque(), TorqueJump(limits.torque_nm, tick_s)]
+    if isfinite(fitted.range_nm):
+        checks.append(SaturationCheck(fitted.range_nm))
+    if fitted.load and fitted.torque_sensor:
+        checks.append(TorqueBalance(limits.torque_nm))
+        if fitted.resolution_rad > 0.0:
+            checks.append(HeldShaft(limits.torque_nm, fitted.resolution_rad))
+    return tuple(check for check in checks if check.name not in leave_out)
+
+
+def _of_current(limits: Limits, command: Command, fitted: Equipment) -> list[Check]:
+    """None for a drive that takes no current and no torque: how much current it makes depends on the speed."""
+    checks: list[Check] = []
+    taken_as = command.unit if command.sent_as is None else command.sent_as
+    if same_dimension(taken_as, "A"):
+        checks.append(CurrentAgreement("actuator", command.limit, command.unit, conversion(taken_as, "A")[0]))
+    elif same_dimension(taken_as, "N*m"):
+        checks.append(CurrentAgreement("actuator", command.limit, command.unit))
+    if fitted.load:
+        checks.append(CurrentAgreement("load", min(limits.load_torque_nm, limits.torque_nm), "N*m"))
+    return checks
+
 
 MENDS = {
     "velocity": "ask for less (amplitude of the steps, [actuator.command] limit)",
@@ -25,11 +87,15 @@ WORTH_A_WORD_NS = 5_000_000
 
 @dataclass
 class Guard:
-    """Holds the limits of one rig.
+    """The last check before commands are sent: it holds the limits of one rig.
 
-    ``has_load`` and ``has_torque_sensor`` say which signals must be there; ``command_limit`` is the greatest actuator
-    command, in its own unit, ``modulation_limit`` that of a modulator, None where there is none. ``checks`` are asked
-    in their order, after all limits: a limit is the clearer word. Below ``load_dead_band_nm`` the load does nothing.
+    It depends on no controller and no procedure. It fails closed: where it cannot judge, it stops the bench. Once
+    tripped it stays tripped until an operator resets it.
+
+    ``has_load`` and ``has_torque_sensor`` say which signals must be there; ``command_limit`` is the greatest
+    actuator command, in its own unit, ``modulation_limit`` that of a modulator, None where there is none.
+    ``checks`` are asked in their order, after all limits: a limit is the clearer word. Below ``load_dead_band_nm``
+    the load does nothing.
     """
 
     limits: Limits
@@ -83,9 +149,9 @@ class Guard:
         for drive in drives:
             self._check_drive(drive, sample.tick_ns)
         for check in self.checks:
-            said = check.fault(sample, self._sent)
-            if said is not None:
-                raise self.trip(said, check.name)
+            message = check.fault(sample, self._sent)
+            if message is not None:
+                raise self.trip(message, check.name)
         return self._clip(wished)
 
     def stood_still(self, until_ns: int, stall_ns: int) -> None:
@@ -122,11 +188,11 @@ class Guard:
     def _silent(self, name: str, age_ns: int, sample: Sample) -> SafetyStopError:
         if age_ns < 0:
             return self.trip(f"{name}: no reading yet", "stale")
-        said = (
+        message = (
             f"{name}: silent for {age_ns / 1e6:.1f} ms, more than [limits] stale_after = "
             f"{self.limits.stale_after_ns / 1e6:g} ms"
         )
-        return self.trip(f"{said}; {self._meanwhile(age_ns, sample)}", "stale")
+        return self.trip(f"{message}; {self._meanwhile(age_ns, sample)}", "stale")
 
     def _meanwhile(self, age_ns: int, sample: Sample) -> str:
         """What else was heard while a device was silent, and what follows from that."""
@@ -175,8 +241,8 @@ class Guard:
 
     def _outside(self, name: str, value: float, bound: float, key: str, unit: str, sample: Sample) -> SafetyStopError:
         if isfinite(value):
-            said = f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}"
-            return self.trip(f"{said}; {self._why_late(sample.tick_ns) or self._mend(key)}", key)
+            message = f"{name}: {value:.4g} {unit} is outside [limits] {key} = {bound:g} {unit}"
+            return self.trip(f"{message}; {self._why_late(sample.tick_ns) or self._mend(key)}", key)
         return self.trip(
             f"{name}: is no number: the device marks its reading as invalid, or reads beyond its range; "
             "check the device",

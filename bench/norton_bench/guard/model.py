@@ -8,11 +8,10 @@ import numpy.typing as npt
 from norton_bench.records import Measured, Table
 
 
+# What the bench has measured of itself, as far as the guard relies on it.
 @dataclass(frozen=True)
 class Machine:
-    """What the bench has measured of itself, as far as the guard leans on it.
-
-    One of the two machines at the port, as it was identified. Torques are at the shaft.
+    """One of the two machines at the port, as it was identified. Torques are at the shaft.
 
     ``weight_nm`` is the greatest torque of an arm that hangs on it, ``lag_s`` how long a command takes to show in
     the readings: on its way, in the amplifier, and back.
@@ -71,11 +70,9 @@ NEIGHBOURS = 1.5
 HALF_STEP = 0.5
 
 
+# What the guard relies on, read from what was measured while all was well.
 def torque_readings(at_rest: Measured, shaken: Measured | None) -> TorqueReadings | None:
-    """What the guard leans on, read from what was measured while all was well.
-
-    How the torque sensor behaves with the drives at zero, and by how much it changes at most; None without one.
-    """
+    """How the torque sensor behaves with the drives at zero, and by how much it changes at most; None without one."""
     torque = at_rest.torque[at_rest.torque["valid"]]
     if len(torque) < 2:
         return None

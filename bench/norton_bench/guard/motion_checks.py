@@ -69,9 +69,9 @@ class EncoderAgreement:
             self._apart_rad, self._strikes = 0.0, 0
             return None
         gap_s = gap_ns * 1e-9
-        kept = 1 - gap_s / FORGET_S
-        self._apart_rad = apart_rad = kept * self._apart_rad + turned_rad - expected_rad_s * gap_s
-        self._peak_rad_s = peak_rad_s = max(abs(velocity_rad_s), kept * self._peak_rad_s)
+        retained = 1 - gap_s / FORGET_S
+        self._apart_rad = apart_rad = retained * self._apart_rad + turned_rad - expected_rad_s * gap_s
+        self._peak_rad_s = peak_rad_s = max(abs(velocity_rad_s), retained * self._peak_rad_s)
         allowed_rad = self._least_rad + peak_rad_s * (SLACK_S + gap_s)
         if -allowed_rad <= apart_rad <= allowed_rad:
             self._strikes = 0
@@ -92,7 +92,7 @@ SKEW_S = 3e-3  # the times of travel of the two encoders' readings may differ by
 TWISTS = 4.0
 
 
-class Coupling:
+class CouplingCheck:
     """Two encoders on one shaft: apart from its twist, what one turns the other turns.
 
     A coupling that breaks or slips shows here, and an encoder that jumps, sticks or counts backwards. Positions are

@@ -133,7 +133,7 @@ class TorqueJump:
 END = 0.99  # of the range
 
 
-class Saturation:
+class SaturationCheck:
     """A torque sensor at the end of its range says nothing of what lies beyond it.
 
     ``range_nm`` is what the sensor states; readings come with their bias taken away, its ends do not.

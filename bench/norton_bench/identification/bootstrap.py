@@ -1,4 +1,4 @@
-"""Deviations and biases from this bench's own errors: what was identified is simulated, and fitted again.
+"""Standard deviations and biases by a parametric bootstrap: the fit is simulated with the bench's errors and refitted.
 
 A parametric bootstrap (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, ch. 6 and 10). The smoothed motion
 is taken for the true one and the fit for the true actuator. The measuring chain is as it was measured: noise and steps
@@ -16,7 +16,6 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.coupling import Coupling, likeliest
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.readings import (
     resolution_rad,
@@ -26,14 +25,21 @@ from norton_bench.identification.regression import Regression
 from norton_bench.identification.separable import Solution, solve_again
 from norton_bench.identification.signals import (
     Signals,
-    Stream,
+    TimeSeries,
     instants,
     positions_late_s,
     positions_of,
     signals,
     stream_of,
 )
-from norton_bench.identification.simulated_bench import ReadingErrors, Spectrum, Truth, inertia_of
+from norton_bench.identification.simulated_bench import (
+    Coupling,
+    ReadingErrors,
+    SimulatedStretch,
+    Spectrum,
+    inertia_of,
+    likeliest,
+)
 from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.records import Measured, Table
 from norton_bench.segments import Use
@@ -143,7 +149,7 @@ class Ringing:
 
 
 @dataclass(frozen=True)
-class Heard:
+class RingingEvidence:
     """What readings show of the coupling's ringing, beside what the model's unknowns could make of it.
 
     ``left`` (samples,) is what the fit left, ``unknowns`` (samples, k) an orthonormal base of its columns, both as
@@ -155,7 +161,7 @@ class Heard:
     unknowns: FloatArray
 
     @classmethod
-    def of(cls, simulation: "Simulation", coupling: Coupling) -> "Heard":
+    def of(cls, simulation: "Simulation", coupling: Coupling) -> "RingingEvidence":
         solution = simulation.solution
         unknowns = np.linalg.qr(solution.jacobian)[0]
         left = solution.innovation - unknowns @ (unknowns.T @ solution.innovation)
@@ -176,11 +182,11 @@ class Simulation:
 
     readings: Readings
     solution: Solution
-    truths: tuple[Truth, ...]
+    truths: tuple[SimulatedStretch, ...]
     motion_rows: Table
     torque_rows: Table
-    position: Stream
-    torque: Stream
+    position: TimeSeries
+    torque: TimeSeries
     position_errors: ReadingErrors
     torque_errors: ReadingErrors
     late_s: FloatArray  # how much later than at even instants positions were read, as far as arrivals tell
@@ -197,7 +203,7 @@ class Simulation:
         bench = cls(
             readings,
             solution,
-            tuple(Truth.of(stretch, solution) for stretch in stretches),
+            tuple(SimulatedStretch.of(stretch, solution) for stretch in stretches),
             motion_rows,
             torque_rows,
             position,
@@ -215,7 +221,7 @@ class Simulation:
         # Slower ringing is read as it is: nothing of it is folded.
         if coupling is None or coupling.resonance_hz(inertia_kgm2) < 0.5 / self.torque.period_s:
             return self
-        spring = likeliest(coupling, inertia_kgm2, Heard.of(self, coupling).gain)
+        spring = likeliest(coupling, inertia_kgm2, RingingEvidence.of(self, coupling).gain)
         return replace(self, readings=replace(self.readings, coupling=spring))
 
     def _without_signal_in_noise(self) -> "Simulation":
@@ -232,7 +238,7 @@ class Simulation:
     def over(self, others: tuple[Signals, ...]) -> "Simulation":
         """The same over ``others`` too, as far as no stretch of its own holds them already."""
         own = {truth.stretch.time_s[0] for truth in self.truths}
-        more = tuple(Truth.of(other, self.solution) for other in others if other.time_s[0] not in own)
+        more = tuple(SimulatedStretch.of(other, self.solution) for other in others if other.time_s[0] not in own)
         return replace(self, truths=(*self.truths, *more))
 
     def records(self) -> Iterator[Measured]:
@@ -271,7 +277,7 @@ class Simulation:
         return position_rad, velocity_rad_s
 
     def _torque(
-        self, truth: Truth, time_s: FloatArray, coupling: Coupling | None, random: np.random.Generator
+        self, truth: SimulatedStretch, time_s: FloatArray, coupling: Coupling | None, random: np.random.Generator
     ) -> FloatArray:
         travel_s = random.choice(self.travel_s, truth.stretch.sent_s.size)
         if averaging_s := truth.stretch.torque_averaging_s:

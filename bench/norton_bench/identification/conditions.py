@@ -12,12 +12,12 @@ import numpy as np
 from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.model_free.impedance_table import PARTS, ImpedanceTable
-from norton_bench.identification.model_free.source_map import Settling, settling
-from norton_bench.identification.model_free.without_model import WithoutModel
+from norton_bench.identification.impedance_table import PARTS, ImpedanceTable
 from norton_bench.identification.results import FitResult, SourceMap, Trace, Validation
 from norton_bench.identification.rows import Aligned, align
 from norton_bench.identification.signals import Signals
+from norton_bench.identification.source_map import Settling, settling
+from norton_bench.identification.without_model import WithoutModel
 from norton_bench.networks.checks import VERDICTS
 from norton_bench.records import Measured, SegmentInfo
 
@@ -26,11 +26,10 @@ DEVIATIONS, SHARE = 3.0, 0.02
 LEAST_STROKES = 4
 
 
+# Backlash as the port shows it: a range of displacement in which it exerts nothing.
 @dataclass(frozen=True)
 class ZeroRange:
-    """Backlash as the port shows it: a range of displacement in which it exerts nothing.
-
-    The mean width over all strokes, and its 95 % interval (Student's, of the scatter between strokes).
+    """The mean width over all strokes, and its 95 % interval (Student's, of the scatter between strokes).
 
     ``crossing_rad`` is how far the port moves through zero at the slope that it has beside it: what is no wider
     than that is no gap, but a curve.
@@ -60,14 +59,14 @@ def zero_range(
     crosses zero stays within ± T as long as it takes from T to 2 T on both sides together; a gap comes on top of that.
     """
     loops = {each.index for each in segments if each.procedure == "imposed" and each.name.startswith("loop")}
-    found: list[tuple[float, float]] = []
+    result: list[tuple[float, float]] = []
     for stretch in stretches:
         torque_nm = stretch.torque_nm - bias_nm + inertia_kgm2 * stretch.acceleration_rad_s2
         for stroke in _strokes(stretch, loops):
-            found += _ways(torque_nm[stroke], stretch.velocity_rad_s[stroke] * stretch.signals.tick_s, noise_nm)
-    if len(found) < LEAST_STROKES:
+            result += _ways(torque_nm[stroke], stretch.velocity_rad_s[stroke] * stretch.signals.tick_s, noise_nm)
+    if len(result) < LEAST_STROKES:
         return None
-    near, beside = np.array(found).T
+    near, beside = np.array(result).T
     widths = near - beside
     mean, deviation = float(np.mean(widths)), float(np.std(widths, ddof=1) / np.sqrt(len(widths)))
     half = float(t_distribution.ppf(0.975, len(widths) - 1)) * deviation
@@ -113,7 +112,7 @@ CERTAIN = 0.95
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Condition:
     """One condition: whether it holds (None: these data cannot tell), why, and the figure it was judged by.
 
     ``figure`` says what ``value`` is, in ``unit``; ``interval`` is of 95 %. NaN where nothing was measured.
@@ -146,7 +145,7 @@ class Evidence:
     settling: Settling | None = None
 
 
-def conditions(evidence: Evidence) -> tuple[Judgement, ...]:
+def conditions(evidence: Evidence) -> tuple[Condition, ...]:
     """The three of them, in the paper's order."""
     return (_impedance_form(evidence.unseen), _unique_zero(evidence), _zero_dynamics(evidence.settling))
 
@@ -186,21 +185,21 @@ def _gap(fit: FitResult, stretches: Sequence[Signals], measured: Measured) -> Ze
     )
 
 
-def _impedance_form(unseen: Sequence[Trace]) -> Judgement:
+def _impedance_form(unseen: Sequence[Trace]) -> Condition:
     name, figure = (
         "impedance form",
         "share of the torque, kept apart from the fit, that motion and command leave unexplained",
     )
     if not unseen:
-        return Judgement(name, None, "no torque was measured under an imposed motion that was kept apart from the fit")
-    share, interval = min((_left_over(trace) for trace in unseen), key=lambda found: found[0])
+        return Condition(name, None, "no torque was measured under an imposed motion that was kept apart from the fit")
+    share, interval = min((_left_over(trace) for trace in unseen), key=lambda result: result[0])
     holds = usable(interval)
     why = {
         True: "the torque follows from the measured motion and the command, also for motion kept apart from the fit",
         False: "most of the torque follows neither from the motion nor from the command",
         None: "part of the torque is explained by nothing here: another friction, or noise",
     }[holds]
-    return Judgement(name, holds, why, figure, share, interval, "")
+    return Condition(name, holds, why, figure, share, interval, "")
 
 
 def usable(share: Interval) -> bool | None:
@@ -228,11 +227,11 @@ def share_left(error: FloatArray, torque: FloatArray, block: int) -> tuple[float
     return float(np.sqrt(sums[:, 0].sum() / sums[:, 1].sum())), (float(low), float(high))
 
 
-def _unique_zero(evidence: Evidence) -> Judgement:
+def _unique_zero(evidence: Evidence) -> Condition:
     """One free motion to a command: no gap in displacement, and a torque that falls with velocity throughout."""
     name = "unique zero"
     if evidence.gap is not None and evidence.gap.is_gap:
-        return Judgement(
+        return Condition(
             name,
             False,
             "backlash: the port exerts nothing over a range of displacement, so its source is known to within that",
@@ -258,7 +257,7 @@ def _unique_zero(evidence: Evidence) -> Judgement:
         )
     else:
         holds, why = None, "the torque's fall with velocity is lost in its scatter: impose fewer velocities for longer"
-    return Judgement(name, holds, why, "least fall of torque with velocity", value, interval, "N*m*s/rad")
+    return Condition(name, holds, why, "least fall of torque with velocity", value, interval, "N*m*s/rad")
 
 
 def _no_gap(gap: ZeroRange | None) -> str:
@@ -268,20 +267,20 @@ def _no_gap(gap: ZeroRange | None) -> str:
 
 
 def _branches_differ(source: SourceMap | None) -> bool | None:
-    found = None if source is None else source.hysteresis()
-    if found is None or source is None:
+    result = None if source is None else source.hysteresis()
+    if result is None or source is None:
         return None
     matters_rad_s = SAME_BRANCH * float(np.nanmax(np.abs(source.velocity_rad_s)))
-    return found.significant and abs(found.difference_rad_s) > matters_rad_s
+    return result.significant and abs(result.difference_rad_s) > matters_rad_s
 
 
-def _by_branches(name: str, differs: bool | None) -> Judgement:
+def _by_branches(name: str, differs: bool | None) -> Condition:
     if differs is None:
-        return Judgement(name, None, "neither a velocity at which the torque vanishes nor the free motion was measured")
+        return Condition(name, None, "neither a velocity at which the torque vanishes nor the free motion was measured")
     if differs:
-        return Judgement(name, False, "one command has two free velocities, by the side from which it is approached")
+        return Condition(name, False, "one command has two free velocities, by the side from which it is approached")
     why = "each command has one free velocity, from whichever side; what lies beside it was not measured"
-    return Judgement(name, True, why)
+    return Condition(name, True, why)
 
 
 def _least_fall(table: ImpedanceTable) -> tuple[float, Interval, Interval] | None:
@@ -305,10 +304,10 @@ def _least_fall(table: ImpedanceTable) -> tuple[float, Interval, Interval] | Non
     return value, (value - one * deviation, value + one * deviation), (lowest, highest)
 
 
-def _zero_dynamics(seen: Settling | None) -> Judgement:
+def _zero_dynamics(seen: Settling | None) -> Condition:
     name, figure = "stable zero dynamics", "of a step's change, still to come in the last quarter of its dwell"
     if seen is None:
-        return Judgement(name, None, "no staircase of the free port was recorded to settle on: run the step 'free'")
+        return Condition(name, None, "no staircase of the free port was recorded to settle on: run the step 'free'")
     low, high = seen.left_interval
     if high <= SETTLED:
         holds, why = True, f"with no torque at the port, {seen.steps} steps of the command settled{_in_time(seen)}"
@@ -316,7 +315,7 @@ def _zero_dynamics(seen: Settling | None) -> Judgement:
         holds, why = False, f"with no torque at the port, the motion does not settle within {seen.dwell_s:.2g} s"
     else:
         holds, why = None, f"the motion has not clearly settled within {seen.dwell_s:.2g} s: dwell longer on each level"
-    return Judgement(name, holds, why, figure, seen.left, seen.left_interval, "")
+    return Condition(name, holds, why, figure, seen.left, seen.left_interval, "")
 
 
 def _in_time(seen: Settling) -> str:

@@ -32,17 +32,15 @@ VAGUE_S = 5e-3
 LEAST = 1e-12
 
 
+# What a record tells of each parameter, or what an experiment that is only planned would tell, in the same terms.
+#
+# The columns and slopes of the fit's own regression, at an estimate that is there already, give the information
+# matrix JᵀJ / σ²: its inverse is the covariance that noise alone would leave (the Cramér–Rao bound where σ² is the
+# noise's density). Each stretch's initial friction and the sensor's wandering zero are unknowns too, and are
+# projected out.
 @dataclass(frozen=True)
 class Excitation:
-    """What a record tells of each parameter, or what an experiment that is only planned would tell, in the same terms.
-
-    The columns and slopes of the fit's own regression, at an estimate that is there already, give the information
-    matrix JᵀJ / σ²: its inverse is the covariance that noise alone would leave (the Cramér–Rao bound where σ² is
-    the noise's density). Each stretch's initial friction and the sensor's wandering zero are unknowns too, and are
-    projected out.
-
-    A planned stretch: arrays of shape (ticks,), the motion smooth and imposed, so known ahead.
-    """
+    """A planned stretch: arrays of shape (ticks,), the motion smooth and imposed, so known ahead."""
 
     tick_s: float
     command: FloatArray
@@ -348,9 +346,9 @@ class Sums:
 
     def solved(self, chosen: IntArray, without: int | None = None) -> FloatArray:
         """Least squares of the residual by ``chosen`` columns, of all blocks but those of a segment; scaled."""
-        kept = np.ones(self.part.size, dtype=bool) if without is None else self.part != without
-        gram = self.gram[kept].sum(axis=0)[np.ix_(chosen, chosen)]
-        return np.asarray(np.linalg.lstsq(gram, self.score[kept].sum(axis=0)[chosen], rcond=1e-12)[0])
+        retained = np.ones(self.part.size, dtype=bool) if without is None else self.part != without
+        gram = self.gram[retained].sum(axis=0)[np.ix_(chosen, chosen)]
+        return np.asarray(np.linalg.lstsq(gram, self.score[retained].sum(axis=0)[chosen], rcond=1e-12)[0])
 
     def left(self, chosen: IntArray, values: FloatArray, within: npt.NDArray[np.bool_]) -> float:
         """The sum of squares that ``values`` of ``chosen`` columns leave of the residual in some blocks."""

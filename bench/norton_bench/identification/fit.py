@@ -12,7 +12,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
-from norton_bench.identification.coupling import Coupling
+from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.current import fit_current
 from norton_bench.identification.results import (
     Cogging,
@@ -24,10 +24,10 @@ from norton_bench.identification.results import (
     verdict,
 )
 from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
-from norton_bench.identification.sanity.checks import FailedCheck, failed_checks, status_of
-from norton_bench.identification.sanity.cleaning import NOTHING_FOUND, Findings, clean
+from norton_bench.identification.sanity_checks import FailedCheck, failed_checks, status_of
 from norton_bench.identification.separable import Solution, limits, linear_solution, solve
 from norton_bench.identification.signals import Port, Signals, signals
+from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
@@ -85,7 +85,7 @@ def fit_signals(
     readings: Readings | None = None,
     both_driven: bool = False,
 ) -> FitResult:
-    """The same, from signals that stand on one grid already, and what was found when they were made.
+    """The same, from signals that are on one grid already. ``findings`` are those of their cleaning.
 
     ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
     ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows. With
@@ -111,12 +111,12 @@ def solution_of(
     measured = all(stretch.torque_nm is not None for stretch in stretches)
     doubtful = bool(findings.doubts)
     solution = solve(stretches, free_motion=not measured, roughly=doubtful, cogging=cogging)
-    told = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
+    determined = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
         beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
     )
-    if port is Port.LOAD and not told:
+    if port is Port.LOAD and not determined:
         raise ExperimentError(_why_no_scale(solution))
-    if measured and not told:
+    if measured and not determined:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return solution
 
@@ -163,9 +163,9 @@ def beyond_noise(solution: Solution) -> float:
     regression = solution.regression
     counts = [row.usable.size for row in regression.rows]
     noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
-    told = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
+    determined = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
     left = float(np.mean(solution.residual**2))
-    return float(np.clip(1.0 - noise / max(left, 1e-300), min(told, 1.0), 1.0))
+    return float(np.clip(1.0 - noise / max(left, 1e-300), min(determined, 1.0), 1.0))
 
 
 def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:

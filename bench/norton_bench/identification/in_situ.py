@@ -14,14 +14,14 @@ from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import delayed
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.cleaning import clean
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import fit_machine, weight_of
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.signals import INTERPOLATION, Port, positions_of, signals
 from norton_bench.identification.trials import (
-    Seen,
     TrialFigures,
+    TrialReadings,
     diverge,
     in_band,
     number_of,
@@ -85,12 +85,10 @@ class Machine:
         return np.asarray((following - stays * wanted) / (1.0 - stays) / self.network.torque_gain)
 
 
+# What an in-situ experiment took its load for: the one thing in its recording that its trials alone do not tell.
 @dataclass(frozen=True)
 class LoadTaken:
-    """What an in-situ experiment took its load for: the one thing in its recording that its trials alone do not tell.
-
-    The load's values, in sentences where they come from, and how many ticks a trial is to have.
-    """
+    """The load's values, in sentences where they come from, and how many ticks a trial is to have."""
 
     machine: Machine
     said: tuple[str, ...]
@@ -124,8 +122,8 @@ class LoadTaken:
 
 def load_taken(events: Sequence[Event]) -> LoadTaken | None:
     """What was said last; None where nothing was."""
-    said = [event.text for event in events if event.kind == LOAD_TAKEN]
-    return LoadTaken.of_text(said[-1]) if said else None
+    texts = [event.text for event in events if event.kind == LOAD_TAKEN]
+    return LoadTaken.of_text(texts[-1]) if texts else None
 
 
 # What its steps, and the segments of its trials, are called.
@@ -138,16 +136,16 @@ AVERAGED = 3
 class Trial:
     """What was seen of one trial, the load torque that was sent, and the torque that the load tells: (ticks,)."""
 
-    seen: Seen
+    seen: TrialReadings
     load_torque_nm: FloatArray
     torque_nm: FloatArray
 
     @classmethod
     def of(cls, measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: float) -> "Trial":
         """Raises ExperimentError where a stream has gaps in it."""
-        found = seen(measured, segment, load.ticks, tick_s)
+        result = seen(measured, segment, load.ticks, tick_s)
         load_torque_nm = sent(measured, segment, "load_torque_nm", load.ticks, tick_s)
-        return cls(found, load_torque_nm, -load.machine.torque_nm(load_torque_nm, found.load_position_rad, tick_s))
+        return cls(result, load_torque_nm, -load.machine.torque_nm(load_torque_nm, result.load_position_rad, tick_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,8 +203,8 @@ def in_situ_result(measured: Measured, tick_s: float) -> InSituResult | None:
     if not whole:
         return None
     trials = [_exerted(measured, each, load, tick_s) for each in whole]
-    found, command = figures(trials), sent(measured, whole[0], "command", load.ticks, tick_s)
-    return InSituResult(found, source_motion(trials, command, tick_s), load.said, why_not_settled(found))
+    result, command = figures(trials), sent(measured, whole[0], "command", load.ticks, tick_s)
+    return InSituResult(result, source_motion(trials, command, tick_s), load.said, why_not_settled(result))
 
 
 def _exerted(measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: float) -> Exerted:
@@ -265,22 +263,19 @@ TWIST_NM_RAD = 100.0
 LOOSEST = 0.05
 
 
+# An actuator that stays assembled to its load, without a torque sensor: both machines from their two encoders.
+#
+# The shaft between them twists in proportion to the torque. How stiff it is nobody knows, and the load's values need
+# not know: its own command sets the scale. So the twist, times any number, is fitted as the load's port torque, and
+# all is divided by the torque gain that comes out: the load's values in newton metres *as its drive counts them*.
+#
+# Viscous damping is the exception. A twist that goes with velocity is also what two encoders show that are read half
+# a microsecond apart, so that one must be known from elsewhere.
+#
+# With the load known, the port torque follows from its motion and its command, and the actuator is fitted to that.
 @dataclass(frozen=True)
 class LoadByTwist:
-    """An actuator that stays assembled to its load, without a torque sensor: both machines from their two encoders.
-
-    The shaft between them twists in proportion to the torque. How stiff it is nobody knows, and the load's values
-    need not know: its own command sets the scale. So the twist, times any number, is fitted as the load's port
-    torque, and all is divided by the torque gain that comes out: the load's values in newton metres *as its drive
-    counts them*.
-
-    Viscous damping is the exception. A twist that goes with velocity is also what two encoders show that are read
-    half a microsecond apart, so that one must be known from elsewhere.
-
-    With the load known, the port torque follows from its motion and its command, and the actuator is fitted to
-    that.
-
-    The load in newton metres as its drive counts them, the relative deviation of its inertia there, and what the
+    """The load in newton metres as its drive counts them, the relative deviation of its inertia there, and what the
     weight of an arm on it gives at most, 0 where none hangs there: ``machine`` is the load without it.
     """
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.identification.bootstrap import Readings
+from norton_bench.identification.cleaning import Cleaned, Findings
 from norton_bench.identification.expansion import Expansion
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import coupling_of
@@ -18,7 +19,6 @@ from norton_bench.identification.model_error import (
     widened,
 )
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sanity.cleaning import Cleaned, Findings
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
 from norton_bench.models.parameters import Estimate, Status
@@ -27,11 +27,9 @@ from norton_bench.segments import Use
 WITHIN = 1.96  # deviations, of 95 %
 
 
+# Values that no motor has: what becomes of estimates beyond their bounds, and of the network with them.
 def beyond_bounds(network: NortonNetwork) -> tuple[str, ...]:
-    """Values that no motor has: what becomes of estimates beyond their bounds, and of the network with them.
-
-    Parameters, by their names, whose values no network file may have.
-    """
+    """Parameters, by their names, whose values no network file may have."""
     values = {name: getattr(network, field) for field, name in PARAMETER_OF_FIELD.items()}
     return tuple(name for name, value in values.items() if value is not None and impossible(name, value))
 
@@ -107,12 +105,10 @@ SIGNIFICANT_CHANGE = 3.2
 COMPARABLE = (Status.VALID, Status.INADEQUATE)
 
 
+# Live values at the session's end beside the final ones: a parameter that moved meanwhile is reported as moved.
 @dataclass(frozen=True)
 class Change:
-    """Live values at the session's end beside the final ones: a parameter that moved meanwhile is said to have moved.
-
-    One parameter, known at the end of the session and from all of it.
-    """
+    """One parameter, known at the end of the session and from all of it."""
 
     live: Estimate
     final: Estimate

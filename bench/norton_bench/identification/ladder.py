@@ -8,9 +8,9 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.friction.fit import FrictionFit, Problem, fit_friction
-from norton_bench.identification.friction.laws import Asymmetric, family_for
-from norton_bench.identification.friction.model import Equation, FrictionModel, Path, blocked_folds
+from norton_bench.identification.friction_fit import FrictionFit, Problem, fit_friction
+from norton_bench.identification.friction_laws import Asymmetric, family_for
+from norton_bench.identification.friction_model import Equation, FrictionModel, Path, blocked_folds
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Shape
@@ -116,13 +116,12 @@ def _of_part(shapes: dict[str, list[FloatArray]], index: int) -> dict[str, Float
 STRIDE = 10
 
 
+# The ladder of friction models on the bench's own recordings: which of them the actuator's friction asks for.
+#
+# Amplifier and delays are taken from the final fit; inertia, gain and the sensor's zero are fitted anew beside each
+# friction. It stands on the low band, in which what is left of the delays is harmless.
 def bench_ladder(stretches: tuple[Signals, ...], result: FitResult) -> tuple[Rung, ...]:
-    """The ladder of friction models on the bench's own recordings: which of them the actuator's friction asks for.
-
-    Amplifier and delays are taken from the final fit; inertia, gain and the sensor's zero are fitted anew beside
-    each friction. It stands on the low band, in which what is left of the delays is harmless.
-
-    Every model that needs nothing but the motion, symmetric where it remembers.
+    """Every model that needs nothing but the motion, symmetric where it remembers.
 
     Empty where no torque was measured, or torque does not tell the scale: there is nothing to compare by.
     """

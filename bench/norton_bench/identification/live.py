@@ -14,17 +14,17 @@ from filterpy.kalman import KalmanFilter
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification import cleaning
 from norton_bench.identification.bootstrap import Readings
-from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fit import PHYSICAL, network_of, physical, result_of, solution_of
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
 from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, VISCOUS
-from norton_bench.identification.sanity import cleaning
-from norton_bench.identification.sanity.checks import Blocks
-from norton_bench.identification.sanity.standstill import rising, spikes
+from norton_bench.identification.sanity_checks import Blocks
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import signals
+from norton_bench.identification.simulated_bench import Coupling
+from norton_bench.identification.standstill import rising, spikes
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import Measured, SegmentInfo, Table, join
@@ -36,7 +36,7 @@ MAY_MOVE = (GAIN, VISCOUS, COULOMB, DAMPING)
 SIGNIFICANT_TREND = 4.0
 # Random walks in question: a share of the value in the square root of a second.
 RATES = (1e-3, 3e-3, 1e-2, 3e-2)
-# What is known beforehand, in deviations of the fit: as good as nothing.
+# What is known beforehand, in deviations of the fit: next to nothing.
 VAGUE = 1e3
 # Directions of a block with less information than this, relative to the fit's, say nothing.
 SAYS_NOTHING = 1e-6
@@ -44,15 +44,14 @@ SAYS_NOTHING = 1e-6
 ROUNDS = 2
 
 
+# Parameters that move while the record is taken: a Kalman filter over its blocks, about the fit of all of it.
+#
+# A fit takes every parameter for constant. Where one of them goes with time by more than the scatter of the blocks
+# explains, it is given a random walk, at the rate with which the blocks are likeliest, and the filter follows it. All
+# others are estimated along with it, as constants.
 @dataclass(frozen=True)
 class Drift:
-    """Parameters that move while the record is taken: a Kalman filter over its blocks, about the fit of all of it.
-
-    A fit takes every parameter for constant. Where one of them goes with time by more than the scatter of the
-    blocks explains, it is given a random walk, at the rate with which the blocks are likeliest, and the filter
-    follows it. All others are estimated along with it, as constants.
-
-    What became of the unknowns at the end of the record: ``change`` (p,) from the solution's own, linear ones
+    """What became of the unknowns at the end of the record: ``change`` (p,) from the solution's own, linear ones
     first, with its ``covariance`` (p, p); ``moved`` are those that walked.
     """
 
@@ -158,16 +157,15 @@ class _Record:
 STRAY_NS = 1_000_000_000
 
 
+# Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
+#
+# Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the same
+# data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is imposed.
+# What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations are those of the
+# parametric bootstrap, which is repeated each time that the data have doubled; in between they shrink as the
+# residual's.
 def clean(part: Measured) -> Measured:
-    """Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
-
-    Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the
-    same data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is
-    imposed. What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations
-    are those of the parametric bootstrap, which is repeated each time that the data have doubled; in between they
-    shrink as the residual's.
-
-    What of a part can be trusted at all, before anything is learned from it.
+    """What of a part can be trusted at all, before anything is learned from it.
 
     A final fit can look at everything twice; what runs live digests each reading once and must not be poisoned by
     it.

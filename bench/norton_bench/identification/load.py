@@ -11,16 +11,16 @@ from scipy.stats import norm as normal
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.coupling import Coupling
+from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.fit import LEFT_BY_A_GOOD_FIT, fit_signals
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import STILL, Rows
-from norton_bench.identification.sanity.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.signals import Port, Signals, sent_at_s, signals
+from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import sandwich
 from norton_bench.records import Measured
 from norton_bench.segments import Use
@@ -28,7 +28,7 @@ from norton_bench.segments import Use
 LOAD_COMMAND_UNIT = "N*m"
 DELAY_STEPS = 8
 # An arm's weight goes with the position, once a turn. It is looked for where a motor leaves more than
-# it should, and cleaned where it leaves less than this share of that.
+# it should, and believed where it leaves less than this share of that.
 GRAVITY = 1.0
 WORTHWHILE = 0.8
 
@@ -169,7 +169,7 @@ def above_zero(value: float, std: float) -> tuple[float, float]:
     """Mean and deviation of what was found to be ``value`` with ``std``, and is known to be above zero.
 
     A normal distribution cut off at zero. It changes nothing that is told; where counts are too coarse for the twist of
-    a stiff sensor, it is what may be cleaned of its compliance.
+    a stiff sensor, it is what may be believed of its compliance.
     """
     below = -value / std
     # The density over what is left: finite however far below zero it lies, where both vanish.

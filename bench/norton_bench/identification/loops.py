@@ -118,9 +118,9 @@ def mean_lag_of_held(
         while now < end:
             arrived = event < sent.size and sent[event] <= end
             until = sent[event] if arrived else end
-            kept = exp(-bandwidth * (until - now))
-            area += held * (until - now) + (state - held) * (1.0 - kept) / bandwidth
-            state = held + (state - held) * kept
+            retained = exp(-bandwidth * (until - now))
+            area += held * (until - now) + (state - held) * (1.0 - retained) / bandwidth
+            state = held + (state - held) * retained
             now = until
             if arrived:
                 held = command[event]
@@ -134,8 +134,8 @@ def mean_lag_of_held(
 @njit(cache=True, nogil=True, inline="always")
 def _kept(way: float) -> tuple[float, float]:
     """What is left of a difference after a ``way``, and its mean on the way."""
-    kept = exp(-way)
-    return kept, (1.0 - kept) / way if way > 1e-6 else 1.0 - 0.5 * way
+    retained = exp(-way)
+    return retained, (1.0 - retained) / way if way > 1e-6 else 1.0 - 0.5 * way
 
 
 @njit(cache=True, nogil=True)
@@ -150,12 +150,12 @@ def _turning(
         if v <= u:
             continue
         displacement = way * (v - u) + 0.5 * bend * ((v * v - v) - (u * u - u))
-        kept, mean = _kept(s * abs(displacement))
+        retained, mean = _kept(s * abs(displacement))
         side = 1.0 if displacement > 0.0 else -1.0
         cell = k - 1 if u < 0.5 else k
         output[0, cell] += (v - u) * (side + (h - side) * mean)
         output[1, cell] += (v - u) * left * mean
-        h, left = side + (h - side) * kept, left * kept
+        h, left = side + (h - side) * retained, left * retained
         u = v
     return h, left
 
@@ -178,12 +178,12 @@ def friction_path(position: FloatArray, s: float, starts: IntArray) -> FloatArra
                 bend = 0.5 * (position[k + 1] - position[k] - position[k - 1] + position[k - 2])
             if abs(way) >= 0.5 * abs(bend):
                 # Its halves, for the cells on either side.
-                kept, mean = _kept(0.5 * s * abs(way))
+                retained, mean = _kept(0.5 * s * abs(way))
                 side = 1.0 if way > 0.0 else -1.0
                 for cell in (k - 1, k):
                     output[0, cell] += 0.5 * (side + (h - side) * mean)
                     output[1, cell] += 0.5 * left * mean
-                    h, left = side + (h - side) * kept, left * kept
+                    h, left = side + (h - side) * retained, left * retained
             else:
                 h, left = _turning(output, k, way, bend, s, h, left)
         if event < starts.size and starts[event] == k:
@@ -225,15 +225,15 @@ def kalman_gains(kept: FloatArray, kicks: FloatArray) -> tuple[FloatArray, Float
 
 @njit(cache=True, nogil=True)
 def innovations(values: FloatArray, kept: FloatArray, gain: FloatArray, scale: FloatArray) -> FloatArray:
-    """What such a filter does not foretell of each row of ``values`` (rows, n), scaled."""
+    """What such a filter does not predict of each row of ``values`` (rows, n), scaled."""
     output = np.empty_like(values)
     state = np.zeros(values.shape[0])
     for k in range(kept.size):
         for row in range(values.shape[0]):
-            foretold = state[row] * kept[k]
-            error = values[row, k] - foretold
+            predicted = state[row] * kept[k]
+            error = values[row, k] - predicted
             output[row, k] = error * scale[k]
-            state[row] = foretold + gain[k] * error
+            state[row] = predicted + gain[k] * error
     return output
 
 

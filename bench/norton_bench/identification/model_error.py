@@ -13,11 +13,7 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import Ringing, Simulation
-from norton_bench.identification.coupling import Coupling
-from norton_bench.identification.expansion import Expansion, Linearised, Sums
-from norton_bench.identification.fit import PHYSICAL
-from norton_bench.identification.ladder import Rung, selected
-from norton_bench.identification.residuals.departures import (
+from norton_bench.identification.departures import (
     CHANGE,
     Candidate,
     Departure,
@@ -25,9 +21,12 @@ from norton_bench.identification.residuals.departures import (
     departures,
     greatest_share,
 )
+from norton_bench.identification.expansion import Expansion, Linearised, Sums
+from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.ladder import Rung, selected
 from norton_bench.identification.results import FitResult, SensorZero
 from norton_bench.identification.signals import Signals, signals
-from norton_bench.identification.simulated_bench import inertia_of
+from norton_bench.identification.simulated_bench import Coupling, inertia_of
 from norton_bench.identification.validation import free_runs
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status
@@ -216,9 +215,9 @@ def validation_stretches(measured: Measured, tick_s: float) -> tuple[Signals, ..
         return ()
 
 
-def _told_apart(at: Expansion, found: tuple[Departure, ...], usual: _Usual) -> tuple[Departure, ...]:
+def _told_apart(at: Expansion, result: tuple[Departure, ...], usual: _Usual) -> tuple[Departure, ...]:
     """Only the first where all of them leave more than noise: what comes next may be what its terms left of it."""
-    return found[:1] if found and _mostly_no_noise(at, found[-1].left_nm ** 2, usual) else found
+    return result[:1] if result and _mostly_no_noise(at, result[-1].left_nm ** 2, usual) else result
 
 
 def _mostly_no_noise(at: Expansion, left_nm2: float, usual: _Usual) -> bool:
@@ -253,14 +252,14 @@ def judged(result: FitResult, error: ModelError | None) -> FitResult:
     told = replace(
         result,
         failed_checks=tuple(check for check in result.failed_checks if check not in looked_like),
-        verdict=tuple(said for said in result.verdict if said not in {check.sentence for check in looked_like}),
+        verdict=tuple(text for text in result.verdict if text not in {check.sentence for check in looked_like}),
     )
     undoubted = bool(looked_like) and not told.failed_checks
     estimates = tuple(_judged(each, error, undoubted=undoubted) for each in result.estimates)
     concerned = [each.name for each in estimates if each.status is Status.INADEQUATE]
-    said = sentences(error, concerned)
-    network = widened(result, estimates).with_provenance({"model": said[0]})
-    return replace(told, estimates=estimates, network=network, verdict=(*said, *told.verdict))
+    texts = sentences(error, concerned)
+    network = widened(result, estimates).with_provenance({"model": texts[0]})
+    return replace(told, estimates=estimates, network=network, verdict=(*texts, *told.verdict))
 
 
 def widened(result: FitResult, estimates: Sequence[Estimate]) -> NortonNetwork:
@@ -285,17 +284,17 @@ def _judged(estimate: Estimate, error: ModelError, *, undoubted: bool) -> Estima
 
 def sentences(error: ModelError, concerned: Sequence[str]) -> tuple[str, ...]:
     """What is wrong with the model, how much that is, and which values are not to be built upon."""
-    said = [_sentence(each) for each in error.departures]
+    texts = [_sentence(each) for each in error.departures]
     if error.unexplained:
-        but = "; nothing else that was looked at explains it" if said else "; nothing that was looked at explains it"
-        said.append(
-            f"The model is inadequate: {'beyond that ' if said else ''}it leaves {_milli(error.left_nm)} rms of the "
+        but = "; nothing else that was looked at explains it" if texts else "; nothing that was looked at explains it"
+        texts.append(
+            f"The model is inadequate: {'beyond that ' if texts else ''}it leaves {_milli(error.left_nm)} rms of the "
             f"torque that is not noise{but}."
         )
     if concerned:
         names = ", ".join(name.replace("_", " ") for name in concerned)
-        said.append(f"Not to be built upon, because another model gives other values: {names}.")
-    return tuple(said)
+        texts.append(f"Not to be built upon, because another model gives other values: {names}.")
+    return tuple(texts)
 
 
 def of_ladder(rungs: Sequence[Rung]) -> tuple[str, ...]:
@@ -310,12 +309,12 @@ def of_ladder(rungs: Sequence[Rung]) -> tuple[str, ...]:
     )
 
 
-def _sentence(found: Departure) -> str:
-    where = f" ({found.periods_per_turn} a turn)" if found.periods_per_turn else ""
+def _sentence(result: Departure) -> str:
+    where = f" ({result.periods_per_turn} a turn)" if result.periods_per_turn else ""
     return (
-        f"The model is inadequate: {_milli(found.rms_nm)} rms of the torque, {found.share:.0%} of the variance it "
-        f"leaves, goes with {found.kind.goes_with}{where}: {found.kind.cause}. "
-        f"With a term for it ({found.kind.term}) {_milli(found.left_nm)} would be left."
+        f"The model is inadequate: {_milli(result.rms_nm)} rms of the torque, {result.share:.0%} of the variance it "
+        f"leaves, goes with {result.kind.goes_with}{where}: {result.kind.cause}. "
+        f"With a term for it ({result.kind.term}) {_milli(result.left_nm)} would be left."
     )
 
 

@@ -26,16 +26,14 @@ NORMAL_OF_MEDIAN_DEVIATION = 1.4826
 SIGNIFICANT = 8.0
 
 
+# When a stream's readings were taken, recovered from when they arrived.
+#
+# A device samples at regular instants of its own clock; transport adds a delay and a jitter. The instants are found
+# by a robust fit of a slowly bending line of arrival against the device's own stamps, or, where it sends none,
+# against a count of its readings in which losses are seen as gaps. The mean transport delay stays in: it is the same
+# for all readings of a stream, and the fit estimates it.
 def nominal_period_s(arrival_ns: IntArray) -> float:
-    """When a stream's readings were taken, recovered from when they arrived.
-
-    A device samples at regular instants of its own clock; transport adds a delay and a jitter. The instants are
-    found by a robust fit of a slowly bending line of arrival against the device's own stamps, or, where it sends
-    none, against a count of its readings in which losses are seen as gaps. The mean transport delay stays in: it is
-    the same for all readings of a stream, and the fit estimates it.
-
-    The time between two readings [s]: the mean of the usual ones, for arrivals may be bunched.
-    """
+    """The time between two readings [s]: the mean of the usual ones, for arrivals may be bunched."""
     steps = np.diff(arrival_ns) * 1e-9
     if not steps.size:
         return float("nan")
@@ -221,7 +219,7 @@ DOUBTED_SHARE = 0.3
 AT_REST_STEPS = 1.5
 # From one level to the next within so many readings.
 BLEND = 4
-# A shaft that moves less than so many counts within so many readings is as good as stuck.
+# A shaft that moves less than so many counts within so many readings counts as stuck.
 MOVING_COUNTS = 8
 MOVING_WITHIN = 31
 SMALLEST_STEP_RAD = 1e-9
@@ -236,16 +234,15 @@ COHERENT = 0.35
 ROUNDED = 0.05
 
 
+# Undoing an encoder's counts: a smooth motion that agrees with every reading.
+#
+# A count only says that the shaft is somewhere within one step. Taken literally, a shaft at rest on the edge of two
+# counts seems to travel back and forth, and its friction to slide; where it turns round, the outermost count makes
+# the way too long, and a low-pass that is too heavy makes it too short. So every stretch is smoothed as heavily as
+# its counts allow: by the longest low-pass, exact on cubics, whose result stays inside the steps that were read and
+# within the errors of all shorter ones (Lepski's rule). What is returned never leaves the steps.
 def resolution_rad(position_rad: FloatArray) -> float:
-    """Undoing an encoder's counts: a smooth motion that agrees with every reading.
-
-    A count only says that the shaft is somewhere within one step. Taken literally, a shaft at rest on the edge of
-    two counts seems to travel back and forth, and its friction to slide; where it turns round, the outermost count
-    makes the way too long, and a low-pass that is too heavy makes it too short. So every stretch is smoothed as
-    heavily as its counts allow: by the longest low-pass, exact on cubics, whose result stays inside the steps that
-    were read and within the errors of all shorter ones (Lepski's rule). What is returned never leaves the steps.
-
-    The step in which positions come [rad]; 0 where none can be seen.
+    """The step in which positions come [rad]; 0 where none can be seen.
 
     Counts that were rounded once more, as where a message carries an angle in hundredths of a degree, come in steps
     of unlike size. The step is then the one with which they agree best (the greatest coherence of 2π steps/p), and

@@ -10,9 +10,9 @@ from scipy.interpolate import PchipInterpolator
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification import branches
 from norton_bench.identification.kernels import FULL_BAND, Kernel
-from norton_bench.identification.model_free import branches
-from norton_bench.identification.sanity.checks import FailedCheck
+from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.models.network import NortonNetwork
@@ -36,12 +36,10 @@ MEND = {
 }
 
 
+# What the data cannot tell, in words: from the directions of parameter space in which the estimate is loose.
 @dataclass(frozen=True)
 class Direction:
-    """What the data cannot tell, in words: from the directions of parameter space in which the estimate is loose.
-
-    Parameters that may move together at no cost: relative deviation along it, and each one's part.
-    """
+    """Parameters that may move together at no cost: relative deviation along it, and each one's part."""
 
     deviation: float
     names: tuple[str, ...]
@@ -56,7 +54,7 @@ class Direction:
 def loose_directions(names: Sequence[str], relative_covariance: FloatArray) -> tuple[Direction, ...]:
     """The singular directions of the information, the loosest first; ``relative_covariance`` is of logarithms."""
     variance, vectors = np.linalg.eigh(relative_covariance)
-    found = []
+    result = []
     for k in reversed(range(len(variance))):
         deviation = float(np.sqrt(max(variance[k], 0.0)))
         if not deviation > LOOSE_BEYOND:
@@ -64,8 +62,8 @@ def loose_directions(names: Sequence[str], relative_covariance: FloatArray) -> t
         largest = int(np.argmax(np.abs(vectors[:, k])))
         vector = vectors[:, k] * np.sign(vectors[largest, k])
         taking = np.flatnonzero(np.abs(vector) >= TAKES_PART * np.max(np.abs(vector)))
-        found.append(Direction(deviation, tuple(names[int(i)] for i in taking), vector[taking]))
-    return tuple(found)
+        result.append(Direction(deviation, tuple(names[int(i)] for i in taking), vector[taking]))
+    return tuple(result)
 
 
 def words(direction: Direction) -> str:

@@ -5,7 +5,7 @@ more, and so every other term is averaged over as long here. :class:`Aligned` is
 whatever is to be made of them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.counts import friction_error
 from norton_bench.identification.kernels import FULL_BAND, Kernel
-from norton_bench.identification.signals import FINE, Signals
+from norton_bench.identification.readings import REACH, unquantised
+from norton_bench.identification.signals import FINE, Signals, TimeSeries
 
 LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
@@ -61,6 +61,44 @@ class _Recent(dict[tuple[str, float], FloatArray]):
                 del self[next(iter(self))]
             self[key] = make()
         return self[key]
+
+
+COUNTED_DRAWS = 2
+# The zero of such an encoder wanders at about this rate, now faster, now slower, so that what is slow meets all phases
+# of the counts, and no motion that repeats itself always the same; for friction that is no motion.
+WANDERS_COUNTS_S = 10.0
+SWAYS_COUNTS = 3.0
+NO_RESTS = np.empty(0, dtype=np.int64)
+
+
+def friction_error(signals: Signals, s_per_rad: float) -> FloatArray | None:
+    """What an encoder's counts do to the friction on average, found by counting the motion again.
+
+    Friction follows every turning back, so errors of its path do not cancel: counts that are left in it make the
+    shaft travel too far, smoothing that takes them out cuts its turns. One reading of the motion tells neither. But
+    the smoothed path is a motion too, and known: counted once more by encoders whose counts lie elsewhere, and
+    smoothed as before, it gives a friction that differs from its own about as its own, on average, differs from the
+    true one (a bootstrap of the bias: of the right sign, and mostly within half of its size).
+
+    How much too great the friction's share h is along ``path_rad``, shape (n · FINE,); None without counts.
+    """
+    if signals.smoothed is None or signals.count_rad == 0.0 or signals.smoothed.value.size <= 2 * REACH:
+        return None
+    smoothed = signals.smoothed
+    own, *again = (
+        loops.friction_path(path, s_per_rad, NO_RESTS)[0]
+        for path in (smoothed.value, *_counted_again(smoothed, signals.count_rad))
+    )
+    fine_s = signals.time_s[0] + np.arange(signals.path_rad.size) * (signals.tick_s / FINE)
+    return np.asarray(np.interp(fine_s, smoothed.time_s, np.mean(again, axis=0) - own))
+
+
+def _counted_again(smoothed: TimeSeries, count_rad: float) -> Iterator[FloatArray]:
+    wander = WANDERS_COUNTS_S * smoothed.time_s + SWAYS_COUNTS * np.sin(smoothed.time_s)
+    for draw in range(COUNTED_DRAWS):
+        zero_rad = count_rad * (wander + draw / COUNTED_DRAWS)
+        read_rad = np.round((smoothed.value + zero_rad) / count_rad) * count_rad
+        yield unquantised(read_rad, count_rad) - zero_rad
 
 
 @dataclass(frozen=True)

@@ -362,9 +362,9 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
         tries = islice(shortened(step), 1 if little else None)
         moved = (np.clip(at.shape.as_array() + each, low, high) for each in tries)
         better = (trial for each in moved if (trial := _At.of(regression, Shape.of(each))).cost < at.cost)
-        found = next(better, None)
-        if found is None:
+        result = next(better, None)
+        if result is None:
             # Gauss-Newton cannot improve: at the minimum to within rounding, or held by the box.
             return at, little or bool(np.all(np.abs(step) < 100 * within))
-        at = found
+        at = result
     return at, False

@@ -19,7 +19,7 @@ LEAST_P = 1e-9
 
 
 @dataclass(frozen=True)
-class Fitted:
+class SessionFit:
     """One session: what messages call it, and its fit."""
 
     name: str
@@ -52,16 +52,16 @@ class Together:
         return bool(self.spreads)
 
 
-def together(sessions: Sequence[Fitted], command_unit: str) -> Together:
+def together(sessions: Sequence[SessionFit], command_unit: str) -> Together:
     """Combine the sessions, parameter by parameter: only what is valid in a session takes part."""
     known = {estimate.name for session in sessions for estimate in session.fit.estimates}
     names = [parameter.name for parameter in PARAMETERS if parameter.name in known]
     takers = {name: [session for session in sessions if session.taking_part(name)] for name in names}
     spreads = {name: _combined(name, takers[name]) for name in names if len(takers[name]) > 1}
     estimates = tuple(_estimate(name, sessions, spreads.get(name)) for name in names)
-    found = [estimate for estimate in estimates if np.isfinite(estimate.value)]
-    whole = set(PHYSICAL) <= {estimate.name for estimate in found}
-    network = network_of(found, command_unit, _covariance(sessions, found, spreads)) if whole else None
+    result = [estimate for estimate in estimates if np.isfinite(estimate.value)]
+    whole = set(PHYSICAL) <= {estimate.name for estimate in result}
+    network = network_of(result, command_unit, _covariance(sessions, result, spreads)) if whole else None
     return Together(estimates, spreads, network, _verdict(sessions, takers, estimates, spreads))
 
 
@@ -70,15 +70,15 @@ def differing(spreads: Mapping[str, Combined]) -> tuple[str, ...]:
 
     By Cochran's Q; chance is counted for all that are looked at (Holm 1979, Scand. J. Stat. 6:65).
     """
-    found: list[str] = []
+    result: list[str] = []
     for name in sorted(spreads, key=lambda name: spreads[name].p):
-        if spreads[name].p * (len(spreads) - len(found)) > ALARM:
+        if spreads[name].p * (len(spreads) - len(result)) > ALARM:
             break
-        found.append(name)
-    return tuple(found)
+        result.append(name)
+    return tuple(result)
 
 
-def _combined(name: str, takers: Sequence[Fitted]) -> Combined:
+def _combined(name: str, takers: Sequence[SessionFit]) -> Combined:
     estimates = [session.fit.estimate(name) for session in takers]
     values = np.array([each.value for each in estimates])
     # What a fit makes alike in every session of one bench: no average makes it smaller.
@@ -87,7 +87,7 @@ def _combined(name: str, takers: Sequence[Fitted]) -> Combined:
     return combine(values, np.array([each.std for each in estimates]), float(np.mean(repeated)))
 
 
-def _estimate(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> Estimate:
+def _estimate(name: str, sessions: Sequence[SessionFit], spread: Combined | None) -> Estimate:
     """What one session alone knows is not settled: nothing tells how far another would be from it."""
     own = [estimate for session in sessions for estimate in session.fit.estimates if estimate.name == name]
     unit = own[0].unit
@@ -101,7 +101,7 @@ def _estimate(name: str, sessions: Sequence[Fitted], spread: Combined | None) ->
 
 
 def _covariance(
-    sessions: Sequence[Fitted], estimates: Sequence[Estimate], spreads: Mapping[str, Combined]
+    sessions: Sequence[SessionFit], estimates: Sequence[Estimate], spreads: Mapping[str, Combined]
 ) -> FloatArray:
     """Of PHYSICAL: correlations within each session go in with its weights; between sessions none are known.
 
@@ -113,12 +113,12 @@ def _covariance(
     for session, own in zip(sessions, weights, strict=True):
         share = np.outer(own, own)
         total += share * np.where(share > 0.0, np.array(session.fit.network.covariance), 0.0)
-    found = {estimate.name: estimate.std for estimate in estimates}
-    factor = np.array([found[name] for name in PHYSICAL]) / np.sqrt(np.diag(total))
+    result = {estimate.name: estimate.std for estimate in estimates}
+    factor = np.array([result[name] for name in PHYSICAL]) / np.sqrt(np.diag(total))
     return np.asarray(total * np.outer(factor, factor))
 
 
-def _weights(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> FloatArray:
+def _weights(name: str, sessions: Sequence[SessionFit], spread: Combined | None) -> FloatArray:
     """How much each session counts for the parameter, 0 where it took no part; shape (sessions,)."""
     weights = np.array([float(session.taking_part(name) is not None) for session in sessions])
     if spread is not None:
@@ -127,8 +127,8 @@ def _weights(name: str, sessions: Sequence[Fitted], spread: Combined | None) -> 
 
 
 def _verdict(
-    sessions: Sequence[Fitted],
-    takers: Mapping[str, Sequence[Fitted]],
+    sessions: Sequence[SessionFit],
+    takers: Mapping[str, Sequence[SessionFit]],
     estimates: Sequence[Estimate],
     spreads: Mapping[str, Combined],
 ) -> tuple[str, ...]:
@@ -145,7 +145,7 @@ def _verdict(
     missing = [_plain(name) for name in PHYSICAL if not takers.get(name)]
     if missing:
         sentences.append(f"There is no network of all sessions: none has a valid {' or '.join(missing)}.")
-    shared = [said for said in sessions[0].fit.verdict if all(said in other.fit.verdict for other in sessions)]
+    shared = [message for message in sessions[0].fit.verdict if all(message in other.fit.verdict for other in sessions)]
     return (*sentences, *shared)
 
 
@@ -165,7 +165,7 @@ def _difference(spreads: Mapping[str, Combined]) -> str:
     )
 
 
-def _left_out(sessions: Sequence[Fitted], takers: Mapping[str, Sequence[Fitted]]) -> list[str]:
+def _left_out(sessions: Sequence[SessionFit], takers: Mapping[str, Sequence[SessionFit]]) -> list[str]:
     """One sentence for each session that lacks what another has."""
     sentences = []
     for session in sessions:

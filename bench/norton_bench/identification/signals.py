@@ -70,14 +70,14 @@ class Signals:
     usable: BoolArray
     rests: IntArray
     torque_nm: FloatArray | None = None
-    current: "Stream | None" = None
+    current: "TimeSeries | None" = None
     position_noise: float = 0.0  # spectral density of the readings' own errors [rad²/Hz], two-sided
     torque_noise: float = 0.0  # [N² m²/Hz]
     position_period_s: float = 0.0  # between two readings
     position_step_rad: float = 0.0  # between two counts; 0 where none can be seen
     torque_period_s: float = 0.0
     torque_averaging_s: float = 0.0  # over which the sensor itself averages, or how old its held readings may be
-    smoothed: "Stream | None" = None
+    smoothed: "TimeSeries | None" = None
     count_rad: float = 0.0  # the step in which positions are read; 0 where none can be seen
     released_at_zero: bool = False  # the drive: as in records.Chain
 
@@ -111,7 +111,7 @@ def signals(
 
 
 @dataclass(frozen=True)
-class Stream:
+class TimeSeries:
     """Readings with the instants at which they were taken [s]."""
 
     time_s: FloatArray
@@ -139,7 +139,7 @@ class Stream:
         time_s = np.sort(np.concatenate([self.time_s, *missing]))
         return time_s, np.interp(time_s, self.time_s, self.value)
 
-    def between(self, start_s: float, end_s: float) -> "Stream":
+    def between(self, start_s: float, end_s: float) -> "TimeSeries":
         """The readings of a span."""
         first, last = np.searchsorted(self.time_s, [start_s, end_s])
         return replace(self, time_s=self.time_s[first:last], value=self.value[first:last])
@@ -155,7 +155,7 @@ class Stream:
         return covered
 
 
-def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, count_rad: float) -> dict[str, Stream]:
+def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, count_rad: float) -> dict[str, TimeSeries]:
     position = positions_of(motion, origin_ns)
     smooth = unquantised(position.value, count_rad)
     streams = {
@@ -173,14 +173,14 @@ def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, coun
     return streams
 
 
-def stream_of(table: Table, column: str, origin_ns: int) -> Stream:
+def stream_of(table: Table, column: str, origin_ns: int) -> TimeSeries:
     """One column of a table of readings, by the device's own clock where it sends its time."""
     time_s, rows = instants(table, origin_ns)
     value = np.ascontiguousarray(table[column], dtype=float)
-    return Stream(time_s, value[rows], nominal_period_s(table["arrival_ns"]))
+    return TimeSeries(time_s, value[rows], nominal_period_s(table["arrival_ns"]))
 
 
-def positions_of(table: Table, origin_ns: int) -> Stream:
+def positions_of(table: Table, origin_ns: int) -> TimeSeries:
     """An encoder's readings, as they would be at even instants: without what the shaft turned in the time by which they
     were taken later."""
     stream = stream_of(table, "position_rad", origin_ns)
@@ -228,7 +228,7 @@ def _common_spans(runs_s: Sequence[FloatArray]) -> list[Span]:
 
 
 def _stretch(
-    measured: Measured, streams: dict[str, Stream], tick_s: float, use: Use, port: Port, origin_ns: int, span: Span
+    measured: Measured, streams: dict[str, TimeSeries], tick_s: float, use: Use, port: Port, origin_ns: int, span: Span
 ) -> Signals:
     start_s, end_s = span
     # On whole ticks, so that grids of different machines fall on each other.
@@ -268,7 +268,7 @@ def _stretch(
     )
 
 
-def _usable(streams: dict[str, Stream], time_s: FloatArray, in_use: BoolArray) -> tuple[BoolArray, BoolArray]:
+def _usable(streams: dict[str, TimeSeries], time_s: FloatArray, in_use: BoolArray) -> tuple[BoolArray, BoolArray]:
     """At which instants readings are there and well enough known to be fitted, and at which the shaft moves."""
     covered = streams["position"].covers(time_s)
     if "torque" in streams:
@@ -284,14 +284,14 @@ def _usable(streams: dict[str, Stream], time_s: FloatArray, in_use: BoolArray) -
 
 
 def _ends_of_rests(moves: BoolArray, tick_s: float) -> IntArray:
-    """Where motion begins after a rest worth the name."""
+    """Where motion begins after a rest of at least FORGETS_AFTER_S."""
     changes = np.flatnonzero(np.diff(moves.astype(np.int8))) + 1
     edges = np.concatenate([[0], changes, [moves.size]])
     ends = edges[1:][(np.diff(edges) * tick_s >= FORGETS_AFTER_S) & ~moves[edges[:-1]]]
     return np.asarray(ends[ends < moves.size] - BEFORE_MOVING_TICKS, dtype=np.int64)
 
 
-def _density(stream: Stream, time_s: FloatArray, usable: BoolArray) -> float:
+def _density(stream: TimeSeries, time_s: FloatArray, usable: BoolArray) -> float:
     """Of the readings' own errors, where they are used."""
     chosen = np.interp(stream.time_s, time_s, usable, left=0.0, right=0.0) > 0.5
     return noise_deviation(stream.value, chosen) ** 2 * stream.period_s

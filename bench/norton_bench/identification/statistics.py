@@ -63,11 +63,9 @@ def _meat(scores: FloatArray, time_s: FloatArray, block_s: float) -> FloatArray:
 LEAST_GAIN = 0.01
 
 
+# Choosing between models by what each errs on data that it has not seen.
 def held_out_rms(mean_squares: Sequence[float]) -> tuple[float, float]:
-    """Choosing between models by what each errs on data that it has not seen.
-
-    The error over all folds and its standard error, from each fold's mean square (folds,).
-    """
+    """The error over all folds and its standard error, from each fold's mean square (folds,)."""
     rms = float(np.sqrt(np.mean(mean_squares)))
     return rms, _standard_error(np.array(mean_squares)) / (2 * rms) if rms > 0 else 0.0
 
@@ -102,18 +100,17 @@ NODES = 200
 LEAST_SPREAD, GREATEST_SPREAD = 1e-4, 2.0
 
 
+# One value out of several that disagree: each has its own deviation, and the sessions differ by more than that.
+#
+# The random-effects model: session i gives y_i = value + b_i + e_i with e_i ~ N(0, std_i²), known, and b_i ~ N(0,
+# τ²), what differs between the sessions. τ is found by restricted maximum likelihood (Viechtbauer 2005, J. Educ.
+# Behav. Stat. 30:261); the value's interval is that of Knapp and Hartung (2003, Stat. Med. 22:2693), Student's t over
+# the scatter itself, but never narrower than that of normal errors (Wiksten, Rücker, Schwarzer 2016, Stat. Med.
+# 35:2503). Deviations far greater than the scatter hold an error that all sessions share: no average makes that
+# smaller.
 @dataclass(frozen=True)
 class Combined:
-    """One value out of several that disagree: each has its own deviation, and the sessions differ by more than that.
-
-    The random-effects model: session i gives y_i = value + b_i + e_i with e_i ~ N(0, std_i²), known, and b_i ~ N(0,
-    τ²), what differs between the sessions. τ is found by restricted maximum likelihood (Viechtbauer 2005, J. Educ.
-    Behav. Stat. 30:261); the value's interval is that of Knapp and Hartung (2003, Stat. Med. 22:2693), Student's t
-    over the scatter itself, but never narrower than that of normal errors (Wiksten, Rücker, Schwarzer 2016, Stat.
-    Med. 35:2503). Deviations far greater than the scatter hold an error that all sessions share: no average makes
-    that smaller.
-
-    ``value`` ± 1.96 ``std`` covers 95 %: ``std`` holds within, between, and how little few sessions tell of both.
+    """``value`` ± 1.96 ``std`` covers 95 %: ``std`` holds within, between, and how little few sessions tell of both.
 
     ``within_std`` is that of one typical session, ``shared_std`` what of it is common to all sessions,
     ``between_std`` the spread between sessions, with 95 % confidence no more than ``between_std_upper``. ``q`` is
@@ -178,14 +175,14 @@ def between_variance(values: FloatArray, variances: FloatArray) -> float:
 
     nodes = np.linspace(np.log(LEAST_SPREAD), np.log(GREATEST_SPREAD), NODES)
     best = int(np.argmin(_restricted_doubt(scaled, own + np.exp(2.0 * nodes)[:, None])))
-    found = minimize_scalar(
+    result = minimize_scalar(
         lambda log_spread: float(_restricted_doubt(scaled, own + np.exp(2.0 * log_spread))),
         bounds=(nodes[max(best - 1, 0)], nodes[min(best + 1, NODES - 1)]),
         method="bounded",
     )
-    if not found.fun < _restricted_doubt(scaled, own):
+    if not result.fun < _restricted_doubt(scaled, own):
         return 0.0
-    return float(np.exp(2.0 * found.x) * reach**2)
+    return float(np.exp(2.0 * result.x) * reach**2)
 
 
 def _restricted_doubt(values: FloatArray, totals: FloatArray) -> FloatArray:

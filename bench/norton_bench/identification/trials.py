@@ -30,7 +30,7 @@ WORSE = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class TrialReadings:
     """What arrived during one trial, at its ticks: arrays of shape (ticks,), delays included.
 
     ``torque_nm`` is as read, bias included; None where no sensor reads it. ``torque_noise_nm`` is the standard
@@ -74,13 +74,13 @@ class TrialFigures:
         return 20 * log10(first.with_noise_nm / at_most_nm) if at_most_nm > 0.0 else float("inf")
 
 
-def seen(measured: Measured, segment: SegmentInfo, ticks: int, tick_s: float) -> Seen:
+def seen(measured: Measured, segment: SegmentInfo, ticks: int, tick_s: float) -> TrialReadings:
     """What arrived in ``segment``, on the grid of its ticks. Raises ExperimentError where a stream has gaps in it."""
     part = measured.between(segment.start_ns, segment.end_ns)
     at_s: FloatArray = np.asarray(np.arange(ticks) * tick_s, dtype=np.float64)
     torque = part.torque[part.torque["valid"]]
     reads = len(torque) > 0
-    return Seen(
+    return TrialReadings(
         _position(part.motion, segment, at_s, "the actuator's position"),
         _position(part.load_motion, segment, at_s, "the load's position"),
         _at(torque, "torque_nm", segment, at_s, "torque") if reads else None,
@@ -160,10 +160,10 @@ def in_band(values: FloatArray, tick_s: float) -> FloatArray:
 
 def _figures(measured: Measured, segment: SegmentInfo, tick_s: float) -> TrialFigures:
     ticks = round((segment.end_ns - segment.start_ns) * 1e-9 / tick_s)
-    found = seen(measured, segment, ticks, tick_s)
-    if found.torque_nm is None:
+    result = seen(measured, segment, ticks, tick_s)
+    if result.torque_nm is None:
         raise ExperimentError(f"{segment.name}: no torque was read")
-    return figures_of(number_of(segment), found.torque_nm, found.torque_noise_nm, tick_s)
+    return figures_of(number_of(segment), result.torque_nm, result.torque_noise_nm, tick_s)
 
 
 def _band(size: int, tick_s: float) -> FloatArray:

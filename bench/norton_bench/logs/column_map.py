@@ -14,11 +14,9 @@ from norton_bench.units import QUANTITY, check_unit, conversion, quantity_in
 UnitText = Annotated[str, BeforeValidator(lambda text: check_unit(text) if isinstance(text, str) else text)]
 
 
+# The sections of a column map, as they are written; ``docs/logs.md`` explains them.
 class MapSection(BaseModel):
-    """The sections of a column map, as they are written; ``docs/logs.md`` explains them.
-
-    Base of every section: nothing is guessed, nothing unknown is passed over.
-    """
+    """Base of every section: nothing is guessed, nothing unknown is passed over."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
 
@@ -278,7 +276,7 @@ class ColumnMap:
 
 
 def load_map(path: Path) -> ColumnMap:
-    """The column map in the file. Raises UsageError: one line for each mistake, with its place and the mend."""
+    """The column map in the file. Raises UsageError: one line for each mistake, with its place and the remedy."""
     return parse_map(read_text(path, "column map"), place=str(path))
 
 

@@ -77,7 +77,7 @@ def read_file(path: Path, section: LogSection) -> Content:
     if path.stat().st_size == 0:
         raise UsageError(f"{path}: is empty; check how it was written")
     try:
-        found = READERS[kind](path, section)
+        result = READERS[kind](path, section)
     except UsageError:
         raise
     except Exception as wrong:  # each library has errors of its own
@@ -87,14 +87,14 @@ def read_file(path: Path, section: LogSection) -> Content:
         raise UsageError(
             f"{path}: cannot be read as {kind} ({first}); check the file, or write [log] format"
         ) from wrong
-    return _content(path, found)
+    return _content(path, result)
 
 
-def _content(path: Path, found: Mapping[str, object]) -> Content:
+def _content(path: Path, result: Mapping[str, object]) -> Content:
     arrays: dict[str, FloatArray] = {}
     numbers: dict[str, float] = {}
     unreadable: dict[str, str] = {}
-    for name, value in _flat(found, ""):
+    for name, value in _flat(result, ""):
         try:
             array = np.asarray(value).astype(np.float64)
         except (TypeError, ValueError):
@@ -126,8 +126,8 @@ def _no_numbers(value: object) -> str:
     return "holds no numbers"
 
 
-def _flat(found: Mapping[str, object], prefix: str) -> Iterator[tuple[str, object]]:
-    for name, value in found.items():
+def _flat(result: Mapping[str, object], prefix: str) -> Iterator[tuple[str, object]]:
+    for name, value in result.items():
         place = f"{prefix}{str(name).strip()}"
         if isinstance(value, Mapping):
             yield from _flat(value, f"{place}/")
@@ -194,27 +194,27 @@ def _read_mat(path: Path, section: LogSection) -> dict[str, object]:
     from scipy.io import loadmat  # noqa: PLC0415  (slow to import)
 
     try:
-        found = loadmat(path, simplify_cells=True)
+        result = loadmat(path, simplify_cells=True)
     except NotImplementedError:
         return _read_hdf5(path, section)
-    return {name: value for name, value in found.items() if not name.startswith("__")}
+    return {name: value for name, value in result.items() if not name.startswith("__")}
 
 
 def _read_hdf5(path: Path, _: LogSection) -> dict[str, object]:
     h5py = extra("h5py", "reading HDF5, or MATLAB's files since version 7.3,")
 
-    found: dict[str, object] = {}
+    result: dict[str, object] = {}
 
     def visit(name: str, item: object) -> None:
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             value = item[()]
             names = getattr(value, "dtype", None) and value.dtype.names
-            found.update({f"{name}/{field}": value[field] for field in names} if names else {name: value})
+            result.update({f"{name}/{field}": value[field] for field in names} if names else {name: value})
 
     with h5py.File(path) as file:
         file.visititems(visit)
-        found.update({name: value for name, value in file.attrs.items() if name not in found})
-    return found
+        result.update({name: value for name, value in file.attrs.items() if name not in result})
+    return result
 
 
 def _read_json_lines(path: Path, _: LogSection) -> dict[str, object]:
@@ -232,24 +232,24 @@ def _read_json_lines(path: Path, _: LogSection) -> dict[str, object]:
 
 def _read_json(path: Path, section: LogSection) -> dict[str, object]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        result = json.loads(path.read_text(encoding="utf-8"))
     except json.JSONDecodeError as wrong:
         raise UsageError(f"{path}: is not JSON at line {wrong.lineno} ({wrong.msg}); mend it there") from None
-    if isinstance(found, list):
-        return _from_entries(path, found)
-    if not isinstance(found, dict):
+    if isinstance(result, list):
+        return _from_entries(path, result)
+    if not isinstance(result, dict):
         raise UsageError(f"{path}: is neither a list of entries nor a table of columns; check the file")
     if section.entries is None:
-        return found
-    entries: object = found
+        return result
+    entries: object = result
     for step in section.entries.split("/"):
         entries = entries.get(step) if isinstance(entries, dict) else None
     if not isinstance(entries, list):
         raise UsageError(
-            f'{path}: holds no list "{section.entries}" ([log] entries); {nearest(section.entries, found)}'
+            f'{path}: holds no list "{section.entries}" ([log] entries); {nearest(section.entries, result)}'
         )
     return {
-        **{key: value for key, value in found.items() if not isinstance(value, list)},
+        **{key: value for key, value in result.items() if not isinstance(value, list)},
         **_from_entries(path, entries),
     }
 

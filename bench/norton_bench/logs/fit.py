@@ -10,12 +10,17 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.friction.laws import family_for
-from norton_bench.identification.friction.laws import model as friction_model
-from norton_bench.identification.friction.model import FrictionModel
+from norton_bench.identification.friction_laws import family_for
+from norton_bench.identification.friction_laws import model as friction_model
+from norton_bench.identification.friction_model import FrictionModel
 from norton_bench.identification.ladder import Rung, ladder, selected
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.doubts import (
+from norton_bench.logs.equation import Problem, make_problem
+from norton_bench.logs.grid import Stretch, common_interval, stretches
+from norton_bench.logs.log import Log, read_log, usable_rows
+from norton_bench.logs.outcome import Judged, outcome, refined
+from norton_bench.logs.results import LogFit
+from norton_bench.logs.sanity_checks import (
     Basic,
     ahead_of_goal,
     out_of_step,
@@ -25,22 +30,15 @@ from norton_bench.logs.doubts import (
     variation,
     wrong_signs,
 )
-from norton_bench.logs.equation import Problem, make_problem
-from norton_bench.logs.grid import Stretch, common_interval, stretches
-from norton_bench.logs.log import Log, read_log, usable_rows
-from norton_bench.logs.outcome import Judged, outcome, refined
-from norton_bench.logs.results import LogFit
 from norton_bench.units import NUMBER, parse_quantity
 
 PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)\s*")
 
 
+# ``--train`` and ``--test``: parts of every log in seconds ("0:12.5 s, 20:30 s"), or files by name or pattern.
 @dataclass(frozen=True)
 class Selection:
-    """``--train`` and ``--test``: parts of every log in seconds ("0:12.5 s, 20:30 s"), or files by name or pattern.
-
-    Parts of every log's own time in seconds, or whole files; exactly one of the two is not empty.
-    """
+    """Parts of every log's own time in seconds, or whole files; exactly one of the two is not empty."""
 
     parts_s: tuple[tuple[float, float], ...] = ()
     files: tuple[str, ...] = ()
@@ -88,14 +86,14 @@ def _part(match: re.Match[str], unit: str, piece: str, where: str) -> tuple[floa
 
 def extra_files(selection: Selection | None, paths: Sequence[Path]) -> tuple[Path, ...]:
     """Files that a selection names and that are not among the logs yet, in order."""
-    found: list[Path] = []
+    result: list[Path] = []
     known = {path.resolve() for path in paths}
     for pattern in selection.files if selection else ():
         given = Path(pattern)
         matches = [given] if given.is_file() else sorted(given.parent.glob(given.name)) if given.name else []
-        found += [path for path in matches if path.is_file() and path.resolve() not in known]
+        result += [path for path in matches if path.is_file() and path.resolve() not in known]
         known |= {path.resolve() for path in matches}
-    return tuple(found)
+    return tuple(result)
 
 
 def train_and_test(
@@ -137,8 +135,8 @@ def fit_logs(request: Request) -> LogFit:
     logs = [_checked(path, column_map) for path in paths]
     _check_alike(logs)
     remarks: list[str] = [remark for log in logs for remark in log.remarks]
-    parts, said = _on_grid(logs, column_map)
-    remarks += said
+    parts, sentences = _on_grid(logs, column_map)
+    remarks += sentences
     splits = _splits(parts, train, test)
     problem = make_problem(column_map, parts, splits)
     if request.test is not None and not problem.test.any():
@@ -198,9 +196,9 @@ def _on_grid(logs: Sequence[Log], column_map: ColumnMap) -> tuple[tuple[Stretch,
     parts: list[Stretch] = []
     remarks: list[str] = []
     for log in logs:
-        found, said = stretches(log, dt_s, column_map.log.gap_s)
-        parts += found
-        remarks += said
+        result, message = stretches(log, dt_s, column_map.log.gap_s)
+        parts += result
+        remarks += message
     return tuple(parts), remarks
 
 
@@ -247,12 +245,12 @@ def _doubts(
 ) -> tuple[str, ...]:
     basic = Basic.of(problem)
     left = chosen.train_rms / max(variation(problem), 1e-300)
-    found = [
+    result = [
         *unlike_derivative(problem.stretches, problem.filters),
         *ahead_of_goal(problem.stretches, problem.filters),
     ]
-    found = found or [*wrong_signs(basic, column_map)]
+    result = result or [*wrong_signs(basic, column_map)]
     if column_map.model.refine is None:
         # What is refined on the motion is judged by it.
-        found = found or [*out_of_step(problem, column_map), *unexplained(basic, left)]
-    return (*found, *(swapped(logs, basic, again) if found else ()))
+        result = result or [*out_of_step(problem, column_map), *unexplained(basic, left)]
+    return (*result, *(swapped(logs, basic, again) if result else ()))

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.sanity.standstill import resolution
+from norton_bench.identification.standstill import resolution
 from norton_bench.logs.log import Log, untrustworthy
 
 # Where the map says nothing: the low-pass of the position, and the rows' rate, as shares of the sampling rate.
@@ -26,11 +26,10 @@ SETTLED_ROWS = 5
 SETTLED_PERIODS = 2
 
 
+# Zero-phase low-pass, derivatives, and the one decimation that both sides of an equation pass.
 @dataclass(frozen=True)
 class Filters:
-    """Zero-phase low-pass, derivatives, and the one decimation that both sides of an equation pass.
-
-    What stands between samples every ``dt_s`` and the rows of the equation, ``factor`` samples apart.
+    """What stands between samples every ``dt_s`` and the rows of the equation, ``factor`` samples apart.
 
     ``margin`` samples around anything that is not to be used are spoilt by the filters' memory.
     """
@@ -41,7 +40,7 @@ class Filters:
 
     @classmethod
     def of(cls, dt_s: float, cutoff_hz: float | None, rows_hz: float | None) -> "Filters":
-        """A cutoff that the samples are too coarse for is as good as none: it is held below half of their rate."""
+        """A cutoff that the samples are too coarse for has no effect: it is held below half of their rate."""
         rate_hz = 1 / dt_s
         cutoff = min(CUTOFF * rate_hz if cutoff_hz is None else cutoff_hz, HIGHEST_CUTOFF * rate_hz)
         rows = max(ROWS * rate_hz, min(SLOWEST_ROWS_HZ, rate_hz)) if rows_hz is None else rows_hz

@@ -8,8 +8,8 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.sanity import standstill
-from norton_bench.identification.sanity.standstill import FROZEN_ROWS, flat_tops, rows_of
+from norton_bench.identification import standstill
+from norton_bench.identification.standstill import FROZEN_ROWS, flat_tops, rows_of
 from norton_bench.logs.column_map import ColumnMap, ColumnSection, Given
 from norton_bench.logs.files import Content, read_file
 from norton_bench.units import conversion
@@ -102,8 +102,8 @@ def _value(content: Content, given: Given, unit: str, where: str) -> float | Non
 def _check_lengths(place: str, columns: Mapping[str, FloatArray]) -> None:
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise UsageError(f"{place}: its columns differ in length ({said}); map columns that were sampled together")
+        message = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise UsageError(f"{place}: its columns differ in length ({message}); map columns that were sampled together")
     if next(iter(lengths.values())) < LEAST_ROWS:
         raise UsageError(f"{place}: has {next(iter(lengths.values()))} rows; {LEAST_ROWS} are the least to learn from")
 
@@ -114,10 +114,9 @@ FROZEN_SHARE = 0.01
 NEAR_LIMIT = 0.01
 
 
+# Which rows of a log can be used: numbers in every column, and a clock that goes forward.
 def check_constant(log: Log) -> None:
-    """Which rows of a log can be used: numbers in every column, and a clock that goes forward.
-
-    Columns that do not tell what they should: constant, at the end of their range, or frozen on one value.
+    """Columns that do not tell what they should: constant, at the end of their range, or frozen on one value.
 
     Raises UsageError for a column that never changes.
     """
@@ -187,9 +186,9 @@ def _frozen(log: Log, name: str) -> list[tuple[int, int]]:
 def held_rows(log: Log) -> tuple[int, int] | None:
     """Every how manieth row a sensor was read, and from which on; None where every row is a reading of its own."""
     for name in ("position", "velocity", "exertion"):
-        found = standstill.held(log.columns[name]) if name in log.columns else None
-        if found is not None:
-            return found
+        result = standstill.held(log.columns[name]) if name in log.columns else None
+        if result is not None:
+            return result
     return None
 
 
@@ -224,8 +223,8 @@ def _without(log: Log, wrong: BoolArray, name: str) -> Log:
         raise UsageError(
             f"{log.place}: {name} holds no number in {count} of {total} rows; check the column, its unit and `missing`"
         )
-    said = f"{name} holds no number in {count} of {total} rows (first in row {int(np.argmax(wrong)) + 1}); left out."
-    return replace(_rows(log, ~wrong), remarks=(*log.remarks, f"{log.place}: {said}"))
+    message = f"{name} holds no number in {count} of {total} rows (first in row {int(np.argmax(wrong)) + 1}); left out."
+    return replace(_rows(log, ~wrong), remarks=(*log.remarks, f"{log.place}: {message}"))
 
 
 def _rows(log: Log, keep: BoolArray) -> Log:
@@ -270,8 +269,8 @@ def _without_repeats(log: Log) -> Log:
             f"{log.place}: {count} of {len(repeats)} rows have the same time as the row before; check the column and "
             'its unit, or leave it out and write [log] rate = "1 kHz"'
         )
-    said = f"{count} of {len(repeats)} rows have the same time as the row before; left out."
-    return replace(_rows(log, ~repeats), remarks=(*log.remarks, f"{log.place}: {said}"))
+    message = f"{count} of {len(repeats)} rows have the same time as the row before; left out."
+    return replace(_rows(log, ~repeats), remarks=(*log.remarks, f"{log.place}: {message}"))
 
 
 def _readings(log: Log) -> Log:
@@ -281,5 +280,5 @@ def _readings(log: Log) -> Log:
         return log
     every, first = held
     keep = np.arange(len(log.time_s)) % every == first
-    said = f"a sensor was read in every {every}. row only, the others repeat it; left out."
-    return replace(_rows(log, keep), remarks=(*log.remarks, f"{log.place}: {said}"))
+    message = f"a sensor was read in every {every}. row only, the others repeat it; left out."
+    return replace(_rows(log, keep), remarks=(*log.remarks, f"{log.place}: {message}"))

@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.identification.friction.model import Dimension, FrictionModel, Path
+from norton_bench.identification.friction_model import Dimension, FrictionModel, Path
 from norton_bench.identification.ladder import FrictionFit, Rung
 from norton_bench.identification.results import Trace, words
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.columns import inputs_of, load_of, loop_of
-from norton_bench.logs.doubts import astray
-from norton_bench.logs.equation import Problem
+from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
 from norton_bench.logs.results import (
     ErrorFigures,
@@ -25,7 +23,8 @@ from norton_bench.logs.results import (
     with_back_emf,
     without_scale,
 )
-from norton_bench.logs.steps import Axis, Inputs, Load, Motor, Table, simulate
+from norton_bench.logs.sanity_checks import astray
+from norton_bench.logs.steps import Axis, Inputs, Load, MotorTerms, Table, simulate
 from norton_bench.models.parameters import Estimate, Status
 
 SPEEDS = 400
@@ -35,11 +34,9 @@ STEPS_A_SAMPLE = 4
 LEAST_SAMPLES = 50
 
 
+# The motion that a fit predicts from the goal or the command alone, beside the one that was logged.
 def can_be_simulated(column_map: ColumnMap, problem: Problem, model: FrictionModel) -> bool:
-    """The motion that a fit predicts from the goal or the command alone, beside the one that was logged.
-
-    Whether something drives the motion, its scale is known, and friction follows from velocity alone.
-    """
+    """Whether something drives the motion, its scale is known, and friction follows from velocity alone."""
     alone = "load" not in model.name and not column_map.model.temperature
     remembers = any(unknown.dimension is Dimension.DISPLACEMENT for unknown in model.unknowns)
     driven = problem.terms[0].drive is not None
@@ -102,7 +99,7 @@ def _axis(problem: Problem, fit: FrictionFit, stretch: Stretch) -> Axis:
     period = stretch.log.given("model", "cogging_period")
     return Axis(
         inertia=known["inertia"],
-        motor=Motor(stretch.log.given("actuator", "torque_gain") or known["torque_gain"]),
+        motor=MotorTerms(stretch.log.given("actuator", "torque_gain") or known["torque_gain"]),
         table=_table(problem, fit),
         cogging=(known.get("cogging_sine", 0.0), known.get("cogging_cosine", 0.0)),
         cogging_wave_number=2 * np.pi / period if period else 0.0,
@@ -202,19 +199,21 @@ def refined(judged: Judged, asked: str | None) -> LogFit:
     from norton_bench.logs.refine import refine  # noqa: PLC0415  (compiled: slow to import)
 
     column_map, problem, fit = judged.column_map, judged.problem, judged.chosen.fit
-    found = refine(column_map, problem, fit, judged.splits, asked, doubtful=bool(judged.doubts))
-    doubts = (*judged.doubts, *astray(found.train))
-    estimates = as_doubtful(found.estimates) if doubts else found.estimates
-    train, test = map(Errors, judged.exertion_errors, (found.train, found.test))
+    result = refine(column_map, problem, fit, judged.splits, asked, doubtful=bool(judged.doubts))
+    doubts = (*judged.doubts, *astray(result.train))
+    estimates = as_doubtful(result.estimates) if doubts else result.estimates
+    train, test = map(Errors, judged.exertion_errors, (result.train, result.test))
     return LogFit(
-        model=found.model,
+        model=result.model,
         estimates=estimates,
-        verdict=tuple(dict.fromkeys([*doubts, *judged.remarks, *found.verdict, *_uncertain(estimates)])),
-        converged=found.converged,
+        verdict=tuple(dict.fromkeys([*doubts, *judged.remarks, *result.verdict, *_uncertain(estimates)])),
+        converged=result.converged,
         doubtful=bool(doubts),
         train=train,
         test=test,
-        ladder=tuple(replace(step, estimates=as_doubtful(step.estimates)) if doubts else step for step in found.ladder),
+        ladder=tuple(
+            replace(step, estimates=as_doubtful(step.estimates)) if doubts else step for step in result.ladder
+        ),
         exertion=_trace(problem, fit, column_map),
     )
 
@@ -228,11 +227,11 @@ def _estimates(
     log = problem.stretches[0].log
     if column_map.actuator.voltage_driven:
         gain = log.given("actuator", "torque_gain")
-        estimates, said = with_back_emf(estimates, log.given("actuator", "resistance"), gain)
-        verdict.append(said)
+        estimates, message = with_back_emf(estimates, log.given("actuator", "resistance"), gain)
+        verdict.append(message)
     if not problem.scaled:
-        estimates, said = without_scale(estimates, column_map.units)
-        verdict.append(said)
+        estimates, message = without_scale(estimates, column_map.units)
+        verdict.append(message)
     elif log.given("actuator", "torque_gain") is not None and "exertion" not in log.columns:
         verdict.append("No torque was measured: the scale of every exertion is that of the torque gain given.")
     if not fit.converged:

@@ -11,12 +11,12 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray
 from norton_bench.errors import ExperimentError, UsageError, nearest
-from norton_bench.identification.friction.fit import FrictionFit
+from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.statistics import held_out_rms, simplest_as_good
 from norton_bench.logs.column_map import ColumnMap, Units
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.results import UNEXCITED_BEYOND, ErrorFigures, Step
-from norton_bench.logs.servo import LADDER, UNITS, Box, ServoFit, ServoLog, ServoModel, Trial, fit_servo
+from norton_bench.logs.servo import LADDER, UNITS, Box, FittedLogs, ServoFit, ServoLog, ServoModel, fit_servo
 from norton_bench.models.parameters import Estimate, Status
 
 # Resistance between the supply and the switches that is reckoned with, over the winding's.
@@ -30,12 +30,10 @@ OVERFITTED = 3.0
 FORETOLD = 0.1
 
 
+# The ladder of servos: each is fitted to some of the logs and judged on those that it has not seen.
 @dataclass(frozen=True)
 class Beginning:
-    """The ladder of servos: each is fitted to some of the logs and judged on those that it has not seen.
-
-    What the equation of motion says, in SI: gain per volt (or ampere), damping with back-EMF, and scales.
-    """
+    """What the equation of motion says, in SI: gain per volt (or ampere), damping with back-EMF, and scales."""
 
     gain: float
     inertia: float
@@ -60,12 +58,12 @@ class ServoRung:
     selected: bool = False
 
     @property
-    def foretells(self) -> bool:
+    def predicts(self) -> bool:
         """Whether what is fitted to one part of the logs holds for another."""
         return self.held_out_relative <= max(OVERFITTED * self.train_relative, FORETOLD)
 
 
-def servo_ladder(trial: Trial, begin: Beginning, models: Sequence[ServoModel] = LADDER) -> tuple[ServoRung, ...]:
+def servo_ladder(trial: FittedLogs, begin: Beginning, models: Sequence[ServoModel] = LADDER) -> tuple[ServoRung, ...]:
     """Every model, each also started from the one before it; ``simplest_as_good`` selects one."""
     folds = held_out(trial)
     rungs: list[ServoRung] = []
@@ -124,7 +122,7 @@ def start_of(begin: Beginning) -> dict[str, float]:
     }
 
 
-def held_out(trial: Trial) -> tuple[tuple[BoolArray, ...], ...]:
+def held_out(trial: FittedLogs) -> tuple[tuple[BoolArray, ...], ...]:
     """The samples of each fold. A loop's gain is held out where there are several: what a servo does at another gain
     is what its model is for. Else each log is, and of a single log each half."""
     gains = [log.loop.proportional for log, rows in zip(trial.logs, trial.chosen, strict=True) if rows.any()]
@@ -146,13 +144,15 @@ def _halves(rows: BoolArray) -> tuple[BoolArray, BoolArray]:
     return rows & first, rows & ~first
 
 
-def _judged(trial: Trial, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]) -> ServoRung:
+def _judged(
+    trial: FittedLogs, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]
+) -> ServoRung:
     squares: list[float] = []
     others: list[ServoFit] = []
     for fold in folds:
         rest = tuple(rows & ~out for rows, out in zip(trial.chosen, fold, strict=True))
-        others.append(fit_servo(Trial(trial.logs, rest), fit.model, boxes, [fit.values], scattered=0, hops=0))
-        unseen = Trial(trial.logs, fold).each(others[-1].values)
+        others.append(fit_servo(FittedLogs(trial.logs, rest), fit.model, boxes, [fit.values], scattered=0, hops=0))
+        unseen = FittedLogs(trial.logs, fold).each(others[-1].values)
         squares += [float(np.mean(error[out] ** 2)) for error, out in zip(unseen, fold, strict=True) if out.any()]
     fit = replace(fit, deviations=_widened(fit, others))
     train = float(np.sqrt(np.mean(trial.errors(fit.values) ** 2)))
@@ -199,7 +199,7 @@ def refine(
     models = _models(column_map, asked)
     begin = beginning(column_map, problem, fit)
     logs = tuple(ServoLog.of(stretch, translation=column_map.translation) for stretch in problem.stretches)
-    train, test = (Trial(logs, tuple(split[side] for split in splits)) for side in (0, 1))
+    train, test = (FittedLogs(logs, tuple(split[side] for split in splits)) for side in (0, 1))
     rungs = servo_ladder(train, begin, models)
     chosen = next(rung for rung in rungs if (rung.selected if asked is None else rung.fit.model.name == asked))
     units = column_map.units
@@ -284,10 +284,10 @@ def _status(name: str, rung: ServoRung, scale: float, *, doubtful: bool) -> Stat
     if name in fit.at_bound:
         return Status.AT_BOUND
     sure = fit.deviations[name] <= UNEXCITED_BEYOND * max(abs(fit.values[name]), SMALL * scale)
-    return Status.VALID if sure and rung.foretells else Status.UNEXCITED
+    return Status.VALID if sure and rung.predicts else Status.UNEXCITED
 
 
-def _figures(trial: Trial, fit: ServoFit, unit: str) -> ErrorFigures | None:
+def _figures(trial: FittedLogs, fit: ServoFit, unit: str) -> ErrorFigures | None:
     if not any(rows.any() for rows in trial.chosen):
         return None
     return ErrorFigures.of(trial.errors(fit.values), trial.spread, unit)
@@ -307,9 +307,9 @@ def _step(rung: ServoRung, begin: Beginning, units: Units, *, doubtful: bool) ->
 def _verdict(rung: ServoRung) -> tuple[str, ...]:
     sentences = ["The parameters are those whose simulated motion is nearest to the logged one."]
     fit = rung.fit
-    if not rung.foretells:
+    if not rung.predicts:
         sentences.append(
-            "They do not foretell what was held out: many others would follow these logs as well; use more logs, and "
+            "They do not predict what was held out: many others would follow these logs as well; use more logs, and "
             "several gains of the loop."
         )
     if "source_resistance" in fit.values:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.friction.model import Dimension
+from norton_bench.identification.friction_model import Dimension
 from norton_bench.identification.ladder import FrictionFit
 from norton_bench.identification.results import Direction, Trace, loose_directions
 from norton_bench.logs.column_map import Units
@@ -79,11 +79,9 @@ ELEMENT = "slip_torque"
 SIGNED = ("coulomb_torque_",)
 
 
+# The values of a fit as estimates: each with a unit, a deviation and a status.
 def unit_of(name: str, fit: FrictionFit, units: Units) -> str:
-    """The values of a fit as estimates: each with a unit, a deviation and a status.
-
-    The unit of a value of the fit.
-    """
+    """The unit of a value of the fit."""
     dimension = fit.dimension(name)
     if dimension is not None:
         return dimension.unit(rotation=units.motion == "rad")

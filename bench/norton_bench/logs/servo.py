@@ -9,9 +9,9 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.statistics import sandwich
-from norton_bench.logs.columns import inputs_of, load_of, loop_of
+from norton_bench.logs.equation import inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
-from norton_bench.logs.steps import Axis, Friction, Inputs, Load, Loop, Motor, simulate
+from norton_bench.logs.steps import Axis, Friction, Inputs, Load, Loop, MotorTerms, simulate
 
 # Of one step: half of it changes no result by more than an encoder's tick.
 LONGEST_S = 1e-3
@@ -84,7 +84,7 @@ def simulate_motion(log: ServoLog, values: Mapping[str, float], longest_s: float
     get = values.get
     axis = Axis(
         inertia=values["inertia"],
-        motor=Motor(values["torque_constant"], get("winding_resistance", 0.0), get("source_resistance", 0.0)),
+        motor=MotorTerms(values["torque_constant"], get("winding_resistance", 0.0), get("source_resistance", 0.0)),
         friction=Friction(
             viscous=get("viscous_damping", 0.0),
             coulomb=get("coulomb_torque", 0.0),
@@ -125,16 +125,14 @@ HOP = 0.2
 AS_GOOD = 0.02
 
 
+# Output-error refinement of a servo: the parameters whose simulated motion is nearest to the logged one.
+#
+# The equation of motion starts it. The error is weighted robustly: where a simulation sticks and the machine slips,
+# the difference says little of how far a parameter is off. Starts from several places, and a fit that did not settle
+# says so.
 @dataclass(frozen=True)
 class Box:
-    """Output-error refinement of a servo: the parameters whose simulated motion is nearest to the logged one.
-
-    The equation of motion starts it. The error is weighted robustly: where a simulation sticks and the machine
-    slips, the difference says little of how far a parameter is off. Starts from several places, and a fit that did
-    not settle says so.
-
-    Where a parameter is searched: ``scale`` is its usual size, ``low`` and ``high`` are in SI.
-    """
+    """Where a parameter is searched: ``scale`` is its usual size, ``low`` and ``high`` are in SI."""
 
     scale: float
     low: float
@@ -142,7 +140,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Trial:
+class FittedLogs:
     """The logs of a fit, and which samples of each are fitted."""
 
     logs: tuple[ServoLog, ...]
@@ -181,7 +179,7 @@ class ServoFit:
 
 
 def fit_servo(
-    trial: Trial,
+    trial: FittedLogs,
     model: ServoModel,
     boxes: Mapping[str, Box],
     starts: Sequence[Mapping[str, float]],
@@ -232,7 +230,7 @@ def _best(minima: Sequence[OptimizeResult]) -> OptimizeResult:
 class _Search:
     """Robust least squares in parameters over their scales."""
 
-    trial: Trial
+    trial: FittedLogs
     names: tuple[str, ...]
     boxes: tuple[Box, ...]
 

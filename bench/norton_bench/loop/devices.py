@@ -9,15 +9,13 @@ from typing import Any
 
 from norton_bench.errors import ExperimentError, RigError, SafetyStopError
 from norton_bench.guard.check import Commands, DriveHealth
-from norton_bench.guard.checks import Fitted, checks_for
-from norton_bench.guard.guard import Guard
+from norton_bench.guard.guard import Equipment, Guard, checks_for
 from norton_bench.records import STREAMS, Stream
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
-from norton_drivers.clock import Clock
 from norton_drivers.devices import Amplifier, Device, TorqueSensor
 from norton_drivers.link import Link
-from norton_drivers.ports import Backend
+from norton_drivers.ports import Backend, Clock
 from norton_drivers.readings import DeviceIdentity, DriveState
 from norton_drivers.registry import open_amplifier, open_device, open_torque_sensor
 
@@ -311,7 +309,7 @@ def check_command_units(rig: Rig, devices: Devices) -> None:
 def guard_for(rig: Rig, devices: Devices) -> Guard:
     """The guard with every plausibility check that the bench has signals for, but those that the rig leaves out."""
     load, sensor, modulator = devices.load, devices.torque_sensor, devices.modulator
-    fitted = Fitted(
+    equipment = Equipment(
         load=load is not None,
         torque_sensor=sensor is not None,
         # What is no motor may be a spring: it stands still under its greatest command.
@@ -322,14 +320,14 @@ def guard_for(rig: Rig, devices: Devices) -> Guard:
         modulation=rig.modulation,
         modulator_resolution_rad=0.0 if modulator is None else modulator.position_resolution_rad,
     )
-    checks = checks_for(rig.limits, rig.command, rig.tick_s, fitted, rig.supervision.leave_out)
+    checks = checks_for(rig.limits, rig.command, rig.tick_s, equipment, rig.supervision.leave_out)
     modulation_limit = None if rig.modulation is None else rig.modulation.limit
     return Guard(
         rig.limits,
         rig.command.limit,
         rig.tick_s,
-        fitted.load,
-        fitted.torque_sensor,
+        equipment.load,
+        equipment.torque_sensor,
         checks,
         modulation_limit,
         0.0 if rig.wiring.load is None else rig.wiring.load.dead_band,

@@ -12,7 +12,7 @@ from typing import Any
 from norton_bench.errors import SafetyStopError
 from norton_bench.loop.bench_loop import Learned
 from norton_bench.segments import Segment
-from norton_drivers.clock import Clock
+from norton_drivers.ports import Clock
 
 
 @dataclass(frozen=True)

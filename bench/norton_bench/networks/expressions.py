@@ -175,12 +175,10 @@ def _finite(value: float) -> float:
     return number
 
 
+# A part of a network as equations in state form: ẇ = N_state(w, c), x_N = N_output(w, c) and the like (section IV).
 @dataclass(frozen=True)
 class Table:
-    """A part of a network as equations in state form: ẇ = N_state(w, c), x_N = N_output(w, c) and the like (section
-    IV).
-
-    Measured maps as functions of one or two arguments: linear between the nodes, constant beyond them.
+    """Measured maps as functions of one or two arguments: linear between the nodes, constant beyond them.
 
     ``nodes``: one or two rising grids; ``values``: as many, or a row for each node of the first grid.
 
@@ -257,13 +255,13 @@ class Equations:
         object.__setattr__(self, "read_rates", self._read("rate of", self.rates, names))
 
     def _read(self, what: str, texts: Mapping[str, str], names: list[str]) -> dict[str, Expression]:
-        found = {}
+        result = {}
         for name, text in texts.items():
             try:
-                found[name] = read_expression(text, names, self.tables)
+                result[name] = read_expression(text, names, self.tables)
             except ValueError as error:
                 raise ValueError(f"{what} {name}: {error}") from None
-        return found
+        return result
 
     @property
     def start(self) -> dict[str, float]:

@@ -47,10 +47,10 @@ def load(path: Path | str) -> Network:
             raise UsageError(f"{path}: is a TOML file; give a network file (JSON)") from error
         line = f"line {error.lineno}: " if isinstance(error, json.JSONDecodeError) else ""
         raise UsageError(f"{path}: {line}not valid JSON; was the file cut short?") from error
-    found = content.get("format") if isinstance(content, dict) else None
-    if found == MOTOR_FORMAT:
+    result = content.get("format") if isinstance(content, dict) else None
+    if result == MOTOR_FORMAT:
         return NortonNetwork.load(path)
-    if found != FORMAT:
+    if result != FORMAT:
         raise UsageError(f'{path}: not a network file; expected JSON with "format": "{FORMAT}" or "{MOTOR_FORMAT}"')
     if content.get("version") != VERSION:
         version = content.get("version")

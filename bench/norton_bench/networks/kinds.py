@@ -28,12 +28,10 @@ class NoConversionError(UsageError):
     """The network has no equivalent of the kind and form that was asked for; the sentence says why."""
 
 
+# What is sampled at the port: a motion with its derivatives, at the ticks.
 @dataclass(frozen=True)
 class Motion:
-    """What is sampled at the port: a motion with its derivatives, at the ticks.
-
-    Angle [rad], velocity [rad/s] and acceleration [rad/s²] at each tick, shape (n,), taken as linear in between.
-    """
+    """Angle [rad], velocity [rad/s] and acceleration [rad/s²] at each tick, shape (n,), taken as linear in between."""
 
     position_rad: FloatArray
     velocity_rad_s: FloatArray

@@ -111,11 +111,9 @@ def _bounded(source: Operator, why: Callable[[str], str]) -> Operator:
     raise NoConversionError(f"{why(f'a mode at s = {place} rad/s')}; keep the type that it has")
 
 
+# Linear networks in time: exact for commands that are held from tick to tick and port signals linear in between.
 def joint(network: LinearNetwork) -> Operator:
-    """Linear networks in time: exact for commands that are held from tick to tick and port signals linear in between.
-
-    The network as one operator: commands and, last, the port's input (x or f); out comes the other (f or x).
-    """
+    """The network as one operator: commands and, last, the port's input (x or f); out comes the other (f or x)."""
     source, connection = network.source, network.connection
     if (network.kind is Kind.NORTON) == (network.form is Form.IMPEDANCE):
         deviation = _widened(source, after=1) + _widened(Operator.gains(-1.0), before=source.inputs)

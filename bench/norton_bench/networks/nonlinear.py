@@ -152,14 +152,14 @@ class NonlinearNetwork:
         self, source: Mapping[str, Any], states: Mapping[str, Any], commands: Mapping[str, Any], port: Mapping[str, Any]
     ) -> dict[str, Any]:
         """What comes out at the port (f; or x, and v and a where the equations say), from what goes in."""
-        found = self.connection.work_out(self._connection_inputs(source, states, commands, port))
+        result = self.connection.work_out(self._connection_inputs(source, states, commands, port))
         if not self.suffix:
-            return {name: found[name] for name in self.port_out if name in found}
+            return {name: result[name] for name in self.port_out if name in result}
         far = dict(zip(self.port_out, self.source_out, strict=True))
         return {
-            name: source[far[name]] - found[name + self.suffix]
+            name: source[far[name]] - result[name + self.suffix]
             for name in self.port_out
-            if name + self.suffix in found and far[name] in source
+            if name + self.suffix in result and far[name] in source
         }
 
     def rates(self, states: Mapping[str, Any], commands: Mapping[str, Any], port: Mapping[str, Any]) -> dict[str, Any]:
@@ -190,14 +190,13 @@ Rates = Callable[[States, float], Mapping[str, Any]]
 BENT = 1e-6
 
 
+# Nonlinear networks in time, by the classical Runge-Kutta method in steps no longer than the network's own.
+#
+# Commands are held from tick to tick; what goes in at the port is linear in between.
 def respond(
     network: NonlinearNetwork, commands: FloatArray, port: Mapping[str, FloatArray], tick_s: float
 ) -> dict[str, FloatArray]:
-    """Nonlinear networks in time, by the classical Runge-Kutta method in steps no longer than the network's own.
-
-    Commands are held from tick to tick; what goes in at the port is linear in between.
-
-    What comes out at the port at the ticks, by name, each (n,), from the states at the start.
+    """What comes out at the port at the ticks, by name, each (n,), from the states at the start.
 
     ``commands`` is (n, m) in the order of ``command_units``; ``port`` has what goes in, by name, each (n,).
     """
@@ -261,15 +260,15 @@ def _pushed(network: NonlinearNetwork, states: States, command: Mapping[str, Any
     needs = {"x": load.stiffness_nm_rad, "v": load.damping_nms_rad, "a": load.inertia_kgm2}
 
     def motion(f: Any) -> dict[str, Any]:
-        found = network.connect(source, states, command, {"f": f})
-        lacking = next((name for name, share in needs.items() if share and name not in found), None)
+        result = network.connect(source, states, command, {"f": f})
+        lacking = next((name for name, share in needs.items() if share and name not in result), None)
         if lacking:
             raise UsageError(f'the load must know "{lacking}" of the port; add it to what the connection puts out')
-        return found
+        return result
 
     def balance_at(f: Any) -> Any:
-        found = motion(f)
-        return f - sum(share * found[name] for name, share in needs.items() if share)
+        result = motion(f)
+        return f - sum(share * result[name] for name, share in needs.items() if share)
 
     none, some, more = (balance_at(f) for f in (0.0, 1.0, 2.0))
     if np.any(np.abs(more - 2.0 * some + none) > BENT * (np.abs(some - none) + 1.0) + 1e-12 * np.abs(none)):

@@ -324,7 +324,7 @@ def _larger(one: FloatArray, other: FloatArray) -> FloatArray:
 
 def stable(poles: npt.ArrayLike) -> bool:
     """Whether no pole grows. Integrators do not, and rounding leaves them a little beside zero."""
-    found = np.asarray(poles, dtype=complex)
-    speeds = np.abs(found)
+    result = np.asarray(poles, dtype=complex)
+    speeds = np.abs(result)
     slow = speeds <= 1e-7 * speeds.max(initial=0.0)
-    return bool(np.all(slow | (found.real <= 1e-6 * speeds)))
+    return bool(np.all(slow | (result.real <= 1e-6 * speeds)))

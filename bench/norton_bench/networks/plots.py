@@ -64,10 +64,10 @@ def commands_shown(network: Network, span: float | None = None) -> FloatArray:
 
 def _source(axes: Axes, network: Network, commands: FloatArray, settle_s: float) -> None:
     name, unit = next(iter(commands_of(network).items()), ("c", ""))
-    found = static_source(network, commands, settle_s=settle_s)
-    axes.plot(found.command, found.value)
+    result = static_source(network, commands, settle_s=settle_s)
+    axes.plot(result.command, result.value)
     axes.set_xlabel(f"{name} [{unit}]")
-    axes.set_ylabel(f"{SYMBOLS[found.quantity]} [{found.unit}]")
+    axes.set_ylabel(f"{SYMBOLS[result.quantity]} [{result.unit}]")
     axes.set_title("settled source")
 
 

@@ -106,12 +106,12 @@ def settled(
 
     substeps = steps_in(settle_s, network.step_s)
     with np.errstate(all="ignore"):
-        found = advance(states, rates, settle_s, substeps)
-    if not all(np.isfinite(value).all() for value in found.values()):
+        result = advance(states, rates, settle_s, substeps)
+    if not all(np.isfinite(value).all() for value in result.values()):
         raise UsageError(
             "the states do not stay finite; is step_s short enough, and do the commands lie in the domain?"
         )
-    return found
+    return result
 
 
 def at_source(network: NonlinearNetwork, states: Mapping[str, Any], commands: Mapping[str, Any]) -> dict[str, Any]:
@@ -130,8 +130,8 @@ def static_exertion(
     port: dict[str, Any] = {"x": position, "v": 0.0, "a": 0.0}
     states = settled(network, commands, settle_s, port)
     source = network.source_values(states, commands)
-    found = network.connect(source, states, commands, port)["f"]
-    return np.broadcast_to(np.asarray(found, dtype=float), position.shape)
+    result = network.connect(source, states, commands, port)["f"]
+    return np.broadcast_to(np.asarray(result, dtype=float), position.shape)
 
 
 def linearised(network: NonlinearNetwork, commands: Mapping[str, float], *, settle_s: float = SETTLE_S) -> Operator:

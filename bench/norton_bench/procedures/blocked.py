@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from norton_bench.errors import RigError
-from norton_bench.identification.model_free.source_map import FAST, FROM_REST
+from norton_bench.identification.source_map import FAST, FROM_REST
 from norton_bench.procedures.knowledge import Knowledge, Plan
 from norton_bench.procedures.options import BlockedOptions
 from norton_bench.procedures.waves import Motion, coasting, from_velocity, hold, imposed, ramp

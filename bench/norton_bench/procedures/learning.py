@@ -21,7 +21,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
 from norton_bench.identification.in_situ import Exerted, LoadTaken, Machine
-from norton_bench.identification.trials import Seen, TrialFigures, averaged, diverge, in_band, settled
+from norton_bench.identification.trials import TrialFigures, TrialReadings, averaged, diverge, in_band, settled
 
 # The spectrum is averaged over so many lines to tell what is noise.
 LINES = 41
@@ -45,7 +45,12 @@ class Correction:
 
 
 def correction(
-    models: Models, command: FloatArray, load_torque_nm: FloatArray, found: Seen, torque_nm: FloatArray, tick_s: float
+    models: Models,
+    command: FloatArray,
+    load_torque_nm: FloatArray,
+    found: TrialReadings,
+    torque_nm: FloatArray,
+    tick_s: float,
 ) -> Correction:
     """Of a trial with ``command`` and ``load_torque_nm`` sent, and the port torque ``torque_nm``, all (ticks,).
 

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification.cleaning import clean
 from norton_bench.identification.expansion import (
     Linearised,
     deviations,
@@ -22,7 +23,6 @@ from norton_bench.identification.fit import fit
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.identification.signals import signals
 from norton_bench.procedures.excitations import Bounds, Candidate, candidates
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis

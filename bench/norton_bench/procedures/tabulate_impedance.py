@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.tables.exertion_table import HOLD, PROCEDURE, READ, SHAKE, SWEEP, shake_lines
+from norton_bench.identification.exertion_table import HOLD, PROCEDURE, READ, SHAKE, SWEEP, shake_lines
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import TabulateImpedanceOptions
 from norton_bench.procedures.tabulate_source import MOVE_S, Patience, at_zero_torque, levels_between, settle

@@ -9,8 +9,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
-from norton_bench.identification.tables.averages import velocity_of
-from norton_bench.identification.tables.source_table import LEAVE, PROCEDURE, READ
+from norton_bench.identification.averages import velocity_of
+from norton_bench.identification.source_table import LEAVE, PROCEDURE, READ
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import TabulateSourceOptions
 from norton_bench.procedures.waves import coasting, hold, ramp, zero_torque

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from norton_bench.pytest_plugin.checks import Outcome
+    from norton_bench.pytest_plugin.checks import SessionOutcome
     from norton_bench.rig.rig import Rig
 
 OUT = "--norton-out"
@@ -36,9 +36,11 @@ def norton_rig() -> "Callable[..., Rig]":
 
 
 @pytest.fixture(scope="session")
-def norton_run(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> "Callable[..., Outcome]":
+def norton_run(
+    pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory
+) -> "Callable[..., SessionOutcome]":
     """``norton_run(rig, session=None, *, seed=1, values={}, answers={}, fresh=False)``; see :class:`.benches.Runs`."""
     from norton_bench.pytest_plugin.benches import Runs  # noqa: PLC0415
 
-    kept = pytestconfig.getoption(OUT)
-    return Runs(Path(kept) if kept else tmp_path_factory.mktemp("norton-bench"))
+    retained = pytestconfig.getoption(OUT)
+    return Runs(Path(retained) if retained else tmp_path_factory.mktemp("norton-bench"))

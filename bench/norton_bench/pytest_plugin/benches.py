@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from norton_bench.errors import RigError
-from norton_bench.pytest_plugin.checks import Outcome
+from norton_bench.pytest_plugin.checks import SessionOutcome
 from norton_bench.rig.files import parse_toml, read_text, toml
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
@@ -47,7 +47,7 @@ class Runs:
     """Runs sessions, and remembers what came of them for as long as the tests run. ``out`` gets a folder for each."""
 
     out: Path
-    _outcomes: dict[object, Outcome] = field(default_factory=dict)
+    _outcomes: dict[object, SessionOutcome] = field(default_factory=dict)
 
     def __call__(
         self,
@@ -58,7 +58,7 @@ class Runs:
         values: Mapping[str, Any] | None = None,
         answers: Mapping[str, str] | None = None,
         fresh: bool = False,
-    ) -> Outcome:
+    ) -> SessionOutcome:
         """What ``session`` (a file, or one in hand; the standard session where none is given) finds on ``rig``.
 
         ``values`` are for the session file's parameters, ``answers`` for its prompts; all others are answered with
@@ -70,7 +70,7 @@ class Runs:
             folder = self.out / f"{len(list(self.out.glob('*'))) + 1}-{rig.name}"
             folder.mkdir(parents=True)
             ready = Answers(dict(answers or {}), yes=True)
-            self._outcomes[key] = Outcome(run_session(rig, chosen, out=folder, seed=seed, answers=ready))
+            self._outcomes[key] = SessionOutcome(run_session(rig, chosen, out=folder, seed=seed, answers=ready))
         return self._outcomes[key]
 
 

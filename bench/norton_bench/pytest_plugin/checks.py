@@ -68,10 +68,10 @@ class CheckedParameter:
     def covers(self, reference: str) -> bool:
         """The 95 % interval holds ``reference``."""
         __tracebackhide__ = True
-        found, expected = self.found, parse_quantity(reference, self.found.unit)
-        met = isfinite(found.std) and abs(found.value - expected) <= HALF_INTERVAL * found.std
-        said = f"{found}: its 95 % interval {'holds' if met else 'does not hold'} {reference}"
-        return _assert(ExpectationResult(found.name, met, said))
+        result, expected = self.found, parse_quantity(reference, self.found.unit)
+        met = isfinite(result.std) and abs(result.value - expected) <= HALF_INTERVAL * result.std
+        message = f"{result}: its 95 % interval {'holds' if met else 'does not hold'} {reference}"
+        return _assert(ExpectationResult(result.name, met, message))
 
     def has_status(self, status: str) -> bool:
         """As it says it: "valid", "ratio only", ..."""
@@ -82,7 +82,7 @@ class CheckedParameter:
 
 
 @dataclass(frozen=True, repr=False)
-class Outcome:
+class SessionOutcome:
     """What came of a session. ``result`` has all of it."""
 
     result: Result
@@ -108,8 +108,8 @@ class Outcome:
         __tracebackhide__ = True
         fit = self.result.fit
         met = fit is not None and not fit.shortcoming
-        said = "nothing was measured to fit" if fit is None else "; ".join(fit.verdict) or "the fit did not converge"
-        return _assert(ExpectationResult("fit", met, said))
+        message = "nothing was measured to fit" if fit is None else "; ".join(fit.verdict) or "the fit did not converge"
+        return _assert(ExpectationResult("fit", met, message))
 
     def predicts(self, what: str, *, within: str) -> bool:
         """``what`` ("torque" or "velocity") under what no fit has seen, to this share of its rms."""

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.residuals.diagnosis import Dependence, Memory, ResidualTests
+from norton_bench.identification.residual_tests import Dependence, Memory, ResidualTests
 from norton_bench.identification.results import FitResult, LiveEstimate, Trace
 from norton_bench.models.parameters import BY_NAME, PARAMETERS, Estimate, Status
 from norton_bench.recording.contents import RecordedEstimates

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification.branches import TAILS
 from norton_bench.identification.in_situ import SourceMotion
-from norton_bench.identification.model_free.branches import TAILS
 from norton_bench.identification.results import BlockedMap, SourceMap, Trace
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork
@@ -25,12 +25,10 @@ _WIDEST_LOOP = 12.0  # in units of the friction contact's deflection: beyond thi
 _STEADY_SHARE = 1e-6  # change of the reference velocity in a tick, of its greatest value
 
 
+# The impedance's samples: measured and predicted torque beside the motion that was imposed.
 @dataclass(frozen=True)
 class Loop:
-    """The impedance's samples: measured and predicted torque beside the motion that was imposed.
-
-    Arrays of shape (n,); position about its middle.
-    """
+    """Arrays of shape (n,); position about its middle."""
 
     position_rad: FloatArray
     velocity_rad_s: FloatArray
@@ -296,11 +294,9 @@ def legend(axes: Axes) -> None:
         axes.legend(labelcolor=INK, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
+# Repeated movements in pictures: the torque left at the port, trial by trial, and the motion source.
 def source_motion_figure(source: SourceMotion, command_unit: str) -> Figure:
-    """Repeated movements in pictures: the torque left at the port, trial by trial, and the motion source.
-
-    The source's velocity under its command, against time.
-    """
+    """The source's velocity under its command, against time."""
     picture = figure(3.6)
     top, bottom = picture.subplots(2, 1, sharex=True, height_ratios=(1, 2))
     time_s = np.asarray(np.arange(len(source.command)) * source.tick_s, dtype=np.float64)

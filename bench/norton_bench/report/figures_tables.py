@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.model_free.impedance_table import ImpedanceTable
-from norton_bench.identification.model_free.without_model import StopOperator
-from norton_bench.identification.tables.averages import Setting
-from norton_bench.identification.tables.exertion_table import ExertionTable, Shaken
-from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.averages import Setting
+from norton_bench.identification.exertion_table import ExertionTable, Shaken
+from norton_bench.identification.impedance_table import ImpedanceTable
+from norton_bench.identification.source_table import SourceTable
+from norton_bench.identification.without_model import StopOperator
 from norton_bench.models.network import NortonNetwork
 from norton_bench.report.figures_network import Loop, legend
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure, thinned
@@ -161,11 +161,9 @@ _MARKERS = ("o", "s", "^", "v", "D")
 _APART = 0.015
 
 
+# The impedance without a model, in pictures: the table's curves, the operator's loops and what it is made of.
 def impedance_table_figure(table: ImpedanceTable, network: NortonNetwork, command_unit: str) -> Figure:
-    """The impedance without a model, in pictures: the table's curves, the operator's loops and what it is made of.
-
-    Torque against steady velocity, one line a command; beside it, what the network leaves of each cell.
-    """
+    """Torque against steady velocity, one line a command; beside it, what the network leaves of each cell."""
     picture = figure(3.6)
     curves, left = picture.subplots(1, 2, width_ratios=(1.35, 1))
     for row, command in enumerate(table.command):

@@ -60,13 +60,13 @@ def _lines(side: str, errors: Errors) -> list[tuple[str, ...]]:
         (
             side,
             what,
-            number(found.rms, 3),
-            percent(found.relative),
-            number(found.mean_absolute, 3),
-            pretty_unit(found.unit),
+            number(result.rms, 3),
+            percent(result.relative),
+            number(result.mean_absolute, 3),
+            pretty_unit(result.unit),
         )
-        for what, found in (("exertion", errors.exertion), ("motion", errors.motion))
-        if found is not None
+        for what, result in (("exertion", errors.exertion), ("motion", errors.motion))
+        if result is not None
     ]
 
 

@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from norton_bench.errors import ExperimentError
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.report.equation import derived_facts, model_of
+from norton_bench.report.facts_tables import derived_facts, model_of
 from norton_bench.report.sections import sections
 from norton_bench.report.streams import stream_qualities
 from norton_bench.report.svg import style

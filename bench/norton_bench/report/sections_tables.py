@@ -5,13 +5,13 @@ from typing import Protocol
 
 import numpy as np
 
-from norton_bench.identification.friction.fit import ROUGHNESS
-from norton_bench.identification.friction.laws import CONTAINS, EXCESS
+from norton_bench.identification.exertion_table import ExertionTable
+from norton_bench.identification.friction_fit import ROUGHNESS
+from norton_bench.identification.friction_laws import CONTAINS, EXCESS
 from norton_bench.identification.in_situ import SourceMotion
-from norton_bench.identification.tables.conditions import two_ports
-from norton_bench.identification.tables.exertion_table import ExertionTable
-from norton_bench.identification.tables.modulation import modulated
-from norton_bench.identification.tables.source_table import SourceTable
+from norton_bench.identification.modulation import modulated
+from norton_bench.identification.source_table import SourceTable
+from norton_bench.identification.table_conditions import two_ports
 from norton_bench.identification.trials import TAUGHT_HZ, TrialFigures, diverge, last_driven, settled
 from norton_bench.models.parameters import UNITS
 from norton_bench.report.facts_tables import (
@@ -39,11 +39,9 @@ ASSUMES = {
 WITHOUT_MEMORY = "depends on the velocity alone, not on the path"
 
 
+# The comparison of friction models, and why one with more numbers may fit worse.
 class Compared(Protocol):
-    """The comparison of friction models, and why one with more numbers may fit worse.
-
-    One model of the comparison.
-    """
+    """One model of the comparison."""
 
     @property
     def name(self) -> str: ...
@@ -232,25 +230,23 @@ def two_ports_section(data: Result) -> Section | None:
 
 
 def modulation_section(data: Result) -> Section | None:
-    found = modulated(data.source, data.exertion)
-    if found is None and data.modulator is None:
+    result = modulated(data.source, data.exertion)
+    if result is None and data.modulator is None:
         return None
     sentences: tuple[str, ...] = ()
     tables: tuple[Facts, ...] = ()
-    if found is not None:
-        sentences = modulation_sentences(found, data.units)
-        tables = (stiffness_facts(found, data.units),) if found.stiffness else ()
+    if result is not None:
+        sentences = modulation_sentences(result, data.units)
+        tables = (stiffness_facts(result, data.units),) if result.stiffness else ()
     if data.modulator is not None:
         sentences = (*sentences, modulator_sentence(data.modulator, data.units))
         tables = (*tables, modulator_facts(data.modulator, data.units))
     return Section("modulation", "What the modulation changes", sentences, tables=tables)
 
 
+# The report's sections on repeated movements.
 def trials_section(data: Result) -> Section | None:
-    """The report's sections on repeated movements.
-
-    Zero torque, trial by trial.
-    """
+    """Zero torque, trial by trial."""
     if not data.trials:
         return None
     drawn = picture(
@@ -266,28 +262,28 @@ def trials_section(data: Result) -> Section | None:
 
 def in_situ_section(data: Result) -> Section | None:
     """The actuator in situ: what it exerted, trial by trial, and its motion source."""
-    found = data.in_situ
-    if found is None or not found.trials:
+    result = data.in_situ
+    if result is None or not result.trials:
         return None
     pictures = [
         picture(
-            trials_figure(found.trials),
+            trials_figure(result.trials),
             "in-situ",
             "See whether the actuator was brought to exert nothing on its load, without a torque sensor.",
             f"Torque on the load below {TAUGHT_HZ:g} Hz, calculated from motion and load, in N·m as the load drive "
             "counts them. Where it is large the load drive was left off.",
         )
     ]
-    if found.source is not None:
-        pictures.append(_source(found.source, pretty_unit(data.command_unit)))
-    ending = _ending(found.trials, "what is left is what movements differ by anyway")
-    sentences = (*(f"{said[0].upper()}{said[1:]}." for said in found.assembly), ending)
+    if result.source is not None:
+        pictures.append(_source(result.source, pretty_unit(data.command_unit)))
+    ending = _ending(result.trials, "what is left is what movements differ by anyway")
+    sentences = (*(f"{message[0].upper()}{message[1:]}." for message in result.assembly), ending)
     return Section(
         "in-situ",
         "The motion source of an assembled actuator (in situ)",
         sentences,
         tuple(pictures),
-        (_table(found.trials, "movements differ by [mN·m]"),),
+        (_table(result.trials, "movements differ by [mN·m]"),),
     )
 
 

@@ -1,12 +1,12 @@
-"""The sections that lean on no parametric model, and the one that asks the residual what the model lacks."""
+"""The sections that use no parametric model, and the one that asks the residual what the model lacks."""
 
 from math import isfinite
 
 import numpy as np
 
-from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.identification.residuals.diagnosis import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
+from norton_bench.identification.residual_tests import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import SourceMap
+from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.report.figures_fit import residual_tests_figure
 from norton_bench.report.figures_network import Loop, presliding_loops
 from norton_bench.report.figures_tables import impedance_table_figure, operator_figure
@@ -48,21 +48,21 @@ def source_sentences(source: SourceMap, unit: str) -> list[str]:
     if source.port_torque_nm.size:
         most = number(1e3 * float(np.max(np.abs(source.port_torque_nm))), 2)
         sentences.append(f"The velocities are corrected for the torque left at the port, up to {most}\u00a0mN·m.")
-    found = source.hysteresis()
-    if found is not None:
-        size, band = number(abs(found.difference_rad_s), 2), number(found.band_rad_s, 2)
+    result = source.hysteresis()
+    if result is not None:
+        size, band = number(abs(result.difference_rad_s), 2), number(result.band_rad_s, 2)
         sentences.append(
-            f"Rising and falling commands give velocities that differ by {size} rad/s at {number(found.command, 3)} "
+            f"Rising and falling commands give velocities that differ by {size} rad/s at {number(result.command, 3)} "
             f"{unit}, more than the {band} rad/s that noise explains: hysteresis."
-            if found.significant
+            if result.significant
             else f"Rising and falling commands give the same velocities to within noise ({band} rad/s): no hysteresis."
         )
     return sentences
 
 
 def without_model_section(data: Result) -> Section | None:
-    found = data.without_model
-    if found is None or data.fit is None:
+    result = data.without_model
+    if result is None or data.fit is None:
         return None
     network, figures = data.fit.network, []
     sentences = [
@@ -70,32 +70,32 @@ def without_model_section(data: Result) -> Section | None:
         "torque by velocity and command, and an operator that sums many elastic elements, each of which yields at a "
         "displacement of its own. Agreement supports the model's form; a difference shows what it lacks."
     ]
-    if found.table is not None:
+    if result.table is not None:
         figures.append(
             picture(
-                impedance_table_figure(found.table, network, data.command_unit),
+                impedance_table_figure(result.table, network, data.command_unit),
                 "impedance-table",
                 "Check the model's steady torque against plain averages of the readings.",
                 "Mean torque while a velocity and a command were held (left), and measured minus model (right). "
                 "Bars are 95 % intervals of the mean.",
             )
         )
-        sentences += _table_sentences(found)
-    if found.operator is not None:
+        sentences += _table_sentences(result)
+    if result.operator is not None:
         deflection_rad = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
         figures.append(
             picture(
-                operator_figure(_loops(data, deflection_rad), found.operator, deflection_rad),
+                operator_figure(_loops(data, deflection_rad), result.operator, deflection_rad),
                 "operator",
                 "Check the friction law: does the friction found without one yield where the model's does (τc/σ0)?",
                 "Left: loops too small for friction to slide freely. Right: how much friction yields at which "
                 "displacement.",
             )
         )
-        sentences += _operator_sentences(found.operator, found.stops_alone, pretty_unit(data.command_unit) or "N·m")
+        sentences += _operator_sentences(result.operator, result.stops_alone, pretty_unit(data.command_unit) or "N·m")
     tables: tuple[Facts, ...] = ()
-    if found.operator_prediction is not None:
-        tables = (_predictions(data, found),)
+    if result.operator_prediction is not None:
+        tables = (_predictions(data, result),)
         sentences.append("The table at the end compares how well each predicts the torque of motion kept apart.")
     return Section("without-model", "The same without a motor model", tuple(sentences), tuple(figures), tables)
 
@@ -108,8 +108,8 @@ def _loops(data: Result, deflection_rad: float) -> list[tuple[Loop, Loop]]:
     return list(zip(network, operator, strict=False))
 
 
-def _table_sentences(found: WithoutModel) -> list[str]:
-    table = found.table
+def _table_sentences(result: WithoutModel) -> list[str]:
+    table = result.table
     if table is None:
         return []
     rows, columns = table.torque_nm.shape
@@ -144,16 +144,16 @@ def _operator_sentences(operator: StopOperator, stops_alone: Prediction | None, 
     return sentences
 
 
-def _predictions(data: Result, found: WithoutModel) -> Facts:
+def _predictions(data: Result, result: WithoutModel) -> Facts:
     """Who predicts motion kept apart from the fits, and how well."""
     rows = []
     if data.validation is not None and isfinite(data.validation.torque_rms_nm):
         network = Prediction(data.validation.torque_rms_nm, data.validation.torque_relative, 1.0)
         rows.append(("model", "seven parameters", *_figures(network)))
-    if found.operator_prediction is not None:
-        rows.append(("operator", "history of the motion", *_figures(found.operator_prediction)))
-    if found.table_prediction is not None:
-        rows.append(("table", "steady motion only, no inertia", *_figures(found.table_prediction)))
+    if result.operator_prediction is not None:
+        rows.append(("operator", "history of the motion", *_figures(result.operator_prediction)))
+    if result.table_prediction is not None:
+        rows.append(("table", "steady motion only, no inertia", *_figures(result.table_prediction)))
     head = ("predicted by", "which knows", "rms error [mN·m]", "of the torque", "of the motion covered")
     return Facts(head, tuple(rows))
 

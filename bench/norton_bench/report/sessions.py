@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sessions import Fitted, Together, differing
+from norton_bench.identification.sessions import SessionFit, Together, differing
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.report.render import Figure, fill, row, write_page
 from norton_bench.report.svg import GRID, MEASURED, PREDICTED, figure, picture, style
@@ -19,7 +19,7 @@ from norton_bench.result import Result
 _COLUMNS = 3
 
 
-def forest_figure(sessions: Sequence[Fitted], combined: Sequence[Estimate]) -> Drawing:
+def forest_figure(sessions: Sequence[SessionFit], combined: Sequence[Estimate]) -> Drawing:
     """What each session says of each parameter, and all of them together: a forest plot.
 
     A panel a parameter, a row a session with its 95 % interval, the combined value below.
@@ -38,7 +38,7 @@ def forest_figure(sessions: Sequence[Fitted], combined: Sequence[Estimate]) -> D
     return picture
 
 
-def _panel(axes: Axes, sessions: Sequence[Fitted], combined: Estimate) -> None:
+def _panel(axes: Axes, sessions: Sequence[SessionFit], combined: Estimate) -> None:
     factor = 10.0 ** -scale_of(combined.value)
     for place, session in enumerate(sessions):
         own = session.taking_part(combined.name)
@@ -107,7 +107,7 @@ def render_sessions(data: SessionsData) -> str:
 
 
 def _forest(data: SessionsData) -> Section:
-    sessions = [Fitted(one.recording, one.fit) for one in data.sessions]
+    sessions = [SessionFit(one.recording, one.fit) for one in data.sessions]
     combined = [estimate for estimate in data.together.estimates if estimate.name in data.together.spreads]
     drawn = picture(
         forest_figure(sessions, combined),

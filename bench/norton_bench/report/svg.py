@@ -106,10 +106,9 @@ def _above_in(axes: Axes) -> float:
 POINTS = 2000
 
 
+# Fewer points, same picture.
 def envelope(time_s: FloatArray, values: FloatArray, points: int = POINTS) -> tuple[FloatArray, FloatArray]:
-    """Fewer points, same picture.
-
-    At most ``points`` of the given ones: least and greatest of each stretch, in order, so that no spike is lost.
+    """At most ``points`` of the given ones: least and greatest of each stretch, in order, so that no spike is lost.
 
     A stretch without a finite value becomes one NaN, so that gaps stay gaps.
     """
@@ -250,7 +249,7 @@ COLOUR = re.compile(r"--(\w+): (#\w+)")
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours by what they are for: stand-ins that a style sheet fills in, or those of print."""
+    """Colours by what they are for: placeholders that a style sheet fills in, or those of print."""
 
     ink: str = INK
     muted: str = MUTED

@@ -6,12 +6,10 @@ from math import floor, isfinite, log10
 from norton_bench.models.parameters import BY_NAME, Estimate
 
 
+# What a section of the report is made of.
 @dataclass(frozen=True)
 class Facts:
-    """What a section of the report is made of.
-
-    A small table: its head and its rows, all text.
-    """
+    """A small table: its head and its rows, all text."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]

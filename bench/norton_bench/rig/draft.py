@@ -57,9 +57,9 @@ class Draft:
 
     def devices(self) -> dict[str, DeviceSection]:
         """The devices that could be read, by role."""
-        found: dict[str, DeviceSection | None] = {role: getattr(self, role) for role in FITTED}
-        found.update(self.sensors)
-        return {role: device for role, device in found.items() if device is not None}
+        result: dict[str, DeviceSection | None] = {role: getattr(self, role) for role in FITTED}
+        result.update(self.sensors)
+        return {role: device for role, device in result.items() if device is not None}
 
     def has(self, section: str) -> bool:
         """Whether the file has the section, right or wrong."""
@@ -128,7 +128,7 @@ def _options(device: DeviceSection, role: str, folder: Path, mistakes: Mistakes)
     return read_options(device, declared, role, folder, mistakes)
 
 
-Found = Iterator[tuple[str, str]]  # where, and what is wrong with the mend
+Found = Iterator[tuple[str, str]]  # where, and what is wrong with the remedy
 
 
 def check(draft: Draft, backend: str | None, mistakes: Mistakes) -> None:
@@ -334,9 +334,9 @@ def _command_units(draft: Draft) -> Found:
         options = draft.options.get(role, {})
         declared = amplifier_options(device.driver, options) if role in commands else None
         if declared is not None and declared.command_unit is not None:
-            found = wrong_unit(role, device.driver, options, commands[role], declared.command_unit)
-            if found is not None:
-                yield found
+            result = wrong_unit(role, device.driver, options, commands[role], declared.command_unit)
+            if result is not None:
+                yield result
 
 
 def _range_nm(draft: Draft) -> float:

@@ -120,12 +120,10 @@ def _model_in(module: ModuleType) -> type[DeviceOptions] | None:
 LOAD_UNIT = "N*m"
 
 
+# Whether each drive is commanded in the unit that it takes: one rule, for a rig file that is read, where the driver's
+# options tell the unit, and for a drive that is open, where only that does.
 class Commanded(Protocol):
-    """Whether each drive is commanded in the unit that it takes: one rule, for a rig file that is read, where the
-    driver's options tell the unit, and for a drive that is open, where only that does.
-
-    What is commanded: its unit, and the one in which the drive takes the same number, where that is another.
-    """
+    """What is commanded: its unit, and the one in which the drive takes the same number, where that is another."""
 
     @property
     def unit(self) -> str: ...
@@ -136,14 +134,14 @@ class Commanded(Protocol):
 def wrong_unit_of(rig: Rig, settings: DeviceSettings, takes: str) -> str:
     """What is wrong with a drive of ``rig`` that ``takes`` commands in this unit, with its place; "" for nothing."""
     command = {"actuator": rig.command, "modulator": rig.modulation}.get(settings.role)
-    found = wrong_unit(settings.role, settings.driver, settings.options, command, takes)
-    return "" if found is None else ": ".join(found)
+    result = wrong_unit(settings.role, settings.driver, settings.options, command, takes)
+    return "" if result is None else ": ".join(result)
 
 
 def wrong_unit(
     role: str, driver: str, options: Mapping[str, Any], command: Commanded | None, takes: str
 ) -> tuple[str, str] | None:
-    """Where, and what is wrong with the mend; None where the drive ``takes`` commands in the unit that it is sent.
+    """Where, and what is wrong with the remedy; None where the drive ``takes`` commands in the unit that it is sent.
 
     ``command`` is None for a load, which is commanded in newton metres.
     """
@@ -151,14 +149,14 @@ def wrong_unit(
     if same_unit(sent, takes):
         return None
     settings = options_for(driver, options, sent)
-    said = f'driver = "{driver}" as it is set here takes commands in "{takes}"'
+    message = f'driver = "{driver}" as it is set here takes commands in "{takes}"'
     if command is None:
         where = next(iter(settings), "driver")
         mend = f"write {in_words(settings)}" if settings else "take another driver"
-        return f"[{role}] {where}", f"{said}, but a load is commanded in newton metres; {mend}"
+        return f"[{role}] {where}", f"{message}, but a load is commanded in newton metres; {mend}"
     key = "unit" if command.sent_as is None else "sent_as"
     mend = f'write {key} = "{takes}"' + (f", or {in_words(settings)} in [{role}]" if settings else "")
-    return f"[{role}.command] {key}", f'"{sent}", but {said}; {mend}'
+    return f"[{role}.command] {key}", f'"{sent}", but {message}; {mend}'
 
 
 def options_for(driver: str, options: Mapping[str, Any], unit: str) -> dict[str, str]:

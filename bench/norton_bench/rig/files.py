@@ -1,4 +1,4 @@
-"""Files that a user wrote: read, with every mistake in one sentence, its place and the mend."""
+"""Files that a user wrote: read, with every mistake in one sentence, its place and the remedy."""
 
 import json
 import re
@@ -55,9 +55,9 @@ def parse_toml(text: str, place: str, error: type[UsageError] = UsageError) -> d
 
 def check_kind(tables: Mapping[str, Any], kind: str, place: str, error: type[UsageError] = UsageError) -> None:
     """Raises ``error`` where a file that was read as a ``kind`` ("rig file") is one of another kind."""
-    found = _kind_of(tables)
-    if found not in ("", kind):
-        raise error(f"{place}: is a {found}, not a {kind}; {MENDS[found]}")
+    result = _kind_of(tables)
+    if result not in ("", kind):
+        raise error(f"{place}: is a {result}, not a {kind}; {MENDS[result]}")
 
 
 def _kind_of(tables: Mapping[str, Any]) -> str:
@@ -73,9 +73,9 @@ def _kind_of(tables: Mapping[str, Any]) -> str:
 
 def _neighbours(path: Path) -> str:
     """The mend for a file that is not there: those that lie where it was looked for."""
-    found = sorted(str(near) for near in path.parent.glob("*.toml"))[:5]
-    if found:
-        return f"there are: {', '.join(found)}"
+    result = sorted(str(near) for near in path.parent.glob("*.toml"))[:5]
+    if result:
+        return f"there are: {', '.join(result)}"
     return f"there is none in {path.parent}; check the path, or copy the shipped ones: norton-bench examples ."
 
 
@@ -105,12 +105,10 @@ BOUNDS = {
 }
 
 
+# What is wrong in a file that a user wrote: every mistake in one sentence, with its place and the remedy.
 @dataclass
 class Mistakes:
-    """What is wrong in a file that a user wrote: every mistake in one sentence, with its place and the mend.
-
-    The mistakes found so far in the file ``place``.
-    """
+    """The mistakes found so far in the file ``place``."""
 
     place: str
     sentences: list[str] = field(default_factory=list)
@@ -162,7 +160,7 @@ class Mistakes:
 def sentence(
     details: ErrorDetails, model: type[BaseModel], key: str, written: object, also_known: Iterable[str] = ()
 ) -> str:
-    """One mistake that pydantic found, in words, with the mend; ``written`` is what the file says there.
+    """One mistake that pydantic found, in words, with the remedy; ``written`` is what the file says there.
 
     ``also_known`` are keys that may stand there beside those of the model.
     """

@@ -23,7 +23,7 @@ from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
 def load_rig(path: str | Path, *, backend: str | None = None) -> Rig:
     """The bench that the rig file describes; ``backend`` overrides the file's.
 
-    Raises RigError: one line for each mistake, each with its place and the mend.
+    Raises RigError: one line for each mistake, each with its place and the remedy.
     """
     path = Path(path)
     return parse_rig(read_text(path, "rig file", RigError), place=str(path), backend=backend)
@@ -119,11 +119,9 @@ def _limits(section: LimitsSection, load_torque_nm: float | None) -> Limits:
 SIMULATORS = "norton_bench.simulators"
 
 
+# The simulator's own tools, found by their entry points so that the bench never knows it.
 def simulator(name: str) -> Any:
-    """The simulator's own tools, found by their entry points so that the bench never knows it.
-
-    One of them. Raises WiringError where it is not installed.
-    """
+    """One of them. Raises WiringError where it is not installed."""
     return registry.load(SIMULATORS, name, asked_by="the simulator's part")
 
 
@@ -132,14 +130,14 @@ def true_parameters(rig: Rig, seed: int | None = None) -> dict[str, tuple[float,
 
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
-    found: dict[str, tuple[float, str]] = simulator("true_parameters")(
+    result: dict[str, tuple[float, str]] = simulator("true_parameters")(
         rig.simulated,
         seed=seed,
         place=rig.place,
         command_unit=rig.command.unit,
         modulation_unit=rig.wiring.modulation_unit,
     )
-    return found
+    return result
 
 
 TABLE = re.compile(r"^\[simulated\.actuator\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)

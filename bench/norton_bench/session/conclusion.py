@@ -9,22 +9,22 @@ from typing import TypeVar
 import numpy as np
 
 from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.identification.cleaning import Cleaned, clean
 from norton_bench.identification.conditions import conditions, evidence_of
+from norton_bench.identification.exertion_table import exertion_table
 from norton_bench.identification.in_situ import InSituResult, in_situ_result
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, with_what_moved
 from norton_bench.identification.ladder import bench_ladder
 from norton_bench.identification.model_error import of_ladder
-from norton_bench.identification.model_free.source_map import PortTorque, blocked_map, source_map
-from norton_bench.identification.model_free.without_model import without_model
-from norton_bench.identification.residuals.diagnosis import diagnose
+from norton_bench.identification.modulation import modulator_places
+from norton_bench.identification.residual_tests import diagnose
 from norton_bench.identification.results import FitResult, LiveEstimate
-from norton_bench.identification.sanity.cleaning import Cleaned, clean
-from norton_bench.identification.tables.conditions import tabulated_conditions
-from norton_bench.identification.tables.exertion_table import exertion_table
-from norton_bench.identification.tables.modulation import modulator_places
-from norton_bench.identification.tables.source_table import source_table
+from norton_bench.identification.source_map import PortTorque, blocked_map, source_map
+from norton_bench.identification.source_table import source_table
+from norton_bench.identification.table_conditions import tabulated_conditions
 from norton_bench.identification.trials import trials
 from norton_bench.identification.validation import validate_signals
+from norton_bench.identification.without_model import without_model
 from norton_bench.models.network import STATUS
 from norton_bench.models.parameters import Status
 from norton_bench.procedures.iterate import IterateProcedure

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sessions import Fitted, Together, together
+from norton_bench.identification.sessions import SessionFit, Together, together
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.report.sessions import SessionRow, SessionsData, write_sessions_report
@@ -53,7 +53,7 @@ def conclude_several(paths: Sequence[Path], out: Path | None, say: Callable[[str
         say(f"fitting {path}")
         sessions.append(_one(path, own, None if out is None else out / f"{number}-{path.stem}"))
     common = {key: metadata[0][key] for key in NEEDED}
-    found = together([Fitted(str(one.recording), one.fit) for one in sessions], common["command_unit"])
+    found = together([SessionFit(str(one.recording), one.fit) for one in sessions], common["command_unit"])
     place = (out if out is not None else paths[0].parent) / f"{common['rig']}-{len(paths)}-sessions"
     network = None
     if found.network is not None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from norton_bench.events import Ended
 from norton_bench.identification.in_situ import InSituResult
-from norton_bench.identification.tables.conditions import two_ports
+from norton_bench.identification.table_conditions import two_ports
 from norton_bench.identification.trials import TrialFigures, last_driven, settled
 from norton_bench.report.facts_tables import line_facts, ports_facts, source_facts
 from norton_bench.report.words import Facts

@@ -7,9 +7,9 @@ import numpy as np
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.identification.current import fit_current
-from norton_bench.identification.friction.laws import family_for
-from norton_bench.identification.friction.model import Path
-from norton_bench.identification.friction.operators import part_sums
+from norton_bench.identification.friction_laws import family_for
+from norton_bench.identification.friction_model import Path
+from norton_bench.identification.friction_operators import part_sums
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.rows import Shape

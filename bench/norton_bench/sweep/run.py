@@ -12,7 +12,7 @@ from pathlib import Path
 from norton_bench.errors import UsageError
 from norton_bench.extras import extra
 from norton_bench.session.pool import process_pool
-from norton_bench.sweep.task import Outcome, Task, carry_out
+from norton_bench.sweep.task import Task, TaskResult, carry_out
 
 RESULTS, ABOUT = "results.jsonl", "sweep.json"
 
@@ -25,7 +25,7 @@ class Store:
     """
 
     folder: Path
-    done: dict[str, Outcome] = field(default_factory=dict)
+    done: dict[str, TaskResult] = field(default_factory=dict)
     _file: TextIOWrapper | None = field(default=None, init=False)
 
     @classmethod
@@ -44,7 +44,7 @@ class Store:
             ) from error
         return cls(folder, {name: outcome for name, outcome in outcomes.items() if not outcome.failure})
 
-    def put(self, outcome: Outcome) -> None:
+    def put(self, outcome: TaskResult) -> None:
         """On disk when this returns. Raises UsageError where it cannot be written."""
         try:
             if self._file is None:
@@ -76,13 +76,13 @@ def _check_same(folder: Path, about: Mapping[str, str]) -> None:
             raise UsageError(f"{folder}: holds a sweep with another {key}; choose another folder with --out")
 
 
-def _read(path: Path) -> Iterator[Outcome]:
+def _read(path: Path) -> Iterator[TaskResult]:
     """All that was written whole: whoever was killed while writing leaves half a line."""
     if not path.exists():
         return
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
-            yield Outcome.of_json(json.loads(line))
+            yield TaskResult.of_json(json.loads(line))
         except (ValueError, KeyError, TypeError):
             continue
 
@@ -97,21 +97,21 @@ def _appending(path: Path) -> TextIOWrapper:
 
 
 def sweep(
-    tasks: Sequence[Task], executor: Executor, store: Store, on_outcome: Callable[[Outcome], None]
-) -> tuple[Outcome, ...]:
+    tasks: Sequence[Task], executor: Executor, store: Store, on_outcome: Callable[[TaskResult], None]
+) -> tuple[TaskResult, ...]:
     """The outcomes of all ``tasks``, in their order; what ``store`` has already is not done again.
 
     ``on_outcome`` hears of each that is new, once it is on disk. ``executor`` is any of concurrent.futures, or
     anything with its interface; what it has not begun is cancelled where this is interrupted.
     """
     _check_names(tasks)
-    found = {task.name: store.done[task.name] for task in tasks if task.name in store.done}
-    futures = [executor.submit(carry_out, task) for task in tasks if task.name not in found]
+    result = {task.name: store.done[task.name] for task in tasks if task.name in store.done}
+    futures = [executor.submit(carry_out, task) for task in tasks if task.name not in result]
     try:
         for done in as_completed(futures):
             outcome = done.result()
             store.put(outcome)
-            found[outcome.name] = outcome
+            result[outcome.name] = outcome
             on_outcome(outcome)
     except BaseException:
         for future in futures:
@@ -119,7 +119,7 @@ def sweep(
         raise
     finally:
         store.close()
-    return tuple(found[task.name] for task in tasks)
+    return tuple(result[task.name] for task in tasks)
 
 
 @contextmanager

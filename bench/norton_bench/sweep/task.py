@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from norton_bench.errors import BenchError
+from norton_bench.identification.cleaning import clean
 from norton_bench.identification.judged_fit import fit_judged
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sanity.cleaning import clean
 from norton_bench.models.parameters import PARAMETERS, Estimate, Status
 from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import true_parameters
@@ -28,7 +28,7 @@ from norton_drivers.errors import DeviceError
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TaskResult:
     """What came of a task: its estimates, what is true where that is known, or the sentence with which it failed.
 
     ``true`` holds values by the estimates' names, in their units.
@@ -45,7 +45,7 @@ class Outcome:
         return {**asdict(self), "estimates": [_estimate_json(each) for each in self.estimates]}
 
     @classmethod
-    def of_json(cls, written: Mapping[str, Any]) -> "Outcome":
+    def of_json(cls, written: Mapping[str, Any]) -> "TaskResult":
         """Raises KeyError, TypeError or ValueError for what is none."""
         return cls(**{**written, "estimates": tuple(_estimate_of_json(each) for each in written["estimates"])})
 
@@ -71,13 +71,13 @@ class Task(Protocol):
     @property
     def name(self) -> str: ...
 
-    def fitted(self) -> Outcome:
+    def fitted(self) -> TaskResult:
         """Raises BenchError or DeviceError, in a sentence, where there is nothing to fit."""
         ...
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulatedTask:
     """One session on a simulated rig. Files are kept in ``keep``/<name>, or not at all."""
 
     rig: Rig
@@ -89,7 +89,7 @@ class Simulated:
     def name(self) -> str:
         return f"seed {self.seed}"
 
-    def fitted(self) -> Outcome:
+    def fitted(self) -> TaskResult:
         true = {name: value for name, (value, _) in true_parameters(self.rig, self.seed).items()}
         return _outcome(self.name, self._fit(), true)
 
@@ -105,7 +105,7 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedTask:
     """One recording, fitted again. Network and report are kept in ``keep``/<name>, or not at all."""
 
     path: Path
@@ -115,7 +115,7 @@ class Recorded:
     def name(self) -> str:
         return str(self.path)
 
-    def fitted(self) -> Outcome:
+    def fitted(self) -> TaskResult:
         return _outcome(self.name, self._fit(), {})
 
     def _fit(self) -> FitResult | None:
@@ -131,30 +131,29 @@ class Recorded:
         return fit_judged(clean(measured), command_unit=unit, tick_s=tick_s).result
 
 
-def carry_out(task: Task) -> Outcome:
+def carry_out(task: Task) -> TaskResult:
     """The task's outcome; one that fails says so, and does not end the sweep."""
     begun_s = perf_counter()
     try:
         outcome = task.fitted()
     except (BenchError, DeviceError, OSError) as error:
-        outcome = Outcome(task.name, failure=sentence_of(error))
+        outcome = TaskResult(task.name, failure=sentence_of(error))
     return replace(outcome, took_s=perf_counter() - begun_s)
 
 
-def _outcome(name: str, found: FitResult | None, true: Mapping[str, float]) -> Outcome:
-    if found is None:
-        return Outcome(name, failure="nothing was measured to fit; the session needs a step 'free' or 'imposed'")
-    return Outcome(name, found.estimates, not found.shortcoming, true)
+def _outcome(name: str, result: FitResult | None, true: Mapping[str, float]) -> TaskResult:
+    if result is None:
+        return TaskResult(name, failure="nothing was measured to fit; the session needs a step 'free' or 'imposed'")
+    return TaskResult(name, result.estimates, not result.shortcoming, true)
 
 
 WITHIN = 1.96  # deviations, of 95 %
 
 
+# What the outcomes of a sweep say together, parameter by parameter.
 @dataclass(frozen=True)
 class Spread:
-    """What the outcomes of a sweep say together, parameter by parameter.
-
-    One parameter over all runs in which it is valid, in ``unit``; NaN where runs or truth are too few to say.
+    """One parameter over all runs in which it is valid, in ``unit``; NaN where runs or truth are too few to say.
 
     ``spread`` is the standard deviation of the values, ``std`` the median of those that the runs themselves give.
     ``bias`` and ``rms_error`` are of the errors, ``within`` is the share of 95 % intervals that hold the truth.
@@ -173,13 +172,13 @@ class Spread:
     within: float
 
 
-def summary(outcomes: Sequence[Outcome]) -> tuple[Spread, ...]:
+def summary(outcomes: Sequence[TaskResult]) -> tuple[Spread, ...]:
     """In the order of the table of parameters; what is valid nowhere is left out."""
-    found = (_spread(parameter.name, outcomes) for parameter in PARAMETERS)
-    return tuple(each for each in found if each is not None)
+    result = (_spread(parameter.name, outcomes) for parameter in PARAMETERS)
+    return tuple(each for each in result if each is not None)
 
 
-def _spread(name: str, outcomes: Sequence[Outcome]) -> Spread | None:
+def _spread(name: str, outcomes: Sequence[TaskResult]) -> Spread | None:
     valid = [
         (outcome, estimate)
         for outcome in outcomes

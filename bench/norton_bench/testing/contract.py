@@ -15,21 +15,18 @@ import pytest
 
 from norton_bench.rig.driver_options import declared_by
 from norton_drivers import registry
-from norton_drivers.clock import Clock
 from norton_drivers.codecs.can_errors import ErrorClass
 from norton_drivers.errors import DeviceError, WiringError
 from norton_drivers.link import Link
-from norton_drivers.ports import Backend, CanPort, SerialLine, SerialPort
+from norton_drivers.ports import Backend, CanPort, Clock, SerialLine, SerialPort
 from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 
+# What a contract needs of the device that a driver is tested against: an emulation, or a script of it.
+#
+# Values are in the device's own positive sense: what ``direction`` makes of them is what is tested.
 class EmulatedDevice(Protocol):
-    """What a contract needs of the device that a driver is tested against: an emulation, or a script of it.
-
-    Values are in the device's own positive sense: what ``direction`` makes of them is what is tested.
-
-    Any device.
-    """
+    """Any device."""
 
     def vanish(self) -> None:
         """From now on say nothing and hear nothing, as with the plug pulled."""
@@ -41,7 +38,7 @@ class EmulatedAmplifier(EmulatedDevice, Protocol):
 
     @property
     def armed(self) -> bool:
-        """Whether it drives its motor now, be it with a command of zero."""
+        """Whether it drives its motor now, even with a command of zero."""
         ...
 
     @property
@@ -188,11 +185,11 @@ def _check_plug(proxy: FaultProxy, error: Callable[[], Exception]) -> None:
         raise error()
 
 
-def _junk_frame(random: Random, heard: dict[int, can.Message], now_s: float) -> can.Message:
+def _junk_frame(random: Random, received: dict[int, can.Message], now_s: float) -> can.Message:
     extended = random.random() < 0.3
     identifier = random.randrange(1 << (29 if extended else 11))
-    if heard and random.random() < 0.7:
-        like = heard[random.choice(sorted(heard))]
+    if received and random.random() < 0.7:
+        like = received[random.choice(sorted(received))]
         identifier, extended = like.arbitration_id, like.is_extended_id
     remote, error = random.random() < 0.1, random.random() < 0.1
     return can.Message(
@@ -206,9 +203,9 @@ def _junk_frame(random: Random, heard: dict[int, can.Message], now_s: float) -> 
     )
 
 
-def _junk_bytes(random: Random, heard: bytes) -> bytes:
+def _junk_bytes(random: Random, received: bytes) -> bytes:
     """Noise, and pieces of what was really said with bits that flipped."""
-    piece = bytearray(heard[: random.randrange(len(heard) + 1)])
+    piece = bytearray(received[: random.randrange(len(received) + 1)])
     for _ in range(random.randrange(3)):
         if piece:
             piece[random.randrange(len(piece))] ^= 1 << random.randrange(8)

@@ -54,7 +54,7 @@ class ScriptedBus(can.BusABC):
         return (self.arriving.popleft() if self.arriving else None), True
 
     def arrive(self, arbitration_id: int, data: bytes = b"", *, extended: bool = False, remote: bool = False) -> None:
-        """Let a frame come from the far end."""
+        """Let a frame come from the other end."""
         self.arriving.append(
             can.Message(arbitration_id=arbitration_id, data=data, is_extended_id=extended, is_remote_frame=remote)
         )

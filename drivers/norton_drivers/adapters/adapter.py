@@ -1,4 +1,4 @@
-"""What is known of one of python-can's interfaces: its mistakes, its obstacles, how it is opened and how it fares."""
+"""What is known of one of python-can's interfaces: mistakes in its settings, obstacles, how to open it, its state."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -12,7 +12,7 @@ from norton_drivers.wiring import CanBusSettings
 
 
 class Health(Protocol):
-    """How an open bus fares, by its own account."""
+    """The state of an open bus, as it reports it."""
 
     def ask(self) -> None:
         """Ask the adapter, where it can be asked; called about once a second. Raises can.CanError, OSError."""
@@ -28,7 +28,7 @@ class Health(Protocol):
         ...
 
 
-# A key of the rig file's section, and what is wrong with it, with the mend.
+# A key of the rig file's section, and what is wrong with it, with the remedy.
 Mistake = tuple[str, str]
 
 

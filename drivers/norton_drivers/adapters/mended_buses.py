@@ -253,9 +253,9 @@ class SteadySocketcandBus(can.BusABC):
             if not data:
                 raise can.CanInitializationError(f"{otherwise} (it hung up)")
             self._stream.feed(data)
-        said = self._stream.texts.popleft()
-        if said != answer:
-            raise can.CanInitializationError(f"{otherwise} (it said <{said}>)")
+        message = self._stream.texts.popleft()
+        if message != answer:
+            raise can.CanInitializationError(f"{otherwise} (it said <{message}>)")
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """One classic frame. Raises CanOperationError, also where the connection is clogged: nothing waits here."""

@@ -78,11 +78,11 @@ class EagerSocket(LowLatencySerial):
 
     @property
     def in_waiting(self) -> int:
-        """How many bytes can be read at once. Raises OSError where the far end has closed the line."""
-        found: int = COUNT.unpack(fcntl.ioctl(self._descriptor, termios.FIONREAD, bytes(COUNT.size)))[0]
-        if not found and self._ended():
+        """How many bytes can be read at once. Raises OSError where the other end has closed the line."""
+        result: int = COUNT.unpack(fcntl.ioctl(self._descriptor, termios.FIONREAD, bytes(COUNT.size)))[0]
+        if not result and self._ended():
             raise OSError("its far end has closed it")
-        return found
+        return result
 
     def _ended(self) -> bool:
         try:

@@ -19,8 +19,8 @@ _PATIENCE_S = 2.0
 
 def can_links(network: Path = NETWORK) -> dict[str, bool]:
     """The machine's CAN network interfaces, and whether each is up."""
-    found = {link.name: link for link in network.iterdir()} if network.is_dir() else {}
-    return {name: _is_up(link) for name, link in sorted(found.items()) if _read(link / "type") == _CAN_LINK}
+    result = {link.name: link for link in network.iterdir()} if network.is_dir() else {}
+    return {name: _is_up(link) for name, link in sorted(result.items()) if _read(link / "type") == _CAN_LINK}
 
 
 def real_bitrate(channel: str) -> int | None:
@@ -42,7 +42,7 @@ def _obstacle(settings: CanBusSettings) -> str | None:
 
 
 def obstacle_of(settings: CanBusSettings, network: Path = NETWORK, has_sockets: bool | None = None) -> str | None:
-    """Why the link cannot be used, with the mend."""
+    """Why the link cannot be used, with the remedy."""
     if not (_kernel_has_can() if has_sockets is None else has_sockets):
         return "this kernel has no CAN sockets; `sudo modprobe can_raw`, or use another interface"
     links = can_links(network)

@@ -1,4 +1,4 @@
-"""Every interface of python-can by its name: checked, opened, and complained about in one sentence with the mend."""
+"""Every interface of python-can by its name: checked, opened, and complained about in one sentence with the remedy."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -131,7 +131,7 @@ _KEYS_OF_THE_SECTION = ("interface", "channel", "bitrate")
 
 @dataclass(frozen=True)
 class OpenBus:
-    """A bus, how it fares, and how its frames are to be read."""
+    """A bus, its state, and how its frames are read."""
 
     bus: can.BusABC
     health: Health
@@ -152,7 +152,7 @@ def mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
 
 
 def open_bus(settings: CanBusSettings) -> OpenBus:
-    """Raises ConnectionFailedError, in one sentence with the mend."""
+    """Raises ConnectionFailedError, in one sentence with the remedy."""
     place = f"[bus.{settings.name}] {settings.interface} on {settings.channel}"
     if settings.interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))

@@ -19,8 +19,7 @@ from norton_drivers.canopen.master import Master, master_of
 from norton_drivers.canopen.node import DEVICE_TYPE, Node, answers, load_dictionary, probes, recognise  # noqa: F401  (found here by whoever looks for them)
 from norton_drivers.codecs import canopen as protocol
 from norton_drivers.codecs import cia402
-from norton_drivers.codecs.canopen import NmtCommand
-from norton_drivers.codecs.canopen_words import describe_nmt_state
+from norton_drivers.codecs.canopen import NmtCommand, describe_nmt_state
 from norton_drivers.codecs.cia402 import Controlword, Mode, Object, State
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.errors import DeviceError, DeviceTimeoutError

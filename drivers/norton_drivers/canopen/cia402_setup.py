@@ -125,13 +125,13 @@ def _step(drive: EnabledDrive, controlword: int, goal: State, name: str, timeout
 
 def _stuck(drive: EnabledDrive, name: str, goal: State) -> DeviceError:
     state, words = _state(drive), drive.troubles()
-    said = f": {'; '.join(words)}" if words else ""
+    message = f": {'; '.join(words)}" if words else ""
     if state in _FAULTS:
         return DeviceError(
-            f'{drive.place}: is in "{state.value}" when told to {name}, instead of "{goal.value}"{said or _SILENT}'
+            f'{drive.place}: is in "{state.value}" when told to {name}, instead of "{goal.value}"{message or _SILENT}'
         )
     return DeviceTimeoutError(
-        f'{drive.place}: stays in "{state.value}" when told to {name}, instead of "{goal.value}"{said}{_hint(drive)}'
+        f'{drive.place}: stays in "{state.value}" when told to {name}, instead of "{goal.value}"{message}{_hint(drive)}'
     )
 
 

@@ -11,12 +11,19 @@ from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, im
 from norton_drivers.canopen.master import FrameHandler, Listener, Master
 from norton_drivers.canopen.parameters import ANSWER_WITHIN_S, Parameters, PolledNode
 from norton_drivers.codecs import canopen as protocol
-from norton_drivers.codecs.canopen import NODE_MAX, NmtCommand, NmtState, sdo_answer_id, sdo_request_id
-from norton_drivers.codecs.canopen_words import describe_error, describe_nmt_state
+from norton_drivers.codecs.canopen import (
+    NODE_MAX,
+    NmtCommand,
+    NmtState,
+    describe_error,
+    describe_nmt_state,
+    sdo_answer_id,
+    sdo_request_id,
+)
 from norton_drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.readings import DeviceIdentity, RawFrame
-from norton_drivers.recognition import Question, Recognised, nobodys
+from norton_drivers.registry import Question, Recognised, nobodys
 
 _DEVICE = "a CANopen device"
 _HEARTBEAT, _ANSWER, _REQUEST, _EMERGENCY = 0x700, 0x580, 0x600, 0x080
@@ -190,10 +197,10 @@ class Node:
         )
 
     def _check_product(self, vendor: int | None, product: int | None) -> None:
-        said = self._dictionary.device_information
+        message = self._dictionary.device_information
         for name, number, expected in (
-            ("vendor", vendor, said.vendor_number),
-            ("product", product, said.product_number),
+            ("vendor", vendor, message.vendor_number),
+            ("product", product, message.product_number),
         ):
             if expected and number is not None and number != expected:
                 raise DeviceError(

@@ -113,10 +113,10 @@ class BotaStream:
 
     def _next_header(self, start: int) -> int:
         """The next place where a frame may begin (the buffer's end where there is none)."""
-        found = self._buffer.find(HEADER, start)
-        if found == start:
+        result = self._buffer.find(HEADER, start)
+        if result == start:
             return start
-        if found < 0:
-            found = len(self._buffer)
-        self.discarded_bytes += found - start
-        return found
+        if result < 0:
+            result = len(self._buffer)
+        self.discarded_bytes += result - start
+        return result

@@ -115,11 +115,11 @@ class CanErrorFrame:
 
     def words(self) -> tuple[str, ...]:
         """What happened; never empty."""
-        said = [text for bit, text in _CLASS_WORDS if self.classes & bit]
+        message = [text for bit, text in _CLASS_WORDS if self.classes & bit]
         if ErrorClass.CONTROLLER in self.classes:
-            said += [text for bits, text in _CONTROLLER_WORDS if self.controller & bits]
+            message += [text for bits, text in _CONTROLLER_WORDS if self.controller & bits]
         if ErrorClass.PROTOCOL in self.classes:
-            said += [text for bits, text in _PROTOCOL_WORDS if self.protocol & bits]
+            message += [text for bits, text in _PROTOCOL_WORDS if self.protocol & bits]
         if ErrorClass.TRANSCEIVER in self.classes:
-            said.append("transceiver fault")
-        return tuple(said) or ("bus error",)
+            message.append("transceiver fault")
+        return tuple(message) or ("bus error",)

@@ -112,7 +112,7 @@ _MOTION = Struct("<ii")
 TARGET_MAX = 0x7FFF
 
 
-class Command(NamedTuple):
+class TorqueCommand(NamedTuple):
     """What the host sends: controlword, mode and target torque, the latter in the drive's own unit."""
 
     controlword: int
@@ -147,16 +147,16 @@ def statusword_of(state: State) -> int:
 
 
 def command_value(controlword: int, mode: int, target: int) -> bytes:
-    """The payload of :class:`Command`. Raises CodecError for a target that 16 bits cannot say."""
+    """The payload of :class:`TorqueCommand`. Raises CodecError for a target that 16 bits cannot say."""
     try:
         return _COMMAND.pack(controlword, mode, target)
     except struct.error as error:
         raise CodecError(f"target torque: {target} does not fit into 16 bits") from error
 
 
-def command_of(data: bytes | bytearray) -> Command:
+def command_of(data: bytes | bytearray) -> TorqueCommand:
     """Raises CodecError."""
-    return Command(*_unpacked(_COMMAND, data, "command"))
+    return TorqueCommand(*_unpacked(_COMMAND, data, "command"))
 
 
 def status_value(status: Status, *, with_current: bool) -> bytes:

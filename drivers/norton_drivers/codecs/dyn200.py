@@ -127,8 +127,8 @@ class PushStream:
             return
         self._searched += 1
         place = self._searched % FRAME_LENGTH
-        found = _is_frame(self._buffer)
-        self._in_a_row[place] = self._in_a_row[place] + 1 if found else 0
+        result = _is_frame(self._buffer)
+        self._in_a_row[place] = self._in_a_row[place] + 1 if result else 0
         if self._in_a_row[place] >= FRAMES_TO_LOCK and self._in_a_row.count(0) == FRAME_LENGTH - 1:
             self._locked = True
             self._discard(len(self._buffer))

@@ -27,7 +27,7 @@ _HEARTBEAT = Struct("<IBBBx")
 _VERSION = Struct("<8B")
 
 
-class Command(IntEnum):
+class MessageId(IntEnum):
     """The low five bits of an identifier."""
 
     VERSION = 0x00
@@ -167,7 +167,7 @@ def torque_of(data: bytes | bytearray) -> float:
 class Version:
     """Answer to a remote frame: who the drive is (command 00)."""
 
-    COMMAND: ClassVar[Command] = Command.VERSION
+    COMMAND: ClassVar[MessageId] = MessageId.VERSION
     protocol: int
     hardware: tuple[int, int, int]  # major, minor, variant
     firmware: tuple[int, int, int]  # major, minor, revision
@@ -187,7 +187,7 @@ class Version:
 class Heartbeat:
     """Sent by itself, every 100 ms by default (command 01)."""
 
-    COMMAND: ClassVar[Command] = Command.HEARTBEAT
+    COMMAND: ClassVar[MessageId] = MessageId.HEARTBEAT
     error_bits: int
     axis_state: int
     procedure_result: int = 0
@@ -207,7 +207,7 @@ class Heartbeat:
 class Estop:
     """Disarm at once, with an error (command 02)."""
 
-    COMMAND: ClassVar[Command] = Command.ESTOP
+    COMMAND: ClassVar[MessageId] = MessageId.ESTOP
 
     def encode(self) -> bytes:
         return b""
@@ -221,7 +221,7 @@ class Estop:
 class GetError:
     """Active errors, and why the drive was disarmed last (command 03)."""
 
-    COMMAND: ClassVar[Command] = Command.ERROR
+    COMMAND: ClassVar[MessageId] = MessageId.ERROR
     active_bits: int
     disarm_bits: int
 
@@ -238,7 +238,7 @@ class GetError:
 class SetAxisState:
     """Ask for a state (command 07)."""
 
-    COMMAND: ClassVar[Command] = Command.SET_AXIS_STATE
+    COMMAND: ClassVar[MessageId] = MessageId.SET_AXIS_STATE
     axis_state: int
 
     def encode(self) -> bytes:
@@ -254,7 +254,7 @@ class SetAxisState:
 class EncoderEstimates:
     """Shaft position and velocity (command 09)."""
 
-    COMMAND: ClassVar[Command] = Command.ENCODER_ESTIMATES
+    COMMAND: ClassVar[MessageId] = MessageId.ENCODER_ESTIMATES
     position_rev: float
     velocity_rev_s: float
 
@@ -270,7 +270,7 @@ class EncoderEstimates:
 class SetControllerMode:
     """What the drive controls, and how its input is shaped (command 0B)."""
 
-    COMMAND: ClassVar[Command] = Command.SET_CONTROLLER_MODE
+    COMMAND: ClassVar[MessageId] = MessageId.SET_CONTROLLER_MODE
     control_mode: int
     input_mode: int
 
@@ -287,7 +287,7 @@ class SetControllerMode:
 class SetInputTorque:
     """The torque wanted (command 0E)."""
 
-    COMMAND: ClassVar[Command] = Command.SET_INPUT_TORQUE
+    COMMAND: ClassVar[MessageId] = MessageId.SET_INPUT_TORQUE
     torque_nm: float
 
     def encode(self) -> bytes:
@@ -302,7 +302,7 @@ class SetInputTorque:
 class SetLimits:
     """The drive's own velocity and current limits (command 0F)."""
 
-    COMMAND: ClassVar[Command] = Command.SET_LIMITS
+    COMMAND: ClassVar[MessageId] = MessageId.SET_LIMITS
     velocity_rev_s: float
     current_a: float
 
@@ -318,7 +318,7 @@ class SetLimits:
 class Iq:
     """Torque-producing current: wanted and measured (command 14)."""
 
-    COMMAND: ClassVar[Command] = Command.IQ
+    COMMAND: ClassVar[MessageId] = MessageId.IQ
     setpoint_a: float
     measured_a: float
 
@@ -334,7 +334,7 @@ class Iq:
 class Temperature:
     """Temperatures; NaN where there is no sensor (command 15)."""
 
-    COMMAND: ClassVar[Command] = Command.TEMPERATURE
+    COMMAND: ClassVar[MessageId] = MessageId.TEMPERATURE
     transistor_c: float
     motor_c: float
 
@@ -351,7 +351,7 @@ class Temperature:
 class BusVoltageCurrent:
     """The supply (command 17)."""
 
-    COMMAND: ClassVar[Command] = Command.BUS_VOLTAGE_CURRENT
+    COMMAND: ClassVar[MessageId] = MessageId.BUS_VOLTAGE_CURRENT
     voltage_v: float
     current_a: float
 
@@ -367,7 +367,7 @@ class BusVoltageCurrent:
 class ClearErrors:
     """Forget past errors (command 18); ``identify`` makes the drive blink."""
 
-    COMMAND: ClassVar[Command] = Command.CLEAR_ERRORS
+    COMMAND: ClassVar[MessageId] = MessageId.CLEAR_ERRORS
     identify: bool = False
 
     def encode(self) -> bytes:
@@ -382,7 +382,7 @@ class ClearErrors:
 class Torques:
     """The torque wanted and the drive's estimate of the torque made (command 1C)."""
 
-    COMMAND: ClassVar[Command] = Command.TORQUES
+    COMMAND: ClassVar[MessageId] = MessageId.TORQUES
     target_nm: float
     estimate_nm: float
 

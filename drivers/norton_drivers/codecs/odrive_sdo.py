@@ -8,7 +8,7 @@ from enum import IntEnum
 from struct import Struct
 from typing import ClassVar, Self
 
-from norton_drivers.codecs.odrive import Command, check_length, pack_float
+from norton_drivers.codecs.odrive import MessageId, check_length, pack_float
 
 _SDO = Struct("<BHx4s")
 _U32 = Struct("<I")
@@ -50,7 +50,7 @@ def u32_of(value: bytes) -> int:
 class RxSdo:
     """Read or write any parameter, host to drive (command 04). Endpoint numbers belong to one firmware version."""
 
-    COMMAND: ClassVar[Command] = Command.RX_SDO
+    COMMAND: ClassVar[MessageId] = MessageId.RX_SDO
     opcode: int
     endpoint: int
     value: bytes = bytes(4)
@@ -69,7 +69,7 @@ class RxSdo:
 class TxSdo:
     """A parameter's value, drive to host (command 05)."""
 
-    COMMAND: ClassVar[Command] = Command.TX_SDO
+    COMMAND: ClassVar[MessageId] = MessageId.TX_SDO
     endpoint: int
     value: bytes
 

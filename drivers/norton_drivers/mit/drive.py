@@ -166,10 +166,10 @@ class MitActuator(CanDrive):
         replies = self._replies
         self._rest()
         if not wait_until(lambda: self._replies > replies, self._link, timeout_s):
-            heard = f"; heard {', '.join(sorted(self._strangers))}" if self._strangers else ""
+            received = f"; heard {', '.join(sorted(self._strangers))}" if self._strangers else ""
             raise DeviceTimeoutError(
-                f"{self._place}: does not answer ({timeout_s:g} s waited{heard}); is it powered and in MIT mode, and "
-                f"are node and master (now 0x{self.options.master:X}) what is set in it?"
+                f"{self._place}: does not answer ({timeout_s:g} s waited{received}); is it powered and in MIT mode, "
+                f"and are node and master (now 0x{self.options.master:X}) what is set in it?"
             )
         return DeviceIdentity(driver="mit", address=f"{self._port.name} node {self.options.node}")
 
@@ -216,7 +216,7 @@ class MitActuator(CanDrive):
         return self._probe_ended if self._probe_flowed else None
 
     def stop(self) -> None:
-        """A command of zero, and the frame that disables; that one again and again until somebody enables."""
+        """A command of zero, and the frame that disables; that one again and again until it is enabled."""
         self._enabled, self._status = False, None
         self._idle_from = self._replies + 3  # after one on its way and those to the frames sent here
         with suppress(Exception):

@@ -7,14 +7,14 @@ import can
 
 from norton_drivers.codecs.mit import POSITION_CODES, VELOCITY_CODES, Ranges, Reply, Special
 from norton_drivers.readings import RawFrame, Unwrapped
-from norton_drivers.recognition import Question, Recognised, nobodys
+from norton_drivers.registry import Question, Recognised, nobodys
 
 _ENDS = (0, POSITION_CODES - 1)
 _STANDS_STILL_CODES = 8  # further than this a moving shaft gets from one code
 
 
 class OutOfRangeError(ValueError):
-    """Codes that stand for no position or velocity; the text says why, and the mend."""
+    """Codes that stand for no position or velocity; the text says why, and the remedy."""
 
 
 class MitShaft:

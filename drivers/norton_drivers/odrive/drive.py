@@ -18,12 +18,12 @@ from norton_drivers.can_drive import CanDrive, FedWatchdog
 from norton_drivers.codecs import odrive as protocol
 from norton_drivers.codecs import odrive_sdo
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.odrive import Command
+from norton_drivers.codecs.odrive import MessageId
 from norton_drivers.codecs.odrive_05 import Command05, EncoderCount
 from norton_drivers.codecs.odrive_words import describe_axis_state
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, Questions, wait_until
-from norton_drivers.odrive.firmwares import Dialect, Drive, Firmware05, Firmware06, Handler, Heard, Message
+from norton_drivers.odrive.firmwares import Dialect, Drive, Firmware05, Firmware06, Handler, HeartbeatState, Message
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import (
     CurrentReading,
@@ -33,7 +33,7 @@ from norton_drivers.readings import (
     MotionReading,
     Unwrapped,
 )
-from norton_drivers.recognition import Recognised
+from norton_drivers.registry import Recognised
 from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 TURN_RAD = 2 * pi
@@ -53,15 +53,15 @@ OPTION_UNITS = {"watchdog": "s", "heartbeat": "s"}
 _AXIS_STATE_MAX = 16  # 13 in firmware 0.6.10; later ones may know more
 _DEVICE = "an ODrive"
 _SAYS: dict[int, str] = {
-    Command.HEARTBEAT: "heartbeat",
-    Command.ENCODER_ESTIMATES: "encoder estimates",
-    Command.IQ: "current",
-    Command.TEMPERATURE: "temperature",
-    Command.BUS_VOLTAGE_CURRENT: "supply",
-    Command.TORQUES: "torques",
+    MessageId.HEARTBEAT: "heartbeat",
+    MessageId.ENCODER_ESTIMATES: "encoder estimates",
+    MessageId.IQ: "current",
+    MessageId.TEMPERATURE: "temperature",
+    MessageId.BUS_VOLTAGE_CURRENT: "supply",
+    MessageId.TORQUES: "torques",
 }
-_COMMANDS = {Command.ESTOP, Command.SET_AXIS_STATE, Command.SET_CONTROLLER_MODE, Command.SET_INPUT_TORQUE}
-_COMMANDS |= {Command.SET_LIMITS, Command.CLEAR_ERRORS}
+_COMMANDS = {MessageId.ESTOP, MessageId.SET_AXIS_STATE, MessageId.SET_CONTROLLER_MODE, MessageId.SET_INPUT_TORQUE}
+_COMMANDS |= {MessageId.SET_LIMITS, MessageId.CLEAR_ERRORS}
 
 
 def recognise(message: can.Message, _options: Mapping[str, Any]) -> Recognised | None:
@@ -69,7 +69,7 @@ def recognise(message: can.Message, _options: Mapping[str, Any]) -> Recognised |
     if message.is_extended_id or message.is_remote_frame:
         return None
     node, number = protocol.split_id(message.arbitration_id)
-    heartbeat = number == Command.HEARTBEAT and message.dlc == 8 and 1 <= message.data[4] <= _AXIS_STATE_MAX
+    heartbeat = number == MessageId.HEARTBEAT and message.dlc == 8 and 1 <= message.data[4] <= _AXIS_STATE_MAX
     says = _SAYS.get(number, f"message 0x{number:02X}")
     return Recognised(_DEVICE, says, {"node": node}, sure=heartbeat, from_host=number in _COMMANDS)
 
@@ -153,13 +153,13 @@ class ODrive(CanDrive):
         self._velocity_rev_s = nan
         self._counts = Unwrapped(_COUNT_SPAN)
         self._bus_voltage_v = nan
-        self._heard = Heard(0, protocol.AxisState.UNDEFINED, failed=False)
+        self._heard = HeartbeatState(0, protocol.AxisState.UNDEFINED, failed=False)
         self._heartbeat_ns: int | None = None
         self._heartbeats = 0
         self._closed_loop_wanted = False
         self._fed_ns = 0
         self._questions = self._ask_for_current() if options.ask else None
-        self._torque_id = protocol.arbitration_id(options.node, protocol.Command.SET_INPUT_TORQUE)
+        self._torque_id = protocol.arbitration_id(options.node, protocol.MessageId.SET_INPUT_TORQUE)
         self._handlers = self._handlers_by_id()
         port.subscribe(self._on_frame)
 
@@ -316,15 +316,15 @@ class ODrive(CanDrive):
     # ---- What arrives --------------------------------------------------------------------------------------------
 
     def _ask_for_current(self) -> Questions:
-        return Questions(self._link, lambda: self.request(protocol.Command.IQ), _ASK_AGAIN_S, _CURRENT_INTERVAL_S)
+        return Questions(self._link, lambda: self.request(protocol.MessageId.IQ), _ASK_AGAIN_S, _CURRENT_INTERVAL_S)
 
     def _handlers_by_id(self) -> dict[int, Handler]:
         counts = self.options.position == "counts"
         handlers: dict[int, Handler] = {
-            protocol.Command.HEARTBEAT: self._on_heartbeat,
-            protocol.Command.ENCODER_ESTIMATES: self._on_velocity if counts else self._on_encoder_estimates,
-            protocol.Command.IQ: self._on_iq,
-            protocol.Command.BUS_VOLTAGE_CURRENT: self._on_bus_voltage,
+            protocol.MessageId.HEARTBEAT: self._on_heartbeat,
+            protocol.MessageId.ENCODER_ESTIMATES: self._on_velocity if counts else self._on_encoder_estimates,
+            protocol.MessageId.IQ: self._on_iq,
+            protocol.MessageId.BUS_VOLTAGE_CURRENT: self._on_bus_voltage,
         }
         if counts:
             handlers[Command05.ENCODER_COUNT] = self._on_encoder_count

@@ -1,4 +1,4 @@
-"""What one firmware of an ODrive says otherwise than another, and what of the drive it needs to say it.
+"""What differs between the firmwares of an ODrive, and what each needs of the driver.
 
 Firmware 0.5 tells which part of the axis failed, and of what. It has no version and no parameters on CAN. Its watchdog
 is set in the drive over USB and minds an idle axis too: one that nobody has spoken to for a while says that its
@@ -34,7 +34,7 @@ class Message(Protocol):
     def encode(self) -> bytes: ...
 
 
-class Heard(NamedTuple):
+class HeartbeatState(NamedTuple):
     """What a heartbeat says, whatever the firmware: ``failed`` where something must be mended or cleared."""
 
     error_bits: int
@@ -88,7 +88,7 @@ class Dialect(Protocol):
         """What is to be called for messages that only this firmware sends, by command."""
         ...
 
-    def heard(self, data: bytearray) -> Heard:
+    def heard(self, data: bytearray) -> HeartbeatState:
         """Read a heartbeat. Raises CodecError."""
         ...
 
@@ -212,19 +212,19 @@ class Firmware05:
 
     def handlers(self) -> Mapping[int, Handler]:
         handlers: dict[int, Handler] = {part: partial(self._on_part, part) for part in _PARTS}
-        handlers[protocol.Command.VERSION] = self._on_version
+        handlers[protocol.MessageId.VERSION] = self._on_version
         return handlers
 
-    def heard(self, data: bytearray) -> Heard:
+    def heard(self, data: bytearray) -> HeartbeatState:
         heartbeat = Heartbeat05.decode(data)
         parts_failed = heartbeat.motor_failed or heartbeat.encoder_failed or heartbeat.controller_failed
         idle = heartbeat.axis_state == protocol.AxisState.IDLE
         failures = heartbeat.error_bits & ~ERROR_WATCHDOG if idle else heartbeat.error_bits
-        return Heard(heartbeat.error_bits, heartbeat.axis_state, parts_failed or failures != 0)
+        return HeartbeatState(heartbeat.error_bits, heartbeat.axis_state, parts_failed or failures != 0)
 
     def identify(self, timeout_s: float) -> tuple[str, str]:
         asked, before = self._versions.count, self._answers
-        self._drive.request(protocol.Command.VERSION)  # which 0.6 alone answers
+        self._drive.request(protocol.MessageId.VERSION)  # which 0.6 alone answers
         self._drive.request(Command05.SENSORLESS_ERROR)  # which 0.5 alone answers
         self._drive.wait_for(
             lambda: self._answers > before or self._versions.count > asked,
@@ -232,8 +232,10 @@ class Firmware05:
             "does not answer; is it powered and on this bus?",
         )
         if versions := self._versions.take():
-            said = ".".join(map(str, versions[-1].firmware))
-            raise DeviceError(f'{self._drive.place}: says it runs firmware {said}; the rig file has firmware = "0.5"')
+            message = ".".join(map(str, versions[-1].firmware))
+            raise DeviceError(
+                f'{self._drive.place}: says it runs firmware {message}; the rig file has firmware = "0.5"'
+            )
         return "", "0.5"
 
     def arm_watchdog(self) -> None:
@@ -248,10 +250,10 @@ class Firmware05:
         self._bits = dict.fromkeys(_PARTS, 0)
 
     def errors(self, error_bits: int) -> tuple[str, ...]:
-        found = odrive_05.describe_errors_05(error_bits, odrive_05.AXIS_WORDS, "axis")
+        result = odrive_05.describe_errors_05(error_bits, odrive_05.AXIS_WORDS, "axis")
         for part, (meaning, name) in _PARTS.items():
-            found += odrive_05.describe_errors_05(self._bits[part], meaning, name)
-        return found
+            result += odrive_05.describe_errors_05(self._bits[part], meaning, name)
+        return result
 
     def refusals(self) -> tuple[str, ...]:
         return ()
@@ -284,29 +286,31 @@ class Firmware06:
 
     def handlers(self) -> Mapping[int, Handler]:
         return {
-            protocol.Command.VERSION: self._on_version,
-            protocol.Command.ERROR: self._on_error,
-            protocol.Command.TX_SDO: self._on_parameter,
-            protocol.Command.TEMPERATURE: self._on_temperature,
+            protocol.MessageId.VERSION: self._on_version,
+            protocol.MessageId.ERROR: self._on_error,
+            protocol.MessageId.TX_SDO: self._on_parameter,
+            protocol.MessageId.TEMPERATURE: self._on_temperature,
         }
 
-    def heard(self, data: bytearray) -> Heard:
+    def heard(self, data: bytearray) -> HeartbeatState:
         heartbeat = protocol.Heartbeat.decode(data)
         self._result = heartbeat.procedure_result
-        return Heard(heartbeat.error_bits, heartbeat.axis_state, heartbeat.error_bits != 0)
+        return HeartbeatState(heartbeat.error_bits, heartbeat.axis_state, heartbeat.error_bits != 0)
 
     def identify(self, timeout_s: float) -> tuple[str, str]:
         if not any(self._tells_version(timeout_s / _TIMES_ASKED) for _ in range(_TIMES_ASKED)):
             raise self._why_silent(timeout_s)
         version = self._versions.take()[-1]
-        said = ".".join(map(str, version.firmware))
+        message = ".".join(map(str, version.firmware))
         if version.firmware[:2] != (0, 6):
-            raise DeviceError(f'{self._drive.place}: says it runs firmware {said}; the rig file has firmware = "0.6"')
-        return ".".join(map(str, version.hardware)), said
+            raise DeviceError(
+                f'{self._drive.place}: says it runs firmware {message}; the rig file has firmware = "0.6"'
+            )
+        return ".".join(map(str, version.hardware)), message
 
     def _tells_version(self, timeout_s: float) -> bool:
         before = self._versions.count
-        self._drive.request(protocol.Command.VERSION)
+        self._drive.request(protocol.MessageId.VERSION)
         return self._drive.arrives(lambda: self._versions.count > before, timeout_s)
 
     def arm_watchdog(self) -> None:
@@ -314,7 +318,7 @@ class Firmware06:
 
     def ask_why(self) -> None:
         if not self._disarm_bits:
-            self._drive.request(protocol.Command.ERROR)
+            self._drive.request(protocol.MessageId.ERROR)
 
     def forget(self) -> None:
         self._disarm_bits = 0

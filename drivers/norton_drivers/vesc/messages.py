@@ -10,13 +10,11 @@ from typing import Any
 
 import can
 
-from norton_drivers.clock import Clock
 from norton_drivers.codecs import vesc as protocol
-from norton_drivers.codecs import vesc_packets as packets
 from norton_drivers.codecs.vesc import Packet
-from norton_drivers.ports import CanPort
+from norton_drivers.ports import CanPort, Clock
 from norton_drivers.readings import Inbox, RawFrame, Unwrapped
-from norton_drivers.recognition import Question, Recognised
+from norton_drivers.registry import Question, Recognised
 
 FAULT_PERIOD_NS = 20_000_000  # a fault lasts half a second at least
 
@@ -33,7 +31,7 @@ class VescQueries:
         self._node, self._host_node = node, host_node
         self._port = port
         self._clock = clock
-        self._assembler = packets.Assembler()
+        self._assembler = protocol.Assembler()
         self._asked_ns: int | None = None
 
     @property
@@ -48,14 +46,14 @@ class VescQueries:
 
     def ask_version(self) -> None:
         """Raises ConnectionFailedError."""
-        self._ask(packets.ask_version())
+        self._ask(protocol.ask_version())
 
     def ask_fault_now_and_then(self) -> None:
         """Called before every poll; asks no oftener than is of use. Raises ConnectionFailedError."""
         now_ns = self._clock.now_ns()
         if self._asked_ns is None or now_ns - self._asked_ns >= FAULT_PERIOD_NS:
             self._asked_ns = now_ns
-            self._ask(packets.ask_fault())
+            self._ask(protocol.ask_fault())
 
     def on_frame(self, identifier: int, data: bytearray, arrival_ns: int) -> bool:
         """Take a frame that is an answer to this computer; True where it brought a fault code. Raises CodecError."""
@@ -66,7 +64,7 @@ class VescQueries:
             self._on_pong(data)
             return False
         received = self._assembler.feed(packet, data)
-        if received is None or received.sender != self._node or received.handling != packets.Handling.TAKE:
+        if received is None or received.sender != self._node or received.handling != protocol.Handling.TAKE:
             return False
         return self._on_packet(received.payload, arrival_ns)
 
@@ -76,17 +74,17 @@ class VescQueries:
             self.pongs.put(hardware_type)
 
     def _on_packet(self, payload: bytes, arrival_ns: int) -> bool:
-        if payload[0] == packets.Command.FW_VERSION:
-            self.versions.put(packets.version_of(payload))
-        elif payload[0] == packets.Command.GET_VALUES_SELECTIVE:
-            self.fault, self.fault_ns = packets.fault_of(payload), arrival_ns
+        if payload[0] == protocol.PacketKind.FW_VERSION:
+            self.versions.put(protocol.version_of(payload))
+        elif payload[0] == protocol.PacketKind.GET_VALUES_SELECTIVE:
+            self.fault, self.fault_ns = protocol.fault_of(payload), arrival_ns
             self.faults_told += 1
             return True
         return False
 
     def _ask(self, payload: bytes) -> None:
-        handling = packets.Handling.ANSWER
-        for frame in packets.frames_of(payload, sender=self._host_node, receiver=self._node, handling=handling):
+        handling = protocol.Handling.ANSWER
+        for frame in protocol.frames_of(payload, sender=self._host_node, receiver=self._node, handling=handling):
             self._port.send(frame.arbitration_id, frame.data, extended=True)
 
 
@@ -123,8 +121,8 @@ def answers(question: RawFrame, frame: RawFrame) -> bool:
     """A pong comes to whoever sent the ping, from the controller that was pinged."""
     if not (question.extended and frame.extended and question.data and frame.data):
         return False
-    (asked, node), (said, host) = protocol.split_id(question.arbitration_id), protocol.split_id(frame.arbitration_id)
-    return asked == Packet.PING and said == Packet.PONG and host == question.data[0] and frame.data[0] == node
+    (asked, node), (message, host) = protocol.split_id(question.arbitration_id), protocol.split_id(frame.arbitration_id)
+    return asked == Packet.PING and message == Packet.PONG and host == question.data[0] and frame.data[0] == node
 
 
 def probes(options: Mapping[str, Any], _heard: Collection[int]) -> Iterator[Question]:

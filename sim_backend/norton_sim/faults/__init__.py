@@ -1,1 +1,1 @@
-"""Faults as data: what a rig file, a session or a test writes down, and how it comes true in the simulated world."""
+"""Faults as data, written in a rig file, a session or a test, and how the simulator makes them happen."""

@@ -1,4 +1,4 @@
-"""Faults come true: each begins when it is due, and ends when its time is over."""
+"""Starts each fault when it is due, and ends it when its time is over."""
 
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
@@ -20,18 +20,18 @@ def read_faults(tables: object, wiring: Wiring, *, place: str, section: str) -> 
 
     The faults written as ``[[section]]`` tables in the file ``place``, in their order.
 
-    Raises WiringError, one sentence for each mistake with its place and the mend.
+    Raises WiringError, one sentence for each mistake with its place and the remedy.
     """
     if not isinstance(tables, Sequence) or isinstance(tables, str):
         raise WiringError(f"{place}: [{section}] should be a list of tables: write [[{section}]], in double brackets")
     faults: list[Fault] = []
     sentences: list[str] = []
     for number, table in enumerate(tables, 1):
-        found = _read(table, wiring, place, f"{section} {number}")
-        if isinstance(found, Fault):
-            faults.append(found)
+        result = _read(table, wiring, place, f"{section} {number}")
+        if isinstance(result, Fault):
+            faults.append(result)
         else:
-            sentences += found
+            sentences += result
     if sentences:
         raise WiringError("\n".join(sentences))
     return tuple(faults)
@@ -103,7 +103,7 @@ COUNTED_EFFECTS: Mapping[type[Fault], Callable[[Any, Stage, Injected], Undo]] = 
 
 
 def inject(fault: Fault, stage: Stage) -> Injected:
-    """Let ``fault`` befall the stage, its time counted from now. Raises WiringError where it cannot."""
+    """Schedule ``fault``, its time counted from now. Raises WiringError where it cannot."""
     misplaced = fault.complaint(stage.wiring)
     if misplaced is not None:
         raise WiringError(f"{fault.kind}, {misplaced[0]}: {misplaced[1]}")

@@ -61,11 +61,11 @@ class Fault(BaseModel):
 
     @property
     def where(self) -> str:
-        """What it befalls."""
+        """Which device, bus or machine it hits."""
         return "the bench"
 
     def complaint(self, wiring: Wiring) -> tuple[str, str] | None:
-        """Why it cannot befall this bench: the key that is wrong, and a sentence with the mend."""
+        """Why it cannot happen on this bench: the key that is wrong, and a sentence with the remedy."""
         return None
 
 
@@ -97,7 +97,7 @@ class _Placed(Fault):
 
 
 class Carriage(_Lasting, _Placed):
-    """Befalls frames, or on a serial line what is written at once: of one device, or all on a bus.
+    """Hits frames, or on a serial line what is written at once: of one device, or all on a bus.
 
     Each has the chance ``share``, until ``count`` were hit.
     """

@@ -7,10 +7,9 @@ from typing import cast
 
 from norton_drivers.registry import DRIVES
 from norton_drivers.wiring import Wiring
-from norton_sim.connectors import CanConnector, SerialConnector
+from norton_sim.connectors import CanConnector, HostEnd, SerialConnector
 from norton_sim.faults.schema import Fault
 from norton_sim.firmware.context import DriveFirmware
-from norton_sim.transport import HostEnd
 from norton_sim.world import World
 
 Undo = Callable[[], None]

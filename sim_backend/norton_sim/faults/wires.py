@@ -6,7 +6,7 @@ from math import inf
 
 import can
 
-from norton_sim.connectors import CanConnector, Piece, Tamper
+from norton_sim.connectors import CAN_ERR_PROTOCOL, TRANSMIT_QUEUE, CanConnector, Piece, Tamper, Trouble
 from norton_sim.faults.schema import (
     BabblingNode,
     BusOff,
@@ -20,7 +20,6 @@ from norton_sim.faults.schema import (
     Unplugged,
 )
 from norton_sim.faults.stage import Injected, Stage, Undo
-from norton_sim.transport import CAN_ERR_PROTOCOL, TRANSMIT_QUEUE, Trouble
 from norton_sim.world import World
 
 # A classic frame of eight bytes with all the stuff bits that it can have, and the error frame before it is sent again.
@@ -256,7 +255,7 @@ def _frame_ns(fault: BabblingNode, stage: Stage) -> float:
 
 
 class _Babble:
-    """Frames of nobody's, heard by the host and by every device, one after the other."""
+    """Frames from no known device, received by the host and by every device, one after the other."""
 
     def __init__(self, fault: BabblingNode, stage: Stage) -> None:
         self._world = stage.world

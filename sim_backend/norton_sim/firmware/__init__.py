@@ -1,37 +1,34 @@
 """Emulated devices, by the name of the driver that talks to them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from importlib import import_module
 
-from norton_drivers.odrive import ODriveOptions
-from norton_drivers.wiring import parse_options
-from norton_sim.firmware.celsius import CelsiusProbe
-from norton_sim.firmware.cia402 import Cia402Drive
 from norton_sim.firmware.context import DeviceContext
-from norton_sim.firmware.dyn200 import Dyn200Sensor
-from norton_sim.firmware.mit import MitMotor
-from norton_sim.firmware.odrive import ODriveAxis
-from norton_sim.firmware.odrive_05 import ODrive05Axis
-from norton_sim.firmware.torque_sensors import AsciiSensor, BotaSensor, CanopenSensor, DbcSensor, MantracourtSensor
-from norton_sim.firmware.vesc import VescController
 from norton_sim.world import Firmware
 
-
-def _odrive(context: DeviceContext) -> Firmware:
-    """The axis with the firmware that the rig names."""
-    options = parse_options(ODriveOptions, context.settings)
-    return ODrive05Axis(context) if options.firmware == "0.5" else ODriveAxis(context)
-
-
-FIRMWARE: Mapping[str, Callable[[DeviceContext], Firmware]] = {
-    "odrive": _odrive,
-    "cia402": Cia402Drive,
-    "mit": MitMotor,
-    "vesc": VescController,
-    "ascii": AsciiSensor,
-    "bota": BotaSensor,
-    "canopen": CanopenSensor,
-    "celsius": CelsiusProbe,
-    "dbc": DbcSensor,
-    "dyn200": Dyn200Sensor,
-    "mantracourt": MantracourtSensor,
+# Module and class; imported when a rig has such a device.
+FIRMWARE = {
+    "odrive": ("odrive", "ODriveAxis"),
+    "odrive 0.5": ("odrive_05", "ODrive05Axis"),
+    "cia402": ("cia402", "Cia402Drive"),
+    "mit": ("mit", "MitMotor"),
+    "vesc": ("vesc", "VescController"),
+    "ascii": ("serial_sensors", "AsciiSensor"),
+    "bota": ("bota", "BotaSensor"),
+    "canopen": ("can_sensors", "CanopenSensor"),
+    "celsius": ("celsius", "CelsiusProbe"),
+    "dbc": ("can_sensors", "DbcSensor"),
+    "dyn200": ("dyn200", "Dyn200Sensor"),
+    "mantracourt": ("serial_sensors", "MantracourtSensor"),
 }
+DRIVERS = tuple(sorted(driver for driver in FIRMWARE if " " not in driver))
+
+
+def start_firmware(context: DeviceContext) -> Firmware:
+    """The device that the context's driver talks to, under way. Raises WiringError for wrong options."""
+    driver = context.settings.driver
+    if driver == "odrive" and context.settings.options.get("firmware") == "0.5":
+        driver = "odrive 0.5"
+    module, name = FIRMWARE[driver]
+    make: Callable[[DeviceContext], Firmware] = getattr(import_module(f"{__name__}.{module}"), name)
+    return make(context)

@@ -1,4 +1,4 @@
-"""Where an emulated device is mounted: what its firmware may touch."""
+"""What an emulated device's firmware is given: its settings, the world, its wires, its true values."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class DriveFirmware(Firmware, Protocol):
 
     @property
     def armed(self) -> bool:
-        """Whether it drives its motor, be it with a current of zero."""
+        """Whether it drives its motor, even with a current of zero."""
         ...
 
     def break_down(self, fault: DriveFault) -> None:
@@ -42,7 +42,7 @@ class DriveFirmware(Firmware, Protocol):
 
 @dataclass(frozen=True)
 class Wires:
-    """Makes the plug for a device: ``can(bus)`` and ``serial(port)``."""
+    """Makes the connector of a device: ``can(bus)`` and ``serial(port)``."""
 
     can: Callable[[str], CanConnector]
     serial: Callable[[str], SerialConnector]
@@ -50,7 +50,7 @@ class Wires:
 
 @dataclass(frozen=True)
 class DeviceContext:
-    """One device's place on the bench. Its clock has its own rate and phase, drawn from ``random``."""
+    """What one device's firmware is given. Its clock has its own rate and phase, drawn from ``random``."""
 
     settings: DeviceSettings
     wiring: Wiring

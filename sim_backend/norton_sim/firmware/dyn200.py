@@ -79,11 +79,11 @@ class ModbusServer:
         return REQUEST_LENGTH
 
     def _registers(self) -> dict[int, bytes]:
-        found: dict[int, bytes] = {}
+        result: dict[int, bytes] = {}
         for first, number in self._numbers().items():
             value = number_value(number)
-            found |= {first + k: value[2 * k : 2 * k + 2] for k in range(NUMBER_REGISTERS)}
-        return found
+            result |= {first + k: value[2 * k : 2 * k + 2] for k in range(NUMBER_REGISTERS)}
+        return result
 
 
 SAMPLE_PERIOD_NS = 1_000_000

@@ -15,7 +15,7 @@ import can
 
 from norton_drivers.codecs import odrive, odrive_sdo
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.odrive import AxisState, Command, ControlMode, InputMode
+from norton_drivers.codecs.odrive import AxisState, ControlMode, InputMode, MessageId
 from norton_drivers.odrive import ODriveOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating, Watchdog
@@ -27,7 +27,7 @@ WINDING_OHM = 0.1
 TORQUE_CONTROL = (ControlMode.TORQUE, InputMode.PASSTHROUGH)
 
 
-class Motor:
+class ODriveMotor:
     """What of an ODrive axis has nothing to do with CAN: its motor in torque control, and what is measured of it.
 
     ``input_nm`` is the torque wanted, NaN where none was given yet; ``mode`` control mode and input mode.
@@ -146,13 +146,13 @@ class ODriveAxis:
         self.active_errors = 0
         self.disarm_reason = 0
         self.axis_state = AxisState.IDLE
-        self.motor = Motor(context, input_nm=nan)
+        self.motor = ODriveMotor(context, input_nm=nan)
         self._result = RESULT_SUCCESS
         self._watchdog = Watchdog(context.world, self._starve)
         self._parameters = _Parameters(options, self._watchdog)
         self._node = options.node
-        self._ids = {command: odrive.arbitration_id(options.node, command) for command in Command}
-        self._estimates_id = self._ids[Command.ENCODER_ESTIMATES]
+        self._ids = {command: odrive.arbitration_id(options.node, command) for command in MessageId}
+        self._estimates_id = self._ids[MessageId.ENCODER_ESTIMATES]
         self._handlers = self._message_handlers()
         self._getters = self._message_getters()
         self._connector = context.can_connector()
@@ -180,7 +180,7 @@ class ODriveAxis:
     def _start(self, context: DeviceContext) -> None:
         context.cyclic(ENCODER_PERIOD_NS, self._send_estimates)
         context.cyclic(IQ_PERIOD_NS, self._send_current)
-        for command in (Command.HEARTBEAT, Command.TEMPERATURE, Command.BUS_VOLTAGE_CURRENT):
+        for command in (MessageId.HEARTBEAT, MessageId.TEMPERATURE, MessageId.BUS_VOLTAGE_CURRENT):
             context.cyclic(SLOW_PERIOD_NS, partial(self._send_cyclic, command))
 
     # ---- what it says ----
@@ -188,18 +188,18 @@ class ODriveAxis:
     def _message_getters(self) -> Mapping[int, Callable[[], _Answer]]:
         motor = self.motor
         return {
-            Command.VERSION: lambda: VERSION,
-            Command.HEARTBEAT: lambda: odrive.Heartbeat(self.active_errors, self.axis_state, self._result),
-            Command.ERROR: lambda: odrive.GetError(self.active_errors, self.disarm_reason),
-            Command.ENCODER_ESTIMATES: lambda: odrive.EncoderEstimates(*motor.estimates()),
-            Command.IQ: lambda: odrive.Iq(motor.target_a(), motor.current_a()),
-            Command.TEMPERATURE: lambda: odrive.Temperature(motor.heating.temperature_c, nan),
-            Command.BUS_VOLTAGE_CURRENT: lambda: odrive.BusVoltageCurrent(SUPPLY_V, motor.supply_current_a()),
-            Command.TORQUES: lambda: odrive.Torques(motor.target_nm(), motor.torque_nm()),
+            MessageId.VERSION: lambda: VERSION,
+            MessageId.HEARTBEAT: lambda: odrive.Heartbeat(self.active_errors, self.axis_state, self._result),
+            MessageId.ERROR: lambda: odrive.GetError(self.active_errors, self.disarm_reason),
+            MessageId.ENCODER_ESTIMATES: lambda: odrive.EncoderEstimates(*motor.estimates()),
+            MessageId.IQ: lambda: odrive.Iq(motor.target_a(), motor.current_a()),
+            MessageId.TEMPERATURE: lambda: odrive.Temperature(motor.heating.temperature_c, nan),
+            MessageId.BUS_VOLTAGE_CURRENT: lambda: odrive.BusVoltageCurrent(SUPPLY_V, motor.supply_current_a()),
+            MessageId.TORQUES: lambda: odrive.Torques(motor.target_nm(), motor.torque_nm()),
         }
 
     def _answer(self, command: int) -> None:
-        self._connector.send(self._ids[Command(command)], self._getters[command]().encode())
+        self._connector.send(self._ids[MessageId(command)], self._getters[command]().encode())
 
     def _send_cyclic(self, command: int, _stamp_ns: int) -> None:
         self._answer(command)
@@ -211,19 +211,19 @@ class ODriveAxis:
         self.motor.warm_up(IQ_PERIOD_NS * 1e-9)
         if self.motor.heating.too_hot:
             self.fail(ERROR_INVERTER_TOO_HOT)
-        self._answer(Command.IQ)
+        self._answer(MessageId.IQ)
 
     # ---- what it does when told ----
 
     def _message_handlers(self) -> Mapping[int, Callable[[bytearray], None]]:
         return {
-            Command.ESTOP: lambda _: self.fail(odrive.ERROR_ESTOP),
-            Command.RX_SDO: self._access_parameter,
-            Command.SET_AXIS_STATE: lambda data: self._request(odrive.SetAxisState.decode(data).axis_state),
-            Command.SET_CONTROLLER_MODE: self._set_controller_mode,
-            Command.SET_INPUT_TORQUE: self._set_input_torque,
-            Command.SET_LIMITS: lambda data: self.motor.limit(odrive.SetLimits.decode(data).current_a),
-            Command.CLEAR_ERRORS: self._clear_errors,
+            MessageId.ESTOP: lambda _: self.fail(odrive.ERROR_ESTOP),
+            MessageId.RX_SDO: self._access_parameter,
+            MessageId.SET_AXIS_STATE: lambda data: self._request(odrive.SetAxisState.decode(data).axis_state),
+            MessageId.SET_CONTROLLER_MODE: self._set_controller_mode,
+            MessageId.SET_INPUT_TORQUE: self._set_input_torque,
+            MessageId.SET_LIMITS: lambda data: self.motor.limit(odrive.SetLimits.decode(data).current_a),
+            MessageId.CLEAR_ERRORS: self._clear_errors,
         }
 
     def _receive(self, message: can.Message) -> None:
@@ -267,7 +267,7 @@ class ODriveAxis:
             return
         value = self._parameters.read(request.endpoint)
         if value is not None:
-            self._connector.send(self._ids[Command.TX_SDO], odrive_sdo.TxSdo(request.endpoint, value).encode())
+            self._connector.send(self._ids[MessageId.TX_SDO], odrive_sdo.TxSdo(request.endpoint, value).encode())
 
     def _starve(self) -> None:
         if self.armed:

@@ -14,12 +14,12 @@ import can
 
 from norton_drivers.codecs import odrive, odrive_05
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.odrive import AxisState, Command
+from norton_drivers.codecs.odrive import AxisState, MessageId
 from norton_drivers.codecs.odrive_05 import Command05
 from norton_drivers.odrive import ODriveOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Watchdog
-from norton_sim.firmware.odrive import SUPPLY_V, Motor
+from norton_sim.firmware.odrive import SUPPLY_V, ODriveMotor
 
 ESTIMATES_PERIOD_NS = 1_000_000
 IQ_PERIOD_NS = 10_000_000
@@ -45,7 +45,7 @@ class ODrive05Axis:
         self.motor_errors = 0
         self.controller_errors = 0
         self.axis_state = AxisState.IDLE
-        self.motor = Motor(context, input_nm=0.0)
+        self.motor = ODriveMotor(context, input_nm=0.0)
         self._node = options.node
         self._cpr = options.counts_per_turn or 8192  # the drive's own default
         self._before_056 = options.ask
@@ -77,9 +77,9 @@ class ODrive05Axis:
 
     def _start(self, context: DeviceContext, *, counts: bool) -> None:
         context.cyclic(IQ_PERIOD_NS, self._warm_up)
-        periods_ns = {Command.ENCODER_ESTIMATES: ESTIMATES_PERIOD_NS, Command.HEARTBEAT: SLOW_PERIOD_NS}
+        periods_ns = {MessageId.ENCODER_ESTIMATES: ESTIMATES_PERIOD_NS, MessageId.HEARTBEAT: SLOW_PERIOD_NS}
         if not self._before_056:
-            periods_ns |= {Command.IQ: IQ_PERIOD_NS, Command.BUS_VOLTAGE_CURRENT: SLOW_PERIOD_NS}
+            periods_ns |= {MessageId.IQ: IQ_PERIOD_NS, MessageId.BUS_VOLTAGE_CURRENT: SLOW_PERIOD_NS}
         for command, period_ns in periods_ns.items():
             context.cyclic(period_ns, partial(self._send_cyclic, command))
         if counts and not self._before_056:
@@ -90,14 +90,16 @@ class ODrive05Axis:
     def _message_getters(self) -> Mapping[int, Callable[[], bytes]]:
         motor = self.motor
         getters: dict[int, Callable[[], bytes]] = {
-            Command.HEARTBEAT: self._heartbeat,
+            MessageId.HEARTBEAT: self._heartbeat,
             Command05.MOTOR_ERROR: lambda: odrive_05.errors_value(self.motor_errors),
             Command05.ENCODER_ERROR: lambda: odrive_05.errors_value(0),
             Command05.SENSORLESS_ERROR: lambda: odrive_05.errors_value(0),
-            Command.ENCODER_ESTIMATES: lambda: odrive.estimates_value(*motor.estimates()),
+            MessageId.ENCODER_ESTIMATES: lambda: odrive.estimates_value(*motor.estimates()),
             Command05.ENCODER_COUNT: self._count,
-            Command.IQ: lambda: odrive.Iq(motor.target_a(), motor.current_a()).encode(),
-            Command.BUS_VOLTAGE_CURRENT: lambda: odrive.BusVoltageCurrent(SUPPLY_V, motor.supply_current_a()).encode(),
+            MessageId.IQ: lambda: odrive.Iq(motor.target_a(), motor.current_a()).encode(),
+            MessageId.BUS_VOLTAGE_CURRENT: lambda: odrive.BusVoltageCurrent(
+                SUPPLY_V, motor.supply_current_a()
+            ).encode(),
         }
         if not self._before_056:
             getters[Command05.CONTROLLER_ERROR] = lambda: odrive_05.errors_value(self.controller_errors)
@@ -131,11 +133,11 @@ class ODrive05Axis:
 
     def _message_handlers(self) -> Mapping[int, Callable[[bytearray], None]]:
         return {
-            Command.ESTOP: lambda _: self.fail(odrive_05.ERROR_ESTOP),
-            Command.SET_AXIS_STATE: lambda data: self._request(odrive.SetAxisState.decode(data).axis_state),
-            Command.SET_CONTROLLER_MODE: self._set_controller_mode,
-            Command.SET_INPUT_TORQUE: self._set_input_torque,
-            Command.SET_LIMITS: lambda data: self.motor.limit(odrive.SetLimits.decode(data).current_a),
+            MessageId.ESTOP: lambda _: self.fail(odrive_05.ERROR_ESTOP),
+            MessageId.SET_AXIS_STATE: lambda data: self._request(odrive.SetAxisState.decode(data).axis_state),
+            MessageId.SET_CONTROLLER_MODE: self._set_controller_mode,
+            MessageId.SET_INPUT_TORQUE: self._set_input_torque,
+            MessageId.SET_LIMITS: lambda data: self.motor.limit(odrive.SetLimits.decode(data).current_a),
             Command05.CLEAR_ERRORS: self._clear_errors,
         }
 

@@ -18,7 +18,6 @@ from typing import cast
 import can
 
 from norton_drivers.codecs import vesc as protocol
-from norton_drivers.codecs import vesc_packets as packets
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.vesc import Packet
 from norton_drivers.vesc import VescOptions
@@ -62,7 +61,7 @@ class VescController:
         self._commanded_ns = context.world.now_ns
         self._ignores_until_ns = 0
         self._frozen: tuple[float, float] | None = None
-        self._assembler = packets.Assembler()
+        self._assembler = protocol.Assembler()
         self._connector = context.can_connector()
         self._connector.on_frame(self._receive)
         context.cyclic(FAST_PERIOD_NS, self._send_fast)
@@ -155,7 +154,7 @@ class VescController:
                 self._connector.send(identifier, protocol.pong_value(self._options.node), extended=True)
             case _:
                 received = self._assembler.feed(packet, data)
-                if received is not None and received.handling == packets.Handling.ANSWER:
+                if received is not None and received.handling == protocol.Handling.ANSWER:
                     self._answer(received)
 
     def _set_current(self, current_a: float) -> None:
@@ -177,15 +176,15 @@ class VescController:
         self._running, self._duty = True, min(max(duty, -MOST_DUTY), MOST_DUTY)
         self._press(self._world.now_ns)
 
-    def _answer(self, received: packets.Received) -> None:
-        if received.payload == packets.ask_fault():
-            answer = packets.fault_value(self.fault)
-        elif received.payload == packets.ask_version():
-            answer = packets.version_value(*VERSION)
+    def _answer(self, received: protocol.Received) -> None:
+        if received.payload == protocol.ask_fault():
+            answer = protocol.fault_value(self.fault)
+        elif received.payload == protocol.ask_version():
+            answer = protocol.version_value(*VERSION)
         else:
             return
-        handling = packets.Handling.TAKE
-        for frame in packets.frames_of(answer, sender=self._options.node, receiver=received.sender, handling=handling):
+        handling = protocol.Handling.TAKE
+        for frame in protocol.frames_of(answer, sender=self._options.node, receiver=received.sender, handling=handling):
             self._connector.send(frame.arbitration_id, frame.data, extended=True)
 
     # ---- what it does by itself ----

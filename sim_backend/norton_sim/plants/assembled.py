@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from norton_sim.machines import Body, Commanded, Drive
-from norton_sim.tables import Angle, Damping, Stiffness, Table, TorqueConstant
+from norton_sim.tables import Angle, Body, Commanded, Damping, Drive, Stiffness, Table, TorqueConstant
 
 # Columns.
 DRIVE = 0  # what moves the source, one of those below
@@ -33,15 +32,13 @@ LINK_COLUMNS = 15
 MUSCLE, TORQUE, SERVO, REACH = 0.0, 1.0, 2.0, 3.0
 
 
+# What lies between an actuator's amplifier and its port, as the integrator works on it: one row of numbers.
+#
+# A *source* is driven and joined to the port's body by a *connection*, as in the paper's Norton network. The columns
+# are named below; a plant leaves those that it has no use for at zero.
 @dataclass(frozen=True)
 class Link:
-    """What lies between an actuator's amplifier and its port, as the integrator works on it: one row of numbers.
-
-    A *source* is driven and joined to the port's body by a *connection*, as in the paper's Norton network. The
-    columns are named below; a plant leaves those that it has no use for at zero.
-
-    ``row`` has shape (LINK_COLUMNS,). ``source`` is the body that is driven; None where there is none that moves.
-    """
+    """``row`` has shape (LINK_COLUMNS,). ``source`` is the body that is driven; None where there is none that moves."""
 
     row: NDArray[np.float64]
     source: Body | None = None
@@ -82,7 +79,7 @@ class Assembled(Drive, Commanded, ABC):
         return self.mounted / self.amplifier_gain
 
 
-class Motor(Body):
+class GearedMotor(Body):
     """A motor behind a transmission, as reflected to the port's side of its gears."""
 
     torque_constant_nm_a: TorqueConstant = Field(alias="torque_constant", gt=0, examples=["0.05 N*m/A"])

@@ -22,8 +22,8 @@ from norton_sim.plants.assembled import (
     TORQUE,
     Assembled,
     Backlash,
+    GearedMotor,
     Link,
-    Motor,
     Servo,
     Spring,
     row_of,
@@ -34,7 +34,7 @@ from norton_sim.tables import CubicStiffness, Number, Stiffening, Stiffness
 class MotorBehind(Assembled):
     """``motor`` as reflected to the connection's side, with ``servo`` where the command is an angle."""
 
-    motor: Motor
+    motor: GearedMotor
     servo: Servo | None = Field(default=None)
 
     @property
@@ -82,17 +82,15 @@ class MotorBehind(Assembled):
 LoadFriction = Annotated[Number, Field(ge=0, lt=1)]
 
 
+# A motor behind gears with backlash and friction that grows with the load (paper, section VI).
+#
+# Jm d²q/dt² = τ_drive − B dq/dt − friction(q) − τ_mesh, J dω/dt = τ_mesh − friction(θ) − τ, τ_mesh = k (δ ∓ b/2) + d
+# dδ/dt beyond half of the backlash b, else 0, δ = q − θ,
+#
+# and the motor's friction is bounded by τc + μ |k (δ ∓ b/2)|: it loses the share μ of what it transmits.
 @njit(cache=True, nogil=True, inline="always")
 def stretch(deviation: float, link: NDArray[np.float64]) -> float:
-    """A motor behind gears with backlash and friction that grows with the load (paper, section VI).
-
-    Jm d²q/dt² = τ_drive − B dq/dt − friction(q) − τ_mesh, J dω/dt = τ_mesh − friction(θ) − τ, τ_mesh = k (δ ∓ b/2)
-    + d dδ/dt beyond half of the backlash b, else 0, δ = q − θ,
-
-    and the motor's friction is bounded by τc + μ |k (δ ∓ b/2)|: it loses the share μ of what it transmits.
-
-    How far a connection is deflected beyond its backlash [rad], for a source ``deviation`` ahead of the port.
-    """
+    """How far a connection is deflected beyond its backlash [rad], for a source ``deviation`` ahead of the port."""
     if deviation > link[HALF_GAP]:
         return float(deviation - link[HALF_GAP])
     if deviation < -link[HALF_GAP]:
@@ -144,19 +142,16 @@ class SeriesElasticTruth(MotorBehind):
         return self.stiffness_nm_rad * (self.source_rad(command) - angle_rad)
 
 
+# A variable-stiffness actuator: a motor behind a spring that a second drive makes stiffer (section VI).
+#
+# Jm d²q/dt² = τ_drive − friction(q) − τ_spring, J dω/dt = τ_spring − friction(θ) − τ, τ_spring = k (q − θ) + k3 (q −
+# θ)³ + d (dq/dt − ω), k = k0 + k1 p,
+#
+# with p the angle of the stiffness motor. It goes where its drive's command says, dp/dt = b (p_wanted − p), between
+# two stops: p = 0, where the spring is softest, and where it is stiffest. Without power it goes back to p = 0.
 @njit(cache=True, nogil=True)
 def modulate(state: NDArray[np.float64], link: NDArray[np.float64], h: float) -> float:
-    """A variable-stiffness actuator: a motor behind a spring that a second drive makes stiffer (section VI).
-
-    Jm d²q/dt² = τ_drive − friction(q) − τ_spring, J dω/dt = τ_spring − friction(θ) − τ, τ_spring = k (q − θ) + k3
-    (q − θ)³ + d (dq/dt − ω), k = k0 + k1 p,
-
-    with p the angle of the stiffness motor. It goes where its drive's command says, dp/dt = b (p_wanted − p),
-    between two stops: p = 0, where the spring is softest, and where it is stiffest. Without power it goes back to p
-    = 0.
-
-    Let the stiffness motor, whose row ``state`` is, go on for ``h``; returns the mean stiffness meanwhile.
-    """
+    """Let the stiffness motor, whose row ``state`` is, go on for ``h``; returns the mean stiffness meanwhile."""
     before = state[ANGLE]
     wanted = link[MODULATOR_TRAVEL] * mean_current(state, h)
     after = before - (wanted - before) * math.expm1(-link[MODULATOR_BANDWIDTH] * h)

@@ -12,14 +12,12 @@ from norton_sim.plants.assembled import MOVEMENT, MOVING_SPRING, MUSCLE, REACH, 
 from norton_sim.tables import Damping, Seconds, Stiffness
 
 
+# A pneumatic muscle against a spring (paper, section IV.C.2): I dω/dt = (π − θ)² c − K θ − B ω − friction − τ.
+#
+# The command c [N m/rad] is the muscle's pressure; it cannot push (c ≥ 0), and is slack beyond θ = π.
 @njit(cache=True, nogil=True, inline="always")
 def pull(angle: float, command: float, link: NDArray[np.float64]) -> float:
-    """A pneumatic muscle against a spring (paper, section IV.C.2): I dω/dt = (π − θ)² c − K θ − B ω − friction − τ.
-
-    The command c [N m/rad] is the muscle's pressure; it cannot push (c ≥ 0), and is slack beyond θ = π.
-
-    What muscle and spring turn the port's body with [N m].
-    """
+    """What muscle and spring turn the port's body with [N m]."""
     length = max(math.pi - angle, 0.0)
     return float(length * length * max(command, 0.0) - link[SPRING] * angle)
 
@@ -55,20 +53,17 @@ BEGAN, TARGET = 6, 7  # s; rad
 REACH_COLUMNS = 8
 
 
+# A neuromuscular arm (paper, section V): a motion source that reaches with least jerk, and a spring-damper around it.
+#
+# J dω/dt = k(t) (x_N − θ) + d (v_N − ω) − friction(θ) − τ.
+#
+# The command is where the hand is to be [rad]. Each time it changes, a reach begins from where the source is and how
+# it moves: the path of least jerk that is there, at rest, after ``movement`` (Flash and Hogan, J. Neurosci. 5(7),
+# 1985). While it is on its way the arm is stiffer: k(t) = stiffness + moving_stiffness · 16 p² (1 − p)², p from 0 to
+# 1 over the reach. Where nothing has power any more the arm stays where it was going.
 @njit(cache=True, nogil=True)
 def place(reach: NDArray[np.float64], now_s: float, movement_s: float) -> tuple[float, float, float]:
-    """A neuromuscular arm (paper, section V): a motion source that reaches with least jerk, and a spring-damper around
-    it.
-
-    J dω/dt = k(t) (x_N − θ) + d (v_N − ω) − friction(θ) − τ.
-
-    The command is where the hand is to be [rad]. Each time it changes, a reach begins from where the source is and
-    how it moves: the path of least jerk that is there, at rest, after ``movement`` (Flash and Hogan, J. Neurosci.
-    5(7), 1985). While it is on its way the arm is stiffer: k(t) = stiffness + moving_stiffness · 16 p² (1 − p)², p
-    from 0 to 1 over the reach. Where nothing has power any more the arm stays where it was going.
-
-    Position [rad], velocity [rad/s] and acceleration [rad/s²] of the source.
-    """
+    """Position [rad], velocity [rad/s] and acceleration [rad/s²] of the source."""
     t = now_s - reach[BEGAN]
     if t >= movement_s:
         return float(reach[TARGET]), 0.0, 0.0

@@ -17,7 +17,7 @@ from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_drivers import dbc_sensor
 from norton_drivers.codecs.can_errors import ErrorClass
-from norton_drivers.codecs.odrive import AxisState, Command, SetInputTorque, arbitration_id
+from norton_drivers.codecs.odrive import AxisState, MessageId, SetInputTorque, arbitration_id
 from norton_sim.backend import SimulatedBackend, open_backend
 
 RIGS = Path(__file__).parents[3] / "rigs"
@@ -155,7 +155,7 @@ def test_somebody_else_commands_the_drive(opened: Open) -> None:
         backend.world.at(
             delay_ns,
             lambda _now: backend._can_wires["can0"].to_host(
-                arbitration_id(1, Command.SET_INPUT_TORQUE), message.encode(), False
+                arbitration_id(1, MessageId.SET_INPUT_TORQUE), message.encode(), False
             ),
         )
     (sentence,) = sentences(look(RIG, backend))

@@ -6,7 +6,7 @@ import pytest
 from norton_bench.check.buses import answered_twice, contradictory, two_rhythms
 from norton_bench.check.survey import BusSurvey, Survey
 from norton_drivers.readings import ERROR_FRAME, RawFrame
-from norton_drivers.recognition import answers_remotely
+from norton_drivers.registry import answers_remotely
 
 PERIOD_NS = 100_000_000
 

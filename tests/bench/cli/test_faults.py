@@ -9,12 +9,12 @@ import pytest
 from norton_bench.cli import app
 from norton_bench.errors import ExitCode
 from norton_bench.faults import campaign
-from norton_bench.faults.campaign import Trial
-from norton_bench.faults.case import Expected, Outcome, Peak, Verdict
+from norton_bench.faults.campaign import FaultTrial
+from norton_bench.faults.case import CaseResult, Expected, Peak, Verdict
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-odrive.toml"
-STOPPED = Outcome(
+STOPPED = CaseResult(
     "silent",
     "torque_sensor",
     "odrive",
@@ -36,15 +36,15 @@ class Tried:
 
     def __init__(self) -> None:
         self.verdict = Verdict.STOPPED
-        self.asked: list[Trial] = []
+        self.asked: list[FaultTrial] = []
         self.jobs = 0
 
     def run(
-        self, trials: Sequence[Trial], jobs: int, seed: int | None, on_outcome: Callable[[Outcome], None]
-    ) -> list[Outcome]:
+        self, trials: Sequence[FaultTrial], jobs: int, seed: int | None, on_outcome: Callable[[CaseResult], None]
+    ) -> list[CaseResult]:
         self.asked, self.jobs = list(trials), jobs
         outcomes = [
-            Outcome(
+            CaseResult(
                 **{**vars(STOPPED), "fault": case.name, "on": case.on, "rig": trial.rig.name, "verdict": self.verdict}
             )
             for trial in trials

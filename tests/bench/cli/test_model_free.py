@@ -6,10 +6,10 @@ import numpy as np
 
 from norton_bench.cli.output import to_json
 from norton_bench.cli.tables import model_free, residual_figures
-from norton_bench.identification.model_free.impedance_table import ImpedanceTable
-from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.identification.residuals.diagnosis import Dependence, Harmonic, Memory, ResidualTests
+from norton_bench.identification.impedance_table import ImpedanceTable
+from norton_bench.identification.residual_tests import Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import SourceMap
+from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
 
 LEVELS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 VELOCITY = np.array([-3.0, -1.0, 0.0, 1.0, 3.0])

@@ -14,9 +14,9 @@ from rich.console import Console, Group, RenderableType
 
 from norton_bench.cli.output import Output, plain_table, to_json
 from norton_bench.cli.results import identification, parameter_table, summary, with_digits
+from norton_bench.identification.departures import STRIBECK, Departure
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.model_error import ModelError, Zero
-from norton_bench.identification.residuals.departures import STRIBECK, Departure
 from norton_bench.identification.results import FitResult, Trace, Validation
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork

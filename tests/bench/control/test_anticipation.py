@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from norton_bench.control import anticipation, core
+from norton_bench.control import core, torque_loop
 from norton_bench.control.admittance import AdmittanceController
-from norton_bench.control.anticipation import design_anticipation
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.control.design import TorqueGains, design_torque_loop, design_tracking
+from norton_bench.control.torque_loop import design_anticipation
 from norton_bench.procedures.waves import hold
 from norton_bench.sample import Target
 from norton_bench.segments import ZERO_TORQUE
@@ -105,9 +105,9 @@ def test_margins_tell_which_law_shakes_the_bench(monkeypatch: pytest.MonkeyPatch
     """With far too much feedback beside it no observer has margins; made to run all the same, it does shake."""
     settings = PlantSettings()
     calibration, command = knowing(settings), slow_command(1500)
-    monkeypatch.setattr(anticipation, "FEEDBACK_SHARE", 8.0)
+    monkeypatch.setattr(torque_loop, "FEEDBACK_SHARE", 8.0)
     assert design_anticipation(calibration, gains_of(calibration), TICK_S) is None
-    monkeypatch.setattr(anticipation._Laws, "hold", lambda self, observer: True)
+    monkeypatch.setattr(torque_loop._Laws, "hold", lambda self, observer: True)
     assert zero_torque_rms_nm(settings, command, calibration=calibration) > undriven_rms_nm(settings, command)
 
 

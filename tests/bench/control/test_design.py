@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from norton_bench.control import core, design
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.control.design import design_torque_loop, design_tracking, nominal_bench, sticking_benches
-from norton_bench.control.dynamics import TWIST, TWIST_RATE
 from norton_bench.control.observer import WIDTH, Observer, holds_at_any_age
+from norton_bench.control.regulator import TWIST, TWIST_RATE
 from norton_bench.control.robustness import margins, torque_control, tracking_control
 from norton_bench.errors import ExperimentError
 from tests.bench.control.plant import PlantSettings

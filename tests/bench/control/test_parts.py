@@ -13,7 +13,6 @@ from norton_bench.arrays import FloatArray
 from norton_bench.control import core
 from norton_bench.control.admittance import FeedForward, VirtualBody, continued
 from norton_bench.control.design import TorqueGains, nominal_bench
-from norton_bench.control.dynamics import COMMAND, look_back, sampled
 from norton_bench.control.preview import (
     LONGEST_STEP_S,
     delayed,
@@ -23,6 +22,7 @@ from norton_bench.control.preview import (
     trusted,
     with_preview,
 )
+from norton_bench.control.regulator import COMMAND, look_back, sampled
 from norton_bench.control.torque_loop import TorqueLoop, settles_s
 from norton_bench.errors import ExperimentError
 from norton_bench.models.network import NortonNetwork

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from norton_bench.datasheet.ripple import Line, Samples, folded, orders
-from norton_bench.identification.residuals.diagnosis import looked_at
+from norton_bench.datasheet.ripple import OrderWave, Samples, folded, orders
+from norton_bench.identification.residual_tests import looked_at
 
 COUNT, TICK_S = 60_000, 1e-3
 INERTIA_KGM2, DAMPING_NMS_RAD = 5e-5, 1e-3
@@ -27,7 +27,7 @@ def samples(
     return Samples(time_s, position, velocity, drive, residual, TICK_S)
 
 
-def lines(of: Samples, *periods: float) -> dict[float, Line]:
+def lines(of: Samples, *periods: float) -> dict[float, OrderWave]:
     """Derivatives along the motion, as the equation has them: not those of the samples."""
     velocity = of.velocity_rad_s
     rate = np.gradient(velocity, TICK_S)
@@ -36,7 +36,7 @@ def lines(of: Samples, *periods: float) -> dict[float, Line]:
         wave = np.stack([np.cos(each * of.position_rad), np.sin(each * of.position_rad)])
         slope = each * np.stack([-wave[1], wave[0]])
         change = slope * velocity
-        told[each] = Line(
+        told[each] = OrderWave(
             wave, INERTIA_KGM2 * (slope * rate - (each * velocity) ** 2 * wave) + DAMPING_NMS_RAD * change
         )
     return told

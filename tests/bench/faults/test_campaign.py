@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from norton_bench.errors import RigError
-from norton_bench.faults.campaign import Trial, cases, run_campaign
-from norton_bench.faults.case import Outcome, Verdict
+from norton_bench.faults.campaign import FaultTrial, cases, run_campaign
+from norton_bench.faults.case import CaseResult, Verdict
 from norton_bench.rig.load import load_rig
 
 RIGS = Path(__file__).parents[3] / "rigs"
@@ -16,8 +16,8 @@ def test_outcomes_come_in_the_order_of_the_cases() -> None:
     rig = load_rig(RIGS / "sim-odrive.toml")
     names = ("host stalls for a moment", "adapter unplugged")
     chosen = [case for case in cases(rig) if case.name in names]
-    heard: list[Outcome] = []
-    outcomes = run_campaign([Trial(rig, chosen)], jobs=2, seed=1, on_outcome=heard.append)
+    heard: list[CaseResult] = []
+    outcomes = run_campaign([FaultTrial(rig, chosen)], jobs=2, seed=1, on_outcome=heard.append)
     assert [(outcome.fault, outcome.on) for outcome in outcomes] == [(case.name, case.on) for case in chosen]
     assert sorted(map(str, heard)) == sorted(map(str, outcomes))
     assert {outcome.verdict for outcome in outcomes} == {Verdict.STOPPED, Verdict.RIDDEN_THROUGH}
@@ -26,4 +26,4 @@ def test_outcomes_come_in_the_order_of_the_cases() -> None:
 def test_a_rig_that_cannot_be_tried_ends_the_campaign() -> None:
     rig = load_rig(RIGS / "sim-free-shaft.toml")
     with pytest.raises(RigError, match="needs a load drive"):
-        run_campaign([Trial(rig, [])], jobs=1, seed=None, on_outcome=lambda _outcome: None)
+        run_campaign([FaultTrial(rig, [])], jobs=1, seed=None, on_outcome=lambda _outcome: None)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from norton_bench.faults.case import Detection, Expected, Judgement, Verdict, allowed_ns, judge
+from norton_bench.faults.case import CaseJudgement, Detection, Expected, Verdict, allowed_ns, judge
 from norton_bench.rig.rig import Limits
 from norton_drivers.rehearsal import TrueState
 
@@ -26,7 +26,7 @@ def states(off_ms: int, end_ms: int = 500, torque_nm: float = 0.2, velocity_rad_
 
 def judged(
     truth: Sequence[TrueState], detected_ms: float | None, expected: Expected = Expected.STOP, watchdog_s: float = 0.3
-) -> Judgement:
+) -> CaseJudgement:
     detection = None if detected_ms is None else Detection(BEGUN_NS + round(detected_ms * MS), "somebody")
     return judge(truth, BEGUN_NS, detection, expected, allowed_ns=allowed_ns(watchdog_s, MS), limits=LIMITS)
 

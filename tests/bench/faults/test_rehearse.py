@@ -6,7 +6,7 @@ import pytest
 
 from norton_bench.errors import RigError
 from norton_bench.faults.campaign import cases
-from norton_bench.faults.case import Case, Expected, Outcome, Verdict
+from norton_bench.faults.case import Case, CaseResult, Expected, Verdict
 from norton_bench.faults.rehearse import Prepared, prepare, rehearse
 from norton_bench.rig.load import load_rig
 from norton_bench.sample import Alignment
@@ -27,7 +27,7 @@ def named(name: str, on: str) -> Case:
     return found
 
 
-def assert_safe(outcome: Outcome) -> None:
+def assert_safe(outcome: CaseResult) -> None:
     assert outcome.verdict.safe, outcome
     assert outcome.drives == {"actuator": "idle", "load": "idle"}
     if outcome.verdict is Verdict.STOPPED:

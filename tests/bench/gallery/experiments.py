@@ -1,6 +1,6 @@
 """The gallery's experiments as they are run, at one seed, in fewer rounds."""
 
-from norton_bench.gallery.claim import Experiment
+from norton_bench.gallery.claim import PaperExperiment
 from norton_bench.gallery.gravity import TwoPorts
 from norton_bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
 from norton_bench.gallery.muscle import MuscleSweeps
@@ -22,6 +22,6 @@ FEWER = {
 }
 
 
-def measured(name: str, seed: int) -> Experiment:
+def measured(name: str, seed: int) -> PaperExperiment:
     """Through frames and bytes, at half the rate: half a minute of bench time."""
     return measure(name, half_rate(CATALOGUE[name].rig), seed, FEWER.get(name))

@@ -9,8 +9,7 @@ import pytest
 
 from norton_bench.cli import app
 from norton_bench.gallery import paper
-from norton_bench.gallery.page import write_gallery
-from norton_bench.gallery.paper import CATALOGUE, prove, rigs_in
+from norton_bench.gallery.paper import CATALOGUE, prove, rigs_in, write_gallery
 from tests.bench.gallery.experiments import measured
 
 ROOT = Path(__file__).parents[3]

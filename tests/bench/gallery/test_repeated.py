@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.gallery.claim import LEVEL, Estimated, Line, Row, mean, wider
+from norton_bench.gallery.claim import LEVEL, Estimated, Row, StraightLine, mean, wider
 
 TRIALS = 4000
 
@@ -19,17 +19,17 @@ def test_a_mean_is_where_it_is_said_to_be_as_often_as_it_is_said():
 
 
 @pytest.mark.parametrize(
-    ("of", "true"), [(lambda line: line.slope, -2.0), (lambda line: line.value(0.0), 1.0), (Line.zero, 0.5)]
+    ("of", "true"), [(lambda line: line.slope, -2.0), (lambda line: line.value(0.0), 1.0), (StraightLine.zero, 0.5)]
 )
 def test_a_line_has_its_slope_its_values_and_its_zero(of, true):
     rng, x = np.random.default_rng(2), np.repeat([0.2, 0.4, 0.6], 4)
-    held = coverage([of(Line(x, 1.0 - 2.0 * x + 0.05 * rng.normal(size=x.size))) for _ in range(TRIALS)], true)
+    held = coverage([of(StraightLine(x, 1.0 - 2.0 * x + 0.05 * rng.normal(size=x.size))) for _ in range(TRIALS)], true)
     assert held == pytest.approx(LEVEL, abs=0.002)
 
 
 def test_a_line_that_may_be_level_has_its_zero_anywhere():
     x = np.repeat([0.2, 0.4, 0.6], 2)
-    assert Line(x, [1.0, -1.0, 1.1, -0.9, 1.0, -1.2]).zero().interval == (-np.inf, np.inf)
+    assert StraightLine(x, [1.0, -1.0, 1.1, -0.9, 1.0, -1.2]).zero().interval == (-np.inf, np.inf)
 
 
 def test_a_tolerance_widens():

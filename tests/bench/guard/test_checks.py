@@ -5,20 +5,20 @@ from math import inf
 
 import pytest
 
-from norton_bench.guard.checks import Fitted, checks_for
+from norton_bench.guard.guard import Equipment, checks_for
 from norton_bench.rig.rig import Command, Limits
 from norton_bench.rig.schema import PLAUSIBILITY
 
 LIMITS = Limits(torque_nm=1.0, velocity_rad_s=80.0, stale_after_ns=5_000_000)
 TORQUE = Command("N*m", 0.5)
-DYNO = Fitted(load=True, torque_sensor=True, runs=True, range_nm=2.0, resolution_rad=5e-5)
+DYNO = Equipment(load=True, torque_sensor=True, runs=True, range_nm=2.0, resolution_rad=5e-5)
 OF_LOAD = ["encoder", "encoder", "coupling"]
 OF_SENSOR = ["frozen torque", "torque jump"]
 OF_BOTH = ["balance", "standstill"]
 POSITION = Command("rad", 0.4)
 
 
-def names(fitted: Fitted, command: Command = TORQUE, leave_out: tuple[str, ...] = ()) -> list[str]:
+def names(fitted: Equipment, command: Command = TORQUE, leave_out: tuple[str, ...] = ()) -> list[str]:
     return [check.name for check in checks_for(LIMITS, command, 1e-3, fitted, leave_out)]
 
 
@@ -30,12 +30,14 @@ def names(fitted: Fitted, command: Command = TORQUE, leave_out: tuple[str, ...] 
         (replace(DYNO, range_nm=inf, resolution_rad=0.0), POSITION, [*OF_LOAD, "current", *OF_SENSOR, "balance"]),
         (DYNO, Command("1", 0.9), [*OF_LOAD, "current", *OF_SENSOR, "saturation", *OF_BOTH]),
         (replace(DYNO, torque_sensor=False, range_nm=inf), TORQUE, [*OF_LOAD, "current", "current"]),
-        (Fitted(False, False, True), Command("mA", 500.0), ["encoder", "standstill", "current"]),
-        (Fitted(False, False, False), TORQUE, ["encoder", "current"]),
-        (Fitted(False, True, False, 2.0), TORQUE, ["encoder", "current", *OF_SENSOR, "saturation"]),
+        (Equipment(False, False, True), Command("mA", 500.0), ["encoder", "standstill", "current"]),
+        (Equipment(False, False, False), TORQUE, ["encoder", "current"]),
+        (Equipment(False, True, False, 2.0), TORQUE, ["encoder", "current", *OF_SENSOR, "saturation"]),
     ],
 )
-def test_a_rig_gets_the_checks_that_it_has_signals_for(fitted: Fitted, command: Command, expected: list[str]) -> None:
+def test_a_rig_gets_the_checks_that_it_has_signals_for(
+    fitted: Equipment, command: Command, expected: list[str]
+) -> None:
     assert names(fitted, command) == expected
 
 

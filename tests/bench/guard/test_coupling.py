@@ -5,15 +5,15 @@ from math import inf
 import pytest
 
 from norton_bench.guard.model import EMPTY_MODEL, GuardModel
-from norton_bench.guard.motion_checks import Coupling
+from norton_bench.guard.motion_checks import CouplingCheck
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, from_tick, resting, turning
 
 STIFF = GuardModel(sensor_stiffness_nm_rad=200.0)
 
 
-def check(twist_rad: float = 0.5, resolution_rad: float = 1e-4, known: GuardModel = EMPTY_MODEL) -> Coupling:
-    made = Coupling(twist_rad, 1.0, resolution_rad, 1e-3)
+def check(twist_rad: float = 0.5, resolution_rad: float = 1e-4, known: GuardModel = EMPTY_MODEL) -> CouplingCheck:
+    made = CouplingCheck(twist_rad, 1.0, resolution_rad, 1e-3)
     made.learn(known)
     return made
 

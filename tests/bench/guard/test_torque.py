@@ -8,7 +8,7 @@ import pytest
 from norton_bench.guard.check import Commands
 from norton_bench.guard.model import EMPTY_MODEL, GuardModel, Machine, TorqueReadings
 from norton_bench.guard.motion_checks import Standstill
-from norton_bench.guard.torque_checks import FrozenTorque, Saturation, TorqueJump
+from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueJump
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, from_tick, resting, turning
 
@@ -65,8 +65,8 @@ def test_before_the_tare_nothing_is_said_of_standing_still() -> None:
 # ---- at the end of the range ----------------------------------------------------------------------------------------
 
 
-def at_end(known: GuardModel = EMPTY_MODEL) -> Saturation:
-    made = Saturation(2.0)
+def at_end(known: GuardModel = EMPTY_MODEL) -> SaturationCheck:
+    made = SaturationCheck(2.0)
     made.learn(known)
     return made
 

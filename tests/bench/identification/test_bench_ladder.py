@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.friction.fit import WORTH_A_STEP
-from norton_bench.identification.friction.laws import CONTAINS, model
+from norton_bench.identification.friction_fit import WORTH_A_STEP
+from norton_bench.identification.friction_laws import CONTAINS, model
 from norton_bench.identification.ladder import bench_equation, bench_ladder, fit_friction, ladder, selected
 from norton_bench.identification.signals import signals
 from norton_bench.segments import Use

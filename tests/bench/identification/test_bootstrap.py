@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.bootstrap import NORMAL_95, Readings, Scatter, Simulation, scatter_of
-from norton_bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
 from norton_bench.identification.fit import PHYSICAL, physical
 from norton_bench.identification.separable import solve, solve_again
-from norton_bench.identification.signals import Stream, signals
-from norton_bench.identification.simulated_bench import ReadingErrors
+from norton_bench.identification.signals import TimeSeries, signals
+from norton_bench.identification.simulated_bench import (
+    LEAST_DAMPING_RATIO,
+    Coupling,
+    ReadingErrors,
+    least_damping_nms_rad,
+)
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S
@@ -18,13 +22,13 @@ from tests.bench.identification.synthetic import TICK_S
 NO_ERRORS = ReadingErrors(0.0, 0.0, 0.0)
 
 
-def stream(noise: float, step: float, jitter_s: float) -> Stream:
+def stream(noise: float, step: float, jitter_s: float) -> TimeSeries:
     """A motion, now slow, now fast, with errors of readings of these sizes."""
     random = np.random.default_rng(3)
     time_s = np.arange(60_000) * TICK_S
     at_s = time_s + jitter_s * random.standard_normal(time_s.size)
     value = 20.0 * np.sin(0.2 * at_s) * np.sin(3.0 * at_s) + noise * random.standard_normal(time_s.size)
-    return Stream(time_s, np.round(value / step) * step if step else value, TICK_S)
+    return TimeSeries(time_s, np.round(value / step) * step if step else value, TICK_S)
 
 
 @pytest.mark.parametrize(("noise", "step", "jitter_s"), [(1e-4, 0.0, 0.0), (1e-4, 2e-4, 0.0), (0.0, 2e-4, 3e-5)])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.friction.fit import WORTH_A_STEP
-from norton_bench.identification.friction.laws import CONTAINS, family_for, model
+from norton_bench.identification.friction_fit import WORTH_A_STEP
+from norton_bench.identification.friction_laws import CONTAINS, family_for, model
 from norton_bench.identification.ladder import blocked_folds, ladder, selected
 from tests.bench.identification.friction.paths import equation_of, wandering
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from norton_bench.identification.cleaning import clean
+from norton_bench.identification.departures import CHANGE, DRAG, Departure
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, possible
 from norton_bench.identification.model_error import LEVEL, bound, expanded, judged, model_error
-from norton_bench.identification.residuals.departures import CHANGE, DRAG, Departure
-from norton_bench.identification.sanity.checks import FailedCheck
-from norton_bench.identification.sanity.cleaning import clean
+from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.signals import signals
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status

@@ -9,8 +9,8 @@ import pytest
 from scipy.io import loadmat
 from scipy.signal import butter, decimate, filtfilt
 
-from norton_bench.identification.friction.laws import model
-from norton_bench.identification.friction.model import Equation, Path, blocked_folds
+from norton_bench.identification.friction_laws import model
+from norton_bench.identification.friction_model import Equation, Path, blocked_folds
 from norton_bench.identification.ladder import fit_friction, ladder, selected
 from tests.bench.real_data import data_file
 

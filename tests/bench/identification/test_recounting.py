@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from norton_bench.identification import loops
-from norton_bench.identification.counts import friction_error
 from norton_bench.identification.expansion import Excitation, planned_signals
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.readings import unquantised
-from norton_bench.identification.rows import Rows, Shape
-from norton_bench.identification.signals import FINE, Stream
+from norton_bench.identification.rows import Rows, Shape, friction_error
+from norton_bench.identification.signals import FINE, TimeSeries
 
 TICK_S = 1e-3
 TICKS = 4000
@@ -33,7 +32,7 @@ def counted(path, count_rad, phase):
     """The motion as ``Signals``, read in counts."""
     time_s = np.arange(TICKS) * TICK_S
     read = (np.floor(path(time_s) / count_rad + phase) - phase + 0.5) * count_rad
-    smoothed = Stream(time_s, unquantised(read, count_rad), TICK_S)
+    smoothed = TimeSeries(time_s, unquantised(read, count_rad), TICK_S)
     planned = planned_signals(Excitation(TICK_S, np.zeros(TICKS), smoothed.value), 0.0)
     return replace(planned, path_rad=smoothed.at(fine_s()), smoothed=smoothed, count_rad=count_rad)
 

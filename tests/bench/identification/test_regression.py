@@ -22,7 +22,7 @@ from norton_bench.identification.separable import (
     told,
     worthwhile_band,
 )
-from norton_bench.identification.signals import FINE, Stream, signals
+from norton_bench.identification.signals import FINE, TimeSeries, signals
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
@@ -147,7 +147,7 @@ def test_noise_in_the_delays_slope_is_known(experiment):
     stretch = signals(experiment, TICK_S, Use.IDENTIFY)[0]
     read_rad = 1e-5 * np.random.default_rng(1).standard_normal(stretch.time_s.size)
     fine_s = stretch.time_s[0] + np.arange(stretch.path_rad.size) * (TICK_S / FINE)
-    noisy = Stream(stretch.time_s, read_rad, TICK_S).at(fine_s)
+    noisy = TimeSeries(stretch.time_s, read_rad, TICK_S).at(fine_s)
     rows = Rows(replace(stretch, position_rad=noisy, position_noise=1e-10 * TICK_S), FULL_BAND)
     jerk = rows.of_fine_signal(noisy, (3,), 0.0)[0][50:-50]
     assert float(np.mean(jerk**2)) == pytest.approx(rows.motion_noise(3), rel=0.05)

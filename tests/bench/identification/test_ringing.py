@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.bootstrap import Simulation
-from norton_bench.identification.coupling import Coupling, likeliest
+from norton_bench.identification.departures import departures
 from norton_bench.identification.expansion import Expansion
 from norton_bench.identification.model_error import folded_ringing
-from norton_bench.identification.residuals.departures import departures
 from norton_bench.identification.separable import solve_again
 from norton_bench.identification.signals import signals
+from norton_bench.identification.simulated_bench import Coupling, likeliest
 from norton_bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S, Truth
 

@@ -8,7 +8,7 @@ import pytest
 
 from norton_bench.identification.fit import PHYSICAL, fit
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.sessions import Fitted, differing, together
+from norton_bench.identification.sessions import SessionFit, differing, together
 from norton_bench.models.parameters import Estimate, Status
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
@@ -22,21 +22,21 @@ def session(seed: int, truth: Truth | None = None) -> FitResult:
 
 
 @pytest.fixture(scope="module")
-def alike() -> tuple[Fitted, ...]:
-    return tuple(Fitted(f"{seed}.mcap", session(seed)) for seed in (1, 2, 3, 4))
+def alike() -> tuple[SessionFit, ...]:
+    return tuple(SessionFit(f"{seed}.mcap", session(seed)) for seed in (1, 2, 3, 4))
 
 
 @pytest.fixture(scope="module")
-def worn() -> Fitted:
-    return Fitted("worn.mcap", session(5, replace(Truth(), viscous_damping=1.1e-3)))
+def worn() -> SessionFit:
+    return SessionFit("worn.mcap", session(5, replace(Truth(), viscous_damping=1.1e-3)))
 
 
-def changed(fitted: Fitted, name: str, **changes: object) -> Fitted:
+def changed(fitted: SessionFit, name: str, **changes: object) -> SessionFit:
     estimates = tuple(replace(each, **changes) if each.name == name else each for each in fitted.fit.estimates)
     return replace(fitted, fit=replace(fitted.fit, estimates=estimates))
 
 
-def test_the_same_bench_does_not_differ_and_is_known_better(alike: tuple[Fitted, ...]) -> None:
+def test_the_same_bench_does_not_differ_and_is_known_better(alike: tuple[SessionFit, ...]) -> None:
     found = together(alike, "N*m")
     assert differing(found.spreads) == ()
     assert found.verdict == ("No parameter differs between sessions by more than their own intervals allow.",)
@@ -46,14 +46,14 @@ def test_the_same_bench_does_not_differ_and_is_known_better(alike: tuple[Fitted,
         assert abs(estimate.value - getattr(Truth(), estimate.name)) < 3 * estimate.std, estimate
 
 
-def test_an_error_that_every_session_makes_stays(alike: tuple[Fitted, ...]) -> None:
+def test_an_error_that_every_session_makes_stays(alike: tuple[SessionFit, ...]) -> None:
     found = {each.name: each for each in together(alike, "N*m").estimates}
     repeated = [fitted.fit.simulated.repeated_std["presliding_stiffness"] for fitted in alike]
     assert min(repeated) > 0.0  # each session's own bias is known only about to its own size
     assert found["presliding_stiffness"].std >= 0.98 * np.mean(repeated)
 
 
-def test_a_bench_that_changed_is_named(alike: tuple[Fitted, ...], worn: Fitted) -> None:
+def test_a_bench_that_changed_is_named(alike: tuple[SessionFit, ...], worn: SessionFit) -> None:
     found = together([*alike[:3], worn], "N*m")
     assert differing(found.spreads) == ("viscous_damping",)
     assert re.search(
@@ -65,7 +65,7 @@ def test_a_bench_that_changed_is_named(alike: tuple[Fitted, ...], worn: Fitted) 
     assert abs(damping.value - 1.025e-3) < 1e-5
 
 
-def test_the_network_holds_the_combined_values_and_deviations(alike: tuple[Fitted, ...], worn: Fitted) -> None:
+def test_the_network_holds_the_combined_values_and_deviations(alike: tuple[SessionFit, ...], worn: SessionFit) -> None:
     found = together([*alike[:3], worn], "N*m")
     assert found.network is not None
     own = {each.name: each for each in found.estimates}
@@ -85,7 +85,7 @@ def test_the_network_holds_the_combined_values_and_deviations(alike: tuple[Fitte
     assert correlation[first, second] == pytest.approx((each / np.outer(deviation, deviation))[first, second], abs=0.25)
 
 
-def test_what_is_not_valid_in_a_session_takes_no_part(alike: tuple[Fitted, ...]) -> None:
+def test_what_is_not_valid_in_a_session_takes_no_part(alike: tuple[SessionFit, ...]) -> None:
     far = changed(alike[1], "inertia", value=1.0, status=Status.UNEXCITED)
     found = together([alike[0], far, alike[2]], "N*m")
     assert len(found.spreads["inertia"].weights) == 2
@@ -94,7 +94,7 @@ def test_what_is_not_valid_in_a_session_takes_no_part(alike: tuple[Fitted, ...])
     assert "Left out of 2.mcap, for want of a valid value: inertia." in found.verdict
 
 
-def test_what_one_session_alone_knows_is_not_settled(alike: tuple[Fitted, ...]) -> None:
+def test_what_one_session_alone_knows_is_not_settled(alike: tuple[SessionFit, ...]) -> None:
     blind = changed(alike[1], "inertia", status=Status.AT_BOUND)
     found = together([alike[0], blind], "N*m")
     inertia = next(each for each in found.estimates if each.name == "inertia")
@@ -106,7 +106,7 @@ def test_what_one_session_alone_knows_is_not_settled(alike: tuple[Fitted, ...]) 
     assert "Two sessions tell little of the spread between sessions: record three or more." in found.verdict
 
 
-def test_what_no_session_knows_has_no_number_and_there_is_no_network(alike: tuple[Fitted, ...]) -> None:
+def test_what_no_session_knows_has_no_number_and_there_is_no_network(alike: tuple[SessionFit, ...]) -> None:
     blind = [changed(each, "torque_gain", value=np.nan, status=Status.RATIO_ONLY) for each in alike]
     found = together(blind, "N*m")
     gain = found.estimates[0]
@@ -116,7 +116,7 @@ def test_what_no_session_knows_has_no_number_and_there_is_no_network(alike: tupl
     assert "There is no network of all sessions: none has a valid torque gain." in found.verdict
 
 
-def test_fits_that_did_not_converge_combine_to_nothing(alike: tuple[Fitted, ...]) -> None:
+def test_fits_that_did_not_converge_combine_to_nothing(alike: tuple[SessionFit, ...]) -> None:
     lost = [
         replace(each, fit=replace(each.fit, converged=False, estimates=tuple(map(unconverged, each.fit.estimates))))
         for each in alike
@@ -131,7 +131,7 @@ def unconverged(estimate: Estimate) -> Estimate:
     return replace(estimate, status=Status.NOT_CONVERGED)
 
 
-def test_two_sessions_far_apart_settle_nothing(alike: tuple[Fitted, ...]) -> None:
+def test_two_sessions_far_apart_settle_nothing(alike: tuple[SessionFit, ...]) -> None:
     twice = changed(alike[1], "coulomb_torque", value=2 * Truth().coulomb_torque)
     found = together([alike[0], twice], "N*m")
     coulomb = next(each for each in found.estimates if each.name == "coulomb_torque")
@@ -139,7 +139,7 @@ def test_two_sessions_far_apart_settle_nothing(alike: tuple[Fitted, ...]) -> Non
     assert "Uncertain by more than half of the value: coulomb torque; record more sessions." in found.verdict
 
 
-def test_chance_is_counted_for_every_parameter_looked_at(alike: tuple[Fitted, ...]) -> None:
+def test_chance_is_counted_for_every_parameter_looked_at(alike: tuple[SessionFit, ...]) -> None:
     spread = together(alike, "N*m").spreads["inertia"]
     p_values = {"a": 0.004, "b": 0.02, "c": 0.03, "d": 0.9}
     found = differing({name: replace(spread, p=p) for name, p in p_values.items()})

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_bench.identification import loops
-from norton_bench.identification.counts import UNKNOWN_COUNTS, Turns, Whitening
 from norton_bench.identification.expansion import Excitation, planned_signals
+from norton_bench.identification.regression import UNKNOWN_COUNTS, Turns, Whitening
 from norton_bench.identification.separable import solve
 from norton_bench.identification.signals import signals
 from norton_bench.segments import Use

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.model_free.source_map import blocked_map, source_map
 from norton_bench.identification.results import SensorZero
 from norton_bench.identification.signals import signals
+from norton_bench.identification.source_map import blocked_map, source_map
 from norton_bench.identification.validation import validate, validate_signals
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic

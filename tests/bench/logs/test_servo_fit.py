@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from norton_bench.logs.refine import Beginning, ServoRung, held_out, servo_ladder
-from norton_bench.logs.servo import LADDER, Trial, spread_of_equals
+from norton_bench.logs.servo import LADDER, FittedLogs, spread_of_equals
 from tests.bench.logs.servos import TRUTH, measured, pendulum
 
 # As an equation of motion would say it that knows nothing of the load's friction: up to a third wrong.
@@ -23,13 +23,13 @@ BEGIN = Beginning(
 )
 
 
-def trial_of(*gains: float) -> Trial:
+def trial_of(*gains: float) -> FittedLogs:
     logs = [
         measured(pendulum(gain, phase=phase, drop_s=drop_s), TRUTH)
         for gain in gains
         for phase, drop_s in ((0.0, np.inf), (1.2, 1.8))
     ]
-    return Trial(tuple(logs), tuple(np.ones(log.position.size, dtype=bool) for log in logs))
+    return FittedLogs(tuple(logs), tuple(np.ones(log.position.size, dtype=bool) for log in logs))
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,9 @@ def test_a_gain_is_held_out_at_a_time_else_a_log_else_a_half() -> None:
         [True, True, False, False],
         [False, False, True, True],
     ]
-    alike = Trial(several.logs[:2], several.chosen[:2])
+    alike = FittedLogs(several.logs[:2], several.chosen[:2])
     assert [[bool(rows.any()) for rows in fold] for fold in held_out(alike)] == [[True, False], [False, True]]
-    single = Trial(several.logs[:1], several.chosen[:1])
+    single = FittedLogs(several.logs[:1], several.chosen[:1])
     halves = [fold[0] for fold in held_out(single)]
     assert [int(rows.sum()) for rows in halves] == [300, 300]
     assert not np.any(halves[0] & halves[1])

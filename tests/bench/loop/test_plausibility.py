@@ -19,7 +19,7 @@ from norton_bench.records import Measured
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Supervision
 from norton_bench.segments import Segment, Use
-from norton_sim.firmware.torque_sensors import BotaSensor
+from norton_sim.firmware.bota import BotaSensor
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIGS = Path(__file__).parents[3] / "rigs"

@@ -16,7 +16,7 @@ from norton_bench.segments import Segment, Use
 from norton_sim.firmware.dyn200 import Dyn200Sensor
 from norton_sim.firmware.odrive import ODriveAxis
 from norton_sim.firmware.odrive_05 import ODrive05Axis
-from norton_sim.firmware.torque_sensors import AsciiSensor, MantracourtSensor
+from norton_sim.firmware.serial_sensors import AsciiSensor, MantracourtSensor
 from tests.bench.bench_in_simulation import Bench, opened
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-dyn200.toml"

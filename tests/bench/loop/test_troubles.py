@@ -13,7 +13,7 @@ from norton_bench.records import Event
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import Use
 from norton_drivers.codecs.can_errors import CanErrorFrame, ErrorClass
-from norton_drivers.codecs.odrive import Command, arbitration_id
+from norton_drivers.codecs.odrive import MessageId, arbitration_id
 from norton_drivers.errors import ConnectionFailedError
 from tests.bench.bench_in_simulation import Bench, opened
 
@@ -69,7 +69,7 @@ def test_what_was_there_before_is_no_news(bench: Bench) -> None:
 
 
 def test_what_a_driver_cannot_decode_is_told(bench: Bench) -> None:
-    cut_short = arbitration_id(1, Command.HEARTBEAT)
+    cut_short = arbitration_id(1, MessageId.HEARTBEAT)
     bench.after(0.2, lambda: bench.backend.world.wires["actuator"].send(cut_short, b"\0"))  # type: ignore[call-arg]
     (event,) = run(bench, 0.5)
     assert (event.kind, event.text) == ("device", "[actuator]: messages that could not be decoded, once")

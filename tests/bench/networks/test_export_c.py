@@ -11,10 +11,9 @@ import pytest
 from norton_bench.errors import UsageError
 from norton_bench.networks.export.c_code import header, prefix_of
 from norton_bench.networks.expressions import Equations, Table
-from norton_bench.networks.family import commands_of, converted, exertion, form_of, motion
+from norton_bench.networks.family import as_equations, commands_of, converted, exertion, form_of, motion
 from norton_bench.networks.kinds import Form, Kind, Motion
 from norton_bench.networks.linear import LinearNetwork
-from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import Operator
 from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, VARIABLE, series_elastic

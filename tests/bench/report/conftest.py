@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.conditions import Judgement
-from norton_bench.identification.friction.fit import FrictionFit
-from norton_bench.identification.friction.laws import model
+from norton_bench.identification.conditions import Condition
+from norton_bench.identification.friction_fit import FrictionFit
+from norton_bench.identification.friction_laws import model
+from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.in_situ import InSituResult, SourceMotion
 from norton_bench.identification.ladder import Rung
-from norton_bench.identification.model_free.impedance_table import ImpedanceTable
-from norton_bench.identification.model_free.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.identification.residuals.diagnosis import Dependence, Harmonic, Memory, ResidualTests
+from norton_bench.identification.residual_tests import Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
 from norton_bench.identification.trials import TrialFigures
+from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import PARAMETERS, Estimate, Status
 from norton_bench.records import MOTION, TICK, TORQUE, Event, Measured, SegmentInfo
@@ -237,8 +237,8 @@ def full() -> Result:
         without_model=without_model(replace(trace, predicted=1.01 * predicted)),
         residuals=residuals(),
         conditions=(
-            Judgement("impedance form", None, "no torque was measured"),
-            Judgement(
+            Condition("impedance form", None, "no torque was measured"),
+            Condition(
                 "unique zero", True, "it vanishes at one velocity", "least fall", 1e-3, (0.9e-3, 1.1e-3), "N*m*s/rad"
             ),
         ),

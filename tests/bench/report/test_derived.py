@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from norton_bench.models.parameters import Status
-from norton_bench.report.equation import derived_facts
+from norton_bench.report.facts_tables import derived_facts
 from norton_bench.result import Result
 from tests.bench.report.test_words import read_back
 

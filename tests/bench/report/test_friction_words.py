@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from norton_bench.identification.friction.fit import fit_friction
-from norton_bench.identification.friction.laws import CONTAINS, FAMILY, model
-from norton_bench.identification.friction.model import Equation, Path, blocked_folds
+from norton_bench.identification.friction_fit import fit_friction
+from norton_bench.identification.friction_laws import CONTAINS, FAMILY, model
+from norton_bench.identification.friction_model import Equation, Path, blocked_folds
 from norton_bench.report.sections_tables import ASSUMES, worse_though_richer
 
 DT_S, DEFLECTION_RAD, COULOMB_NM = 1e-3, 2e-3, 0.02

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import UsageError
-from norton_bench.identification.model_free.source_map import blocked_map
+from norton_bench.identification.source_map import blocked_map
 from norton_bench.procedures.options import BlockedOptions, CalibrateOptions, FreeOptions, TareOptions
 from norton_bench.session.engine import record_session
 from norton_bench.session.schema import Session, Step, parse_session

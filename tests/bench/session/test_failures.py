@@ -21,7 +21,7 @@ from norton_bench.rig.rig import Rig
 from norton_bench.session import engine
 from norton_bench.session.operator import Nobody
 from norton_bench.session.schema import Session, Step
-from norton_drivers.codecs.odrive import AxisState, Command, Heartbeat
+from norton_drivers.codecs.odrive import AxisState, Heartbeat, MessageId
 from norton_drivers.registry import load_backend
 from norton_sim.backend import SimulatedBackend
 from norton_sim.firmware.odrive import ODriveAxis
@@ -88,7 +88,7 @@ def never() -> None:
 def last_states(recording: Recording) -> dict[int, int]:
     """By node, the state in the last heartbeat that crossed the bus."""
     received = [frame for frame in recording.measured.frames if not frame.sent and frame.channel == "can0"]
-    beats = [frame for frame in received if frame.arbitration_id & 0x1F == Command.HEARTBEAT]
+    beats = [frame for frame in received if frame.arbitration_id & 0x1F == MessageId.HEARTBEAT]
     return {frame.arbitration_id >> 5: Heartbeat.decode(frame.data).axis_state for frame in beats}
 
 

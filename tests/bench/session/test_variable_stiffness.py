@@ -9,8 +9,8 @@ import pytest
 
 from norton_bench.cli.output import to_json
 from norton_bench.cli.results import identification
-from norton_bench.identification.tables.exertion_table import exertion_table
-from norton_bench.identification.tables.modulation import Modulated, modulated, modulator_places
+from norton_bench.identification.exertion_table import exertion_table
+from norton_bench.identification.modulation import Modulated, modulated, modulator_places
 from norton_bench.procedures.modulated import ModulatedProcedure
 from norton_bench.procedures.options import (
     CalibrateOptions,

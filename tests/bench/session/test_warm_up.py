@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[3]
 COUNT = """
 from norton_bench.control import core
 from norton_bench.identification import loops
-from norton_bench.identification.friction import operators
+from norton_bench.identification import friction_operators as operators
 from norton_bench.models import network_steps
 from norton_bench.session.warm_up import warm_up
 

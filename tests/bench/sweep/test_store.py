@@ -7,7 +7,7 @@ import pytest
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.sweep.run import RESULTS, Store
-from norton_bench.sweep.task import Outcome, summary
+from norton_bench.sweep.task import TaskResult, summary
 
 ABOUT = {"kind": "simulations", "rig": "abc"}
 
@@ -15,13 +15,13 @@ ABOUT = {"kind": "simulations", "rig": "abc"}
 def outcome(name, value=5e-5, std=1e-7, **more):
     unknown = Estimate("torque_constant", nan, nan, "N*m/A", Status.UNEXCITED)
     inertia = Estimate("inertia", value, std, "kg*m^2", Status.VALID)
-    return Outcome(name, (inertia, unknown), converged=True, true={"inertia": 5e-5}, took_s=1.5, **more)
+    return TaskResult(name, (inertia, unknown), converged=True, true={"inertia": 5e-5}, took_s=1.5, **more)
 
 
 def test_what_was_put_is_there_again(tmp_path):
     store = Store.opened(tmp_path, ABOUT)
     store.put(outcome("seed 1"))
-    store.put(Outcome("seed 2", failure="the bus was lost"))
+    store.put(TaskResult("seed 2", failure="the bus was lost"))
     store.close()
     again = Store.opened(tmp_path, ABOUT).done
     assert list(again) == ["seed 1"]  # what failed is to be tried again
@@ -65,7 +65,7 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path):
 
 
 def test_the_summary_has_spread_errors_and_what_the_intervals_hold():
-    outcomes = [outcome("1", 5.01e-5), outcome("2", 4.99e-5), outcome("3", 5.001e-5), Outcome("4", failure="no")]
+    outcomes = [outcome("1", 5.01e-5), outcome("2", 4.99e-5), outcome("3", 5.001e-5), TaskResult("4", failure="no")]
     (inertia,) = summary(outcomes)
     assert (inertia.name, inertia.runs, inertia.median) == ("inertia", 3, 5.001e-5)
     assert inertia.spread == pytest.approx(1.003e-7, rel=0.01)
@@ -75,7 +75,7 @@ def test_the_summary_has_spread_errors_and_what_the_intervals_hold():
 
 
 def test_without_truth_there_are_no_errors():
-    nothing_true = [Outcome(str(k), (Estimate("inertia", 5e-5, 1e-7, "kg*m^2", Status.VALID),)) for k in range(3)]
+    nothing_true = [TaskResult(str(k), (Estimate("inertia", 5e-5, 1e-7, "kg*m^2", Status.VALID),)) for k in range(3)]
     (inertia,) = summary(nothing_true)
     assert isnan(inertia.rms_error)
     assert isnan(inertia.within)

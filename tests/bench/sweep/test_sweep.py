@@ -12,7 +12,7 @@ import pytest
 from norton_bench.cli import app
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.sweep.run import Store, executor_of, sweep
-from norton_bench.sweep.task import Outcome
+from norton_bench.sweep.task import TaskResult
 from tests.bench.half_rate import half_rate_text
 
 ROOT = Path(__file__).parents[3]
@@ -41,11 +41,11 @@ class Noted:
     folder: Path
     fails: bool = False
 
-    def fitted(self) -> Outcome:
+    def fitted(self) -> TaskResult:
         (self.folder / f"{self.name}-{len(list(self.folder.glob(self.name + '-*')))}").touch()
         if self.fails:
             raise ExperimentError("nothing moved")
-        return Outcome(self.name, converged=True)
+        return TaskResult(self.name, converged=True)
 
 
 @pytest.fixture(scope="module")

@@ -136,7 +136,7 @@ class ScriptedDrive(ScriptedNode):
         self.statusword_bits = cia402.REMOTE | cia402.VOLTAGE_ENABLED
         self.refuses: set[State] = set()
         self.mode: int | None = None  # what it shows where it takes none
-        self.commands: list[cia402.Command] = []
+        self.commands: list[cia402.TorqueCommand] = []
         self.command_ns: list[int] = []
         self.beats_ns: list[int] = []
         self.position = self.velocity = self.torque = self.current = 0

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from norton_drivers.codecs import canopen as protocol
 from norton_drivers.codecs import canopen_torque, cia402
+from norton_drivers.codecs.canopen import describe_error, describe_nmt_state
 from norton_drivers.codecs.canopen_torque import TorqueField
-from norton_drivers.codecs.canopen_words import describe_error, describe_nmt_state
 from norton_drivers.codecs.cia402 import Mode, State
 from norton_drivers.codecs.common import CodecError
 

@@ -181,7 +181,7 @@ def test_commands_have_the_length_and_content_that_a_third_party_expects(torque_
 def test_every_command_stands_in_the_third_partys_description_under_our_name():
     known = {message.frame_id & 0x1F: message.name.upper() for message in DBC.messages}
     words = {"ERROR": "GET_ERROR", "RX_SDO": "RXSDO", "TX_SDO": "TXSDO"}
-    for command in odrive.Command:
+    for command in odrive.MessageId:
         assert words.get(command.name, command.name) in known[command]
 
 

@@ -14,7 +14,6 @@ from TMotorCANControl import servo_can
 from TMotorCANControl.servo_can import CAN_Manager_servo
 
 from norton_drivers.codecs import vesc
-from norton_drivers.codecs import vesc_packets as packets
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.vesc import Packet, describe_fault
 
@@ -159,21 +158,21 @@ def test_a_controller_id_that_cannot_be(node):
 def test_the_checksum_of_published_packets(line):
     data = bytes.fromhex(line)
     payload, checksum = data[2:-3], int.from_bytes(data[-3:-1], "big")
-    *_, closing = packets.frames_of(payload * 7, sender=1, receiver=2, handling=0)
+    *_, closing = vesc.frames_of(payload * 7, sender=1, receiver=2, handling=0)
     assert crccheck.crc.CrcXmodem.calc(payload) == checksum  # the same polynomial
     assert int.from_bytes(closing.data[-2:], "big") == crccheck.crc.CrcXmodem.calc(payload * 7)
 
 
 def test_a_short_packet_by_hand():
     """comm_can_send_buffer: sender, what to do, payload, in one frame."""
-    (frame,) = packets.frames_of(bytes.fromhex("3200008000"), sender=254, receiver=23, handling=0)
+    (frame,) = vesc.frames_of(bytes.fromhex("3200008000"), sender=254, receiver=23, handling=0)
     assert frame == (0x0817, bytes.fromhex("FE003200008000"))
-    assert packets.ask_fault() == bytes.fromhex("3200008000")
+    assert vesc.ask_fault() == bytes.fromhex("3200008000")
 
 
 def test_a_long_packet_by_hand():
     payload = bytes(range(10))
-    frames = list(packets.frames_of(payload, sender=23, receiver=254, handling=1))
+    frames = list(vesc.frames_of(payload, sender=23, receiver=254, handling=1))
     crc = crccheck.crc.CrcXmodem.calc(payload).to_bytes(2, "big")
     assert frames == [
         (0x05FE, bytes((0, 0, 1, 2, 3, 4, 5, 6))),
@@ -183,14 +182,14 @@ def test_a_long_packet_by_hand():
 
 
 def assembled(frames):
-    assembler = packets.Assembler()
+    assembler = vesc.Assembler()
     found = [assembler.feed(frame.arbitration_id >> 8, frame.data) for frame in frames]
     return [each for each in found if each is not None], assembler
 
 
-@given(st.binary(min_size=1, max_size=packets.LONGEST), st.integers(0, 255), st.integers(0, 2))
+@given(st.binary(min_size=1, max_size=vesc.LONGEST), st.integers(0, 255), st.integers(0, 2))
 def test_packets_of_every_length_come_back(payload, sender, handling):
-    frames = list(packets.frames_of(payload, sender=sender, receiver=9, handling=handling))
+    frames = list(vesc.frames_of(payload, sender=sender, receiver=9, handling=handling))
     found, assembler = assembled(frames)
     assert found == [(sender, handling, payload)]
     assert assembler.malformed == 0
@@ -199,7 +198,7 @@ def test_packets_of_every_length_come_back(payload, sender, handling):
 
 @given(st.binary(min_size=7, max_size=300), st.data())
 def test_a_packet_that_lost_or_changed_a_frame_is_counted_and_the_next_is_whole(payload, data):
-    frames = list(packets.frames_of(payload, sender=1, receiver=9, handling=1))
+    frames = list(vesc.frames_of(payload, sender=1, receiver=9, handling=1))
     victim = data.draw(st.integers(0, len(frames) - 1))
     if data.draw(st.booleans()):
         broken = frames[:victim] + frames[victim + 1 :]
@@ -212,30 +211,30 @@ def test_a_packet_that_lost_or_changed_a_frame_is_counted_and_the_next_is_whole(
     assert assembler.malformed == (0 if victim == len(frames) - 1 and len(broken) < len(frames) else 1)
 
 
-@pytest.mark.parametrize("payload", [b"", bytes(packets.LONGEST + 1)])
+@pytest.mark.parametrize("payload", [b"", bytes(vesc.LONGEST + 1)])
 def test_a_packet_that_cannot_be_sent(payload):
     with pytest.raises(CodecError):
-        list(packets.frames_of(payload, sender=1, receiver=2, handling=0))
+        list(vesc.frames_of(payload, sender=1, receiver=2, handling=0))
 
 
 @given(st.integers(0, 255))
 def test_fault_codes(code):
-    assert packets.fault_of(packets.fault_value(code)) == code
+    assert vesc.fault_of(vesc.fault_value(code)) == code
     assert describe_fault(code)
 
 
 def test_another_answer_is_no_fault_code():
     with pytest.raises(CodecError):
-        packets.fault_of(bytes.fromhex("320000400000"))
+        vesc.fault_of(bytes.fromhex("320000400000"))
 
 
 def test_the_version_as_firmware_6_gives_it():
     # commands.c, COMM_FW_VERSION: major, minor, hardware's name and its end, UUID, four more.
     payload = bytes((0, 6, 5)) + b"Cheap_FOCer_2\0" + bytes(range(12)) + bytes(4)
-    assert packets.version_of(payload) == (6, 5, "Cheap_FOCer_2")
-    assert packets.version_of(bytes((0, 3, 62))) == (3, 62, "")
-    assert packets.version_of(packets.version_value(5, 2, "60")) == (5, 2, "60")
-    assert packets.ask_version() == b"\0"
+    assert vesc.version_of(payload) == (6, 5, "Cheap_FOCer_2")
+    assert vesc.version_of(bytes((0, 3, 62))) == (3, 62, "")
+    assert vesc.version_of(vesc.version_value(5, 2, "60")) == (5, 2, "60")
+    assert vesc.ask_version() == b"\0"
 
 
 def test_pong():
@@ -247,13 +246,13 @@ def test_pong():
 
 @given(st.lists(st.tuples(st.sampled_from([5, 6, 7, 8, 9, 18]), st.binary(max_size=8)), max_size=60))
 def test_no_frames_raise_anything_but_a_codec_error(frames):
-    assembler = packets.Assembler()
+    assembler = vesc.Assembler()
     for packet, data in frames:
         assembler.feed(packet, data)
         for decode in (vesc.Status.decode, vesc.Status4.decode, vesc.Status5.decode, vesc.pong_of, vesc.current_of):
             with suppress(CodecError):
                 decode(data)
-        for read in (packets.fault_of, packets.version_of):
+        for read in (vesc.fault_of, vesc.version_of):
             with suppress(CodecError):
                 read(data or b"\0")
 

@@ -7,7 +7,7 @@ import can
 import pytest
 
 from norton_drivers.codecs import odrive, odrive_05
-from norton_drivers.codecs.odrive import AxisState, Command
+from norton_drivers.codecs.odrive import AxisState, MessageId
 from norton_drivers.codecs.odrive_05 import Command05
 from norton_drivers.errors import DeviceError, DeviceTimeoutError, WiringError
 from norton_drivers.odrive import ODrive, open_amplifier
@@ -52,7 +52,7 @@ class ScriptedDrive05:
         if self.deaf:
             return
         if not self.mute:
-            self.say(Command.ENCODER_ESTIMATES, odrive.estimates_value(0.25, -2.0))
+            self.say(MessageId.ENCODER_ESTIMATES, odrive.estimates_value(0.25, -2.0))
         if self.cyclic_counts:
             self.answer(Command05.ENCODER_COUNT)
         if now_ns >= self.next_heartbeat_ns:
@@ -61,7 +61,7 @@ class ScriptedDrive05:
 
     def heartbeat(self) -> None:
         failed = [self.flags and self.errors[part] != 0 for part in list(self.errors)[:3]]
-        self.say(Command.HEARTBEAT, odrive_05.Heartbeat05(self.axis_errors, self.state, *failed).encode())
+        self.say(MessageId.HEARTBEAT, odrive_05.Heartbeat05(self.axis_errors, self.state, *failed).encode())
 
     def receive(self, frame: can.Message) -> None:
         node, command = odrive.split_id(frame.arbitration_id)
@@ -76,7 +76,7 @@ class ScriptedDrive05:
         if command == Command05.CLEAR_ERRORS and not self.refuses:
             self.axis_errors = 0
             self.errors = dict.fromkeys(self.errors, 0)
-        elif command == Command.SET_AXIS_STATE and not self.refuses:
+        elif command == MessageId.SET_AXIS_STATE and not self.refuses:
             self.state = odrive.SetAxisState.decode(frame.data).axis_state
 
     def answer(self, command: int) -> None:
@@ -84,7 +84,7 @@ class ScriptedDrive05:
             self.say(command, odrive_05.errors_value(self.errors[command]))
         elif command == Command05.ENCODER_COUNT:
             self.say(command, odrive_05.EncoderCount(self.count, self.count % CPR).encode())
-        elif command == Command.IQ:
+        elif command == MessageId.IQ:
             self.say(command, odrive.Iq(self.current_a, self.current_a).encode())
 
 
@@ -113,11 +113,11 @@ def test_the_enable_sequence_has_no_parameters(drive, open_drive):
     first = drive.commands.index((Command05.CLEAR_ERRORS, b""))
     assert drive.commands[first : first + 4] == [
         (Command05.CLEAR_ERRORS, b""),
-        (Command.SET_CONTROLLER_MODE, bytes.fromhex("0100000001000000")),
-        (Command.SET_INPUT_TORQUE, bytes(8)),
-        (Command.SET_AXIS_STATE, bytes.fromhex("0800000000000000")),
+        (MessageId.SET_CONTROLLER_MODE, bytes.fromhex("0100000001000000")),
+        (MessageId.SET_INPUT_TORQUE, bytes(8)),
+        (MessageId.SET_AXIS_STATE, bytes.fromhex("0800000000000000")),
     ]
-    assert Command.RX_SDO not in {command for command, _ in drive.commands}
+    assert MessageId.RX_SDO not in {command for command, _ in drive.commands}
     assert amplifier.status().state is DriveState.ENABLED
     assert (amplifier.watchdog_s, amplifier.command_unit) == (0.1, "N*m")
 
@@ -199,8 +199,8 @@ def test_a_drive_that_sends_no_estimates(drive, open_drive):
 
 def test_firmware_06_that_is_written_as_05(drive, world, open_drive):
     def answer_version(frame: can.Message) -> None:
-        if odrive.split_id(frame.arbitration_id)[1] == Command.VERSION:
-            drive.say(Command.VERSION, odrive.Version(2, (4, 4, 58), (0, 6, 10)).encode())
+        if odrive.split_id(frame.arbitration_id)[1] == MessageId.VERSION:
+            drive.say(MessageId.VERSION, odrive.Version(2, (4, 4, 58), (0, 6, 10)).encode())
 
     world.bus.peer = answer_version
     with pytest.raises(DeviceError, match=r'says it runs firmware 0\.6\.10; the rig file has firmware = "0\.5"'):
@@ -214,7 +214,7 @@ def test_firmware_05_that_is_written_as_06(drive, open_drive):
 
 def test_temperatures_are_none_and_sensorless_estimates_are_not_taken_for_them(drive, link, open_drive):
     amplifier = open_drive()
-    drive.say(Command.TEMPERATURE, odrive.estimates_value(99.0, 99.0))
+    drive.say(MessageId.TEMPERATURE, odrive.estimates_value(99.0, 99.0))
     drive.heartbeat()
     link.poll()
     assert math.isnan(amplifier.status().transistor_temperature_c)
@@ -275,7 +275,7 @@ def test_old_firmware_is_asked_for_currents(drive, link, open_drive):
     current = amplifier.take_current()
     assert len(current) in range(15, 22)
     assert current[0].current_a == 1.5
-    assert set(drive.asked) == {Command.IQ}
+    assert set(drive.asked) == {MessageId.IQ}
 
 
 def test_counts_are_not_asked_for(open_counting):

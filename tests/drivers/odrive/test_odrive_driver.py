@@ -9,7 +9,7 @@ import pytest
 
 from norton_drivers.codecs import odrive as protocol
 from norton_drivers.codecs import odrive_sdo
-from norton_drivers.codecs.odrive import AxisState, Command
+from norton_drivers.codecs.odrive import AxisState, MessageId
 from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
 from norton_drivers.odrive import ODrive, open_amplifier
 from norton_drivers.readings import DriveState
@@ -60,17 +60,17 @@ class ScriptedDrive:
             self.answer(command)
             return
         self.commands.append((command, bytes(frame.data)))
-        if command == Command.RX_SDO and not self.deaf:
+        if command == MessageId.RX_SDO and not self.deaf:
             self.access(odrive_sdo.RxSdo.decode(frame.data))
-        elif command == Command.CLEAR_ERRORS and not self.refuses:
+        elif command == MessageId.CLEAR_ERRORS and not self.refuses:
             self.errors = 0
-        elif command == Command.SET_AXIS_STATE and not self.refuses:
+        elif command == MessageId.SET_AXIS_STATE and not self.refuses:
             self.state = protocol.SetAxisState.decode(frame.data).axis_state
 
     def answer(self, command: int) -> None:
-        if command == Command.VERSION and not self.deaf:
+        if command == MessageId.VERSION and not self.deaf:
             self.say(protocol.Version(2, (4, 4, 58), self.firmware))
-        elif command == Command.ERROR:
+        elif command == MessageId.ERROR:
             self.say(protocol.GetError(self.errors, self.disarm_reason))
 
     def access(self, request: odrive_sdo.RxSdo) -> None:
@@ -102,13 +102,13 @@ def open_drive(world, link, device):
 def test_the_enable_sequence(drive, open_drive):
     amplifier = open_drive(watchdog=0.1)
     amplifier.enable()
-    kept = [entry for entry in drive.commands if entry[0] not in (Command.RX_SDO,)]
-    first = kept.index((Command.CLEAR_ERRORS, b"\0"))
+    kept = [entry for entry in drive.commands if entry[0] not in (MessageId.RX_SDO,)]
+    first = kept.index((MessageId.CLEAR_ERRORS, b"\0"))
     assert kept[first : first + 4] == [
-        (Command.CLEAR_ERRORS, b"\0"),
-        (Command.SET_CONTROLLER_MODE, bytes.fromhex("0100000001000000")),
-        (Command.SET_INPUT_TORQUE, bytes(8)),
-        (Command.SET_AXIS_STATE, bytes.fromhex("0800000000000000")),
+        (MessageId.CLEAR_ERRORS, b"\0"),
+        (MessageId.SET_CONTROLLER_MODE, bytes.fromhex("0100000001000000")),
+        (MessageId.SET_INPUT_TORQUE, bytes(8)),
+        (MessageId.SET_AXIS_STATE, bytes.fromhex("0800000000000000")),
     ]
     assert drive.parameters == {200: odrive_sdo.f32_value(0.1), 201: odrive_sdo.u32_value(1)}
     assert amplifier.status().state is DriveState.ENABLED
@@ -116,7 +116,7 @@ def test_the_enable_sequence(drive, open_drive):
 
 def test_waiting_feeds_the_watchdog(drive, open_drive):
     open_drive(watchdog=0.02).enable()
-    enabled_at = drive.commands.index((Command.SET_AXIS_STATE, bytes.fromhex("0800000000000000")))
+    enabled_at = drive.commands.index((MessageId.SET_AXIS_STATE, bytes.fromhex("0800000000000000")))
     gaps = [b - a for a, b in pairwise(drive.command_ns)]
     assert len(gaps) > enabled_at
     assert max(gaps) < 20_000_000
@@ -138,7 +138,7 @@ def test_endpoints_of_something_else_are_not_written(drive, open_drive, paramete
     drive.parameters |= parameters
     with pytest.raises(DeviceError, match=r"has no watchdog where it was looked for.*flat_endpoints"):
         open_drive().enable()
-    assert not [data for command, data in drive.commands if command == Command.RX_SDO and data[0] == 1]
+    assert not [data for command, data in drive.commands if command == MessageId.RX_SDO and data[0] == 1]
 
 
 def test_the_endpoints_are_the_rigs(drive, open_drive):
@@ -155,7 +155,7 @@ def test_a_drive_without_parameters_is_told_of(drive, open_drive):
 
 def test_no_watchdog_where_the_rig_says_so(drive, open_drive):
     open_drive(watchdog=0.0).enable()
-    assert Command.RX_SDO not in {command for command, _ in drive.commands}
+    assert MessageId.RX_SDO not in {command for command, _ in drive.commands}
 
 
 @pytest.mark.parametrize(
@@ -233,7 +233,7 @@ def test_each_message_is_one_reading_and_each_reading_is_handed_out_once(world, 
 
 def test_frames_of_others_and_malformed_ones(world, drive, link, open_drive):
     amplifier = open_drive()
-    estimates = protocol.arbitration_id(NODE, Command.ENCODER_ESTIMATES)
+    estimates = protocol.arbitration_id(NODE, MessageId.ENCODER_ESTIMATES)
     world.bus.arrive(estimates + 32, bytes(8))  # another node
     world.bus.arrive(estimates, bytes(8), extended=True)
     world.bus.arrive(estimates, remote=True)
@@ -242,7 +242,7 @@ def test_frames_of_others_and_malformed_ones(world, drive, link, open_drive):
     assert (amplifier.take_motion(), amplifier.malformed) == ([], 0)
     world.bus.arrive(estimates, bytes(3))
     world.bus.arrive(estimates, b"\xff" * 8)
-    world.bus.arrive(protocol.arbitration_id(NODE, Command.HEARTBEAT), bytes(2))
+    world.bus.arrive(protocol.arbitration_id(NODE, MessageId.HEARTBEAT), bytes(2))
     link.poll()
     assert (amplifier.take_motion(), amplifier.malformed) == ([], 3)
 
@@ -337,7 +337,7 @@ def test_stop_is_zero_torque_then_idle(drive, open_drive):
     amplifier.enable()
     amplifier.command(0.3)
     amplifier.stop()
-    assert drive.commands[-2:] == [(Command.SET_INPUT_TORQUE, bytes(8)), (Command.SET_AXIS_STATE, b"\1" + bytes(7))]
+    assert drive.commands[-2:] == [(MessageId.SET_INPUT_TORQUE, bytes(8)), (MessageId.SET_AXIS_STATE, b"\1" + bytes(7))]
     drive.heartbeat()
     assert drive.state == AxisState.IDLE
 
@@ -347,7 +347,7 @@ def test_stop_never_raises_and_tries_both(world, drive, open_drive):
     tried = []
     world.bus.send = lambda message, timeout=None: (tried.append(message.arbitration_id & 31), 1 / 0)
     amplifier.stop()
-    assert tried == [Command.SET_INPUT_TORQUE, Command.SET_AXIS_STATE]
+    assert tried == [MessageId.SET_INPUT_TORQUE, MessageId.SET_AXIS_STATE]
 
 
 def test_after_stop_idle_is_no_fault(drive, link, open_drive):

@@ -11,8 +11,8 @@ import pytest
 import serial
 
 from norton_drivers.errors import ConnectionFailedError
+from norton_sim.connectors import CAN_ERR_BUS_OFF, TRANSMIT_QUEUE
 from norton_sim.faults.schema import BabblingNode, BusOff, Corrupt, Delay, Drop, Dropout, Duplicate, Reorder, Unplugged
-from norton_sim.transport import CAN_ERR_BUS_OFF, TRANSMIT_QUEUE
 from tests.sim_backend.faults.conftest import MS, Host
 
 MakeHost = Callable[..., Host]

@@ -9,10 +9,9 @@ import numpy as np
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.networks.expressions import Equations, Expression, Table
-from norton_bench.networks.family import Network, commands_of, form_of
+from norton_bench.networks.family import Network, as_equations, commands_of, form_of
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork, check_derivatives, joint
-from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import MOTIONS, NonlinearNetwork
 from norton_bench.networks.operator import Operator
 
@@ -168,7 +167,7 @@ def _stepping(written: Written) -> str:
     }
     if not written.commands:
         text = text.replace("    for (int i = 0; i < COMMANDS; ++i)\n        n->command[i] = command[i];\n", "")
-    return re.sub("|".join(rf"\b{key}(?=\b|_)" for key in values), lambda found: values[found[0]], text)
+    return re.sub("|".join(rf"\b{key}(?=\b|_)" for key in values), lambda result: values[result[0]], text)
 
 
 def _linear(network: LinearNetwork, prefix: str) -> Written:

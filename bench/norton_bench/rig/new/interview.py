@@ -205,9 +205,9 @@ class Interview:
     # ---- Where they are connected --------------------------------------------------------------------------------
 
     def _serial_port(self, role: str) -> str:
-        found = [port for port in self.ports if port.kind == "serial" and not port.interface]
-        self._tell_ports("serial ports plugged in", found)
-        default = found[0].channel if found else None
+        result = [port for port in self.ports if port.kind == "serial" and not port.interface]
+        self._tell_ports("serial ports plugged in", result)
+        default = result[0].channel if result else None
         return self.ask.ask(Question(f"{role}.port", "its serial port", default, "/dev/ttyUSB0"))
 
     def _bus(self, role: str, driver: str) -> str:
@@ -218,13 +218,13 @@ class Interview:
         return name
 
     def _new_bus(self, name: str, on_it: Sequence[tuple[str, str]], bench: Section) -> Section:
-        found = [(port.interface or port.kind, port) for port in self.ports if port.interface or port.kind != "serial"]
-        self._tell_ports("CAN adapters plugged in", [port for _, port in found])
-        likely = found[0][0] if found else "socketcan"
+        result = [(port.interface or port.kind, port) for port in self.ports if port.interface or port.kind != "serial"]
+        self._tell_ports("CAN adapters plugged in", [port for _, port in result])
+        likely = result[0][0] if result else "socketcan"
         text = f"its interface in python-can: {', '.join(ADAPTERS)}, ..."
         interface = self._choice(Question(f"bus.{name}.interface", text, likely), sorted(VALID_INTERFACES))
         adapter = ADAPTERS.get(interface, UNKNOWN)
-        channel = next((port.channel for kind, port in found if kind == interface), None)
+        channel = next((port.channel for kind, port in result if kind == interface), None)
         section = Section(f"bus.{name}")
         section.add("interface", quoted(interface), adapter.install and f"needs {adapter.install}")
         section.add("channel", quoted(self._channel(name, interface, adapter.channel, channel)))
@@ -261,10 +261,10 @@ class Interview:
                 section.add("options", self.ask.ask(question))
                 return
 
-    def _tell_ports(self, heading: str, found: Sequence[FoundPort]) -> None:
-        if found:
+    def _tell_ports(self, heading: str, result: Sequence[FoundPort]) -> None:
+        if result:
             self.ask.tell(heading + ":")
-        for port in found:
+        for port in result:
             kind = port.interface or port.kind
             self.ask.tell(f"  {kind} {port.channel}  {port.description}" + (f" ({port.mend})" if port.mend else ""))
 

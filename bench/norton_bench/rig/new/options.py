@@ -20,11 +20,9 @@ from norton_drivers import registry
 from norton_drivers.wiring import DeviceOptions, written_as
 
 
+# A question of ``rig new``, and whoever answers it.
 def anything(text: str) -> str:
-    """A question of ``rig new``, and whoever answers it.
-
-    Any answer will do.
-    """
+    """Any answer will do."""
     return text
 
 
@@ -102,12 +100,10 @@ class Prepared:
 COMMENT_AT = 36
 
 
+# The sections of a rig file under way, and the file's text: every line with a comment on what it is.
 @dataclass(frozen=True)
-class Line:
-    """The sections of a rig file under way, and the file's text: every line with a word on what it is.
-
-    ``value`` is TOML already. What is not ``active`` is written as a comment, to show what there is.
-    """
+class RigFileLine:
+    """``value`` is TOML already. What is not ``active`` is written as a comment, to show what there is."""
 
     key: str
     value: str
@@ -124,10 +120,10 @@ class Section:
 
     name: str
     comment: str = ""
-    lines: list[Line] = field(default_factory=list)
+    lines: list[RigFileLine] = field(default_factory=list)
 
     def add(self, key: str, value: str, comment: str = "", *, active: bool = True) -> None:
-        self.lines.append(Line(key, value, comment, active))
+        self.lines.append(RigFileLine(key, value, comment, active))
 
     def text(self) -> str:
         return "\n".join([_commented(f"[{self.name}]", self.comment), *(line.text() for line in self.lines)])

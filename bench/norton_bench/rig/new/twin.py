@@ -115,13 +115,13 @@ class _Twin:
     def sections(self) -> list[Section]:
         top = Section("simulated", "read by the simulated backend alone: true values of a twin, to rehearse with")
         top.add("seed", "1", "of the noise")
-        found = [top, self._actuator()]
+        result = [top, self._actuator()]
         if "load" in self.bench.written:
-            found.append(self._load())
+            result.append(self._load())
         if "load" in self.bench.written or "torque_sensor" in self.bench.written:
-            found.append(self._sensor())
-        found.append(_transport())
-        return found
+            result.append(self._sensor())
+        result.append(_transport())
+        return result
 
     def _actuator(self) -> Section:
         section = Section("simulated.actuator", "the paper's torque motor, scaled to this bench where nothing is known")

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from norton_bench.events import PlannedStep
+from norton_bench.identification import exertion_table, source_table
 from norton_bench.identification.results import LiveEstimate
-from norton_bench.identification.tables import exertion_table, source_table
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import STREAMS, Event, Measured, SegmentInfo, Table
 from norton_bench.report.streams import LEAST_PAUSE_NS

@@ -13,7 +13,7 @@ from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, Inbox, MotionReading
-from norton_drivers.recognition import Recognised
+from norton_drivers.registry import Recognised
 from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 FIRMWARES = (3, 4)

@@ -69,10 +69,10 @@ class Objects:
 
     def entry(self, index: int, subindex: int) -> Entry:
         """Raises AbortError."""
-        found = self._entries.get((index, subindex))
-        if found is None:
+        result = self._entries.get((index, subindex))
+        if result is None:
             raise AbortError(protocol.ABORT_NO_SUBINDEX if self._has(index) else protocol.ABORT_NO_OBJECT)
-        return found
+        return result
 
     def read(self, index: int, subindex: int) -> bytes:
         """The value's bytes. Raises AbortError."""

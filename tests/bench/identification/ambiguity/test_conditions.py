@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.conditions import Evidence, ZeroRange, conditions, evidence_of
-from norton_bench.identification.model_free.impedance_table import ImpedanceTable
-from norton_bench.identification.model_free.source_map import Settling
-from norton_bench.identification.model_free.without_model import without_model
+from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.results import SourceMap, Trace
 from norton_bench.identification.signals import signals
+from norton_bench.identification.source_map import Settling
 from norton_bench.identification.validation import validate
+from norton_bench.identification.without_model import without_model
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.model_free.source_map import settling
+from norton_bench.identification.source_map import settling
 from norton_bench.records import MOTION, TICK, Measured, SegmentInfo
 from norton_bench.segments import Use
 

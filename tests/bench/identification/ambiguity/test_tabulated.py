@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.tables.averages import Mean, Setting, Swept
-from norton_bench.identification.tables.conditions import tabulated_conditions
-from norton_bench.identification.tables.exertion_table import ExertionTable
-from norton_bench.identification.tables.source_table import SourceLevel, SourceTable
+from norton_bench.identification.averages import Mean, Setting, Swept
+from norton_bench.identification.exertion_table import ExertionTable
+from norton_bench.identification.source_table import SourceLevel, SourceTable
+from norton_bench.identification.table_conditions import tabulated_conditions
 from tests.bench.identification.tables.springs import HELD, backlash, table
 
 SPACING_RAD = 0.0125  # of the nine places

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from norton_bench.identification.friction.model import Equation, Path, blocked_folds
+from norton_bench.identification.friction_model import Equation, Path, blocked_folds
 
 DT_S = 1e-3
 

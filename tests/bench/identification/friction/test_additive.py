@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.friction import operators
-from norton_bench.identification.friction.laws import model
+from norton_bench.identification import friction_operators as operators
+from norton_bench.identification.friction_laws import model
 from norton_bench.identification.ladder import fit_friction
 from tests.bench.identification.friction.paths import equation_of, path_of, wandering
 

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.identification.friction.fit import WORTH_A_STEP
-from norton_bench.identification.friction.laws import CONTAINS, FAMILY, family_for, model
-from norton_bench.identification.friction.model import Path
-from norton_bench.identification.friction.operators import bounded_solution
+from norton_bench.identification.friction_fit import WORTH_A_STEP
+from norton_bench.identification.friction_laws import CONTAINS, FAMILY, family_for, model
+from norton_bench.identification.friction_model import Path
+from norton_bench.identification.friction_operators import bounded_solution
 from norton_bench.identification.ladder import fit_friction
 from tests.bench.identification.friction.paths import equation_of, path_of, wandering
 

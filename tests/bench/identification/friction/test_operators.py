@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from norton_bench.identification.friction import operators
+from norton_bench.identification import friction_operators as operators
 
 STEPS = st.lists(st.floats(-3.0, 3.0), min_size=2, max_size=40)
 DEFLECTION = 0.7

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.model_free.branches import dead_zone, hysteresis, monotone
+from norton_bench.identification.branches import dead_zone, hysteresis, monotone
 from norton_bench.identification.results import SourceMap
 
 LEVELS = np.linspace(-1.0, 1.0, 11)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.model_free.branches import PIECES, pieces_of, settled
+from norton_bench.identification.branches import PIECES, pieces_of, settled
 
 SPAN_S, TICK_S, LEVELS = 0.3, 1e-3, np.linspace(-50.0, 50.0, 11)
 

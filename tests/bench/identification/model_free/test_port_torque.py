@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.model_free.impedance_table import ImpedanceTable
-from norton_bench.identification.model_free.source_map import PortTorque, source_map
+from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.results import SensorZero
+from norton_bench.identification.source_map import PortTorque, source_map
 from norton_bench.records import MOTION, TICK, TORQUE, Measured, SegmentInfo
 from norton_bench.segments import Use
 from tests.bench.identification.synthetic import Bench

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from norton_bench.identification.model_free.impedance_table import ImpedanceTable, impedance_table
-from norton_bench.identification.model_free.without_model import (
+from norton_bench.identification.impedance_table import ImpedanceTable, impedance_table
+from norton_bench.identification.rows import align, usable_of
+from norton_bench.identification.signals import FINE, Signals, signals
+from norton_bench.identification.validation import validate
+from norton_bench.identification.without_model import (
     COMMAND_TICKS,
     ELEMENTS,
     Normal,
@@ -15,9 +18,6 @@ from norton_bench.identification.model_free.without_model import (
     operator_columns,
     without_model,
 )
-from norton_bench.identification.rows import align, usable_of
-from norton_bench.identification.signals import FINE, Signals, signals
-from norton_bench.identification.validation import validate
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth

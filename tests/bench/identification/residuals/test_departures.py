@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from norton_bench.identification.departures import departures, greatest_share
 from norton_bench.identification.expansion import Expansion, Sums
-from norton_bench.identification.residuals.departures import departures, greatest_share
 from norton_bench.identification.signals import signals
 from norton_bench.identification.statistics import LEAST_GAIN
 from norton_bench.segments import Use

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from norton_bench.identification.fit import fit
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.residuals.diagnosis import (
+from norton_bench.identification.residual_tests import (
     MEMORY_LAGS,
     STRIDE,
     dependence,

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS
+from norton_bench.identification.cleaning import NOTHING_FOUND, clean
 from norton_bench.identification.fit import fit
-from norton_bench.identification.sanity.cleaning import NOTHING_FOUND, clean
 from norton_bench.models.parameters import Status
 from tests.bench.identification import synthetic
 from tests.bench.identification.sanity import faulty

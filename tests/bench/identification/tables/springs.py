@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from norton_bench.identification.tables.averages import Mean, Setting
-from norton_bench.identification.tables.exertion_table import ExertionTable, Held
+from norton_bench.identification.averages import Mean, Setting
+from norton_bench.identification.exertion_table import ExertionTable, Held
 
 NOISE_NM = 1e-3
 HELD = Setting(0.2)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from norton_bench.identification.tables.averages import BLOCKS, Mean, Swept, line_amplitudes, mean_of, swept
-from norton_bench.identification.tables.exertion_table import ExertionTable, Held, shake_lines
+from norton_bench.identification.averages import BLOCKS, Mean, Swept, line_amplitudes, mean_of, swept
+from norton_bench.identification.exertion_table import ExertionTable, Held, shake_lines
 from norton_bench.records import TICK
 from tests.bench.identification.tables.springs import HELD, NOISE_NM, backlash, table
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.tables.averages import Mean, Setting
-from norton_bench.identification.tables.exertion_table import ExertionTable, Held
-from norton_bench.identification.tables.modulation import modulated
-from norton_bench.identification.tables.source_table import SourceLevel, SourceTable
+from norton_bench.identification.averages import Mean, Setting
+from norton_bench.identification.exertion_table import ExertionTable, Held
+from norton_bench.identification.modulation import modulated
+from norton_bench.identification.source_table import SourceLevel, SourceTable
 from norton_bench.report.facts_tables import modulation_sentences
 from norton_bench.units import Units
 

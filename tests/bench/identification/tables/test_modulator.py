@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.tables.modulation import modulator_places
+from norton_bench.identification.modulation import modulator_places
 from norton_bench.records import MOTION, TICK, Measured
 
 TICKS, COUNT_RAD = 2000, 5e-5

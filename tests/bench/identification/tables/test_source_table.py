@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.tables.averages import Mean, Setting
-from norton_bench.identification.tables.conditions import two_ports
-from norton_bench.identification.tables.exertion_table import ExertionTable, Held
-from norton_bench.identification.tables.source_table import SourceLevel, SourceTable, source_table
+from norton_bench.identification.averages import Mean, Setting
+from norton_bench.identification.exertion_table import ExertionTable, Held
+from norton_bench.identification.source_table import SourceLevel, SourceTable, source_table
+from norton_bench.identification.table_conditions import two_ports
 from norton_bench.records import MOTION, TICK, Measured, SegmentInfo, join
 from norton_bench.segments import Use
 

@@ -1,0 +1,184 @@
+"""What every model of friction offers: columns that are linear in its coefficients once its shape is given."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+
+from norton_bench.arrays import FloatArray, IntArray
+from norton_bench.errors import ExperimentError
+
+# Of the rms velocity: what moves faster slides.
+MOVING = 0.05
+
+
+@dataclass(frozen=True)
+class Path:
+    """The motion along which friction acts, uniformly sampled.
+
+    Motion in radians or in metres; arrays of shape (n,).
+
+    ``starts`` are the indices at which a stretch begins (the first is 0): what friction remembers restarts there.
+    ``load`` is the exertion transmitted, for friction that depends on it.
+    """
+
+    dt_s: float
+    position: FloatArray
+    velocity: FloatArray
+    starts: IntArray
+    load: FloatArray | None = None
+    temperature_c: FloatArray | None = None
+
+    @property
+    def begin(self) -> FloatArray:
+        """The share of a contact's strength in use where a stretch begins, NaN where one goes on, shape (n,).
+
+        What moves as a stretch begins has been sliding; what rests is taken as without tension.
+        """
+        share = np.full(self.position.size, np.nan)
+        first = self.velocity[self.starts]
+        share[self.starts] = np.sign(first) * (np.abs(first) > MOVING * self.velocity_scale)
+        return share
+
+    @property
+    def velocity_between(self) -> FloatArray:
+        """The mean velocity of the step that leads to each sample, shape (n,)."""
+        return np.asarray(0.5 * (self.velocity + np.concatenate([self.velocity[:1], self.velocity[:-1]])))
+
+    @property
+    def velocity_scale(self) -> float:
+        """The rms velocity. Raises ExperimentError for a path that does not move."""
+        scale = float(np.sqrt(np.mean(self.velocity**2)))
+        if not (np.isfinite(scale) and scale > 0.0):
+            raise ExperimentError("friction cannot be identified: the motion is missing or constant in this record")
+        return scale
+
+    @property
+    def displacement_scale(self) -> float:
+        """The longest way travelled in one stretch."""
+        ends = np.append(self.starts[1:], self.position.size)
+        return max(
+            float(np.ptp(self.position[first:end])) for first, end in zip(self.starts, ends, strict=True) if end > first
+        )
+
+
+# Of blocks: enough that every fold meets every slow condition.
+ROUNDS = 6
+
+
+# One equation of motion in which friction is the unknown: a target, further linear columns, and friction's path.
+@dataclass(frozen=True)
+class Equation:
+    """``target = coefficients @ others − friction``, in rows that may be coarser than the path.
+
+    ``target`` and ``time_s`` (n,), ``others`` (k, n) named ``names``. ``process`` takes rows of the path's rate,
+    shape (columns, path), through the filter and decimation that the target has passed: (columns, n). ``fold`` (n,)
+    says which held-out fold each row belongs to; the rows of −1 are never held out and always trained on. Raises
+    ExperimentError where a number is missing or infinite.
+    """
+
+    target: FloatArray
+    others: FloatArray
+    names: tuple[str, ...]
+    path: Path
+    fold: IntArray
+    time_s: FloatArray
+    process: Callable[[FloatArray], FloatArray]
+
+    def __post_init__(self) -> None:
+        parts = {"target": self.target, "motion": self.path.position, "velocity": self.path.velocity}
+        parts |= dict(zip(self.names, self.others, strict=True))
+        for name, values in parts.items():
+            if not np.isfinite(values).all():
+                raise ExperimentError(f"the {name} holds missing or infinite values: cut them out of the record first")
+
+
+def blocked_folds(count: int, folds: int = 5) -> IntArray:
+    """Folds of contiguous blocks along a record of ``count`` rows, shape (count,).
+
+    Every fold has one block in each round, in an order that changes from round to round: blocks in a fixed order would
+    fall in step with an experiment that repeats itself.
+    """
+    random = np.random.default_rng(0)
+    order = np.concatenate([random.permutation(folds) for _ in range(ROUNDS)])
+    return np.asarray(order[np.arange(count) * order.size // max(count, 1)], dtype=np.int64)
+
+
+# A contact that yields within a small part of one sample's travel cannot be told from one that does not yield.
+SHORTEST_TRAVEL = 1e-3
+
+
+class Dimension(Enum):
+    """What a coefficient multiplies, or an unknown of the shape measures; each with its unit turning and sliding."""
+
+    FRICTION = ("N*m", "N")
+    DAMPING = ("N*m*s/rad", "N*s/m")
+    STIFFNESS = ("N*m/rad", "N/m")
+    VELOCITY = ("rad/s", "m/s")
+    DISPLACEMENT = ("rad", "m")
+    RATIO = ("1", "1")
+
+    def unit(self, *, rotation: bool) -> str:
+        return self.value[0] if rotation else self.value[1]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One unknown of a model's shape, searched in its logarithm.
+
+    ``low`` and ``high`` of a velocity are multiples of the path's rms velocity; those of a displacement are multiples
+    of one sample's travel and of the whole travel; those of a ratio are as they stand.
+    """
+
+    name: str
+    dimension: Dimension
+    low: float
+    high: float
+
+    def bounds(self, path: Path) -> tuple[float, float]:
+        """The range searched on ``path``, in SI."""
+        if self.dimension is Dimension.VELOCITY:
+            return self.low * path.velocity_scale, self.high * path.velocity_scale
+        if self.dimension is Dimension.DISPLACEMENT:
+            return self.low * path.velocity_scale * path.dt_s, self.high * path.displacement_scale
+        return self.low, self.high
+
+
+@dataclass(frozen=True)
+class Term:
+    """One coefficient. ``nonnegative``: friction that feeds motion would not be friction."""
+
+    name: str
+    dimension: Dimension
+    nonnegative: bool = True
+
+
+class FrictionModel(Protocol):
+    """A member of the family. Friction opposing motion is its coefficients @ ``columns(path, shape)``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]: ...
+
+    @property
+    def terms(self) -> tuple[Term, ...]: ...
+
+    @property
+    def replaces(self) -> tuple[str, ...]:
+        """Further columns of an equation that cannot be told from this model's own: they are left at zero."""
+        ...
+
+    def columns(self, path: Path, shape: FloatArray) -> FloatArray:
+        """Shape (terms, n), for the values of ``unknowns`` in SI, (unknowns,)."""
+        ...
+
+
+PRESLIDING = Unknown("presliding_displacement", Dimension.DISPLACEMENT, SHORTEST_TRAVEL, 1.0)
+STRIBECK = Unknown("stribeck_velocity", Dimension.VELOCITY, 1e-3, 3.0)
+COULOMB = Term("coulomb_torque", Dimension.FRICTION)
+VISCOUS = Term("viscous_damping", Dimension.DAMPING)
+PRESLIDING_DAMPING = Term("presliding_damping", Dimension.DAMPING)

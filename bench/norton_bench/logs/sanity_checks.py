@@ -1,0 +1,243 @@
+"""What in a log contradicts mechanics: wrong signs, swapped columns, an equation that explains nothing.
+
+Every finding is a sentence with the remedy; any of them makes all estimates doubtful.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from norton_bench.arrays import FloatArray
+from norton_bench.errors import BenchError
+from norton_bench.identification.redundancy import AGREEMENT, SLOPE, agreement
+from norton_bench.identification.separable import linear_solution
+from norton_bench.identification.statistics import sandwich
+from norton_bench.logs.column_map import ColumnMap
+from norton_bench.logs.equation import Problem
+from norton_bench.logs.grid import Filters, Stretch, slope
+from norton_bench.logs.log import Log
+from norton_bench.logs.results import ErrorFigures
+
+# Beyond these many deviations a sign is no accident.
+SIGNIFICANT = 3.0
+# An equation that leaves more of the exertion than this has not been understood.
+UNEXPLAINED = 0.5
+# Columns are out of step by more than this many samples, if that explains this share of what is unexplained.
+LATE_SAMPLES = 2
+LATEST_SAMPLES = 24
+COARSE = 3
+LATE_EXPLAINS = 0.3
+# Swapping two columns is suspected where it leaves less than this share of what is left otherwise.
+BETTER = 0.5
+AS_GOOD = 1.5  # where signs are wrong as it is
+SWAPPABLE = ("position", "velocity", "command", "exertion", "goal")
+# A position that leads its goal by more than this many samples, and by this many deviations.
+LEAD_SAMPLES = 0.5
+LEAD_LEAVES = 0.7  # of the difference between the two, if a lead is what makes it
+# A goal is followed where it and the position agree this well.
+FOLLOWED = 0.8
+
+
+@dataclass(frozen=True)
+class Basic:
+    """The equation with Coulomb and viscous friction and nothing held to a sign. ``unexplained`` is over what varies.
+
+    ``inertia``, ``gain`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where they
+    are not sought.
+    """
+
+    unexplained: float
+    inertia: float | None
+    braking: float | None
+    gain: float | None
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing has the wrong sign."""
+        return all(ratio is None or ratio > -SIGNIFICANT for ratio in (self.inertia, self.braking, self.gain))
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Basic":
+        equation, rows = problem.equation, problem.train
+        velocity = equation.path.velocity
+        columns = _columns(problem)[:, rows]
+        target = equation.target[rows]
+        linear = linear_solution(columns, target)
+        residual = target - linear @ columns
+        covariance = sandwich(columns.T, residual, equation.time_s[rows])
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        # Friction's power over the record is this share of each of its two coefficients.
+        weights = np.array([np.mean(velocity**2), np.mean(np.abs(velocity))])
+        spread = float(np.sqrt(max(weights @ covariance[-2:, -2:] @ weights, 1e-300)))
+        parts = np.sqrt(np.mean((linear[:, None] * columns) ** 2, axis=1))
+        scale = max(
+            variation(problem),
+            float(parts[list(equation.names).index("torque_gain")]) if "torque_gain" in equation.names else 0.0,
+        )
+        ratio = dict(zip(equation.names, linear / deviation, strict=False))
+        # Beside a known load the actuator's own share may be too small to have a sign: the gain's tells.
+        own = problem.terms[0].load is None
+        return cls(
+            unexplained=_rms(residual) / scale if scale > 0 else float("inf"),
+            inertia=ratio.get("inertia") if own else None,
+            braking=float(weights @ linear[-2:]) / spread if own else None,
+            gain=ratio.get("torque_gain"),
+        )
+
+
+def _columns(problem: Problem) -> FloatArray:
+    """Those of the equation, then viscous and Coulomb friction, shape (columns, n)."""
+    velocity = problem.equation.path.velocity
+    friction = problem.equation.process(np.stack([velocity, np.sign(velocity)]))
+    return np.concatenate([problem.equation.others, -friction])
+
+
+def variation(problem: Problem) -> float:
+    """By how much the exertion varies in training, about its mean: what a constant explains is no evidence."""
+    return float(np.std(problem.exertion[problem.train]))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def wrong_signs(basic: Basic, column_map: ColumnMap) -> Iterator[str]:
+    """Inertia and dissipation are positive, and so is a gain, if the signs of the columns agree."""
+    driver = "exertion" if column_map.columns.exertion is not None else "command"
+    mend = f"turn the sign of {driver} or of the motion in [columns] (sign = -1)"
+    if basic.gain is not None and basic.gain < -SIGNIFICANT:
+        yield f"A positive command drives the shaft backwards: {mend.replace(driver, 'command')}."
+    elif basic.inertia is not None and basic.inertia < -SIGNIFICANT:
+        yield f"The inertia comes out negative: the signs of {driver} and motion do not agree; {mend}."
+    elif basic.braking is not None and basic.braking < -SIGNIFICANT:
+        yield f"Friction comes out negative, driving the motion: the signs of {driver} and motion do not agree; {mend}."
+
+
+def out_of_step(problem: Problem, column_map: ColumnMap) -> Iterator[str]:
+    """Exertion and motion that were logged at different times: a shift of one that explains far more."""
+    if problem.terms[0].load is not None:
+        return  # what the load asks for follows from the motion, and cannot be late for it
+    equation, rows = problem.equation, problem.train
+    basis = np.linalg.qr(_columns(problem)[:, rows].T)[0]
+
+    def left(shift: int) -> float:
+        target = equation.process(np.roll(problem.known, -shift)[None, :])[0][rows]
+        return _rms(target - basis @ (basis.T @ target)) / max(_rms(target), 1e-300)
+
+    reach = LATEST_SAMPLES // COARSE
+    coarse = COARSE * min(range(-reach, reach + 1), key=lambda number: left(COARSE * number))
+    best = min(range(coarse - COARSE + 1, coarse + COARSE), key=left)
+    if abs(best) >= LATE_SAMPLES and left(best) < (1 - LATE_EXPLAINS) * left(0):
+        what = "exertion" if column_map.columns.exertion is not None else "command"
+        late_ms = 1e3 * best * problem.filters.dt_s
+        yield (
+            f"{what} is logged about {abs(late_ms):.2g} ms {'later' if best > 0 else 'earlier'} than the motion it "
+            f'goes with: shift its time in [columns] {what} (shift = "{-late_ms:.2g} ms").'
+        )
+
+
+def unexplained(basic: Basic, left: float) -> Iterator[str]:
+    """``left`` is what the model that was chosen leaves, relative to what varies."""
+    if min(basic.unexplained, left) > UNEXPLAINED:
+        yield (
+            f"The equation leaves {min(basic.unexplained, left):.0%} of the exertion unexplained: check which column "
+            "is which, their units and signs, and whether something else acted."
+        )
+
+
+def astray(motion: ErrorFigures | None) -> Iterator[str]:
+    """A simulation that was fitted to the motion and does not follow it."""
+    if motion is not None and motion.relative > UNEXPLAINED:
+        yield (
+            f"The simulated motion differs from the logged one by {motion.relative:.0%} of its spread: check which "
+            "column is which, their units and signs, and the loop's law."
+        )
+
+
+def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], Problem]) -> Iterator[str]:
+    """Two columns that explain far more with their places changed."""
+    names = [name for name in SWAPPABLE if name in logs[0].columns]
+    result: list[tuple[float, str]] = []
+    for first, second in combinations(names, 2):
+        try:
+            other = Basic.of(solve([_with_swapped(log, first, second) for log in logs]))
+        except BenchError:
+            continue
+        # A goal is so like its position that either would do.
+        much = BETTER if basic.sound or second == "goal" else AS_GOOD
+        if other.sound and other.unexplained < min(much * basic.unexplained, UNEXPLAINED):
+            result.append(
+                (other.unexplained, f"{first} and {second} seem to be swapped: change them round in [columns].")
+            )
+    if result:
+        yield min(result)[1]
+
+
+def _with_swapped(log: Log, first: str, second: str) -> Log:
+    columns = dict(log.columns)
+    columns[first], columns[second] = columns[second], columns[first]
+    return replace(log, columns=columns)
+
+
+def unlike_derivative(parts: Sequence[Stretch], filters: Filters) -> Iterator[str]:
+    """A logged velocity must be the derivative of the logged position."""
+    if not all({"position", "velocity"} <= set(part.columns) for part in parts):
+        return
+    derived, logged = _derivatives(parts, filters, "position", "velocity")
+    factor, alike = agreement(derived, logged)
+    if alike > AGREEMENT and SLOPE[0] < factor < SLOPE[1]:
+        return
+    swapped_factor, swapped_alike = agreement(*_derivatives(parts, filters, "velocity", "position"))
+    if swapped_alike > AGREEMENT and SLOPE[0] < swapped_factor < SLOPE[1]:
+        yield "position and velocity seem to be swapped: change them round in [columns]."
+    elif alike > AGREEMENT:
+        yield f"velocity is {factor:.3g} times the derivative of position: check the units, scales and signs of both."
+    else:
+        yield "velocity is not the derivative of position: check which column is which, and the clock."
+
+
+def _derivatives(
+    parts: Sequence[Stretch], filters: Filters, position: str, velocity: str
+) -> tuple[FloatArray, FloatArray]:
+    derived, logged = [], []
+    for part in parts:
+        keep = part.sound & (np.arange(len(part.sound)) >= filters.margin)
+        keep[-filters.margin :] = False
+        derived.append(slope(filters.smooth(part.columns[position]), part.dt_s)[keep])
+        logged.append(filters.smooth(part.columns[velocity])[keep])
+    return np.concatenate(derived), np.concatenate(logged)
+
+
+def ahead_of_goal(parts: Sequence[Stretch], filters: Filters) -> Iterator[str]:
+    """A controlled position follows its goal: one that leads it is the goal, one that runs against it has a wrong sign.
+
+    Nothing is said of a goal that is not followed.
+    """
+    if not all({"position", "goal"} <= set(part.columns) for part in parts):
+        return
+    position, goal = (_smoothed(parts, filters, name) for name in ("position", "goal"))
+    velocity = np.concatenate([slope(p + g, filters.dt_s) / 2 for p, g in zip(position, goal, strict=True)])
+    error = np.concatenate([p - g for p, g in zip(position, goal, strict=True)])
+    together = float(np.corrcoef(np.concatenate(position), np.concatenate(goal))[0, 1])
+    columns = np.stack([velocity, np.ones(error.size)])
+    lead_s, rest = linear_solution(columns, error)
+    time_s = np.arange(error.size, dtype=np.float64) * filters.dt_s
+    residual = error - lead_s * velocity - rest
+    deviation_s = np.sqrt(sandwich(columns.T, residual, time_s)[0, 0])
+    if together < -FOLLOWED:
+        yield "position runs against its goal: turn the sign of one of them in [columns] (sign = -1)."
+    elif (
+        together > FOLLOWED
+        and lead_s > max(LEAD_SAMPLES * filters.dt_s, SIGNIFICANT * deviation_s)
+        and np.std(residual) < LEAD_LEAVES * np.std(error)
+    ):
+        yield (
+            f"position runs {1e3 * lead_s:.3g} ms ahead of its goal: the two seem to be swapped; change them round "
+            "in [columns]."
+        )
+
+
+def _smoothed(parts: Sequence[Stretch], filters: Filters, name: str) -> list[FloatArray]:
+    return [filters.smooth(part.columns[name])[filters.margin : -filters.margin] for part in parts]
