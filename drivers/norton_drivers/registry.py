@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 from typing import Any, cast
@@ -21,7 +22,7 @@ TORQUE_SENSORS = "norton_bench.torque_sensors"
 
 def names(group: str) -> list[str]:
     """The installed names in a group, sorted; nothing is imported."""
-    return sorted({entry.name for entry in entry_points(group=group)})
+    return sorted({entry.name for entry in _entries(group)})
 
 
 def load(group: str, name: str, *, asked_by: str) -> Any:
@@ -29,9 +30,15 @@ def load(group: str, name: str, *, asked_by: str) -> Any:
 
     Raises WiringError naming the known ones, or the package and the module that cannot be imported.
     """
-    for entry in entry_points(group=group, name=name):
-        return _loaded(entry, asked_by)
+    for entry in _entries(group):
+        if entry.name == name:
+            return _loaded(entry, asked_by)
     raise WiringError(f"{asked_by} = {name!r} is not installed; known: {', '.join(names(group)) or 'none'}")
+
+
+@cache  # 5 ms to read what all packages say, and a rig file asks a dozen times
+def _entries(group: str) -> tuple[EntryPoint, ...]:
+    return tuple(entry_points(group=group))
 
 
 def _loaded(entry: EntryPoint, asked_by: str) -> Any:
@@ -53,7 +60,7 @@ def _first_line(error: Exception) -> str:
 def installed(group: str) -> dict[str, ModuleType]:
     """The modules of a group's drivers, by name. One that cannot be imported is left out: nobody asked for it."""
     found: dict[str, ModuleType] = {}
-    for entry in entry_points(group=group):
+    for entry in _entries(group):
         with suppress(Exception):  # a third party's module may raise anything
             found[entry.name] = sys.modules[entry.load().__module__]
     return dict(sorted(found.items()))

@@ -8,7 +8,6 @@ others are estimated along with it, as constants.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.regression import COULOMB, DAMPING, GAIN, VISCOUS
@@ -120,6 +119,8 @@ class _Record:
 
     def filtered(self, walks: FloatArray) -> "_End":
         """The filter after the last block; ``walks`` (p,) in units a root second."""
+        from filterpy.kalman import KalmanFilter  # noqa: PLC0415  (half a second, and most sessions need none)
+
         size, likelihood, surprises = len(self.unit), 0.0, list[float]()
         follower = KalmanFilter(dim_x=size, dim_z=size)
         follower.x, follower.P, follower.F = np.zeros(size), VAGUE**2 * np.eye(size), np.eye(size)

@@ -6,16 +6,16 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import ComplexArray, FloatArray
+from norton_bench.distributions import t_quantile
 from norton_bench.records import Measured, SegmentInfo, Table
 
 # The scatter of the means of so many blocks is that of noise that lasts: control, drift, friction.
 BLOCKS = 6
 # Commands that agree to so many decimals are one: the wire rounds them.
 COMMAND_DECIMALS = 6
-T_95 = float(t_distribution.ppf(0.975, BLOCKS - 1))
+T_95 = t_quantile(0.975, BLOCKS - 1)
 
 
 @dataclass(frozen=True)

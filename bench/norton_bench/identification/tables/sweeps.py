@@ -7,9 +7,9 @@ Half of what lies between both directions is its friction at that speed; in the 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import t_quantile
 from norton_bench.identification.tables.means import UNKNOWN, Mean, Setting, mean_of
 from norton_bench.records import Table
 
@@ -100,4 +100,4 @@ def _middle(places: FloatArray, apart_nm: FloatArray) -> Mean:
     if chosen.size < 2:
         return UNKNOWN
     deviation_nm = float(np.std(chosen, ddof=1)) / chosen.size**0.5
-    return Mean(float(np.mean(chosen)), float(t_distribution.ppf(0.975, chosen.size - 1)) * deviation_nm)
+    return Mean(float(np.mean(chosen)), t_quantile(0.975, chosen.size - 1) * deviation_nm)
