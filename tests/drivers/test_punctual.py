@@ -7,7 +7,7 @@ import resource
 import pytest
 
 from norton_drivers import punctual as module
-from norton_drivers.punctual import LOOP_PRIORITY, SERVER_PRIORITY, permitted_priority, punctual
+from norton_drivers.punctual import LOOP_PRIORITY, SERVER_PRIORITY, permitted_priority, punctual, settled_memory
 
 
 def test_the_collector_leaves_alone_what_is_there_already() -> None:
@@ -47,3 +47,28 @@ def test_a_system_that_permits_less_gives_what_it_permits(monkeypatch: pytest.Mo
     monkeypatch.setattr(resource, "getrlimit", lambda _: (20, 20))
     assert permitted_priority(LOOP_PRIORITY) == 20
     assert permitted_priority(10) == 10
+
+
+@pytest.fixture
+def unfrozen():
+    """The suite freezes what it has imported; a program begins with nothing frozen."""
+    was_frozen = gc.get_freeze_count() > 0
+    gc.unfreeze()
+    yield
+    if was_frozen:
+        gc.freeze()
+
+
+@pytest.mark.usefixtures("unfrozen")
+def test_afterwards_the_collector_looks_through_everything_again() -> None:
+    with settled_memory():
+        assert gc.get_freeze_count() > 0
+    assert gc.get_freeze_count() == 0
+
+
+@pytest.mark.usefixtures("unfrozen")
+def test_within_another_it_is_left_to_the_outer_one() -> None:
+    with settled_memory():
+        with settled_memory():
+            pass
+        assert gc.get_freeze_count() > 0
