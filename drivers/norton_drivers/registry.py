@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 from typing import Any, NamedTuple, cast
@@ -93,7 +94,7 @@ def group_of(role: str) -> str:
 
 def names(group: str) -> list[str]:
     """The installed names in a group, sorted; nothing is imported."""
-    return sorted({entry.name for entry in entry_points(group=group)})
+    return sorted({entry.name for entry in _entries(group)})
 
 
 def load(group: str, name: str, *, asked_by: str) -> Any:
@@ -101,9 +102,15 @@ def load(group: str, name: str, *, asked_by: str) -> Any:
 
     Raises WiringError naming the known ones, or the package and the module that cannot be imported.
     """
-    for entry in entry_points(group=group, name=name):
-        return _loaded(entry, asked_by)
+    for entry in _entries(group):
+        if entry.name == name:
+            return _loaded(entry, asked_by)
     raise WiringError(f"{asked_by} = {name!r} is not installed; known: {', '.join(names(group)) or 'none'}")
+
+
+@cache  # 5 ms to read what all packages say, and a rig file asks a dozen times
+def _entries(group: str) -> tuple[EntryPoint, ...]:
+    return tuple(entry_points(group=group))
 
 
 def _loaded(entry: EntryPoint, asked_by: str) -> Any:
@@ -125,7 +132,7 @@ def _first_line(error: Exception) -> str:
 def installed(group: str) -> dict[str, ModuleType]:
     """The modules of a group's drivers, by name. One that cannot be imported is left out: nobody asked for it."""
     result: dict[str, ModuleType] = {}
-    for entry in entry_points(group=group):
+    for entry in _entries(group):
         with suppress(Exception):  # a third party's module may raise anything
             result[entry.name] = sys.modules[entry.load().__module__]
     return dict(sorted(result.items()))

@@ -15,6 +15,7 @@ from norton_drivers import real_time as module
 from norton_drivers.real_time import (
     LOOP_PRIORITY,
     SERVER_PRIORITY,
+    frozen_garbage,
     in_real_time,
     kept_awake,
     permitted_priority,
@@ -274,3 +275,28 @@ def test_where_no_process_can_be_started_the_loop_does_without(monkeypatch: pyte
         pass
     with pytest.raises(PermissionError, match="of the loop"), kept_awake():
         raise PermissionError("what goes wrong inside is of the loop")
+
+
+@pytest.fixture
+def unfrozen():
+    """The suite freezes what it has imported; a program begins with nothing frozen."""
+    was_frozen = gc.get_freeze_count() > 0
+    gc.unfreeze()
+    yield
+    if was_frozen:
+        gc.freeze()
+
+
+@pytest.mark.usefixtures("unfrozen")
+def test_afterwards_the_collector_looks_through_everything_again() -> None:
+    with frozen_garbage():
+        assert gc.get_freeze_count() > 0
+    assert gc.get_freeze_count() == 0
+
+
+@pytest.mark.usefixtures("unfrozen")
+def test_within_another_it_is_left_to_the_outer_one() -> None:
+    with frozen_garbage():
+        with frozen_garbage():
+            pass
+        assert gc.get_freeze_count() > 0

@@ -111,7 +111,7 @@ def test_drivers_are_found_and_broken_ones_left_out(monkeypatch):
     module.recognise = lambda frame, options: None
     monkeypatch.setitem(sys.modules, module.__name__, module)
     entries = [_Entry("stranger", module), _Entry("broken", None)]
-    monkeypatch.setattr(registry, "entry_points", lambda group: entries if group == registry.AMPLIFIERS else [])
+    monkeypatch.setattr(registry, "_entries", lambda group: entries if group == registry.AMPLIFIERS else [])
     assert registry.installed(registry.AMPLIFIERS) == {"stranger": module}
     assert registry.recognition() == {"stranger": Recognition(module.recognise)}
 

@@ -14,11 +14,7 @@ def entry(monkeypatch):
 
     def make(value: str) -> None:
         found = EntryPoint("mine", value, registry.AMPLIFIERS)
-        monkeypatch.setattr(
-            registry,
-            "entry_points",
-            lambda group, name="mine": [found] if (group, name) == (found.group, "mine") else [],
-        )
+        monkeypatch.setattr(registry, "_entries", lambda group: [found] if group == found.group else [])
 
     return make
 

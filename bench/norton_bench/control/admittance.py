@@ -6,6 +6,7 @@ Zero torque and prescribed motion are its two ends. See ``docs/control.md``.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from math import exp, floor, nan
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.control import core
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.control.design import TorqueGains, design_torque_loop, design_tracking
+from norton_bench.control.design import TorqueGains, Tracking, design_torque_loop, design_tracking
 from norton_bench.control.observer import FREE_RATE, Estimator
 from norton_bench.control.regulator import AMPLIFIER, FREE, LOAD, POSITION, VELOCITY
 from norton_bench.control.torque_loop import Anticipation, TorqueLoop, design_anticipation, settles_s
@@ -28,6 +29,14 @@ PLAY_COUNTS = 4.0  # this many encoder counts back are a turn
 # The regulator's state is laid out as the observer's begins; these are measured from the reference.
 PLACES = np.array([POSITION, VELOCITY, AMPLIFIER, FREE, LOAD])
 FORESEEN = np.array([VELOCITY, FREE, FREE_RATE])
+
+
+@lru_cache(maxsize=16)
+def _designed(calibration: LoadCalibration, tick_s: float) -> tuple[Tracking, TorqueGains, Anticipation | None]:
+    """Kept, as the cases of a campaign have one calibration. Raises ExperimentError as the designs do."""
+    tracking = design_tracking(calibration, tick_s)
+    gains = design_torque_loop(calibration, tracking.observer, tick_s)
+    return tracking, gains, design_anticipation(calibration, gains, tick_s)
 
 
 @dataclass
@@ -51,10 +60,8 @@ class AdmittanceController:
         c = self.calibration
         self._whole = floor(c.drive_delay_s / self.tick_s)
         into_tick_s = c.drive_delay_s - self._whole * self.tick_s
-        self._tracking = design_tracking(c, self.tick_s)
+        self._tracking, self._gains, self._anticipation = _designed(c, self.tick_s)
         self._regulator, self._estimator = self._tracking.regulator, Estimator(c, self.tick_s, self._tracking.observer)
-        self._gains = design_torque_loop(c, self._tracking.observer, self.tick_s)
-        self._anticipation = design_anticipation(c, self._gains, self.tick_s)
         self._inertias_kgm2 = np.array([c.inertia_kgm2, c.actuator_inertia_kgm2 or c.inertia_kgm2])
         self._feed = FeedForward(
             c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, self._whole, self.torque_limit_nm

@@ -7,7 +7,7 @@ prediction drifts in position, which does no harm: under zero torque only its ve
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
+from numba import njit
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
@@ -129,8 +129,18 @@ def _covariance(network: NortonNetwork) -> FloatArray:
 def _left_nm2(error_nm: FloatArray, rate_rad_s: float, noise_nm: float, tick_s: float) -> float:
     """The mean square at the port: of the error beyond the integral's reach, and of the noise that it brings in."""
     stays = np.exp(-rate_rad_s * tick_s)
-    high = lfilter([1.0, -1.0], [1.0, -stays], error_nm)
-    return float(np.mean(high**2)) + 0.5 * noise_nm**2 * rate_rad_s * tick_s
+    return float(np.mean(high_passed(error_nm, stays) ** 2)) + 0.5 * noise_nm**2 * rate_rad_s * tick_s
+
+
+@njit(cache=True, nogil=True)
+def high_passed(values: FloatArray, stays: float) -> FloatArray:
+    """The changes of ``values`` (ticks,), of which the share ``stays`` is left after every tick."""
+    high = np.empty_like(values)
+    left = 0.0
+    for tick in range(len(values)):
+        high[tick] = left + values[tick]
+        left = stays * high[tick] - values[tick]
+    return high
 
 
 def foreseeing(first: NortonNetwork, live: NortonNetwork | None, *, knows_friction: bool) -> NortonNetwork | None:

@@ -11,10 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
-from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import f_tail, t_quantile
 from norton_bench.identification.residual_tests import HIGHEST_CYCLES, looked_at
 from norton_bench.identification.statistics import BLOCKS_S, sandwich
 
@@ -136,6 +135,6 @@ def _wave(pair: FloatArray, covariance: FloatArray, blocks: int, chances: float)
         return Wave(amplitude, float("inf"), 1.0)
     along = pair / amplitude
     distance = float(pair @ np.linalg.pinv(covariance, hermitian=True) @ pair)
-    chance = float(f_distribution.sf((freedom - 1) / (2 * freedom) * distance, 2, freedom - 1))
-    half_width = float(student.ppf(0.975, freedom) * np.sqrt(along @ covariance @ along))
+    chance = float(f_tail((freedom - 1) / (2 * freedom) * distance, 2, freedom - 1))
+    half_width = float(t_quantile(0.975, freedom) * np.sqrt(along @ covariance @ along))
     return Wave(amplitude, half_width, min(1.0, chances * chance))

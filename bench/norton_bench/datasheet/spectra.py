@@ -16,9 +16,9 @@ import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
-from scipy.stats import f as f_distribution
 
 from norton_bench.arrays import ComplexArray, FloatArray
+from norton_bench.distributions import f_tail
 from norton_bench.models.network import NortonNetwork
 
 PIECE_S = 1.0
@@ -148,7 +148,7 @@ def _paths(frequency_hz: FloatArray, cross: ComplexArray, averages: float) -> tu
 def _path(frequency_hz: FloatArray, response: ComplexArray, variance: FloatArray, averages: float) -> Transfer:
     """``variance`` is that of the complex response; its real and imaginary part share it evenly."""
     power = np.abs(response) ** 2
-    clear = f_distribution.sf(power / np.maximum(variance, 1e-300), 2, 2 * (averages - 2)) < CHANCE
+    clear = f_tail(power / np.maximum(variance, 1e-300), 2, 2 * (averages - 2)) < CHANCE
     coherence = power / (power + averages * variance)
     return Transfer(frequency_hz[clear], response[clear], LEVEL * np.sqrt(variance[clear] / 2), coherence[clear])
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
-from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import t_quantile
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.averages import velocity_of
 from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sweep
@@ -173,7 +173,7 @@ class StraightLine:
 
 
 def _student(freedom: int) -> float:
-    return float(t_distribution.ppf(0.5 + 0.5 * LEVEL, freedom))
+    return t_quantile(0.5 + 0.5 * LEVEL, freedom)
 
 
 def _around(value: float, half: float) -> Estimated:

@@ -6,16 +6,16 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import ComplexArray, FloatArray
+from norton_bench.distributions import t_quantile
 from norton_bench.records import Measured, SegmentInfo, Table
 
 # The scatter of the means of so many blocks is that of noise that lasts: control, drift, friction.
 BLOCKS = 6
 # Commands that agree to so many decimals are one: the wire rounds them.
 COMMAND_DECIMALS = 6
-T_95 = float(t_distribution.ppf(0.975, BLOCKS - 1))
+T_95 = t_quantile(0.975, BLOCKS - 1)
 
 
 @dataclass(frozen=True)
@@ -192,4 +192,4 @@ def _middle(places: FloatArray, apart_nm: FloatArray) -> Mean:
     if chosen.size < 2:
         return UNKNOWN
     deviation_nm = float(np.std(chosen, ddof=1)) / chosen.size**0.5
-    return Mean(float(np.mean(chosen)), float(t_distribution.ppf(0.975, chosen.size - 1)) * deviation_nm)
+    return Mean(float(np.mean(chosen)), t_quantile(0.975, chosen.size - 1) * deviation_nm)

@@ -13,9 +13,9 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import t_quantile
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.readings import (
     resolution_rad,
@@ -85,7 +85,7 @@ class Scatter:
     def std(self) -> FloatArray:
         """Of one fit, (p,), as wide as few draws make it: with it 1.96 deviations hold 95 %."""
         draws = len(self.drawn)
-        few = float(student.ppf(0.975, draws - 1)) / NORMAL_95
+        few = t_quantile(0.975, draws - 1) / NORMAL_95
         return np.asarray(few * np.std(self.drawn, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / draws))
 
     @property

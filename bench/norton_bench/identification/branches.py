@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
-from scipy.stats import f as f_distribution
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import f_tail
 
 # Each dwell's velocity is looked at in this many pieces, beginning after the command's own transient.
 PIECES = 16
@@ -80,7 +80,7 @@ def _settling_share(velocity: FloatArray) -> float:
     costs = [_cost(velocity, share) for share in SETTLING_SHARES]
     best = int(np.argmin(costs))
     gain = (plain - costs[best]) / max(costs[best], 1e-300) * freedom / (len(velocity) + 1)
-    shows = f_distribution.sf(gain, len(velocity) + 1, freedom) < SETTLING_P
+    shows = f_tail(gain, len(velocity) + 1, freedom) < SETTLING_P
     return float(SETTLING_SHARES[best]) if shows else 0.0
 
 

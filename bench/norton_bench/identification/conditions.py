@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import t_quantile
 from norton_bench.identification.impedance_table import PARTS, ImpedanceTable
 from norton_bench.identification.results import FitResult, SourceMap, Trace, Validation
 from norton_bench.identification.rows import Aligned, align
@@ -69,7 +69,7 @@ def zero_range(
     near, beside = np.array(result).T
     widths = near - beside
     mean, deviation = float(np.mean(widths)), float(np.std(widths, ddof=1) / np.sqrt(len(widths)))
-    half = float(t_distribution.ppf(0.975, len(widths) - 1)) * deviation
+    half = t_quantile(0.975, len(widths) - 1) * deviation
     return ZeroRange(
         max(mean, 0.0), (max(mean - half, 0.0), max(mean + half, 0.0)), float(np.mean(beside)), len(widths)
     )
@@ -294,9 +294,7 @@ def _least_fall(table: ImpedanceTable) -> tuple[float, Interval, Interval] | Non
     falls, deviations = (each[np.isfinite(falls)] for each in (falls, deviations))
     if not falls.size:
         return None
-    one, all_of_them = (
-        float(t_distribution.ppf(0.5 + 0.5 * level, PARTS - 1)) for level in (CERTAIN, 1 - (1 - CERTAIN) / falls.size)
-    )
+    one, all_of_them = (t_quantile(0.5 + 0.5 * level, PARTS - 1) for level in (CERTAIN, 1 - (1 - CERTAIN) / falls.size))
     least = int(np.argmin(falls))
     value, deviation = float(falls[least]), float(deviations[least])
     lowest = float(np.min(falls - all_of_them * deviations))

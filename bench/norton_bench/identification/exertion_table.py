@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import t_quantile
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.averages import (
     T_95,
@@ -275,7 +275,7 @@ def _slope(branches: Sequence[Branch], zeros: Zeros | None) -> Mean:
     x, y = (np.concatenate(each) for each in zip(*parts, strict=True))
     slope = float(x @ y / (x @ x))
     deviation = float(np.sqrt(np.sum((y - slope * x) ** 2) / free / (x @ x)))
-    return Mean(-slope, float(t_distribution.ppf(0.975, free)) * deviation)
+    return Mean(-slope, t_quantile(0.975, free) * deviation)
 
 
 def _swept_zeros(sweep: Sweep) -> Zeros | None:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as t_distribution
 
 from norton_bench.arrays import FloatArray, IntArray
+from norton_bench.distributions import t_quantile
 from norton_bench.identification.rows import Aligned, usable_of
 from norton_bench.records import SegmentInfo
 
@@ -43,7 +43,7 @@ class ImpedanceTable:
     @property
     def half_width_nm(self) -> FloatArray:
         """Half of each cell's 95 % interval (Student's, of so few parts)."""
-        return np.asarray(t_distribution.ppf(0.975, PARTS - 1) * self.torque_std_nm)
+        return np.asarray(t_quantile(0.975, PARTS - 1) * self.torque_std_nm)
 
     @property
     def empty(self) -> int:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
@@ -142,6 +141,8 @@ class _Record:
     def filtered(self, walks: FloatArray) -> "_End":
         """The filter after the last block; ``walks`` (p,) in units a root second."""
         size, likelihood, surprises = len(self.unit), 0.0, list[float]()
+        from filterpy.kalman import KalmanFilter  # noqa: PLC0415  (half a second, and most sessions need none)
+
         follower = KalmanFilter(dim_x=size, dim_z=size)
         follower.x, follower.P, follower.F = np.zeros(size), VAGUE**2 * np.eye(size), np.eye(size)
         for root, z, step_s in zip(self.roots, self.z, self.steps_s, strict=True):

@@ -7,9 +7,9 @@ is the opposite of what the sensor reads. With both encoders the sensor itself i
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm as normal
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import normal_hazard
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.fit import LEFT_BY_A_GOOD_FIT, fit_signals
@@ -172,8 +172,7 @@ def above_zero(value: float, std: float) -> tuple[float, float]:
     a stiff sensor, it is what may be believed of its compliance.
     """
     below = -value / std
-    # The density over what is left: finite however far below zero it lies, where both vanish.
-    hazard = float(np.exp(normal.logpdf(below) - normal.logsf(below)))
+    hazard = normal_hazard(below)
     return value + std * hazard, std * float(np.sqrt(max(1.0 + below * hazard - hazard**2, 0.0)))
 
 

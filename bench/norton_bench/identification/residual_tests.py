@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from norton_bench.arrays import FloatArray, IntArray
+from norton_bench.distributions import chi2_tail, f_tail
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Aligned, align
@@ -105,9 +103,7 @@ def chance_of_sum(scores: FloatArray) -> float:
     scatter = scores @ scores.T
     distance = float(total @ np.linalg.pinv(scatter, hermitian=True) @ total)
     freedom = blocks - dimensions
-    return float(
-        f_distribution.sf(freedom / dimensions * distance / max(blocks - distance, 1e-12), dimensions, freedom)
-    )
+    return float(f_tail(freedom / dimensions * distance / max(blocks - distance, 1e-12), dimensions, freedom))
 
 
 def _shifted(values: FloatArray, lag: int) -> FloatArray:
@@ -163,7 +159,7 @@ def whiten(values: FloatArray, band: Kernel, stride: int) -> FloatArray:
     known = np.zeros(ORDER + 1)
     known[: covariance.size] = covariance[: ORDER + 1]
     prediction = solve_toeplitz(known[:-1], known[1:])
-    output = np.asarray(lfilter(np.concatenate([[1.0], -prediction]), [1.0], np.nan_to_num(values)))
+    output = np.convolve(np.concatenate([[1.0], -prediction]), np.nan_to_num(values))[: values.size]
     missing = np.convolve(np.isnan(values), np.ones(ORDER + 1))[: values.size] > 0.5
     missing[:ORDER] = True
     output[missing] = np.nan
@@ -185,7 +181,7 @@ def memory(whitened: FloatArray, step_s: float) -> Memory:
         products / max(total, 1e-300),
         1.96 * np.sqrt(variance) / max(total, 1e-300),
         statistic,
-        float(chi2.sf(statistic, MEMORY_LAGS)),
+        chi2_tail(statistic, MEMORY_LAGS),
     )
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import f as f_distribution
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import f_tail
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.branches import (
     PIECES,
@@ -320,7 +320,7 @@ def _time_shares(velocity: FloatArray, draws: npt.NDArray[np.int64]) -> tuple[fl
     steps, best = len(velocity), int(np.argmin(total))
     freedom = steps * (PIECES - 2) - 1
     gain = (plain - total[best]) / max(total[best], 1e-300) * freedom / (steps + 1)
-    if f_distribution.sf(gain, steps + 1, freedom) >= SEEN_P:
+    if f_tail(gain, steps + 1, freedom) >= SEEN_P:
         return 0.0, np.zeros(len(draws))
     return float(SHARES[best]), SHARES[np.argmin(costs[draws].sum(axis=1), axis=1)]
 

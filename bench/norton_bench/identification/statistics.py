@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
-from scipy.stats import chi2, t
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import chi2_quantile, chi2_tail, t_quantile
 
 # A parameter, or a combination of them, that deviates by more than this share of its value is not known.
 LOOSE_BEYOND = 0.5
@@ -141,7 +141,7 @@ def combine(values: FloatArray, stds: FloatArray, known_shared_std: float = 0.0)
     weights = 1.0 / (variances + between)
     value = float(weights @ values / weights.sum())
     scatter = float(weights @ (values - value) ** 2) / (count - 1)
-    half_width = max(float(t.ppf(0.975, count - 1)) * np.sqrt(scatter), NORMAL_95) / np.sqrt(weights.sum())
+    half_width = max(t_quantile(0.975, count - 1) * np.sqrt(scatter), NORMAL_95) / np.sqrt(weights.sum())
     q = float(cochran(values, variances))
     within = float(np.sqrt(count / np.sum(1.0 / variances)))
     shared = max(known_shared_std, within * shared_share(q, count))
@@ -153,7 +153,7 @@ def combine(values: FloatArray, stds: FloatArray, known_shared_std: float = 0.0)
         between_std=float(np.sqrt(between)),
         between_std_upper=between_limit(values, variances * min(1.0, q / (count - 1))),
         q=q,
-        p=float(chi2.sf(q, count - 1)),
+        p=chi2_tail(q, count - 1),
         weights=weights / weights.sum(),
     )
 
@@ -163,7 +163,7 @@ def shared_share(q: float, count: int) -> float:
 
     Independent errors scatter by at most sqrt(Q / its 5 % quantile) of their deviations.
     """
-    return float(np.sqrt(max(0.0, 1.0 - q / chi2.ppf(0.05, count - 1))))
+    return float(np.sqrt(max(0.0, 1.0 - q / chi2_quantile(0.05, count - 1))))
 
 
 def between_variance(values: FloatArray, variances: FloatArray) -> float:
@@ -201,7 +201,7 @@ def cochran(values: FloatArray, variances: FloatArray) -> FloatArray:
 def between_limit(values: FloatArray, variances: FloatArray, confidence: float = 0.95) -> float:
     """The τ that is not exceeded with this confidence: at it, Q would seldom be as small (Viechtbauer 2007, Stat. Med.
     26:37). 0 where Q is that small already."""
-    allowed = float(chi2.ppf(1.0 - confidence, len(values) - 1))
+    allowed = chi2_quantile(1.0 - confidence, len(values) - 1)
     reach = float(np.ptp(values))
     if reach == 0.0 or cochran(values, np.maximum(variances, 1e-300)) <= allowed:
         return 0.0

@@ -8,9 +8,9 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import norm, t
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import normal_quantile, t_quantile
 from norton_bench.errors import UsageError
 from norton_bench.identification.statistics import NORMAL_95, Combined, combine
 from norton_bench.models.network import NortonNetwork, told_statuses
@@ -81,7 +81,7 @@ def compare(first: Run, second: Run) -> tuple[Difference, ...]:
     names = [name for name in first.estimates if name in second.estimates]
     if not names:
         raise UsageError(f"{first.recording} and {second.recording}: have no identified parameter in common")
-    beyond = float(norm.isf(0.025 / len(names)))
+    beyond = -normal_quantile(0.025 / len(names))
     return tuple(_difference(first.estimates[name], second.estimates[name], beyond) for name in names)
 
 
@@ -110,7 +110,7 @@ def _line(times: FloatArray, values: FloatArray, stds: FloatArray) -> tuple[floa
     slope = float(weights * centred @ values / information)
     left = values - weights @ values / weights.sum() - slope * centred
     scatter = float(weights @ left**2) / free if free else 0.0
-    half_width = max(float(t.ppf(0.975, free)) * sqrt(scatter) if free else 0.0, NORMAL_95)
+    half_width = max(t_quantile(0.975, free) * sqrt(scatter) if free else 0.0, NORMAL_95)
     return slope, half_width / NORMAL_95 / sqrt(information)
 
 

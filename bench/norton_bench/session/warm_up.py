@@ -6,6 +6,7 @@ import numpy as np
 
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
+from norton_bench.control.preview import high_passed
 from norton_bench.identification.current import fit_current
 from norton_bench.identification.friction_laws import family_for
 from norton_bench.identification.friction_model import Path
@@ -37,6 +38,7 @@ def warm_up() -> None:
     _warm_fit(signals(measured, TICK_S, Use.CALIBRATE, Port.ACTUATOR))
     AdmittanceController(LOAD, TICK_S, torque_limit_nm=1.0)
     NETWORK.free_motion([0.0], TICK_S)
+    high_passed(np.zeros(1), 0.5)
     _warm_friction()
 
 

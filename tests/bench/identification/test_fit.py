@@ -1,13 +1,15 @@
 """The final fit, from nothing, on a bench that shares no code with it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.fit import fit
+from norton_bench.identification.fit import fit, physical
 from norton_bench.identification.load import fit_load
+from norton_bench.identification.rows import Shape
 from norton_bench.identification.separable import solve
 from norton_bench.identification.signals import signals
 from norton_bench.models.parameters import Status
@@ -166,6 +168,27 @@ def test_free_motion_alone_gives_ratios_and_says_so(without_torque):
     assert network.coulomb_torque_nm * gain == pytest.approx(truth.coulomb_torque, rel=0.03)
     assert network.inertia_kgm2 * gain == pytest.approx(truth.inertia, rel=0.05)
     assert network.amplifier_bandwidth_rad_s == pytest.approx(truth.amplifier_bandwidth, rel=0.15)
+
+
+@pytest.mark.parametrize("free_motion", [False, True])
+def test_deviations_follow_from_the_unknowns_by_the_gradient(free_motion):
+    """Each parameter's change with each unknown, as small steps of the unknowns themselves tell it."""
+    linear, shape = np.array([0.8, 2.1e-4, 3e-3, 0.05, 7e-4]), np.array([np.log(900.0), np.log(60.0), 1.2e-3, 4e-4])
+
+    def found(unknowns, covariance):
+        at = SimpleNamespace(
+            linear=unknowns[:5], shape=Shape.of(unknowns[5:]), free=(0, 1, 2, 3), free_motion=free_motion
+        )
+        return physical(at, np.arange(3.0), covariance)
+
+    unknowns = np.concatenate([linear, shape])
+    for k, size in enumerate(np.abs(unknowns)):
+        step = np.zeros(9)
+        step[k] = 1e-6 * size
+        above, below = (found(unknowns + sign * step, np.zeros((9, 9)))[0] for sign in (1.0, -1.0))
+        change = (above - below) / 2e-6  # for a deviation as great as the unknown itself
+        covariance = found(unknowns, np.diag((step / 1e-6) ** 2))[1]
+        assert covariance == pytest.approx(np.outer(change, change), rel=1e-5, abs=1e-15)
 
 
 def test_zero_torque_sets_no_scale():

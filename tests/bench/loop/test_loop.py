@@ -149,3 +149,33 @@ def test_a_row_has_the_columns_of_the_table_in_their_order(monkeypatch: pytest.M
     with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
         bench.loop.run(coasting("test", "rest", Use.PREPARE, np.zeros(1)))
     assert rows == [list(TICK.names or ())]
+
+
+# ---- What the controller is told -------------------------------------------------------------------------------------
+
+
+class Listening(AdmittanceController):
+    """Keeps what it is told of the load's torque."""
+
+    def note_sent(self, load_torque_nm: float) -> None:
+        self.__dict__.setdefault("told_nm", []).append(load_torque_nm)
+        super().note_sent(load_torque_nm)
+
+
+def test_the_controller_is_told_what_was_sent_not_what_was_wished() -> None:
+    """Clipped by the guard, and rounded as the wire carries it; also for ticks that were missed meanwhile."""
+    rig = load_rig(RIGS / "sim-odrive.toml")
+    limit_nm, missed = rig.limits.load_torque_nm, 7
+    wished_nm = np.repeat([0.05, 3.0 * limit_nm, -0.04, 0.03], 5)
+    with opened(rig) as bench, bench.loop.running():
+        bench.loop.controller = Listening(PlantSettings().calibration(), TICK_S, limit_nm)
+        bench.after(12.5 * TICK_S, lambda: bench.backend.clock.stall(round(missed * TICK_S * 1e9)))
+        ticks = bench.loop.run(pushed("test", "push", Use.PREPARE, wished_nm, np.zeros(len(wished_nm)))).ticks
+        told_nm = bench.loop.controller.told_nm
+    assert np.max(ticks["load_torque_nm"]) == pytest.approx(limit_nm)
+    assert len(told_nm) == len(wished_nm)
+    passed = ((ticks["tick_ns"] - ticks["tick_ns"][0]) // bench.rig.tick_ns).astype(int)
+    assert np.max(np.diff(passed)) == missed
+    # A tick that was missed is told as the one before it: that command acted on.
+    last = np.searchsorted(passed, np.arange(len(told_nm)), side="right") - 1
+    assert told_nm == list(ticks["load_torque_nm"][last])

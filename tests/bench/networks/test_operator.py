@@ -85,3 +85,20 @@ def test_zero_has_no_inverse():
     assert zero.vanishes
     with pytest.raises(ZeroDivisionError):
         zero.inverse()
+
+
+@pytest.mark.parametrize(
+    ("poles", "holds"),
+    [
+        ([-1000.0, -1.0], True),
+        ([-1000.0, 5e-5], True),  # an integrator, as rounding leaves it
+        ([-1000.0, 2e-4], False),  # grows within hours, but is no rounding
+        ([-1000.0, 0.5], False),
+        ([1000j, -1000j], True),
+        ([1e-3 + 1000j, 1e-3 - 1000j], True),  # an oscillation without damping, as rounding leaves it
+        ([1e-2 + 1000j, 1e-2 - 1000j], False),
+        ([], True),
+    ],
+)
+def test_what_grows_is_told_from_rounding(poles, holds):
+    assert stable(poles) is holds
