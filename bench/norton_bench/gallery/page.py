@@ -6,7 +6,7 @@ from pathlib import Path
 from norton_bench.errors import ExperimentError
 from norton_bench.gallery.claim import LEVEL
 from norton_bench.gallery.paper import Proof
-from norton_bench.report.render import Figure, fill, write_page
+from norton_bench.report.render import HeadlineNumber, fill, write_page
 from norton_bench.report.section import Facts, Picture, Section
 from norton_bench.report.svg import standalone
 from norton_bench.report.words import number, pretty_unit
@@ -35,7 +35,7 @@ def write_gallery(folder: Path, proofs: Sequence[Proof], command: str) -> tuple[
     rows = sum(len(proof.rows) for proof in proofs)
     text = fill(
         data=Result("A general actuator model, shown"),
-        headline=[Figure(f"{passed} of {rows}", "rows pass"), Figure(str(len(first)), "claims")],
+        headline=[HeadlineNumber(f"{passed} of {rows}", "rows pass"), HeadlineNumber(str(len(first)), "claims")],
         rows=[],
         verdict=[],
         sections=[
