@@ -53,8 +53,8 @@ from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use
 from norton_bench.session.engine import record_procedures
+from norton_bench.session.run import learned
 from norton_bench.session.schema import Session
-from norton_bench.session.supervision import learned
 from norton_bench.session.warm_up import warm_up
 from norton_drivers.real_time import LOOP_PRIORITY, permitted_priority
 

@@ -143,7 +143,7 @@ def figures_ms(recording: Path, columns: int, rows: int) -> float:
     """Six plots from the picture of a session to rows of characters, without a terminal."""
     from norton_bench.screen import figures  # noqa: PLC0415
     from norton_bench.screen.experiment import replayed  # noqa: PLC0415
-    from norton_bench.screen.plots.drawing import Drawer  # noqa: PLC0415
+    from norton_bench.screen.plots import Drawer  # noqa: PLC0415
 
     experiment = replayed(recording)
     experiment.seek(BEGIN_S + 20.0)

@@ -35,9 +35,8 @@ from norton_bench.loop.loop import Loop
 from norton_bench.loop.outbox import Outbox
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.carry_out import carry_out
 from norton_bench.procedures.iterate import IterateProcedure
-from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.knowledge import Knowledge, carry_out
 from norton_bench.procedures.options import IterateOptions
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.procedures.waves import hold, multisine

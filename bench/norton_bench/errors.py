@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from enum import IntEnum
 
+from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
+
 
 class ExitCode(IntEnum):
     """Documented in the README."""
@@ -60,3 +62,30 @@ def nearest(word: str, known: Iterable[str]) -> str:
     if close:
         return f'did you mean "{close[0]}"?'
     return "known: " + (", ".join(choices) or "none")
+
+
+DEVICE_CODES = (
+    (ConnectionFailedError, ExitCode.CONNECTION),
+    (DeviceTimeoutError, ExitCode.TIMEOUT),
+    (WiringError, ExitCode.USAGE),
+    (DeviceError, ExitCode.EXPERIMENT_FAILED),
+)
+
+
+def exit_code_of(error: BaseException) -> ExitCode:
+    """What the program ends with because of ``error``."""
+    if isinstance(error, BenchError):
+        return error.exit_code
+    if isinstance(error, KeyboardInterrupt):
+        return ExitCode.INTERRUPTED
+    return next((code for kind, code in DEVICE_CODES if isinstance(error, kind)), ExitCode.EXPERIMENT_FAILED)
+
+
+def sentence_of(error: BaseException) -> str:
+    """The error in words: its own where it is the user's business, else what to do about it."""
+    if isinstance(error, KeyboardInterrupt):
+        return "Interrupted."
+    if isinstance(error, (BenchError, DeviceError)):
+        return str(error)
+    what = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"Unexpected failure ({what}): a fault of norton-bench; run again with --debug and report what it shows."

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from norton_bench.cli.arguments import Backend, Json, RigFile, Seed
-from norton_bench.cli.interrupt import operator_stop
+from norton_bench.cli.operator import operator_stop
 from norton_bench.cli.output import Output, plain_table
-from norton_bench.errors import ExitCode
-from norton_bench.session.failure import exit_code_of
+from norton_bench.errors import ExitCode, exit_code_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

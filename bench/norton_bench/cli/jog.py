@@ -128,7 +128,7 @@ def _to(
     seed: int | None,
     output: Output,
 ) -> int:
-    from norton_bench.cli.interrupt import operator_stop  # noqa: PLC0415
+    from norton_bench.cli.operator import operator_stop  # noqa: PLC0415
     from norton_bench.jog.hands import Preset  # noqa: PLC0415
     from norton_bench.jog.script import JogScript  # noqa: PLC0415
     from norton_bench.jog.signals import Held  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""The operator at the command line: Ctrl-C pauses, prompts are answered with a line; elsewhere Ctrl-C stops."""
+"""The operator at the command line: Ctrl-C pauses or stops, and prompts are answered with a line."""
 
 import select
 import signal
@@ -11,6 +11,25 @@ from norton_bench.cli.output import complain
 from norton_bench.events import Prompt, Question, SessionEvent, SessionState, StateChanged
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.session.operator import Order
+
+
+@contextmanager
+def operator_stop() -> Iterator[StopWord]:
+    """Inside, the yielded word is said once there is a reason to stop."""
+    stop = StopWord()
+
+    def ask(number: int, _frame: FrameType | None) -> None:
+        if stop.heard() is not None:
+            raise KeyboardInterrupt
+        stop.say("Ctrl-C" if number == signal.SIGINT else "asked to end")
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
 
 PAUSED = "Paused, the drives are idle. Enter goes on; t: tare, s: leave out the next step, a: abort."
 WORDS = {"": "resume", "r": "resume", "t": "tare", "s": "skip", "a": "abort"}

@@ -12,8 +12,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from norton_bench.errors import ExitCode, UsageError
-from norton_bench.session.failure import exit_code_of, sentence_of
+from norton_bench.errors import ExitCode, UsageError, exit_code_of, sentence_of
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

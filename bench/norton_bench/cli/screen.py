@@ -54,8 +54,11 @@ def show(opening: "Opening", first: "Experiment | None") -> None:
     """The screen, until somebody leaves it. Raises UsageError for settings that cannot be used."""
     from norton_bench.screen.app import BenchApp  # noqa: PLC0415
     from norton_bench.screen.screens.keys import KNOWN as KNOWN_KEYS  # noqa: PLC0415
-    from norton_bench.screen.settings import load_settings, settings_path  # noqa: PLC0415
-    from norton_bench.screen.themes import KNOWN  # noqa: PLC0415
+    from norton_bench.screen.settings import (  # noqa: PLC0415
+        KNOWN,
+        load_settings,
+        settings_path,
+    )
 
     app = BenchApp(opening, first, load_settings(settings_path(), KNOWN_KEYS, KNOWN))
     # What is there now, stays: going through all of it takes a few tenths of a second, in which no key is heard.

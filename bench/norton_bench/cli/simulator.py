@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from norton_bench.cli.arguments import Json, Quiet, RigFile, Seed
-from norton_bench.cli.interrupt import operator_stop
+from norton_bench.cli.operator import operator_stop
 from norton_bench.cli.output import Output, plain_table
 
 Witness = Annotated[Path | None, Parameter(help="A CSV file for what is true meanwhile, a line a millisecond.")]

@@ -15,7 +15,7 @@ from norton_bench.gallery.muscle import MuscleSweeps
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
 from norton_bench.procedures.tare import TareProcedure
-from norton_bench.report.render import Figure, fill, write_page
+from norton_bench.report.render import HeadlineNumber, fill, write_page
 from norton_bench.report.svg import standalone, style, svg
 from norton_bench.report.words import Facts, Picture, Section, number, pretty_unit
 from norton_bench.result import Result
@@ -67,7 +67,7 @@ def write_gallery(folder: Path, proofs: Sequence[Proof], command: str) -> tuple[
     rows = sum(len(proof.rows) for proof in proofs)
     text = fill(
         data=Result("A general actuator model, shown"),
-        headline=[Figure(f"{passed} of {rows}", "rows pass"), Figure(str(len(first)), "claims")],
+        headline=[HeadlineNumber(f"{passed} of {rows}", "rows pass"), HeadlineNumber(str(len(first)), "claims")],
         rows=[],
         verdict=[],
         sections=[

@@ -7,10 +7,10 @@ import numpy as np
 
 from norton_bench.errors import RigError
 from norton_bench.identification.source_map import FAST, FROM_REST
+from norton_bench.procedures.excitations import bounds_of, held_within, words_for
 from norton_bench.procedures.knowledge import Knowledge, Plan
 from norton_bench.procedures.options import BlockedOptions
 from norton_bench.procedures.waves import Motion, coasting, from_velocity, hold, imposed, ramp
-from norton_bench.procedures.within import bounds_of, held_within, words_for
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use

@@ -13,10 +13,9 @@ from norton_bench.procedures.in_situ import InSituProcedure
 from norton_bench.procedures.iterate import IterateProcedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
 from norton_bench.procedures.refine import RefineProcedure
-from norton_bench.procedures.rest import RestProcedure
 from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
 from norton_bench.procedures.tabulate_source import TabulateSourceProcedure
-from norton_bench.procedures.tare import TareProcedure
+from norton_bench.procedures.tare import RestProcedure, TareProcedure
 from norton_bench.procedures.validate import ValidateProcedure
 from norton_bench.rig.rig import Rig
 

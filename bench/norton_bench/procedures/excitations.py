@@ -1,10 +1,11 @@
 """Stretches of command and imposed motion to choose from, each as large as the rig, its load and the network allow.
 
 Every one begins and ends at rest where it began, with no command: they can follow each other in any order.
-"""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+Plans are made smaller until they keep to every limit of the rig, by what has been measured so far."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.identification.expansion import Excitation
 from norton_bench.models.network import NortonNetwork
+from norton_bench.procedures.calibrate import first_inertia_kgm2
+from norton_bench.procedures.knowledge import Knowledge, why_no_basis
 from norton_bench.procedures.waves import (
     Motion,
     highest_hz,
@@ -21,6 +24,7 @@ from norton_bench.procedures.waves import (
     sine_motion,
     velocity_steps,
 )
+from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 
 DURATION_S = 2.0
@@ -37,7 +41,7 @@ DWELL_S = 0.35
 HELD_TO_HZ = 10.0
 SPRING = 1.5
 # Each try is so much smaller than the last; one that never fits is left out.
-SMALLER = 0.8
+CANDIDATE_SHRINKS = 0.8
 MOST_TRIES = 40
 # A command that changes in less than this share of its ticks is a staircase.
 STEPS_SHARE = 0.5
@@ -215,7 +219,7 @@ def _fitted(idea: Candidate, bounds: Bounds) -> Candidate | None:
     for _ in range(MOST_TRIES):
         if not moves or bounds.allow(nothing, motion, share):
             break
-        motion = motion.scaled(SMALLER)
+        motion = motion.scaled(CANDIDATE_SHRINKS)
     else:
         return None
     if not commands:
@@ -224,5 +228,76 @@ def _fitted(idea: Candidate, bounds: Bounds) -> Candidate | None:
     for _ in range(MOST_TRIES):
         if bounds.allow(command, motion, SHARE):
             return Candidate(idea.name, command, motion)
-        command = command * SMALLER
+        command = command * CANDIDATE_SHRINKS
     return None
+
+
+# A plan of which less than this is left tells nothing any more; the guard is there for what it does then.
+LEAST = 0.05
+# Each try is so much smaller than the last.
+PLAN_SHRINKS = 0.95
+# What is named as made smaller: less than this of what was asked for.
+WORTH_A_WORD = 0.99
+
+
+@dataclass(frozen=True)
+class Sized:
+    """A plan at ``share`` of the size that was asked for: command and motion alike, both of shape (ticks,)."""
+
+    command: FloatArray
+    motion: Motion
+    share: float
+
+
+def bounds_of(known: Knowledge) -> Bounds | None:
+    """The rig's limits, judged by the calibration and the actuator's first fit; None where one is missing."""
+    fit = known.actuator
+    if known.calibration is None or fit is None or first_inertia_kgm2(fit) is None:
+        return None
+    if why_no_basis(replace(fit, converged=True), "the actuator") is not None:
+        return None
+    return Bounds(known.rig, fit.network.dissipative(), known.calibration, travel_left_rad(known.records, known.rig))
+
+
+def travel_left_rad(records: Sequence[Measured], rig: Rig) -> float:
+    """How far the shaft may go either way, from where it stands, within the window about where it stood at first."""
+    limit_rad = rig.limits.position_rad
+    if not records or not np.isfinite(limit_rad):
+        return limit_rad
+    position_rad = np.concatenate([records[0].ticks["position_rad"], records[-1].ticks["position_rad"]])
+    stood_rad = position_rad[np.isfinite(position_rad)]
+    return limit_rad - abs(float(stood_rad[-1] - stood_rad[0]))
+
+
+def imposed_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -> Sized:
+    """Command and imposed motion, as large as the limits allow, and no larger than asked for."""
+    share = 1.0
+    while bounds is not None and share > LEAST and not bounds.allow(share * command, motion.scaled(share), SHARE):
+        share *= PLAN_SHRINKS
+    return Sized(share * command, motion.scaled(share), share)
+
+
+def held_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -> Sized:
+    """The same where the motion is small, and only the command is made smaller."""
+    share = 1.0
+    while bounds is not None and share > LEAST and not bounds.allow(share * command, motion, SHARE):
+        share *= PLAN_SHRINKS
+    return Sized(share * command, motion, share)
+
+
+def free_within(bounds: Bounds | None, command: FloatArray) -> float:
+    """The share of ``command`` (ticks,) under which the free motion, and what the load takes to follow, stay inside."""
+    share = 1.0
+    while bounds is not None and share > LEAST and not bounds.allow_free(share * command, SHARE):
+        share *= PLAN_SHRINKS
+    return share
+
+
+def words_for(what: str, share: float) -> tuple[str, ...]:
+    """What it costs that ``what`` was made smaller; nothing where it hardly was."""
+    if share > WORTH_A_WORD:
+        return ()
+    return (
+        f"{what} at {share:.0%} of its usual size, to stay within {SHARE:.0%} of every limit: as much time tells "
+        f"parameters {1 / share:.1f} times less finely; higher [limits] or a longer step would mend that",
+    )

@@ -8,10 +8,10 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
+from norton_bench.procedures.excitations import bounds_of, free_within
 from norton_bench.procedures.knowledge import Knowledge, Plan
 from norton_bench.procedures.options import FreeOptions
 from norton_bench.procedures.waves import growth, highest_hz, hold, multisine, ramp, staircase, zero_torque
-from norton_bench.procedures.within import bounds_of, free_within
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use

@@ -8,11 +8,11 @@ import numpy as np
 
 from norton_bench.control.design import design_tracking
 from norton_bench.errors import RigError
+from norton_bench.procedures.excitations import Sized, bounds_of, imposed_within, words_for
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import ImposedOptions
 from norton_bench.procedures.waves import Motion, hold, imposed, multisine_motion, ramp, sine_motion, velocity_steps
-from norton_bench.procedures.within import Sized, bounds_of, imposed_within, words_for
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

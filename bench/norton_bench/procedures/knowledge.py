@@ -1,15 +1,16 @@
 """What the experiment has learned so far, handed from procedure to procedure."""
 
-from collections.abc import Generator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.errors import RigError
 from norton_bench.identification.results import FitResult
+from norton_bench.loop.bench_loop import Runner
 from norton_bench.procedures.learning import InSitu, Iteration
 from norton_bench.procedures.refinement import Refinement
-from norton_bench.records import Measured
+from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
 
@@ -162,3 +163,39 @@ def why_no_basis(result: FitResult, what: str) -> str | None:
     if min(network.inertia_kgm2, network.coulomb_torque_nm, network.presliding_stiffness_nm_rad) <= 0.0:
         return f"the fit of {what} has an inertia or a friction below zero"
     return None
+
+
+# Given a segment, and the velocity [rad/s] of the shaft and the actuator's command before it, the segment with what can
+# be foreseen of it.
+Foresight = Callable[[Segment, float, float], Segment]
+
+
+def as_it_is(segment: Segment, _velocity_rad_s: float, _command: float) -> Segment:
+    """Nothing is foreseen."""
+    return segment
+
+
+def carry_out(procedure: Procedure, known: Knowledge, loop: Runner, foresee: Foresight = as_it_is) -> Knowledge:
+    """Run one procedure with the drives enabled, then, with the drives idle, draw what follows from it.
+
+    Raises SafetyStopError, OperatorStopError, DeviceError, ExperimentError; the drives are idle then, too.
+    """
+    record = join(list(follow(procedure.plan(known), loop, foresee)))
+    return replace(procedure.conclude(known, record), records=(*known.records, record))
+
+
+def follow(plan: Plan, loop: Runner, foresee: Foresight = as_it_is) -> Iterator[Measured]:
+    """Run the segments of a plan with the drives enabled, and hand out what was measured in each. Raises likewise."""
+    segment = next(plan, None)
+    if segment is not None:
+        segment = foresee(segment, 0.0, 0.0)  # before the drives are enabled: it may take its time
+    with loop.running():
+        while segment is not None:
+            measured = loop.run(segment)
+            last = measured.ticks[-1]
+            yield measured
+            try:
+                segment = plan.send(measured)
+            except StopIteration:
+                break
+            segment = foresee(segment, float(last["velocity_rad_s"]), float(last["command"]))

@@ -24,7 +24,7 @@ from norton_bench.identification.load import coupling_of
 from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import signals
-from norton_bench.procedures.excitations import Bounds, Candidate, candidates
+from norton_bench.procedures.excitations import Bounds, Candidate, candidates, travel_left_rad
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
 from norton_bench.procedures.options import RefineOptions
 from norton_bench.procedures.refinement import (
@@ -40,7 +40,6 @@ from norton_bench.procedures.refinement import (
     words,
 )
 from norton_bench.procedures.waves import hold, imposed
-from norton_bench.procedures.within import travel_left_rad
 from norton_bench.records import Measured, SegmentInfo, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

@@ -8,7 +8,7 @@ import numpy as np
 
 from norton_bench.errors import ExperimentError
 from norton_bench.procedures.knowledge import Knowledge, Plan, Tare
-from norton_bench.procedures.options import TareOptions
+from norton_bench.procedures.options import RestOptions, TareOptions
 from norton_bench.procedures.waves import back, coasting, growth, hold, pushed
 from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
@@ -206,3 +206,31 @@ def _refuse(faults: Iterator[str]) -> None:
     """Raises ExperimentError for the first, where there is one."""
     for fault in faults:
         raise ExperimentError(f"tare: {fault}")
+
+
+# A segment holds all its commands: a long rest is made of many.
+PIECE_S = 10.0
+
+
+@dataclass(frozen=True)
+class RestProcedure:
+    """Drives enabled, no command, the load coasting: everything is measured and recorded, nothing is fitted."""
+
+    options: RestOptions = field(default_factory=RestOptions)
+    name: ClassVar[str] = "rest"
+
+    def require(self, rig: Rig) -> None:
+        """Any rig will do."""
+
+    def duration_s(self, rig: Rig) -> float:
+        return self.options.duration_s
+
+    def plan(self, known: Knowledge) -> Plan:
+        left_s = self.options.duration_s
+        while left_s > 0.5 * known.tick_s:
+            piece_s = min(left_s, PIECE_S)
+            yield coasting(self.name, "rest", Use.PREPARE, hold(0.0, piece_s, known.tick_s))
+            left_s -= piece_s
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        return known

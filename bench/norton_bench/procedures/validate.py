@@ -7,12 +7,12 @@ from typing import ClassVar
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.procedures.excitations import Sized, bounds_of, free_within, imposed_within, words_for
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_model
 from norton_bench.procedures.options import ValidateOptions
 from norton_bench.procedures.waves import hold, imposed, ramp, sine_motion, velocity_steps, zero_torque
-from norton_bench.procedures.within import Sized, bounds_of, free_within, imposed_within, words_for
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use

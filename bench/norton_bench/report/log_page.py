@@ -6,7 +6,7 @@ from pathlib import Path
 from norton_bench.logs.results import Errors, LogFit
 from norton_bench.models.parameters import Status
 from norton_bench.report.figures_fit import residual_figure, validation_figure
-from norton_bench.report.render import Figure, fill, row, write_page
+from norton_bench.report.render import HeadlineNumber, fill, row, write_page
 from norton_bench.report.svg import picture, style
 from norton_bench.report.words import Facts, Section, number, percent, pretty_unit
 from norton_bench.result import Result
@@ -22,7 +22,7 @@ def write_log_report(path: Path, title: str, fit: LogFit, metadata: Mapping[str,
     valid = sum(estimate.status is Status.VALID for estimate in fit.estimates)
     text = fill(
         data=Result(title, metadata=metadata),
-        headline=[Figure(f"{valid} of {len(fit.estimates)}", "parameters valid")],
+        headline=[HeadlineNumber(f"{valid} of {len(fit.estimates)}", "parameters valid")],
         rows=[row(estimate) for estimate in fit.estimates],
         verdict=fit.verdict,
         sections=parts,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure as Drawing
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.sessions import SessionFit, Together, differing
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.report.render import Figure, fill, row, write_page
+from norton_bench.report.render import HeadlineNumber, fill, row, write_page
 from norton_bench.report.svg import GRID, MEASURED, PREDICTED, figure, picture, style
 from norton_bench.report.words import Facts, Section, number, power, pretty_unit, scale_of
 from norton_bench.result import Result
@@ -87,9 +87,9 @@ def render_sessions(data: SessionsData) -> str:
     estimates = data.together.estimates
     valid = sum(estimate.status is Status.VALID for estimate in estimates)
     numbers = (
-        Figure(str(len(data.sessions)), "sessions"),
-        Figure(f"{valid} of {len(estimates)}", "parameters valid"),
-        Figure(str(len(differing(data.together.spreads))), "differ between sessions"),
+        HeadlineNumber(str(len(data.sessions)), "sessions"),
+        HeadlineNumber(f"{valid} of {len(estimates)}", "parameters valid"),
+        HeadlineNumber(str(len(differing(data.together.spreads))), "differ between sessions"),
     )
     with style():
         sections = (

@@ -21,8 +21,7 @@ from norton_bench.screen.screens.experiment import ExperimentScreen
 from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Confirm
 from norton_bench.screen.screens.results import ResultsScreen
-from norton_bench.screen.settings import STOP_KEY, Settings
-from norton_bench.screen.themes import BENCH, OWN, user_themes
+from norton_bench.screen.settings import BENCH, OWN, STOP_KEY, Settings, user_themes
 
 NO_RIGS = "There is no rig file in ./rigs or here.\n\nnorton-bench rig new my-rig.toml writes one from your answers."
 # Textual takes so long to close its palette, which would else be in the picture.

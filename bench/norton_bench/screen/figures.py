@@ -10,7 +10,7 @@ from norton_bench.records import NO_SEGMENT, Table
 from norton_bench.report.words import number, pretty_unit
 from norton_bench.screen.picture.parts import EXTERNAL
 from norton_bench.screen.picture.picture import Picture
-from norton_bench.screen.plots.figure import NOTHING_YET, Axis, Figure, Markers, Trace, prefixed
+from norton_bench.screen.plots import NOTHING_YET, Axis, Figure, Markers, Trace, prefixed
 
 TIME = "time"
 PHASE_S, FRESH_S = 20.0, 0.5

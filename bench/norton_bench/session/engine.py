@@ -1,8 +1,11 @@
 """A session from beginning to end: check, open the devices, run step by step, close the recording, fit."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import platform
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
 from typing import TypeVar
@@ -19,13 +22,13 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured
 from norton_bench.result import Result
+from norton_bench.rig.files import toml
 from norton_bench.rig.rig import Rig
 from norton_bench.session.conclusion import conclude
-from norton_bench.session.expectations import judge
+from norton_bench.session.items import judge
 from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
 from norton_bench.session.operator import NO_ANSWERS, Answers, Nobody, Operator, OperatorOrders
 from norton_bench.session.program import make_experiment, of_procedures
-from norton_bench.session.provenance import provenance
 from norton_bench.session.rehearsal import Rehearsed, rehearsed
 from norton_bench.session.resume import RESUMES, EarlierSession, after, read_earlier
 from norton_bench.session.run import Run
@@ -34,8 +37,39 @@ from norton_bench.session.script import Experiment, Script, SoFar, perform
 from norton_bench.session.summary import ended, ended_by
 from norton_bench.session.warm_up import warm_up
 from norton_drivers.ports import Backend
+from norton_drivers.readings import DeviceIdentity
 from norton_drivers.real_time import frozen_garbage
 from norton_drivers.registry import load_backend
+
+PACKAGES = ("norton-bench", "numpy", "scipy", "numba", "filterpy", "python-can", "pyserial")
+
+
+def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[DeviceIdentity]) -> Mapping[str, str]:
+    """What goes into the recording, the network file and the report."""
+    return {
+        "rig": rig.name,
+        "rig_file": rig.place,
+        "backend": rig.backend,
+        "session": session.place,
+        "arguments": session.arguments,
+        "parameters": ", ".join(f"{name} = {toml(value)}" for name, value in session.parameters.items()),
+        "seed": "" if seed is None else str(seed),
+        "command_unit": rig.command.unit,
+        "modulation_unit": "" if rig.modulation is None else rig.modulation.unit,
+        "model": rig.model,
+        "tick_s": repr(rig.tick_s),
+        "torque_averaging_s": repr(rig.chain.torque_averaging_s),
+        "released_at_zero": " ".join(sorted(rig.chain.released_at_zero)),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "devices": "; ".join(
+            " ".join(filter(None, (device.driver, device.address, device.hardware, device.firmware)))
+            for device in devices
+        ),
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        **{name: version(name) for name in PACKAGES},
+    }
+
 
 # In lock step nothing is late while the recorder catches up.
 LOCK_STEP_PATIENCE_S = 30.0

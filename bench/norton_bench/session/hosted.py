@@ -18,11 +18,10 @@ from threading import Condition, Thread
 from types import FrameType, TracebackType
 from typing import Protocol, Self
 
-from norton_bench.errors import ExitCode
+from norton_bench.errors import ExitCode, exit_code_of, sentence_of
 from norton_bench.events import Ended, PartMeasured, SessionEvent, SessionState, StateChanged, Watcher
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.rig import Rig
-from norton_bench.session.failure import exit_code_of, sentence_of
 from norton_bench.session.operator import Operator, Order
 from norton_bench.session.schema import Session
 

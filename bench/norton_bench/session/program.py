@@ -9,9 +9,7 @@ from norton_bench.procedures.catalogue import make_procedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
 from norton_bench.procedures.modulated import modulated
 from norton_bench.rig.rig import Rig
-from norton_bench.session.conditions import Condition
-from norton_bench.session.expectations import check_expectation
-from norton_bench.session.items import AskOptions, Block, Item, Session, Step, flat
+from norton_bench.session.items import AskOptions, Block, Condition, Item, Session, Step, check_expectation, flat
 from norton_bench.session.script import Ask, Experiment, Planned, Remark, Script, SoFar, Turn
 from norton_bench.units import parse_quantity
 

@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterator, Sequence
 from math import isfinite
 from pathlib import Path
 
+from norton_bench.errors import exit_code_of, sentence_of
 from norton_bench.events import Ended
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.table_conditions import two_ports
@@ -11,7 +12,6 @@ from norton_bench.identification.trials import TrialFigures, last_driven, settle
 from norton_bench.report.facts_tables import line_facts, ports_facts, source_facts
 from norton_bench.report.words import Facts
 from norton_bench.result import Result
-from norton_bench.session.failure import exit_code_of, sentence_of
 
 
 def ended(result: Result) -> Ended:

@@ -10,8 +10,7 @@ from typing import Any
 from norton_bench.errors import UsageError, nearest
 from norton_bench.procedures.options import STEPS
 from norton_bench.rig.files import Mistakes, toml
-from norton_bench.session.conditions import Condition
-from norton_bench.session.items import ASK, CONTROL, GROUP, MODELS, Block, ControlModel, Item, Step
+from norton_bench.session.items import ASK, CONTROL, GROUP, MODELS, Block, Condition, ControlModel, Item, Step
 from norton_bench.units import RANGE
 
 NAMED = re.compile(r"\$(\$|[A-Za-z_]\w*)")

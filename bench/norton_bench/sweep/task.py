@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from norton_bench.errors import BenchError
+from norton_bench.errors import BenchError, sentence_of
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.judged_fit import fit_judged
 from norton_bench.identification.results import FitResult
@@ -21,7 +21,6 @@ from norton_bench.rig.load import true_parameters
 from norton_bench.rig.rig import Rig
 from norton_bench.session.conclusion import check_metadata, conclude_recording
 from norton_bench.session.engine import record_session, run_session
-from norton_bench.session.failure import sentence_of
 from norton_bench.session.items import Session
 from norton_bench.session.resume import with_earlier
 from norton_drivers.errors import DeviceError

@@ -19,8 +19,8 @@ from norton_bench.errors import (
     RigError,
     SafetyStopError,
     UsageError,
+    exit_code_of,
 )
-from norton_bench.session.failure import exit_code_of
 from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
 
 ROOT = Path(__file__).parents[3]

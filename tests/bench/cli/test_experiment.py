@@ -14,7 +14,7 @@ import pytest
 
 from norton_bench.cli import app
 from norton_bench.cli.arguments import run_folder
-from norton_bench.cli.interrupt import operator_stop
+from norton_bench.cli.operator import operator_stop
 from norton_bench.cli.output import Output
 from norton_bench.cli.progress import Lines, showing_progress
 from norton_bench.errors import ExitCode, SafetyStopError

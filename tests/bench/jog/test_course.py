@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import UsageError
-from norton_bench.jog.course import RAMP_S, SEGMENT_S, Course, approach
 from norton_bench.jog.hands import Bounds, LoadDoes, Setpoints, bounds_of
+from norton_bench.jog.script import RAMP_S, SEGMENT_S, Course, approach
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.records import TICK, Measured
 from norton_bench.rig.load import load_rig

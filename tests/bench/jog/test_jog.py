@@ -11,8 +11,7 @@ from norton_bench.errors import OperatorStopError, SafetyStopError
 from norton_bench.jog.hands import Board, Setpoints, bounds_of
 from norton_bench.jog.script import JogScript, Pace, introductions
 from norton_bench.jog.signals import Signals
-from norton_bench.procedures.carry_out import follow
-from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.knowledge import Knowledge, follow
 from norton_bench.records import Measured
 from norton_bench.rig.load import load_rig
 from tests.bench.bench_in_simulation import Bench, opened

@@ -7,7 +7,7 @@ import pytest
 from norton_bench.errors import UsageError
 from norton_bench.models.parameter_result import ParameterResult, parameter_result
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.session.conditions import Condition, compared, share
+from norton_bench.session.items import Condition, compared, share
 
 FOUND = ParameterResult("coulomb_torque", "N*m", 0.0204, 0.0204 / 196, Status.VALID)  # ± 1 %
 NOTHING = parameter_result((), "coulomb_torque", "N*m")

@@ -19,16 +19,15 @@ from norton_bench.identification.in_situ import (
 from norton_bench.identification.trials import settled
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.carry_out import carry_out
 from norton_bench.procedures.in_situ import InSituProcedure
-from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.knowledge import Knowledge, carry_out
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.records import LOAD_TAKEN, Event, Measured, join
 from norton_bench.rig.load import load_rig, parse_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
-from norton_bench.session.supervision import learned
+from norton_bench.session.run import learned
 from norton_sim.plant import Plant
 from norton_sim.truth import read_truth
 from tests.bench.bench_in_simulation import opened

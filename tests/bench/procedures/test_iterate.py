@@ -11,15 +11,14 @@ import pytest
 from norton_bench.errors import RigError
 from norton_bench.identification.trials import TRIAL, TrialFigures, diverge, settled, trials
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.carry_out import carry_out
 from norton_bench.procedures.iterate import IterateProcedure, way
-from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.knowledge import Knowledge, carry_out
 from norton_bench.procedures.learning import Iteration, mean_corrections
 from norton_bench.procedures.options import CalibrateOptions, IterateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.records import join
 from norton_bench.rig.load import load_rig
-from norton_bench.session.supervision import learned
+from norton_bench.session.run import learned
 from tests.bench.bench_in_simulation import opened
 from tests.bench.watched import Watched
 
@@ -163,7 +162,7 @@ def test_noise_that_was_learnt_is_no_failure_to_learn(iterated: Iterated) -> Non
         )
         trials = (TrialFigures(1, 1e-2, noise_nm, 1e-4, False), TrialFigures(2, 4e-4, noise_nm, 1e-4), *figures)
         state = replace(iterated.state, trials=trials, corrections=iterated.state.corrections[:1], finished=False)
-        return step.following(replace(iterated.known, iteration=state)).said
+        return step.following(replace(iterated.known, iteration=state)).sentence
 
     assert "converged" not in after(5, 1.4e-4)
     assert after(6, 1.4e-4).endswith("converged")

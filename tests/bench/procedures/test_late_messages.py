@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.carry_out import carry_out
-from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.knowledge import Knowledge, carry_out
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.rig.load import load_rig

@@ -13,8 +13,8 @@ from norton_bench.procedures.iterate import IterateProcedure
 from norton_bench.procedures.knowledge import Adaptive, Knowledge
 from norton_bench.procedures.modulated import RAMP_S, ModulatedProcedure, modulated
 from norton_bench.procedures.options import RestOptions, TabulateImpedanceOptions
-from norton_bench.procedures.rest import RestProcedure
 from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
+from norton_bench.procedures.tare import RestProcedure
 from norton_bench.rig.load import load_rig
 from norton_bench.session.dry_run import segments_of
 

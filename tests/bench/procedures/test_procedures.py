@@ -14,11 +14,10 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.blocked import BlockedProcedure
 from norton_bench.procedures.calibrate import CalibrateProcedure, first_friction, first_inertia_kgm2, known_well_enough
-from norton_bench.procedures.carry_out import carry_out
 from norton_bench.procedures.catalogue import CATALOGUE, make_procedures
 from norton_bench.procedures.free import FreeProcedure
 from norton_bench.procedures.imposed import ImposedProcedure
-from norton_bench.procedures.knowledge import Knowledge, Procedure, Tare
+from norton_bench.procedures.knowledge import Knowledge, Procedure, Tare, carry_out
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure, felt
 from norton_bench.procedures.tare import torque_sign_faults as signs

@@ -14,13 +14,12 @@ from norton_bench.identification.results import FitResult, Trace
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.blocked import BlockedProcedure
-from norton_bench.procedures.excitations import SHARE, Bounds
+from norton_bench.procedures.excitations import LEAST, SHARE, Bounds, bounds_of, words_for
 from norton_bench.procedures.free import TOO_FAST, FreeProcedure
 from norton_bench.procedures.imposed import ImposedProcedure
 from norton_bench.procedures.knowledge import Knowledge, Plan, Procedure, Reducing, Tare
 from norton_bench.procedures.validate import ValidateProcedure
 from norton_bench.procedures.waves import Motion
-from norton_bench.procedures.within import LEAST, bounds_of, words_for
 from norton_bench.records import TICK, Measured, SegmentInfo, join
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig

@@ -3,13 +3,15 @@ from dataclasses import fields, replace
 from html.parser import HTMLParser
 from typing import TextIO
 
+import numpy as np
 import pytest
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from norton_bench.errors import ExperimentError
 from norton_bench.models.parameters import Status
-from norton_bench.report.render import render, write_report
+from norton_bench.report.render import DIGITS, derived_facts, model_of, render, write_report
 from norton_bench.result import Result
+from tests.bench.report.test_words import read_back
 
 SECTIONS = [
     "parameters",
@@ -197,3 +199,114 @@ def test_a_report_that_cannot_be_written_says_so(full: Result, tmp_path) -> None
     (tmp_path / "file").write_text("")
     with pytest.raises(ExperimentError, match="cannot write the report"):
         write_report(tmp_path / "file" / "r.html", Result("bare"))
+
+
+NAMES = {"ωN": "source_velocity", "dτm/dt": "amplifier", "τ": "impedance", "dφ/dt": "contact"}
+
+
+def told(full: Result) -> dict[str, str]:
+    """The right side of each equation with its values, by its left side."""
+    assert full.fit is not None
+    lines = model_of(full.fit, "N*m").lines
+    return dict(line.values.split(" = ", 1) for line in lines)
+
+
+def test_the_printed_source_gives_the_networks_velocity(full: Result) -> None:
+    """Evaluated as a reader would, with the sign that the page prescribes."""
+    assert full.network is not None
+    above, _, under = told(full)["ωN"].partition(" / ")
+    gain, friction = (read_back(part.removesuffix("·c")) for part in above.strip("()").split(" ∓ "))
+    for command in (-0.08, 0.05):
+        expected = (gain * command - np.sign(command) * friction) / read_back(under)
+        assert full.network.source_velocity(command) == pytest.approx(expected, rel=10.0**-DIGITS)
+
+
+def test_every_parameter_stands_in_the_equations(full: Result) -> None:
+    assert set(told(full)) == set(NAMES)
+    assert told(full)["τ"] == "τm − 5.000·10⁻⁵·dω/dt − 0.001000·ω − 10.00·φ − 0.01000·dφ/dt"
+    assert told(full)["dτm/dt"] == "600.0·(0.9000·c − τm)"
+    assert told(full)["dφ/dt"] == "ω − (10.00 / 0.02000)·|ω|·φ"
+
+
+def test_what_is_not_known_stays_a_symbol(full: Result) -> None:
+    assert full.fit is not None
+    unknown = tuple(
+        replace(each, status=Status.AT_BOUND) if each.name == "presliding_damping" else each
+        for each in full.fit.estimates
+    )
+    lines = model_of(replace(full.fit, estimates=unknown), "N*m").lines
+    assert lines[2].values.endswith("− σ1·dφ/dt")
+
+
+def test_a_negative_value_stands_in_brackets(full: Result) -> None:
+    assert full.fit is not None
+    turned = tuple(
+        replace(each, value=-each.value) if each.name == "torque_gain" else each for each in full.fit.estimates
+    )
+    assert "((−0.9000)·c − τm)" in model_of(replace(full.fit, estimates=turned), "N*m").lines[0].values
+
+
+def test_without_torque_the_scale_is_said_to_be_open(full: Result) -> None:
+    assert full.fit is not None
+    network = full.fit.network.with_provenance({"scale": "free motion only"})
+    model = model_of(replace(full.fit, network=network), "A")
+    assert "one common factor" in model.remark
+    assert ("τm", "torque of the motor [A]") in model.variables
+    assert model_of(full.fit, "N*m").remark == ""
+
+
+DRAWS, SEED = 200_000, 5
+
+
+def ends(interval: str) -> tuple[float, float]:
+    """The two numbers of an interval as it is written."""
+    inner, _, power = interval.partition(")")
+    low, high = (read_back(text.strip("( ") + power) for text in inner.split("…"))
+    return low, high
+
+
+def test_values_and_intervals_follow_from_parameters_and_covariance(full: Result) -> None:
+    """Against draws of the parameters: correlated ones, so that leaving the covariance out would show."""
+    assert full.fit is not None
+    names = tuple(each.name for each in full.fit.estimates if each.status is Status.VALID)
+    values = np.array([each.value for each in full.fit.estimates if each.status is Status.VALID])
+    correlation = 0.8 * np.ones((len(names), len(names))) + 0.2 * np.eye(len(names))
+    std = 0.004 * values
+    covariance = correlation * np.outer(std, std)
+    network = replace(
+        full.fit.network, covariance_names=names, covariance=tuple(tuple(map(float, row)) for row in covariance)
+    )
+    facts = derived_facts(replace(full.fit, network=network))
+    assert facts is not None
+    drawn = dict(zip(names, np.random.default_rng(SEED).multivariate_normal(values, covariance, DRAWS).T, strict=True))
+    expected = {
+        "breakaway command": drawn["coulomb_torque"] / drawn["torque_gain"],
+        "free speed per command": drawn["torque_gain"] / drawn["viscous_damping"],
+        "mechanical time constant": drawn["inertia"] / drawn["viscous_damping"],
+        "presliding displacement": drawn["coulomb_torque"] / drawn["presliding_stiffness"],
+    }
+    assert [row[0] for row in facts.rows] == list(expected)
+    for name, value, interval, _unit, _use in facts.rows:
+        low, high = np.quantile(expected[name], (0.025, 0.975))
+        # A quantile of so many draws strays by half a per cent of the width; the ends are written to two digits.
+        assert ends(interval) == pytest.approx((low, high), abs=0.06 * (high - low))
+        assert low < read_back(value) < high
+
+
+def test_a_figure_whose_parameter_is_not_known_is_left_out(full: Result) -> None:
+    assert full.fit is not None
+    lost = tuple(
+        replace(each, status=Status.AT_BOUND) if each.name == "viscous_damping" else each for each in full.fit.estimates
+    )
+    facts = derived_facts(replace(full.fit, estimates=lost))
+    assert facts is not None
+    assert [row[0] for row in facts.rows] == ["breakaway command", "presliding displacement"]
+    nothing = tuple(replace(each, status=Status.DOUBTFUL) for each in full.fit.estimates)
+    assert derived_facts(replace(full.fit, estimates=nothing)) is None
+
+
+def test_without_a_covariance_there_is_no_interval(full: Result) -> None:
+    assert full.fit is not None
+    facts = derived_facts(full.fit)
+    assert facts is not None
+    assert {row[2] for row in facts.rows} == {"–"}

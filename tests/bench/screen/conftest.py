@@ -10,8 +10,7 @@ import pytest
 from norton_bench.events import Ended, SessionEvent
 from norton_bench.recording.contents import Recording
 from norton_bench.rig.rig import Rig
-from norton_bench.screen.experiment import Experiment
-from norton_bench.screen.sources import Replayed
+from norton_bench.screen.experiment import Experiment, Replayed
 from norton_bench.session.operator import Order
 from norton_bench.session.replay import Replay, load_replay
 from tests.bench.whole_session import RIG, SESSION, Performed, whole_session

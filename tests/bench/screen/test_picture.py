@@ -14,7 +14,7 @@ from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment
 from norton_bench.screen.picture.parts import Steps, half_width
 from norton_bench.screen.picture.picture import Line, Log, Picture, RecentTicks
-from norton_bench.screen.plots.figure import Figure
+from norton_bench.screen.plots import Figure
 
 NAMES = ["tare", "calibrate", "free", "imposed", "validate"]
 

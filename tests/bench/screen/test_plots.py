@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from norton_bench.screen.plots import drawing as braille
-from norton_bench.screen.plots.drawing import GUTTER, Drawer
-from norton_bench.screen.plots.figure import Axis, Figure, Markers, Trace, label, prefixed, settled, ticks
+from norton_bench.screen import plots as braille
+from norton_bench.screen.plots import GUTTER, Axis, Drawer, Figure, Markers, Trace, label, prefixed, settled, ticks
 from norton_bench.screen.styles import length
 
 VIEW = braille.View(0.0, 7.0, 0.0, 7.0, 4, 2)  # 8 by 8 dots, a dot a unit

@@ -6,9 +6,8 @@ import pytest
 
 from norton_bench.errors import UsageError
 from norton_bench.screen.screens.keys import KNOWN as KEYS
-from norton_bench.screen.settings import PLACE, Settings, load_settings, settings_path
-from norton_bench.screen.themes import KNOWN as THEMES
-from norton_bench.screen.themes import user_themes
+from norton_bench.screen.settings import KNOWN as THEMES
+from norton_bench.screen.settings import PLACE, Settings, load_settings, settings_path, user_themes
 
 WRITTEN = """
 theme = "lab"

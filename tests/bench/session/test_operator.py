@@ -21,8 +21,7 @@ from norton_bench.events import (
 )
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.procedures.options import TareOptions
-from norton_bench.procedures.rest import RestOptions, RestProcedure
-from norton_bench.procedures.tare import TareProcedure
+from norton_bench.procedures.tare import RestOptions, RestProcedure, TareProcedure
 from norton_bench.recording.reader import read_recording
 from norton_bench.session.engine import run_script, run_session
 from norton_bench.session.operator import Answers, Order

@@ -13,10 +13,10 @@ from norton_bench.events import Note, SessionEvent
 from norton_bench.identification.fit import fit
 from norton_bench.models.parameters import Status
 from norton_bench.procedures import refine
+from norton_bench.procedures.excitations import travel_left_rad
 from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, RefineOptions, TareOptions
 from norton_bench.procedures.refine import RefineProcedure
 from norton_bench.procedures.refinement import half_width
-from norton_bench.procedures.within import travel_left_rad
 from norton_bench.records import Measured
 from norton_bench.result import Result
 from norton_bench.rig.load import load_rig

@@ -9,7 +9,7 @@ from norton_bench.errors import ExitCode, RigError, UsageError
 from norton_bench.procedures.catalogue import CATALOGUE
 from norton_bench.procedures.modulated import ModulatedProcedure
 from norton_bench.procedures.options import STEPS, FreeOptions, ImposedOptions, RestOptions, TareOptions
-from norton_bench.procedures.rest import RestProcedure
+from norton_bench.procedures.tare import RestProcedure
 from norton_bench.rig.files import keys_of, toml
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig

@@ -15,8 +15,8 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig, Supervision
 from norton_bench.session import engine
+from norton_bench.session.run import guard_model_of
 from norton_bench.session.schema import Session, Step
-from norton_bench.session.supervision import guard_model_of
 from norton_drivers.registry import load_backend
 from norton_sim.firmware.odrive import ODriveAxis
 from tests.bench.half_rate import half_rate

@@ -19,8 +19,8 @@ from norton_bench.procedures.options import (
     TabulateSourceOptions,
     TareOptions,
 )
-from norton_bench.procedures.rest import RestProcedure
 from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
+from norton_bench.procedures.tare import RestProcedure
 from norton_bench.report.facts_tables import modulator_sentence
 from norton_bench.result import Result
 from norton_bench.session.conclusion import conclude_recording

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from textwrap import wrap
 
-from norton_bench.jog.course import NAME
 from norton_bench.jog.hands import DEVICE, Bounds
+from norton_bench.jog.script import NAME
 from norton_bench.report.words import pretty_unit
 from norton_bench.screen.panels.health import health_rows
 from norton_bench.screen.picture.picture import Picture

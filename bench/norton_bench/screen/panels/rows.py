@@ -9,8 +9,7 @@ from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 
-from norton_bench.screen.plots.drawing import Drawer
-from norton_bench.screen.plots.figure import Figure
+from norton_bench.screen.plots import Drawer, Figure
 from norton_bench.screen.styles import STYLES, Row, fitted
 
 

@@ -16,7 +16,7 @@ from norton_bench.screen.panels.health import health_rows, in_short
 from norton_bench.screen.panels.progress import clock, log_rows, step_rows, table_rows, title_row, view_row
 from norton_bench.screen.panels.result import LEARNT, LEARNT_IN_SITU, parameter_rows
 from norton_bench.screen.panels.rows import Panel, Plot
-from norton_bench.screen.plots.figure import Figure
+from norton_bench.screen.plots import Figure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Ask, Confirm, Mark
 from norton_bench.screen.styles import Row

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from norton_bench.procedures.carry_out import carry_out
-from norton_bench.procedures.knowledge import Knowledge, Plan
+from norton_bench.procedures.knowledge import Knowledge, Plan, carry_out
 from norton_bench.procedures.waves import coasting
 from norton_bench.records import TICK, Measured
 from norton_bench.rig.load import load_rig
