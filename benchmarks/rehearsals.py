@@ -134,7 +134,10 @@ def kept(out: Path | None, name: str) -> Iterator[Path]:
 
 @contextmanager
 def _program(arguments: Sequence[str], words: IO[str]) -> Iterator["subprocess.Popen[bytes]"]:
-    process = subprocess.Popen([*PROGRAM, *arguments], stdout=words, stderr=words)
+    # Unbuffered: the last line is then what was written last, also where it went to standard error.
+    process = subprocess.Popen(
+        [*PROGRAM, *arguments], stdout=words, stderr=words, env={**os.environ, "PYTHONUNBUFFERED": "1"}
+    )
     try:
         yield process
     finally:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from norton_bench.cli.arguments import Backend, Json, Out, Quiet, RigFile, Seed, run_folder
-from norton_bench.cli.output import Output
+from norton_bench.cli.output import Output, complain
 from norton_bench.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -240,5 +240,5 @@ def _show(result: "Result", output: Output) -> int:
         view += expected(result.expectations)
     output.result(data, *view)
     if result.shortcoming:
-        output.say(result.shortcoming)
+        complain(result.shortcoming)
     return result.exit_code

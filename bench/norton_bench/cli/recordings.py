@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from norton_bench.cli.arguments import Json, Out, Quiet, RecordingFile
-from norton_bench.cli.output import Output
+from norton_bench.cli.output import Output, complain
 from norton_bench.errors import ExitCode, UsageError
 
 RECORDING_SUFFIX = ".mcap"
@@ -62,7 +62,7 @@ def fit(
     result = conclude_recording(first, _made(out))
     output.result(identification(result), summary(result))
     if result.shortcoming:
-        output.say(result.shortcoming)
+        complain(result.shortcoming)
     return result.exit_code
 
 

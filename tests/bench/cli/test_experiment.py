@@ -131,6 +131,14 @@ def test_quiet_is_quiet(engine: Engine, tmp_path: Path, capsys: pytest.CaptureFi
     assert "inertia" in streams.out
 
 
+def test_why_a_result_is_none_is_said_also_where_it_is_quiet(
+    engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    engine.fit = replace(engine.fit, converged=False)
+    assert app.main(["identify", str(RIG), "--out", str(tmp_path), "--quiet"]) == ExitCode.EXPERIMENT_FAILED
+    assert capsys.readouterr().err.strip() == engine.fit.shortcoming
+
+
 def test_run_takes_rig_and_seed_from_the_session_unless_told(engine: Engine, tmp_path: Path) -> None:
     session = tmp_path / "s.toml"
     session.write_text(f'rig = "{RIG}"\nseed = 3\n[[step]]\ndo = "tare"\n')
