@@ -191,11 +191,12 @@ def _watching(
 ) -> Iterator["Watcher"]:
     """All who watch the session: the terminal, its operator, and the report for a CI server."""
     from norton_bench.cli.progress import showing_progress  # noqa: PLC0415
-    from norton_bench.session.junit import JUnitReport  # noqa: PLC0415
 
     with showing_progress(output, rig.tick_s) as shown:
         watchers: list[Watcher] = [shown, operator.watch]
         if options.junit is not None:
+            from norton_bench.session.junit import JUnitReport  # noqa: PLC0415
+
             about = {"rig": rig.place, "session": session.place, "seed": str(options.seed or "")}
             junit = JUnitReport(options.junit, f"norton-bench.{rig.name}", about)
             junit.prepare()
