@@ -48,20 +48,20 @@ class Tick(TypedDict):
     limited: Annotated[int, "u4"]  # bit set of the guard's limits that clipped this tick's commands
     receive_ns: int  # how long each stage took: reading all ports,
     control_ns: int  # the sample and what is wished,
-    guard_ns: int  # the drives' health and the last word,
+    guard_ns: int  # the drives' health and the guard's limits,
     send_ns: int  # writing to all ports,
     put_ns: int  # and, in the tick before, putting it all away
     modulation: float  # the modulator's command as it was sent; NaN where there is none
     modulator_position_rad: float
     modulator_motion_age_ns: int
     modulator_transistor_temperature_c: float
-    supply_v: float  # of the actuator's drive; NaN, as temperatures are, where the drive does not tell
+    supply_v: float  # of the actuator's drive; NaN, as temperatures are, where the drive does not report it
     load_supply_v: float
     motor_temperature_c: float
     load_motor_temperature_c: float
 
 
-# A column's type in recordings; an annotation says it where it is not the usual one.
+# A column's type in recordings, where its annotation does not give another.
 CODES = {int: "i8", float: "f8"}
 TICK = np.dtype(
     [
@@ -192,7 +192,7 @@ class SegmentInfo:
 
 # What an in-situ experiment takes its load for (norton_bench.identification.in_situ).
 LOAD_TAKEN = "load"
-# Kinds of events that are for programs: people are told the same in other places.
+# Kinds of events that are for programs: people read the same in other places.
 FOR_PROGRAMS = ("segment", LOAD_TAKEN)
 
 
@@ -225,8 +225,8 @@ class Measured:
     """Everything measured over a stretch of time, and the table of signals: each stream of readings is one line here.
 
     Whatever handles all streams alike follows from these lines: what the loop takes from the devices and hands on,
-    recordings and exports, what is shown and reported, and the sections that a rig file may have. How to add one is
-    told in docs/adding-a-signal.md.
+    recordings and exports, what is shown and reported, and the sections that a rig file may have. See
+    docs/adding-a-signal.md for how to add one.
 
     Tables are sorted by time; every reading stands in them once.
     """
