@@ -23,7 +23,6 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from norton_bench.loop.alignment import Alignment
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.admittance import AdmittanceController
@@ -45,7 +44,7 @@ from norton_bench.procedures.waves import hold, multisine
 from norton_bench.records import Measured
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
-from norton_bench.sample import Sample, Target
+from norton_bench.sample import Alignment, Sample, Target
 from norton_bench.segments import ZERO_TORQUE, LoadMode, Segment, Use
 from norton_drivers.registry import load_backend
 from norton_sim.backend import SimulatedBackend

@@ -11,7 +11,6 @@ import pytest
 from norton_bench.control import design
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.identification.results import FitResult, Trace
-from norton_bench.loop.segment_info import segment_info
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.blocked import BlockedProcedure
@@ -22,7 +21,7 @@ from norton_bench.procedures.knowledge import Knowledge, Plan, Procedure, Sparin
 from norton_bench.procedures.validate import ValidateProcedure
 from norton_bench.procedures.waves import Motion
 from norton_bench.procedures.within import LEAST, bounds_of, words_for
-from norton_bench.records import TICK, Measured, join
+from norton_bench.records import TICK, Measured, SegmentInfo, join
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import PRESCRIBED_MOTION, LoadMode, Segment
@@ -129,7 +128,7 @@ def freed(plan: Plan, network: NortonNetwork) -> tuple[Measured, list[str]]:
             ticks["velocity_rad_s"], ticks["command"] = speed_rad_s[: len(ticks)], segment.command[: len(ticks)]
             begun_ns = parts[-1].segments[0].end_ns if parts else 0
             ticks["tick_ns"] = begun_ns + np.arange(len(ticks)) * RIG.tick_ns
-            info = segment_info(segment, len(names), begun_ns, begun_ns + len(ticks) * RIG.tick_ns)
+            info = SegmentInfo.of(segment, len(names), begun_ns, begun_ns + len(ticks) * RIG.tick_ns)
             parts.append(Measured(ticks=ticks, segments=(info,)))
             names.append(segment.name)
             velocity_rad_s, command = float(ticks["velocity_rad_s"][-1]), float(ticks["command"][-1])
