@@ -6,14 +6,14 @@ the recorder, the identifier and the screen, and in which a recording is read ba
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from operator import attrgetter
+from operator import itemgetter
 from typing import Annotated, Any, NamedTuple, TypedDict, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
 
 from norton_bench.segments import Segment, Use
-from norton_drivers.readings import RawFrame, TorqueReading
+from norton_drivers.readings import CurrentReading, MotionReading, RawFrame, TemperatureReading, TorqueReading
 
 Table = npt.NDArray[np.void]
 
@@ -48,20 +48,20 @@ class Tick(TypedDict):
     limited: Annotated[int, "u4"]  # bit set of the guard's limits that clipped this tick's commands
     receive_ns: int  # how long each stage took: reading all ports,
     control_ns: int  # the sample and what is wished,
-    guard_ns: int  # the drives' health and the last word,
+    guard_ns: int  # the drives' health and the guard's limits,
     send_ns: int  # writing to all ports,
     put_ns: int  # and, in the tick before, putting it all away
     modulation: float  # the modulator's command as it was sent; NaN where there is none
     modulator_position_rad: float
     modulator_motion_age_ns: int
     modulator_transistor_temperature_c: float
-    supply_v: float  # of the actuator's drive; NaN, as temperatures are, where the drive does not tell
+    supply_v: float  # of the actuator's drive; NaN, as temperatures are, where the drive does not report it
     load_supply_v: float
     motor_temperature_c: float
     load_motor_temperature_c: float
 
 
-# A column's type in recordings; an annotation says it where it is not the usual one.
+# A column's type in recordings, where its annotation does not give another.
 CODES = {int: "i8", float: "f8"}
 TICK = np.dtype(
     [
@@ -98,47 +98,51 @@ def _torque_row(reading: TorqueReading) -> tuple[float, ...]:
 class Kind:
     """A kind of table: one row a message in a recording, whose protobuf message is called ``message``.
 
-    ``stamp`` is the column that gives a row's time. A kind of reading has ``quantities``; ``take`` is the method with
-    which a device gives its new readings, ``instrument`` the part of the device that measures, where it is not the
-    device itself. A reading's fields are named like the columns; where they are not, ``convert`` makes a row of a
-    reading.
+    ``stamp`` is the column that gives a row's time. A kind of reading has ``quantities``; ``reading`` is the drivers'
+    named tuple, ``take`` the method with which a device gives the new ones, ``instrument`` the part of the device that
+    measures, where it is not the device itself. A reading's fields are named like the columns; where a field's value
+    is no number, ``convert`` makes a row of a reading.
     """
 
     message: str
     columns: "np.dtype[np.void]"
-    stamp: str = "arrival_ns"
-    quantities: tuple[Quantity, ...] = ()
+    reading: Any = None
     take: str = ""
+    quantities: tuple[Quantity, ...] = ()
     instrument: str = ""
+    stamp: str = "arrival_ns"
     convert: Callable[[Any], tuple[float, ...]] | None = None
 
     @cached_property
     def row(self) -> Callable[[Any], tuple[float, ...]]:
         """Makes a row, in the order of the columns, of a reading."""
-        return self.convert or attrgetter(*(self.columns.names or ()))
+        return self.convert or itemgetter(*(self.reading._fields.index(name) for name in self.columns.names or ()))
 
 
 TICKS = Kind("Tick", TICK, stamp="tick_ns")
 MOTIONS = Kind(
     "Motion",
     MOTION,
-    quantities=(Quantity("position_rad", "angle", "rad"), Quantity("velocity_rad_s", "velocity", "rad/s")),
-    take="take_motion",
+    MotionReading,
+    "take_motion",
+    (Quantity("position_rad", "angle", "rad"), Quantity("velocity_rad_s", "velocity", "rad/s")),
     instrument="encoder",
 )
-CURRENTS = Kind("Current", CURRENT, quantities=(Quantity("current_a", "current", "A"),), take="take_current")
+CURRENTS = Kind("Current", CURRENT, CurrentReading, "take_current", (Quantity("current_a", "current", "A"),))
 TORQUES = Kind(
     "Torque",
     TORQUE,
-    quantities=(Quantity("torque_nm", "torque", "N*m"),),
-    take="take_torque",
+    TorqueReading,
+    "take_torque",
+    (Quantity("torque_nm", "torque", "N*m"),),
     convert=_torque_row,
 )
 TEMPERATURES = Kind(
     "Temperature",
     TEMPERATURE,
-    quantities=(Quantity("temperature_c", "temperature", "°C"),),
-    take="take_temperature",
+    TemperatureReading,
+    "take_temperature",
+    (Quantity("temperature_c", "temperature", "°C"),),
 )
 
 
@@ -192,7 +196,7 @@ class SegmentInfo:
 
 # What an in-situ experiment takes its load for (norton_bench.identification.in_situ).
 LOAD_TAKEN = "load"
-# Kinds of events that are for programs: people are told the same in other places.
+# Kinds of events that are for programs: people read the same in other places.
 FOR_PROGRAMS = ("segment", LOAD_TAKEN)
 
 
@@ -225,8 +229,8 @@ class Measured:
     """Everything measured over a stretch of time, and the table of signals: each stream of readings is one line here.
 
     Whatever handles all streams alike follows from these lines: what the loop takes from the devices and hands on,
-    recordings and exports, what is shown and reported, and the sections that a rig file may have. How to add one is
-    told in docs/adding-a-signal.md.
+    recordings and exports, what is shown and reported, and the sections that a rig file may have. See
+    docs/adding-a-signal.md for how to add one.
 
     Tables are sorted by time; every reading stands in them once.
     """

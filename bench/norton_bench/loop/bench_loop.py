@@ -15,7 +15,10 @@ from norton_drivers.readings import DeviceIdentity
 
 @dataclass(frozen=True)
 class Learned:
-    """``guard`` is for its checks; None stands for what is not known yet, and leaves things as they are."""
+    """Results of the session that the loop uses: ``guard`` in the guard's checks, the others in control.
+
+    None stands for a result that is not there yet; the loop then keeps the one before.
+    """
 
     guard: GuardModel = EMPTY_MODEL
     torque_bias_nm: float | None = None
@@ -44,33 +47,33 @@ class BenchLoop(Runner, Protocol):
     """A loop with all that a session asks of it; everything but :meth:`run` with the drives idle."""
 
     def subscribe(self, consumer: Callable[[Measured], None]) -> None:
-        """Give ``consumer`` all that is measured from now on, in parts, and nobody else."""
+        """Give all that is measured from now on, in parts, to ``consumer`` instead of the one before."""
         ...
 
     def identify(self) -> list[DeviceIdentity]:
-        """Who everybody says to be. Raises DeviceError."""
+        """The identity of every device, as it states it. Raises DeviceError."""
         ...
 
     def verify_watchdogs(self) -> tuple[WatchdogFinding, ...]:
-        """See every drive's watchdog act; what is found is put away too. Nothing moves.
+        """Test every drive's watchdog, and record the results. Nothing moves.
 
         Raises SafetyStopError where one does not, DeviceError where a drive cannot be enabled.
         """
         ...
 
     def learn(self, learned: Learned) -> None:
-        """Know what the session knows. Raises ExperimentError where no controller can be made for this load."""
+        """Use these results from now on. Raises ExperimentError where no controller can be made for this load."""
         ...
 
     def reset_guard(self, word: str) -> None:
-        """Let the drives be enabled again after a trip, on an operator's ``word``, which is put away with the reason.
+        """Allow the drives to be enabled again after a trip; the operator's ``word`` is recorded with its reason.
 
-        Raises UsageError where nothing was said.
+        Raises UsageError where ``word`` is empty.
         """
         ...
 
     def tell(self, kind: str, text: str, stamp_ns: int | None = None) -> None:
-        """Put an event among what is measured: of now, where ``stamp_ns`` says nothing else."""
+        """Record an event, with the stamp ``stamp_ns`` or that of now."""
         ...
 
     @property
@@ -80,7 +83,7 @@ class BenchLoop(Runner, Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What this system does not allow the loop, a sentence each."""
+        """The rights that this system does not give the loop, a sentence each."""
         ...
 
     @property

@@ -22,7 +22,10 @@ from norton_drivers.registry import open_amplifier, open_device, open_torque_sen
 
 @dataclass(frozen=True)
 class WatchdogFinding:
-    """``safe_after_s``: from the last command until the drive was seen to be safe; None where ``why`` says why not."""
+    """The result of testing one drive's watchdog.
+
+    ``safe_after_s`` is the time from the last command until the drive was safe; None where ``why`` gives the reason.
+    """
 
     role: str
     safe_after_s: float | None = None
@@ -35,15 +38,15 @@ class WatchdogFinding:
 
 
 def has_none(drive: Amplifier) -> WatchdogFinding:
-    """Of a drive that nobody expects to stop by itself."""
+    """The result for a drive without a watchdog."""
     return WatchdogFinding(drive.role, why="it has none that is switched on; if this program dies, it goes on driving")
 
 
 def fall_silent(drives: Sequence[Amplifier], link: Link) -> dict[str, WatchdogFinding]:
-    """Command the enabled ``drives`` no more, and watch until each has made itself safe; findings by role.
+    """Send no more commands to the enabled ``drives``, and wait until each has made itself safe; results by role.
 
-    Each has its watchdog's time, and that in which it would tell. Raises SafetyStopError for one that does not, and
-    ConnectionFailedError.
+    Each has its watchdog's time, and the time in which its heartbeat reports it. Raises SafetyStopError for a drive
+    that does not make itself safe, and ConnectionFailedError.
     """
     for drive in drives:
         drive.provoke_watchdog()
@@ -59,7 +62,7 @@ def fall_silent(drives: Sequence[Amplifier], link: Link) -> dict[str, WatchdogFi
 
 
 def _look(drive: Amplifier, after_s: float) -> WatchdogFinding | None:
-    """None while there is still time. Raises SafetyStopError where there is none left."""
+    """None while the drive still has time. Raises SafetyStopError afterwards."""
     safe = drive.made_itself_safe()
     if safe:
         return WatchdogFinding(drive.role, after_s)
@@ -75,9 +78,9 @@ def _look(drive: Amplifier, after_s: float) -> WatchdogFinding | None:
     )
 
 
-# A drive that was told to idle says so with its next heartbeat; waiting longer than this is pointless.
+# A drive reports that it is idle with its next heartbeat; waiting longer than this is pointless.
 IDLE_WITHIN_NS = 500_000_000
-# It is told again as often as this, should a frame have been lost.
+# The command to idle is repeated after so long: a frame may have been lost.
 STOP_AGAIN_NS = 50_000_000
 # Streams that never begin are reported by name after this long.
 STREAMS_WITHIN_NS = 1_000_000_000
@@ -119,7 +122,7 @@ class Devices:
         return tuple(drive for drive in (self.actuator, self.load, self.modulator) if drive is not None)
 
     def all(self) -> tuple[Device, ...]:
-        """Every device that is there."""
+        """Every device of the rig."""
         sensor = () if self.torque_sensor is None else (self.torque_sensor,)
         return (*self.drives, *sensor, *self.sensors)
 
@@ -159,14 +162,14 @@ class Devices:
         return Commands(command, load_nm, commands.limited, modulation)
 
     def health(self) -> tuple[DriveHealth, ...]:
-        """The last word of every drive."""
+        """The last status of every drive."""
         return tuple([DriveHealth(drive.role, drive.status(), drive.heartbeat_timeout_ns) for drive in self.drives])
 
     def identify(self) -> list[DeviceIdentity]:
-        """Who everybody says to be. Raises DeviceError."""
+        """The identity of every device, as it states it. Raises DeviceError."""
         found = list[DeviceIdentity]()
         for device in self.all():
-            self.link.poll()  # what piled up while nobody looked would leave no room for the answer
+            self.link.poll()  # unread messages would leave no room in the buffer for the answer
             found.append(device.identify())
         return found
 
@@ -175,7 +178,7 @@ class Devices:
         self._enable(self.drives)
 
     def verify_watchdogs(self) -> tuple[WatchdogFinding, ...]:
-        """Enable the drives at zero, fall silent, and see each make itself safe; one finding for each drive.
+        """Enable the drives at zero, send nothing more, and wait until each has made itself safe; one result a drive.
 
         Nothing moves, and the drives are idle afterwards. Raises SafetyStopError where a watchdog does not act,
         DeviceError where a drive cannot be enabled.
@@ -191,9 +194,10 @@ class Devices:
         return tuple(found.get(drive.role) or has_none(drive) for drive in self.drives)
 
     def stop(self) -> tuple[str, ...]:
-        """Every drive to zero torque and idle, whatever state the bench is in. Returns complaints, never raises.
+        """Command zero torque to every drive, then idle it, in any state of the bench; returns what failed, never
+        raises.
 
-        All get their zero before any is idled; a drive that fails does not keep the others from it.
+        All drives get zero before the first is idled. A drive that fails does not keep the others from being stopped.
         """
         complaints = list[str]()
         for drive in self.drives:
@@ -230,7 +234,7 @@ class Devices:
             complaints.append(f"{drive.role} drive: its driver failed to stop it ({error}): switch off its supply")
 
     def _await_idle(self) -> tuple[str, ...]:
-        """Tell those that are still enabled again and again; what is lost of one port does not end it for the other."""
+        """Repeat the command to idle until all are; a port that is lost does not end that for the others."""
         began_ns = told_ns = self.clock.now_ns()
         unheard: Exception | None = None
         while (enabled := self._still_enabled()) and self.clock.now_ns() - began_ns < IDLE_WITHIN_NS:
@@ -252,10 +256,10 @@ class Devices:
         return [drive for drive in self.drives if drive.status().state is DriveState.ENABLED]
 
     def await_streams(self) -> Arrivals:
-        """Let every stream begin, and every drive give a sign of life; returns what arrived meanwhile.
+        """Wait until every required stream and every heartbeat has come; returns what arrived meanwhile.
 
-        A bench that was not listened to for a while, because a controller was designed, has lost heartbeats in full
-        buffers. Raises ExperimentError naming those that do not come.
+        While a controller is designed nobody reads, and heartbeats are lost in full buffers. Raises ExperimentError
+        with the names of those that do not come.
         """
         deadline_ns = self.clock.now_ns() + STREAMS_WITHIN_NS
         arrived = self.receive()

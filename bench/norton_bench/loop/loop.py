@@ -22,8 +22,8 @@ from norton_bench.segments import Segment, Use
 from norton_drivers.errors import DeviceError
 from norton_drivers.readings import DeviceIdentity, DriveState, DriveStatus
 
-# How long drives stay enabled, the bench guarded, for a session that is late. What it computes between two segments
-# takes up to 0.5 s on a core of its own; where nine others want that core too, ten times as long.
+# How long the drives stay enabled, under the guard, while the session is late. It computes for up to 0.5 s between two
+# segments on a core of its own; where nine other processes want that core, ten times as long.
 HELD_S = 5.0
 AT_REST = Segment("wait", "rest", Use.PREPARE, np.zeros(1))
 NOT_THERE = DriveStatus(DriveState.UNKNOWN)
@@ -49,9 +49,9 @@ class Stages(NamedTuple):
 class Loop:
     """Runs segments on enabled devices.
 
-    ``stop_request`` is asked every tick and returns the operator's reason to stop, or None. ``controller`` is needed
-    for segments in admittance mode, and watches all others so that it takes over without a bump. ``on_time`` is entered
-    while the loop runs.
+    ``stop_request`` is called every tick; it returns the operator's reason to stop, or None. ``controller`` is needed
+    for segments in admittance mode; in the others it observes, so that it can take over without a bump. ``on_time`` is
+    entered while the drives are enabled.
     """
 
     devices: Devices
@@ -87,11 +87,11 @@ class Loop:
             yield from self._enabled()
 
     def identify(self) -> list[DeviceIdentity]:
-        """Who everybody says to be. Raises DeviceError."""
+        """The identity of every device, as it states it. Raises DeviceError."""
         return self.devices.identify()
 
     def verify_watchdogs(self) -> tuple[WatchdogFinding, ...]:
-        """See every drive's watchdog act; what is found is put away too. Nothing moves.
+        """Test every drive's watchdog, and record the results. Nothing moves.
 
         Raises SafetyStopError where one does not, DeviceError where a drive cannot be enabled.
         """
@@ -108,7 +108,7 @@ class Loop:
         return found
 
     def learn(self, learned: Learned) -> None:
-        """Know what the session knows. Call it with the drives idle: a new controller takes a second or two.
+        """Use these results from now on. Call it with the drives idle: a new controller takes a second or two.
 
         Raises ExperimentError where no controller can be made for this load.
         """
@@ -120,9 +120,9 @@ class Loop:
             self.controller = AdmittanceController(calibration, self.tick_ns * 1e-9, self.guard.limits.load_torque_nm)
 
     def reset_guard(self, word: str) -> None:
-        """Let the drives be enabled again after a trip, on an operator's ``word``, which is put away with the reason.
+        """Allow the drives to be enabled again after a trip; the operator's ``word`` is recorded with its reason.
 
-        Raises UsageError where nothing was said.
+        Raises UsageError where ``word`` is empty.
         """
         reason = self.guard.tripped
         self.guard.reset(word)
@@ -198,7 +198,7 @@ class Loop:
         )
 
     def _going_on(self) -> Segment:
-        """What follows the last segment for as long as nobody says what comes."""
+        """What the loop does after the last segment, until the next one is ordered."""
         last, ticks = self._last, round(HELD_S * 1e9 / self.tick_ns)
         if last is None:
             return AT_REST.continued(0, 0, ticks, self.tick_ns * 1e-9)
@@ -250,7 +250,8 @@ class Loop:
         stages = Stages(deadline_ns, max(begun_ns, deadline_ns), received_ns, controlled_ns, guarded_ns, sent_ns)
         full = self.outbox.put(self._row(stages, sample, step, wish, sent, drives), arrivals)
         self._put_ns = now_ns() - sent_ns
-        self._troubles.look(begun_ns)
+        if begun_ns >= self._troubles.due_ns:
+            self._troubles.look(begun_ns)
         return full
 
     def _read_ahead(self) -> None:

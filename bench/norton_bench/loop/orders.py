@@ -1,4 +1,8 @@
-"""What a session says to a loop in a process of its own: orders over a pipe, and a heartbeat."""
+"""Messages between a session and a loop in a process of its own: orders and answers over a pipe, and a heartbeat.
+
+Every order but :class:`Idle` gets one answer, :class:`Done` or :class:`Failed`. After :class:`Enable` is done, segments
+are run until :class:`Idle`, or until one fails. In both cases the drives are idle when :class:`Idled` comes.
+"""
 
 import pickle
 import select
@@ -27,14 +31,14 @@ class VerifyWatchdogs:
 
 @dataclass(frozen=True)
 class Learn:
-    """Know this."""
+    """Use these results from now on."""
 
     learned: Learned
 
 
 @dataclass(frozen=True)
 class ResetGuard:
-    """The operator says that the bench is safe."""
+    """Allow the drives to be enabled again: the operator has checked the bench."""
 
     word: str
 
@@ -46,14 +50,14 @@ class Enable:
 
 @dataclass(frozen=True)
 class Run:
-    """Answered with what :class:`norton_bench.records.SegmentInfo` there is to say of it."""
+    """Answered with the segment's :class:`norton_bench.records.SegmentInfo`."""
 
     segment: Segment
 
 
 @dataclass(frozen=True)
 class Idle:
-    """Idle the drives, at once, because of ``error`` or because all has been done."""
+    """Idle the drives at once, because of ``error`` or because all segments have been run."""
 
     error: Exception | None = None
 
@@ -103,7 +107,13 @@ MORE, LAST = b"\0", b"\1"
 
 
 def send_in_pieces(pipe: "Connection[Any, Any]", message: object) -> None:
-    """Returns when all of it is in the pipe. Raises OSError where nobody reads any more."""
+    """Write ``message`` to ``pipe`` in pieces, of which each is in the pipe as a whole or not at all.
+
+    So the reader never waits for the writer. A long segment is more than a pipe holds: read at once, the loop would
+    wait for its rest while other programs keep the writer from the processor.
+
+    Returns when all of it is in the pipe. Raises OSError where the other end is closed.
+    """
     data = pickle.dumps(message)
     for at in range(0, len(data), PIECE_BYTES):
         piece = data[at : at + PIECE_BYTES]
@@ -112,7 +122,7 @@ def send_in_pieces(pipe: "Connection[Any, Any]", message: object) -> None:
 
 @dataclass
 class PieceReader:
-    """The far end of :func:`send_in_pieces`."""
+    """Reads what :func:`send_in_pieces` writes at the other end of ``pipe``."""
 
     pipe: "Connection[Any, Any]"
     _pieces: list[bytes] = field(default_factory=list, init=False)
@@ -122,7 +132,7 @@ class PieceReader:
         self._something_waits = _waiting_in(self.pipe)
 
     def ready(self) -> bool:
-        """Take what waits; whether there is a message to read, or the pipe's end. Never waits."""
+        """Read the pieces that are there; whether a message is complete, or the pipe has ended. Never waits."""
         for _ in range(AT_ONCE):
             if self._whole or not self._something_waits():
                 break
@@ -130,7 +140,7 @@ class PieceReader:
         return self._whole
 
     def read(self) -> Any:
-        """The next message, waited for. Raises EOFError where the pipe has ended, OSError where it is closed."""
+        """Wait for the next message. Raises EOFError where the pipe has ended, OSError where it is closed."""
         while not self._whole:
             self._take()
         pieces, self._pieces, self._whole = self._pieces, [], False
@@ -148,7 +158,7 @@ class PieceReader:
 
 
 def _waiting_in(pipe: "Connection[Any, Any]") -> Callable[[], bool]:
-    """Whether there is something to read in the pipe, or its end. Its own ``poll`` takes half of a tick's work."""
+    """Tells whether the pipe has something to read, or has ended. Its own ``poll`` takes as long as half a tick."""
     if not hasattr(select, "poll"):  # Windows
         return pipe.poll
     poller = select.poll()
@@ -156,26 +166,26 @@ def _waiting_in(pipe: "Connection[Any, Any]") -> Callable[[], bool]:
     return lambda: bool(poller.poll(0))
 
 
-# During a segment a session beats 25 times a second; one that does not for so long hangs, or was stopped.
+# During a segment a session gives 25 heartbeats a second. Without any for so long it hangs, or was stopped.
 SILENT_NS = 1_000_000_000
-# How often the pipe is looked at: it tells sooner of a session that has died.
+# How often the pipe is polled: it shows the death of a session earlier than the missing heartbeat.
 LOOK_NS = 10_000_000
 
 
 class Pulse:
-    """When the session was last seen alive, in memory that it shares with the loop; goes to it as an argument."""
+    """The session's heartbeat, in memory that it shares with the loop's process; goes there as an argument."""
 
     def __init__(self) -> None:
         self.memory: Any = RawArray("B", 8)
 
     def view(self) -> "memoryview[int]":
-        """One number [ns]: the clock's when it beat."""
+        """One number: the time of the last heartbeat [ns]."""
         return memoryview(self.memory).cast("B").cast("Q")
 
 
 @dataclass
 class SessionWatch:
-    """The session as long as the drives are enabled: during a segment, and between two."""
+    """Watches the session while the drives are enabled: they do not stay so for a session that is gone."""
 
     pulse: Pulse
     orders: PieceReader
@@ -188,7 +198,7 @@ class SessionWatch:
 
     @contextmanager
     def segment(self) -> Iterator[None]:
-        """Inside, an order means that the session wants no more of the segment."""
+        """Inside, any order means that the segment is to end."""
         self._within_segment = True
         try:
             yield
@@ -196,10 +206,10 @@ class SessionWatch:
             self._within_segment = False
 
     def look(self) -> None:
-        """Asked every tick. Raises SafetyStopError where the session is gone, LeaveError where it wants them idle.
+        """Called every tick. Raises SafetyStopError where the session is gone, LeaveError where it ends the segment.
 
-        During a segment a session beats, and says nothing but that it wants no more of it. Between two it computes: how
-        long it may is the loop's to say.
+        During a segment the session gives heartbeats, and the only order that it may send ends the segment. Between
+        two segments it computes; the loop limits for how long.
         """
         if not self._within_segment:
             return
@@ -211,11 +221,11 @@ class SessionWatch:
                 raise LeaveError(order if isinstance(order, Idle) else Idle())
 
     def ordered(self) -> bool:
-        """Asked every tick between two segments: whether :meth:`read` has something to read, or the session's end."""
+        """Called every tick between two segments: whether an order is there, or the session has died."""
         return self.orders.ready()
 
     def read(self) -> Order:
-        """The order that is there, or comes. Raises SafetyStopError where the session's process has died."""
+        """Wait for the next order. Raises SafetyStopError where the session's process has died."""
         try:
             order: Order = self.orders.read()
         except (EOFError, OSError):
@@ -223,7 +233,7 @@ class SessionWatch:
         return order
 
     def _listen(self) -> int:
-        """The time [ns], if the session's heart still beats."""
+        """The time now [ns]. Raises SafetyStopError where the last heartbeat is too old."""
         now_ns = self.clock.now_ns()
         silent_ns = now_ns - self._beat_ns[0]
         if silent_ns > SILENT_NS:

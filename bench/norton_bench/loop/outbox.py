@@ -109,7 +109,7 @@ def _table(stream: Stream, arrivals: Iterable[Arrivals]) -> Table:
     kind, readings = stream.kind, [each for new in arrivals for each in new.get(stream.name, ())]
     table = np.empty(len(readings), kind.columns)
     if readings:
-        names, rows = readings[0]._fields, readings
+        names, rows = kind.reading._fields, readings
         if kind.convert is not None:
             names, rows = kind.columns.names, [kind.convert(each) for each in readings]
         for name, column in zip(names, zip(*rows, strict=True), strict=True):

@@ -56,8 +56,8 @@ ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_
 class LoopProcess:
     """A :class:`norton_bench.loop.bench_loop.BenchLoop` on the rig's own devices, in wall time, until :meth:`close`.
 
-    The loop opens them itself. ``stop`` is heard every tick. Raises what opening them raises: WiringError, RigError,
-    ConnectionFailedError. Every method raises SafetyStopError once the loop has died.
+    The loop opens them itself, and looks at ``stop`` every tick. Raises what opening them raises: WiringError,
+    RigError, ConnectionFailedError. Every method raises SafetyStopError once the loop has died.
     """
 
     def __init__(self, rig: Rig, stop: StopWord | None = None, *, seed: int | None = None) -> None:
@@ -257,7 +257,7 @@ class LoopProcess:
         return self._gone
 
     def _hand_on(self, segment: Segment | None = None, info: SegmentInfo | None = None) -> Measured:
-        """Give the consumer what has come; ``info`` is the loop's last word of the segment."""
+        """Give the consumer what has come; ``info`` describes the segment once it is over."""
         measured = self._inbox.take()
         if segment is not None and info is None:
             info = self._so_far(segment, measured.ticks[measured.ticks["segment"] != NO_SEGMENT])
@@ -267,7 +267,7 @@ class LoopProcess:
         return part.without_frames()
 
     def _so_far(self, segment: Segment, ticks: Table) -> SegmentInfo | None:
-        """What can be said of a segment before it is over; None before it has begun."""
+        """The segment so far; None before its first tick."""
         if not len(ticks):
             return None
         index = int(ticks["segment"][-1])
@@ -278,15 +278,15 @@ class LoopProcess:
 
 
 def _idled_in_its_place(rig: Rig, seed: int | None) -> str:
-    """Drives that nobody commands any more stop by themselves, if they have a watchdog; told to, they stop sooner."""
+    """Open the devices and idle the drives: sooner than their watchdogs would, which not every drive has."""
     try:
         backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
         with closing(backend):
             devices = open_devices(rig, backend)
             devices.stop()
-            devices.link.wait(HEARD_WITHIN_NS)  # until they have said how they are, nobody can complain of them
+            devices.link.wait(HEARD_WITHIN_NS)  # their state is known only after their next heartbeats
             complaints = devices.stop()
-    except Exception as error:  # whatever it is, the drives' watchdogs are left, and the loop's death is the news
+    except Exception as error:  # any: the drives' watchdogs are left, and the message is the loop's death
         return (
             f"the drives could not be idled in its place ({error}): if they have no watchdog, switch off their supply"
         )
@@ -294,7 +294,7 @@ def _idled_in_its_place(rig: Rig, seed: int | None) -> str:
 
 
 def _ending(exit_code: int | None) -> str:
-    """How a process ended, in words."""
+    """How a process ended, as text."""
     if exit_code is not None and exit_code < 0:
         return f"ended by {signal.Signals(-exit_code).name}"
     return f"exit code {exit_code}"

@@ -57,8 +57,8 @@ class Shared:
 
 
 def serve_loop(rig: Rig, seed: int | None, shared: Shared, orders: "Connection[Any, Any]") -> None:
-    """What the process runs, until the session closes the pipe or says so. Answers first what the machine granted."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the session says what follows from it
+    """What the process runs until the session closes the pipe or says Close. Its first answer is its rights."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the session decides what follows
     core = take_core()
     settled = prepare_process(None if core is None else core.number)
     with ExitStack() as stack:
@@ -96,15 +96,15 @@ class _Service:
         signal.signal(signal.SIGTERM, self._end)
 
     def serve(self) -> None:
-        """Until the session is gone, or says that it needs no more."""
+        """Until the session is gone or closes."""
         while not isinstance(order := self._next_order(), Close):
             if isinstance(order, Enable):
                 self._enable()
-            elif not isinstance(order, Idle | Run):  # they crossed the news that the drives are idle
+            elif not isinstance(order, Idle | Run):  # sent before the session knew that the drives are idle
                 self.orders.send(self._answer(order))
 
     def _next_order(self) -> Order:
-        """Reads the ports meanwhile, and lets what they say be forgotten."""
+        """Wait for it. Ports are read meanwhile, and what arrives is dropped."""
         listening = True
         while not self._ended:
             if self._reader.ready() or self.orders.poll(LISTEN_S):
@@ -115,7 +115,7 @@ class _Service:
             if listening:
                 try:
                     self.loop.devices.receive()
-                except DeviceError:  # whatever comes next will meet it, and say so
+                except DeviceError:  # the next order meets the same error, and reports it
                     listening = False
         return Close()
 
@@ -153,7 +153,7 @@ class _Service:
         self.orders.send(Idled(error) if enabled or error is None else Failed(error))
 
     def _run_segments(self) -> None:
-        """Until the session says that the drives shall be idle; its reason is raised, and so put away as the loop's."""
+        """Until the session orders the drives to be idle. Its reason is raised here, so that it is recorded."""
         while isinstance(order := self._next_order_held(), Run):
             try:
                 with self._watch.segment():
@@ -201,7 +201,7 @@ def _undisturbed() -> Iterator[None]:
 
 
 def _portable(error: Exception) -> Exception:
-    """What is nobody's mistake but the program's takes along where it happened: the pipe has no room for that."""
+    """An error that the pipe can carry; a mistake of the program takes its traceback along as a note."""
     if not isinstance(error, BenchError | DeviceError):
         error.add_note("".join(traceback.format_exception(error)))
     try:

@@ -1,4 +1,4 @@
-"""The operator's stop, in memory that all of our processes share: any of them says it, the loop hears it every tick."""
+"""The operator's stop, in memory that all of our processes share: any of them sets it, the loop looks every tick."""
 
 import multiprocessing
 from multiprocessing.sharedctypes import RawArray
@@ -10,13 +10,13 @@ NO_REASON = "asked to stop"
 
 
 class StopWord:
-    """Said once, heard from then on. Goes to spawned processes as an argument; nothing of it outlives them.
+    """Set once, it stays. Goes to spawned processes as an argument; nothing of it outlives them.
 
-    The first reason stays. Nothing in it waits, so that a signal handler may say it too.
+    The first reason stays. Nothing in it waits, so that a signal handler may set it too.
     """
 
     def __init__(self) -> None:
-        # Taken by whoever speaks first, and never given back.
+        # Taken by the first that sets a reason, and never given back.
         self._turn = multiprocessing.get_context("spawn").Lock()
         self._said = RawArray("c", 1)
         self._reason = RawArray("c", LONGEST_REASON_BYTES + 1)

@@ -34,8 +34,8 @@ class LoopTiming:
 
     ``lateness`` is counted from the first deadline that was missed, so that a stall is as long as it was however many
     ticks it cost; ``skipped`` are those. ``period`` is from one beginning to the next. ``slack`` is what was left of
-    the period when a tick's commands had gone; its least is the first to tell of trouble, so its percentiles count
-    from above. ``stages`` is empty where nobody measured them: in lock step, and in recordings from before they were.
+    the period when a tick's commands had gone; its least shows trouble first, so its percentiles count from
+    above. ``stages`` is empty where nobody measured them: in lock step, and in recordings from before they were.
     """
 
     tick_ns: int

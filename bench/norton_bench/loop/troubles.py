@@ -1,4 +1,4 @@
-"""What goes wrong now and then without ending anything: counted where it happens, told as events."""
+"""Errors that end nothing, such as a message that cannot be decoded: drivers count them, the loop records them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -7,8 +7,8 @@ from norton_bench.loop.devices import Devices
 
 LOOK_NS = 100_000_000
 ASK_NS = 1_000_000_000
-# The same trouble is told at most so often: some come with every frame.
-TELL_NS = 1_000_000_000
+# The same error is recorded at most so often: some come with every frame.
+REPEAT_NS = 1_000_000_000
 # What a driver counts, under what name, if it counts.
 COUNTED = {"malformed": "messages that could not be decoded", "repeats": "messages that repeat a sample"}
 
@@ -28,44 +28,46 @@ def troubles_of(devices: Devices) -> Counts:
 
 @dataclass
 class TroubleLog:
-    """Looks at the counts now and then, and hands what has grown to ``tell(stamp_ns, kind, text)``."""
+    """Compares the counts with those before, ten times a second; ``put(stamp_ns, kind, text)`` gets what has grown.
+
+    :meth:`look` is to be called when ``due_ns`` has come.
+    """
 
     devices: Devices
-    tell: Callable[[int, str, str], None]
-    _told: Counts = field(default_factory=dict, init=False)
-    _told_ns: dict[tuple[str, str], int] = field(default_factory=dict, init=False)
-    _look_ns: int = field(default=0, init=False)
+    put: Callable[[int, str, str], None]
+    due_ns: int = field(default=0, init=False)
+    _recorded: Counts = field(default_factory=dict, init=False)
+    _recorded_ns: dict[tuple[str, str], int] = field(default_factory=dict, init=False)
     _ask_ns: int = field(default=0, init=False)
 
     def begin(self, now_ns: int) -> None:
-        """What was there before is no news."""
-        self._told = troubles_of(self.devices)
-        self._look_ns, self._ask_ns = now_ns + LOOK_NS, now_ns
+        """What was counted before is not recorded."""
+        self._recorded = troubles_of(self.devices)
+        self.due_ns, self._ask_ns = now_ns + LOOK_NS, now_ns
 
     def look(self, now_ns: int) -> None:
-        """Called every tick; does something ten times a second. Raises ConnectionFailedError for a lost bus."""
-        if now_ns < self._look_ns:
-            return
-        self._look_ns = now_ns + LOOK_NS
+        """Record what has grown. Raises ConnectionFailedError for a lost bus."""
+        self.due_ns = now_ns + LOOK_NS
         if now_ns >= self._ask_ns:
             self._ask_ns = now_ns + ASK_NS
             self.devices.link.ask_adapters()
-        self._tell_news(now_ns, now_ns - TELL_NS)
+        self._record(now_ns, now_ns - REPEAT_NS)
 
     def end(self, now_ns: int) -> None:
-        """Tell what has not been told yet."""
-        self._tell_news(now_ns, now_ns)
+        """Record what has grown since the last time."""
+        self._record(now_ns, now_ns)
 
-    def _tell_news(self, now_ns: int, told_before_ns: int) -> None:
+    def _record(self, now_ns: int, latest_ns: int) -> None:
+        """Put what has grown and was put at ``latest_ns`` or before, or never."""
         for key, count in troubles_of(self.devices).items():
-            before = self._told.get(key, 0)
-            if count > before and self._told_ns.get(key, told_before_ns) <= told_before_ns:
-                self._told[key], self._told_ns[key] = count, now_ns
-                self.tell(now_ns, "bus" if key[0].startswith("bus ") else "device", _sentence(key, before, count))
+            before = self._recorded.get(key, 0)
+            if count > before and self._recorded_ns.get(key, latest_ns) <= latest_ns:
+                self._recorded[key], self._recorded_ns[key] = count, now_ns
+                self.put(now_ns, "bus" if key[0].startswith("bus ") else "device", _sentence(key, before, count))
 
 
 def _sentence(key: tuple[str, str], before: int, count: int) -> str:
     place, what = key
-    news = count - before
-    times = "once" if news == 1 else f"{news} times"
+    more = count - before
+    times = "once" if more == 1 else f"{more} times"
     return f"{place}: {what}, {times}" + (f" more ({count} in all)" if before else "")

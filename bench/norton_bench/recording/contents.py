@@ -1,4 +1,4 @@
-"""What a recording says when it is read back."""
+"""A recording as it is read back."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ def parts_of(recording: Recording) -> Iterator[Measured]:
     Part by part, without frames: the ticks until each of ``part_ends_ns``, and what had arrived by the last of
     them.
 
-    A segment is told by its last end in every part that it reaches into.
+    Every part that a segment reaches into names it with its last end.
     """
     ticks = recording.measured.ticks
     begun_ns = ticks["tick_ns"] + ticks["lateness_ns"]

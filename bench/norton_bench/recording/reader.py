@@ -40,12 +40,12 @@ def read_recording(path: Path, *, raw_frames: bool = True) -> Recording:
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:
-    """What the recording says of its making, without its measurements. Raises UsageError as :func:`read_recording`."""
+    """The recording's metadata, without its measurements. Raises UsageError as :func:`read_recording`."""
     return _metadata(_sound(path, lambda _: False), path)
 
 
 def read_happenings(path: Path) -> tuple[Mapping[str, str], tuple[Event, ...]]:
-    """What the recording says of its making, and its events; also of one that was cut off.
+    """The recording's metadata and events; also of one that was cut off.
 
     Raises UsageError where the file is missing or is not one of ours.
     """

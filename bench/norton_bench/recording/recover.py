@@ -1,4 +1,4 @@
-"""Rescues a recording that was cut off: everything sound goes into a new, complete file."""
+"""Rescues a recording that was cut off: everything undamaged goes into a new, complete file."""
 
 from dataclasses import dataclass
 from io import FileIO

@@ -1,4 +1,4 @@
-"""Walks through an MCAP file as far as it is sound, without trusting its end: the way in for reading and recovery."""
+"""Reads through an MCAP file as far as it is undamaged, without its index: for reading and for recovery."""
 
 import mmap
 import struct
@@ -50,7 +50,7 @@ class Scan:
 
 
 def scan(path: Path, *, keep: KeepChannel = lambda _: True) -> Scan:
-    """Everything sound in the file, of the channels that ``keep`` wants.
+    """Everything undamaged in the file, of the channels for which ``keep`` is true.
 
     Raises UsageError where the file cannot be opened or is no MCAP file.
     """

@@ -1,4 +1,4 @@
-"""What the experiment's process says to the recording process, and how: pickles behind their length."""
+"""Messages of the experiment's process to the recording process: pickles, each after its length."""
 
 import pickle
 from collections.abc import Mapping
