@@ -24,7 +24,7 @@ from norton_bench.logs.results import (
     without_scale,
 )
 from norton_bench.logs.sanity_checks import astray
-from norton_bench.logs.steps import Axis, Inputs, Load, MotorTerms, Table, simulate
+from norton_bench.logs.steps import Axis, Inputs, Load, Motor, Table, simulate
 from norton_bench.models.parameters import Estimate, Status
 
 SPEEDS = 400
@@ -99,7 +99,7 @@ def _axis(problem: Problem, fit: FrictionFit, stretch: Stretch) -> Axis:
     period = stretch.log.given("model", "cogging_period")
     return Axis(
         inertia=known["inertia"],
-        motor=MotorTerms(stretch.log.given("actuator", "torque_gain") or known["torque_gain"]),
+        motor=Motor(stretch.log.given("actuator", "torque_gain") or known["torque_gain"]),
         table=_table(problem, fit),
         cogging=(known.get("cogging_sine", 0.0), known.get("cogging_cosine", 0.0)),
         cogging_wave_number=2 * np.pi / period if period else 0.0,

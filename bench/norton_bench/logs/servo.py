@@ -11,7 +11,7 @@ from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.equation import inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
-from norton_bench.logs.steps import Axis, Friction, Inputs, Load, Loop, MotorTerms, simulate
+from norton_bench.logs.steps import Axis, Friction, Inputs, Load, Loop, Motor, simulate
 
 # Of one step: half of it changes no result by more than an encoder's tick.
 LONGEST_S = 1e-3
@@ -84,7 +84,7 @@ def simulate_motion(log: ServoLog, values: Mapping[str, float], longest_s: float
     get = values.get
     axis = Axis(
         inertia=values["inertia"],
-        motor=MotorTerms(values["torque_constant"], get("winding_resistance", 0.0), get("source_resistance", 0.0)),
+        motor=Motor(values["torque_constant"], get("winding_resistance", 0.0), get("source_resistance", 0.0)),
         friction=Friction(
             viscous=get("viscous_damping", 0.0),
             coulomb=get("coulomb_torque", 0.0),

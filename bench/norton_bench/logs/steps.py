@@ -22,7 +22,7 @@ from numba import njit
 from norton_bench.arrays import BoolArray, FloatArray
 
 
-class MotorTerms(NamedTuple):
+class Motor(NamedTuple):
     """In SI. ``resistance`` 0 is a motor on a current: ``constant`` is then its gain."""
 
     constant: float
@@ -53,7 +53,7 @@ class Axis(NamedTuple):
     """What moves behind the port. ``cogging`` is (sine, cosine) of its wave number times the position."""
 
     inertia: float
-    motor: MotorTerms
+    motor: Motor
     friction: Friction = Friction()
     table: Table = Table()
     offset: float = 0.0
@@ -128,7 +128,7 @@ def commanded(loop: Loop, goal: float, position: float, velocity: float) -> floa
 
 
 @njit(cache=True, nogil=True)
-def electric(motor: MotorTerms, loop: Loop, command: float, supply: float) -> tuple[float, float]:
+def electric(motor: Motor, loop: Loop, command: float, supply: float) -> tuple[float, float]:
     """The motor's exertion at rest, and what it loses per velocity."""
     if motor.resistance == 0.0:
         return motor.constant * command * supply, 0.0

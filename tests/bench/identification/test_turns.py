@@ -40,7 +40,7 @@ def made_residual(rng: np.random.Generator, turns: Turns, unknown_rad: float) ->
 
 
 def test_an_error_at_a_turn_leaves_what_two_paths_differ_by():
-    """Two paths, one of which turned 2 µrad further on: what the friction differs by is what the kick foretells."""
+    """Two paths, one of which turned 2 µrad further on: what the friction differs by is what the kick predicts."""
     ways = np.concatenate([np.full(500, 1e-5), np.full(500, -1e-5)])
     later = ways.copy()
     later[500] += 2e-6

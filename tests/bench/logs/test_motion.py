@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from norton_bench.logs.steps import Axis, Inputs, Load, Loop, MotorTerms, Table, simulate
+from norton_bench.logs.steps import Axis, Inputs, Load, Loop, Motor, Table, simulate
 from tests.bench.logs import machines
 from tests.bench.logs.machines import FREE, fit_of
 
@@ -25,7 +25,7 @@ def machine(damping: float = 0.0, coulomb: float = 0.0, backward: float | None =
     """With friction as a table; ``backward`` is the Coulomb friction against negative motion, where it differs."""
     sides = (coulomb, coulomb if backward is None else backward)
     braking = np.stack([damping * SPEED + side for side in sides])
-    return Axis(inertia=0.05, motor=MotorTerms(2.0), table=Table(SPEED, braking))
+    return Axis(inertia=0.05, motor=Motor(2.0), table=Table(SPEED, braking))
 
 
 @pytest.mark.parametrize("closed", [False, True])

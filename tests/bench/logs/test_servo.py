@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from norton_bench.arrays import FloatArray
 from norton_bench.logs.servo import ServoLog, simulate_motion
-from norton_bench.logs.steps import Inputs, Load, Loop, MotorTerms, electric
+from norton_bench.logs.steps import Inputs, Load, Loop, Motor, electric
 from tests.bench.logs.servos import TICK_RAD, TRUTH, pendulum
 
 SMOOTH = {name: TRUTH[name] for name in ("torque_constant", "winding_resistance", "inertia", "viscous_damping")}
@@ -115,14 +115,14 @@ def test_holds_up_to_the_limit_of_friction_and_no_further(side: float) -> None:
 
 
 def test_the_source_weakens_the_motor_while_it_is_connected() -> None:
-    motor = MotorTerms(0.4, 3.5, 1.5)
+    motor = Motor(0.4, 3.5, 1.5)
     loop = Loop(True, 1.0, 0.0, 1.0, switched=True)
     assert electric(motor, loop, -0.5, 7.0) == pytest.approx((-0.4 * 3.5 / 4.25, 0.4**2 / 4.25))
     assert electric(motor, loop._replace(switched=False), -3.5, 1.0) == pytest.approx((-0.4, 0.4**2 / 3.5))
 
 
 def test_a_motor_on_a_current_has_no_back_emf() -> None:
-    motor = MotorTerms(0.4)
+    motor = Motor(0.4)
     assert electric(motor, Loop(False, 0.0, 0.0, 1.0), 2.0, 1.0) == pytest.approx((0.8, 0.0))
 
 

@@ -1,4 +1,4 @@
-"""A hobby servo measured by other people: what was learned at low gains foretells what it does at a high one."""
+"""A hobby servo measured by other people: what was learned at low gains predicts what it does at a high one."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def xl330() -> LogFit:
     return fit_logs(Request(tuple(sorted(folder.glob("*.json"))), load_map(ROOT / "examples" / "logs" / "xl330.toml")))
 
 
-def test_motion_at_another_gain_is_foretold(xl330: LogFit) -> None:
+def test_motion_at_another_gain_is_predicted(xl330: LogFit) -> None:
     assert xl330.train.motion is not None
     assert xl330.test.motion is not None
     assert xl330.train.motion.mean_absolute < 0.5 * REFIT_RAD
@@ -53,4 +53,4 @@ def test_one_short_log_gives_no_confident_numbers() -> None:
     (log,) = [data_file("xl330", "kp200_sin_sin.json")]
     fit = fit_logs(Request((log,), load_map(ROOT / "examples" / "logs" / "xl330.toml"), train="0:6 s"))
     assert not any(estimate.status is Status.VALID for estimate in fit.estimates)
-    assert any("foretell" in sentence for sentence in fit.verdict)
+    assert any("predict" in sentence for sentence in fit.verdict)
