@@ -9,11 +9,11 @@ from norton_bench.guard.check import Check
 from norton_bench.guard.commands import Commands
 from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
 from norton_bench.guard.model import GuardModel, Machine, TorqueReadings, amperes_per_command
-from norton_bench.guard.motion_checks import Coupling, EncoderAgreement, HeldShaft
-from norton_bench.guard.torque_checks import FrozenTorque, Saturation, TorqueJump
+from norton_bench.guard.motion_checks import Coupling, EncoderAgreement, HeldShaft, Standstill
+from norton_bench.guard.torque_checks import FrozenTorque, Saturation, TorqueBalance, TorqueJump
 from norton_bench.records import CURRENT, TICK
 from norton_bench.sample import Sample
-from tests.bench.guard.shafts import NOTHING, START_NS, TICK_NS, resting
+from tests.bench.guard.shafts import NOTHING, START_NS, TICK_NS, resting, turning
 
 MS = 1_000_000
 FORGET_S = 0.1
@@ -123,7 +123,7 @@ def test_readings_from_further_and_further_back_are_as_far_apart_as_they_were_ta
     assert not found_at(EncoderAgreement("actuator encoder", 0.0), late)
 
 
-# ---- The torque, from one reading to the next ------------------------------------------------------------------------
+# ---- The torque, from one reading to the next -----------------------------------------------------------------------
 
 HABITS = GuardModel(
     torque=TorqueReadings(0.0, 1e-3, 1e-3, 2, 0.02),
@@ -206,7 +206,7 @@ def test_the_end_of_the_range_begins_at_99_hundredths(torque_nm: float, found: b
     assert bool(found_at(Saturation(2.0), torques(*[torque_nm] * 3))) is found
 
 
-# ---- Currents --------------------------------------------------------------------------------------------------------
+# ---- Currents -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("current_a", "found"), [(3.59, False), (3.61, True), (-1.59, False), (-1.61, True)])
@@ -240,7 +240,7 @@ def test_a_slope_is_seen_where_it_is_ten_of_its_own_deviations(noise_a: float, s
     assert (amperes_per_command(ticks, "command", current) is not None) is seen
 
 
-# ---- A modulator, and a held shaft -----------------------------------------------------------------------------------
+# ---- A modulator, and a held shaft ----------------------------------------------------------------------------------
 
 
 def test_a_modulator_that_moved_is_watched_from_there_on() -> None:
@@ -258,3 +258,49 @@ def test_a_swing_that_is_just_small_enough() -> None:
     check.learn(GuardModel(sensor_stiffness_nm_rad=200.0, still_swing_nm=0.05))
     for swing_nm, found in ((0.149, False), (0.151, True)):
         assert bool(found_at(check, torques(*([0.0] * 50 + [swing_nm] * 100)))) is found
+
+
+# ---- The beginning -----------------------------------------------------------------------------------------------
+
+
+def all_checks() -> list[Check]:
+    return [
+        EncoderAgreement("actuator encoder", 1e-4),
+        Coupling(0.25, 1.0, 1e-4, 1e-3),
+        CurrentAgreement("actuator", 0.5, "N*m", 20.0),
+        StuckModulator(4.0, "N*m/rad", 1e-4),
+        Standstill("N*m"),
+        FrozenTorque(),
+        TorqueJump(1.0, 1e-3),
+        Saturation(2.0),
+        TorqueBalance(1.0),
+        HeldShaft(1.0, 1e-4),
+    ]
+
+
+@pytest.mark.parametrize("check", all_checks(), ids=lambda check: f"{check.name} {type(check).__name__}")
+def test_a_check_that_was_never_begun_nor_taught_is_quiet(check: Check) -> None:
+    """Also as to what a rig lacks: everything it holds is a number from the beginning."""
+    assert not any(check.fault(turning(k), Commands(0.0, 0.0, modulation=0.0)) for k in range(300))
+
+
+@pytest.mark.parametrize(
+    ("check", "wrong", "sent"),
+    [
+        (Coupling(0.25, 1.0, 0.0, 1e-3), lambda k: resting(k)._replace(position_rad=1.0 if k % 100 else 0.0), NOTHING),
+        (Saturation(2.0), lambda k: resting(k)._replace(torque_nm=1.99), NOTHING),
+        (jump(), lambda k: resting(k)._replace(torque_nm=0.6 if k % 100 > 1 else 0.0), NOTHING),
+        (
+            CurrentAgreement("actuator", 0.5, "N*m", 20.0),
+            lambda k: resting(k)._replace(current_a=9.0),
+            Commands(0.1, 0.0),
+        ),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_strikes_are_counted_afresh(check: Check, wrong: Callable[[int], Sample], sent: Commands) -> None:
+    """One less than it takes to tell, and the drives are enabled anew, as often as one likes."""
+    first = found_at(check, [wrong(k) for k in range(100)], lambda _: sent)[0]
+    for time in range(1, 4):
+        assert not found_at(check, [wrong(100 * time + k) for k in range(first)], lambda _: sent)
+        assert found_at(check, [wrong(100 * time + k) for k in range(first + 1)], lambda _: sent) == [first]
