@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test check guard compiled rounding newcomer bench clean
+.PHONY: demo test check guard compiled rounding mutants newcomer bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -36,6 +36,10 @@ check: $(READY)  ## style, types, import floors
 
 guard: $(READY)  ## the last gate before the wire: every line and every branch of it
 	$(BIN)/pytest tests/bench/guard -n 0 -q --cov=norton_bench.guard --cov-branch --cov-report=term-missing --cov-fail-under=100
+
+mutants: $(READY)  ## would the tests notice? small changes to the guard, codecs, control and fit; for hours
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mutants]'
+	$(BIN)/python benchmarks/mutants.py
 
 compiled: $(READY)  ## the numerical code and the tests, once, for all processes to come: else the first ones wait
 	$(BIN)/python -c "from norton_bench.session.warm_up import warm_up; warm_up()"

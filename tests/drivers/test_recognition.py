@@ -71,6 +71,7 @@ def test_commands_are_known_to_come_from_a_host():
 
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8), st.booleans(), st.booleans())
 def test_any_frame_may_be_shown(identifier, data, extended, remote):
+    """No error is raised."""
     frame = message(identifier if extended else identifier & 0x7FF, data, extended=extended, remote=remote)
     for offered in registry.recognition().values():
         if offered.recognise is not None:

@@ -234,6 +234,7 @@ def test_a_port_with_nothing_behind_it_does_not_open(wiring: Wiring, open_bench:
 
 
 def test_closing_twice_is_fine(wiring: Wiring, open_bench: Bench) -> None:
+    """No error is raised."""
     backend = open_bench(wiring)
     backend.open_can(wiring.buses[0])
     backend.open_serial("/tmp/bota", 460_800)

@@ -244,6 +244,7 @@ def test_a_port_is_a_link_that_goes_away(tmp_path: Path) -> None:
 
 
 def test_a_full_line_loses_bytes_and_does_not_block(tmp_path: Path) -> None:
+    """It returns: a line that nobody reads holds a few kilobytes, and a million are written."""
     port = ServedPort(str(tmp_path / "port"))
     for _ in range(1000):
         port.write(bytes(1000))

@@ -184,6 +184,7 @@ def test_what_is_written_is_true_within_a_tenth_of_the_deviation(value: float, r
     )
 )
 def test_any_result_is_strict_json(data: object) -> None:
+    """NaN and infinity, which JSON does not know, would end in ``pytest.fail``."""
     json.loads(to_json(data), parse_constant=pytest.fail)
 
 

@@ -139,6 +139,7 @@ class Doubt:
         self.told.append(known)
 
     def fault(self, sample: Sample, sent: Commands) -> str | None:
+        self.told.append(sample)
         self.sent.append(sent)
         return "that cannot be" if sent.command == 0.05 else None
 
@@ -150,6 +151,7 @@ def test_a_check_is_told_what_was_sent_and_its_word_stops_the_bench() -> None:
     gate.begin(SAMPLE)
     assert doubt.told == [known, SAMPLE]
     assert gate.limit(WISH, SAMPLE, (ACTUATOR, LOAD)) == WISH
+    assert doubt.told == [known, SAMPLE, SAMPLE]
     with pytest.raises(SafetyStopError, match="that cannot be") as stop:
         gate.limit(WISH, SAMPLE, (ACTUATOR, LOAD))
     assert stop.value.by == "doubt"

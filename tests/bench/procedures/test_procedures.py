@@ -70,6 +70,7 @@ def test_what_the_rig_lacks_is_refused_in_a_sentence(procedure: Procedure, rig: 
     ],
 )
 def test_what_the_rig_can_do_is_accepted(procedure: Procedure, rig: Rig) -> None:
+    """No error is raised."""
     procedure.require(rig)
 
 

@@ -201,6 +201,7 @@ def test_a_row_has_value_unit_age_and_extremes() -> None:
 @pytest.mark.parametrize("size", SIZES, ids=["80x24", "200x60"])
 @pytest.mark.parametrize("name", ["by-hand", "by-hand-devices", "by-hand-ready"])
 async def test_it_looks_as_it_did(by_hand: Experiment, clock: Clock, name: str, size: tuple[int, int]) -> None:
+    """``compare`` fails where the picture is not the one that was kept."""
     async with at_hand(by_hand, size) as (app, pilot):
         if name != "by-hand-ready":
             screen = await moving(app, pilot, clock)

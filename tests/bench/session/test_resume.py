@@ -156,6 +156,7 @@ def planned(*names: str) -> list[PlannedStep]:
     ],
 )
 def test_what_a_session_may_have_finished_is_taken(plan: str, finished: str) -> None:
+    """No error is raised."""
     records = [(name, Measured()) for name in finished.split()]
     EarlierSession("r.mcap", (), deque(records)).check(planned(*plan.split()))
 

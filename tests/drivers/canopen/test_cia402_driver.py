@@ -846,6 +846,7 @@ def test_eds_files_are_shipped():
 
 
 def test_sdo_answers_that_nobody_waits_for_are_no_twin(drive, link, open_drive):
+    """No error is raised: they are not taken for those of a second drive with the same number."""
     amplifier = open_drive()
     amplifier.enable()
     amplifier.stop()

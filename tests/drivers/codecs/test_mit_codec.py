@@ -153,6 +153,7 @@ def test_a_reply_of_another_length_is_none(length):
 
 @given(st.binary(max_size=12))
 def test_no_data_raise_anything_but_a_codec_error(data):
+    """Any other error would come out of ``suppress``."""
     mit.special_of(data)
     for decode in (Reply.decode, mit.torque_code_of):
         with suppress(CodecError):

@@ -246,6 +246,7 @@ def test_pong():
 
 @given(st.lists(st.tuples(st.sampled_from([5, 6, 7, 8, 9, 18]), st.binary(max_size=8)), max_size=60))
 def test_no_frames_raise_anything_but_a_codec_error(frames):
+    """Any other error would come out of ``suppress``."""
     assembler = vesc.Assembler()
     for packet, data in frames:
         assembler.feed(packet, data)
