@@ -1,4 +1,4 @@
-"""The report of a log from elsewhere: one HTML file in the style of a session's report."""
+"""The report of a log of another program: one HTML file in the style of a session's report."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -61,13 +61,13 @@ def _lines(side: str, errors: Errors) -> list[tuple[str, ...]]:
         (
             side,
             what,
-            number(found.rms, 3),
-            percent(found.relative),
-            number(found.mean_absolute, 3),
-            pretty_unit(found.unit),
+            number(error.rms, 3),
+            percent(error.relative),
+            number(error.mean_absolute, 3),
+            pretty_unit(error.unit),
         )
-        for what, found in (("exertion", errors.exertion), ("motion", errors.motion))
-        if found is not None
+        for what, error in (("exertion", errors.exertion), ("motion", errors.motion))
+        if error is not None
     ]
 
 

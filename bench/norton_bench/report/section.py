@@ -1,11 +1,11 @@
-"""What a section of the report is made of."""
+"""The parts of a section of the report."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Facts:
-    """A small table: its head and its rows, all text."""
+    """A small table: its head and its rows, as text."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -13,7 +13,7 @@ class Facts:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as SVG. ``purpose`` says in a sentence what it is for, ``caption`` what is drawn in it."""
+    """A figure as SVG. ``purpose`` is its use for the reader, ``caption`` describes what is drawn."""
 
     markup: str
     purpose: str

@@ -1,4 +1,4 @@
-"""The comparison of friction models, and why one with more numbers may fit worse."""
+"""The comparison of friction models, and why one with more parameters may fit worse."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -13,7 +13,7 @@ from norton_bench.report.section import Facts, Section
 from norton_bench.report.words import number, percent, pretty_unit
 from norton_bench.result import Result
 
-# What each of those with a memory of the path assumes, and cannot leave out.
+# The assumption of each model whose torque depends on the path.
 ASSUMES = {
     "dahl": "yields from the first motion on",
     "elasto-plastic": "is purely elastic up to breakaway, and then yields along one fixed curve",
@@ -67,7 +67,7 @@ def friction_section(data: Result) -> Section | None:
 
 
 def worse_though_richer(best: Compared, models: Sequence[Compared]) -> tuple[list[str], tuple[str, ...]]:
-    """Why models with more numbers than ``best`` leave more, even of the data that they were fitted to.
+    """Why models with more parameters than ``best`` fit worse, even the data that they were fitted to.
 
     Sentences, and a line for each of the friction laws that are others.
     """
@@ -91,7 +91,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def model_error_section(data: Result) -> Section | None:
-    """How far the network's predictions are off, and within what range that was seen."""
+    """The error of the network's predictions, and the range in which it was tested."""
     error = data.model_error
     if error is None:
         return None

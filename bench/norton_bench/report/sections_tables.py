@@ -1,4 +1,4 @@
-"""The sections of what was tabulated: source, exertion, and the two ports beside each other."""
+"""The sections of an actuator without a model: source, torque, two ports; and of repeated movements."""
 
 from collections.abc import Sequence
 
@@ -92,7 +92,7 @@ def exertion_section(data: Result) -> Section | None:
 
 
 def _swept(table: ExertionTable) -> tuple[str, ...]:
-    """What its sweeps tell."""
+    """Sentences from its sweeps."""
     speeds = [each.speed_rad_s for each in table.swept]
     if not speeds:
         return ()
@@ -115,14 +115,14 @@ def two_ports_section(data: Result) -> Section | None:
 
 
 def modulation_section(data: Result) -> Section | None:
-    found = modulated(data.source, data.exertion)
-    if found is None and data.modulator is None:
+    effect = modulated(data.source, data.exertion)
+    if effect is None and data.modulator is None:
         return None
     sentences: tuple[str, ...] = ()
     tables: tuple[Facts, ...] = ()
-    if found is not None:
-        sentences = modulation_sentences(found, data.units)
-        tables = (stiffness_facts(found, data.units),) if found.stiffness else ()
+    if effect is not None:
+        sentences = modulation_sentences(effect, data.units)
+        tables = (stiffness_facts(effect, data.units),) if effect.stiffness else ()
     if data.modulator is not None:
         sentences = (*sentences, modulator_sentence(data.modulator, data.units))
         tables = (*tables, modulator_facts(data.modulator, data.units))
@@ -130,10 +130,7 @@ def modulation_section(data: Result) -> Section | None:
 
 
 def trials_section(data: Result) -> Section | None:
-    """The report's sections on repeated movements.
-
-    Zero torque, trial by trial.
-    """
+    """Zero torque, trial by trial."""
     if not data.trials:
         return None
     drawn = picture(
@@ -148,29 +145,29 @@ def trials_section(data: Result) -> Section | None:
 
 
 def in_situ_section(data: Result) -> Section | None:
-    """The actuator in situ: what it exerted, trial by trial, and its motion source."""
-    found = data.in_situ
-    if found is None or not found.trials:
+    """The actuator in situ: its torque, trial by trial, and its motion source."""
+    result = data.in_situ
+    if result is None or not result.trials:
         return None
     pictures = [
         picture(
-            trials_figure(found.trials),
+            trials_figure(result.trials),
             "in-situ",
-            "See whether the actuator was brought to exert nothing on its load, without a torque sensor.",
+            "See whether the torque of the actuator on its load became small, without a torque sensor.",
             f"Torque on the load below {TAUGHT_HZ:g} Hz, calculated from motion and load, in N·m as the load drive "
-            "counts them. Where it is large the load drive was left off.",
+            "counts them. In the trials with a large torque the load was not driven.",
         )
     ]
-    if found.source is not None:
-        pictures.append(_source(found.source, pretty_unit(data.command_unit)))
-    ending = _ending(found.trials, "what is left is what movements differ by anyway")
-    sentences = (*(f"{said[0].upper()}{said[1:]}." for said in found.assembly), ending)
+    if result.source is not None:
+        pictures.append(_source(result.source, pretty_unit(data.command_unit)))
+    ending = _ending(result.trials, "what is left is no more than the scatter of movements")
+    sentences = (*(f"{sentence[0].upper()}{sentence[1:]}." for sentence in result.assembly), ending)
     return Section(
         "in-situ",
         "The motion source of an assembled actuator (in situ)",
         sentences,
         tuple(pictures),
-        (_table(found.trials, "movements differ by [mN·m]"),),
+        (_table(result.trials, "scatter of movements [mN·m]"),),
     )
 
 

@@ -53,7 +53,7 @@ NEEDED = ("rig", "command_unit", "tick_s")
 
 
 def _unreported(_line: str) -> None:
-    """Nobody waits for it."""
+    """Report nothing."""
 
 
 def conclude(
@@ -95,9 +95,9 @@ def conclude(
 
 
 def _identified(result: Result, measured: Measured, network_file: Path, on_stage: OnStage) -> Result:
-    """What needs no model, and the motor where the actuator is one."""
-    tick_s, believed = float(result.metadata["tick_s"]), sound(measured)
-    cleaned = believed.measured
+    """Add the tables, which need no model, and for a motor the fit of its parameters."""
+    tick_s, data = float(result.metadata["tick_s"]), sound(measured)
+    cleaned = data.measured
     result = replace(
         result,
         blocked_map=_where_measured(blocked_map, cleaned),
@@ -107,17 +107,17 @@ def _identified(result: Result, measured: Measured, network_file: Path, on_stage
         trials=trials(measured, tick_s, ITERATED),
     )
     if result.metadata.get("model") == NO_MODEL:
-        judged = tabulated_conditions(result.source, result.exertion)
-        return replace(result, source_map=_where_measured(source_map, cleaned), conditions=judged)
-    return _fitted(result, believed, network_file, on_stage)
+        verdicts = tabulated_conditions(result.source, result.exertion)
+        return replace(result, source_map=_where_measured(source_map, cleaned), conditions=verdicts)
+    return _fitted(result, data, network_file, on_stage)
 
 
-def _fitted(so_far: Result, believed: Sound, network_file: Path, on_stage: OnStage) -> Result:
-    """The motor's parameters, and what checks them."""
-    tick_s, segments = float(so_far.metadata["tick_s"]), believed.measured.segments
+def _fitted(so_far: Result, data: Sound, network_file: Path, on_stage: OnStage) -> Result:
+    """Add the motor's parameters, and the tests of the fit."""
+    tick_s, segments = float(so_far.metadata["tick_s"]), data.measured.segments
     learnt = so_far.live[-1].estimates if so_far.live else ()
     on_stage(PARAMETERS)
-    fit = fit_judged(believed, command_unit=so_far.command_unit, tick_s=tick_s)
+    fit = fit_judged(data, command_unit=so_far.command_unit, tick_s=tick_s)
     stretches, unseen, error = fit.stretches, fit.unseen, fit.error
     on_stage(FRICTION)
     result, rungs = with_what_moved(fit.result, fit.fitted, learnt), bench_ladder(stretches, fit.fitted)
@@ -129,8 +129,8 @@ def _fitted(so_far: Result, believed: Sound, network_file: Path, on_stage: OnSta
     modelless = without_model(result, stretches, unseen, segments)
     table = None if modelless is None else modelless.table
     port = PortTorque.of(result, table, stretches[0].origin_ns)
-    static = _where_measured(partial(source_map, port=port), believed.measured)
-    evidence = evidence_of(result, stretches, believed.measured, validation=checked, modelless=modelless, source=static)
+    static = _where_measured(partial(source_map, port=port), data.measured)
+    evidence = evidence_of(result, stretches, data.measured, validation=checked, modelless=modelless, source=static)
     return replace(
         so_far,
         fit=result,
@@ -154,8 +154,10 @@ def _where_measured(value_of: Callable[[Part], Value], measured: Part) -> Value 
 
 
 def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path | None:
-    """The network file; none where the data contradict themselves, or no machine has such values: a file is used
-    without its verdict."""
+    """Write the network file, unless the data contradict themselves or no machine can have such values.
+
+    A network file does not carry the verdict, so that a bad one must not exist.
+    """
     if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates) or beyond_bounds(result.network):
         return None
     not_valid = [each for each in result.estimates if each.status is not Status.VALID]
@@ -164,9 +166,9 @@ def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path
     return path
 
 
-def _source_saved(found: InSituResult, path: Path) -> Path | None:
-    """The motion source, tick by tick; none where the experiment did not come so far."""
-    source = found.source
+def _source_saved(in_situ: InSituResult, path: Path) -> Path | None:
+    """Write the motion source, tick by tick; None where the experiment ended before it was measured."""
+    source = in_situ.source
     if source is None:
         return None
     time_s = np.arange(len(source.command)) * source.tick_s
@@ -176,10 +178,10 @@ def _source_saved(found: InSituResult, path: Path) -> Path | None:
 
 
 def check_metadata(path: Path, metadata: Mapping[str, str]) -> None:
-    """Raises UsageError where they lack what a fit needs."""
+    """Raises UsageError where a key that a fit needs is missing."""
     for key in NEEDED:
         if key not in metadata:
-            raise UsageError(f"{path}: its metadata lack '{key}'; it was not recorded by norton-bench")
+            raise UsageError(f"{path}: its metadata have no '{key}'; it was not recorded by norton-bench")
 
 
 def conclude_recording(path: Path, out: Path | None = None, on_stage: OnStage = _unreported) -> Result:

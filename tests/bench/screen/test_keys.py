@@ -167,7 +167,7 @@ async def test_results_follow_the_end(live: Experiment, session, monkeypatch: py
         await started(live, app, pilot)
         assert "results" not in shown(app)
         session.replay.seek(session.replay.duration_s)
-        session.next_events += [StateChanged(SessionState.DONE), Ended(RESULT)]
+        session.next_events += [StateChanged(SessionState.DONE), RESULT]
         await frame(app, pilot)
         assert "start" in shown(app)  # once more
         await pilot.press("r")
@@ -385,7 +385,7 @@ async def test_while_it_is_fitted_there_is_progress_and_no_key_that_does_nothing
         page = "".join(text for row in app.screen._rows(76, 20) for text, _ in row)
         assert "final fit 2/4: friction models" in page
         session.next_events.append(StateChanged(SessionState.DONE))
-        session.next_events.append(Ended(RESULT))
+        session.next_events.append(RESULT)
         await frame(app, pilot)
         await until(pilot, lambda: "open_report" in shown(app))
 

@@ -33,7 +33,7 @@ def reported(path: Path, steps: tuple[int, ...], summary: Ended) -> ET.Element:
     report(Note("round 1\x1b[0m"))
     if not summary.failure:
         report(StateChanged(SessionState.CONCLUDING))
-    report(Ended(summary))
+    report(summary)
     (suite,) = ET.parse(path).getroot()
     return suite
 
