@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from textual.pilot import Pilot
 
-from norton_bench.events import Ended, Prompt
+from norton_bench.events import Prompt
 from norton_bench.records import Measured
 from norton_bench.screen.app import BenchApp
 from norton_bench.screen.experiment import Experiment, Opening
@@ -125,7 +125,7 @@ async def test_results_look_as_they_did(performed: Performed, replayed: Experime
     replayed.replay.replay.seek(1e9)  # type: ignore[union-attr]
     for event in replayed.replay.events():  # type: ignore[union-attr]
         done.picture.take(event)
-    done.picture.take(Ended(summary))
+    done.picture.take(summary)
     app = BenchApp(Opening(lambda _: Path()), done)
     async with app.run_test(size=size) as pilot:
         await pilot.pause()

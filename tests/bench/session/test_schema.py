@@ -104,7 +104,7 @@ def test_a_modulation_may_be_swept() -> None:
     ("rig", "text", "said"),
     [
         (VARIABLE, "modulation = 2\n", "s.toml: [step 1, rest] modulation: 2 is not a quantity; write it like"),
-        (VARIABLE, 'modulation = ["1 N*m/rad", 2]\n', 's.toml: [step 1, rest] modulation: ["1 N*m/rad", 2] is not a quan'),
+        (VARIABLE, 'modulation = ["1 N*m/rad", 2]\n', 's.toml: [step 1, rest] modulation: ["1 N*m/rad", 2] is not a'),
         (VARIABLE, 'modulation = "2 rad"\n', 's.toml: [step 1, rest]: modulation: "2 rad" is not in N*m/rad'),
         (
             VARIABLE,

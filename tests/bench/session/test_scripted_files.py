@@ -149,7 +149,7 @@ def test_what_the_rig_cannot_do_is_told_with_its_place() -> None:
         ('[[step]]\ndo = "tare"\nrepeat = 0\n', "[step 1, tare] repeat: 0 must be at least 1"),
         ('[[step]]\ndo = "tare"\nrepeat = 1000000\n', "[step 1, tare] repeat: 1000000 must be at most 1000"),
         ('[[step]]\ndo = "tare"\nfor = { a = [] }\n', '[step 1, tare] for: a needs its values: write a = ["20 %"'),
-        ('[[step]]\ndo = "tare"\nfor = { a = "1:-1:5" }\n', '[step 1, tare] for: the step of the range "1:-1:5" leads away'),
+        ('[[step]]\ndo = "tare"\nfor = { a = "1:-1:5" }\n', '[step 1, tare] for: the step of the range "1:-1:5"'),
         ('[[step]]\ndo = "tare"\nfor = { "a b" = [1] }\n', '[step 1, tare] for: "a b" cannot be named as $...'),
         (
             '[[step]]\ndo = "tare"\nwhen = { parameter = "inertia" }\n',
