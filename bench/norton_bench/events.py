@@ -1,6 +1,6 @@
 """What happens in a session, as data: the same inside a process, from process to process, and in a replay.
 
-Whoever watches a session gives it a function that takes these events, one after the other, and returns at once.
+A watcher of a session is a function that takes these events, one after the other, and returns at once.
 """
 
 from collections.abc import Callable
@@ -31,20 +31,21 @@ class SessionState(Enum):
 
 @dataclass(frozen=True)
 class PlannedStep:
-    """A step ahead. ``label`` tells it from others of its name: what it varies, which repetition it is.
+    """A step of the plan. ``label`` distinguishes steps of one name: the values that vary, the number of the
+    repetition.
 
-    ``certain`` is False where a condition decides, when its turn comes, whether it runs.
+    ``certain`` is False where a condition will decide whether the step runs.
     """
 
     name: str
-    duration_s: float  # about, of bench time; of an adaptive step: at most
+    duration_s: float  # estimated bench time; of an adaptive step: at most
     label: str = ""
     certain: bool = True
 
 
 @dataclass(frozen=True)
 class Prompt:
-    """A question to the operator. ``choices`` are the answers allowed, none: any text, also an empty one."""
+    """A question to the operator. ``choices`` are the answers allowed; empty: any text, also an empty one."""
 
     name: str
     text: str
@@ -53,14 +54,14 @@ class Prompt:
 
 @dataclass(frozen=True)
 class Planned:
-    """The steps ahead. It comes again, with more of them, where a script goes on after the last one."""
+    """The plan. It comes again, with more steps, when a script continues after the last one."""
 
     steps: tuple[PlannedStep, ...]
 
 
 @dataclass(frozen=True)
 class StepBegun:
-    """Step ``index`` of the plan begins; those between it and the last one were left out."""
+    """Step ``index`` of the plan begins; steps between the last one and it were left out."""
 
     index: int
     name: str
@@ -68,9 +69,9 @@ class StepBegun:
 
 @dataclass(frozen=True)
 class PartMeasured:
-    """About 100 ms were measured, and this is what is known by now.
+    """About 100 ms of measurements, with the newest estimates.
 
-    ``dropped`` parts before it did not reach a watcher who was slow; they are in the recording.
+    ``dropped`` parts before it did not reach a watcher that was slow; they are in the recording.
     """
 
     measured: Measured
@@ -92,7 +93,7 @@ class StateChanged:
 
 @dataclass(frozen=True)
 class Question:
-    """The session waits for the answer: an order "answer"."""
+    """A prompt to the operator: the session waits for an order "answer"."""
 
     prompt: Prompt
 
@@ -101,10 +102,10 @@ class Question:
 class Ended:
     """The session is over; this is the last event, however it ended. ``failure`` is empty where it came to its end.
 
-    Files and figures are there as far as it came. ``torque_relative`` is the rms error of the predicted torque over the
-    rms of the torque, under motion and command that no fit has seen; ``velocity_relative`` the same for the free
-    motion; None where nothing was validated. ``trials`` says what repeated movements came to; ``tables`` are source and
-    impedance as they were tabulated; ``conditions`` whether the network can be told from its port.
+    Files and figures are given as far as the session came. ``torque_relative`` is the rms error of the predicted torque
+    over the rms of the torque, under motion and command that no fit has seen; ``velocity_relative`` the same for the
+    free motion; None where nothing was validated. ``trials`` are the results of repeated movements; ``tables`` are
+    source and impedance as tabulated; ``conditions`` say whether measurements at the port determine the network.
     """
 
     exit_code: ExitCode
@@ -127,4 +128,4 @@ Watcher = Callable[[SessionEvent], None]
 
 
 def ignore(_event: SessionEvent) -> None:
-    """The watcher of a session that nobody watches."""
+    """A watcher that does nothing."""

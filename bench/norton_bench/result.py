@@ -28,7 +28,7 @@ from norton_bench.units import Units
 class Result:
     """Everything that follows from one recording.
 
-    A part is None, or empty, where the session measured nothing that could tell. ``metadata`` says where the data come
+    A part is None, or empty, where the session has no data for it. ``metadata`` says where the data come
     from, by the names of the recording ("command_unit", "seed", "rig_file", ...); ``measured`` begins with what the
     session that it resumed has finished. ``knowledge`` is what the session's procedures knew at its end, None for a
     recording that is fitted again.
@@ -59,7 +59,7 @@ class Result:
     expectations: Sequence[ExpectationResult] = ()
     network_file: Path | None = None
     report_file: Path | None = None
-    motion_file: Path | None = None  # the motion source identified in situ, as CSV
+    motion_file: Path | None = None  # the motion source measured in situ, as CSV
 
     @property
     def command_unit(self) -> str:
@@ -75,7 +75,7 @@ class Result:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing was identified: neither parameters nor tables, nor a source in situ."""
+        """Whether nothing was identified: no parameters, no tables, no source in situ."""
         parts = (self.fit, self.source_map, self.blocked_map, self.source, self.exertion, self.in_situ)
         return all(part is None for part in parts)
 

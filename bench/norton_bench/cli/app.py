@@ -12,21 +12,21 @@ from norton_bench.errors import ExitCode
 
 DEBUG = "--debug"
 VERSION_FLAGS = ("--version", "-V")
-# With one of these, or with nothing but the name of a group, words are printed and nothing else is done.
+# With one of these, or with the name of a group alone, the program only prints text.
 WORDS_ALONE = frozenset(("--help", "-h", *VERSION_FLAGS))
 EPILOGUE = (
     f"{DEBUG} anywhere shows the traceback of a failure. Exit codes: 0 done, 1 the experiment failed, 2 wrong usage or "
     "file, 3 no connection, 4 a device did not answer, 5 safety stop, 130 interrupted."
 )
 
-# What numpy's libraries of linear algebra may be told, before they are loaded, of how many threads to use.
+# The environment variables with the number of threads of numpy's linear algebra; read when the library is loaded.
 THREAD_COUNTS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 COMMANDS = {
-    "demo": ("norton_bench.cli.examples:demo", "Identify a simulated actuator, to see what this program does."),
+    "demo": ("norton_bench.cli.examples:demo", "Identify a simulated actuator: a demonstration."),
     "examples": (
         "norton_bench.cli.examples:examples",
-        "List or copy the rigs, sessions and scripts shipped with it.",
+        "List or copy the rigs, sessions and scripts that come with this program.",
     ),
     "identify": ("norton_bench.cli.experiment:identify", "Identify the actuator of a rig with the standard session."),
     "run": ("norton_bench.cli.experiment:run", "Run a session file."),
@@ -34,42 +34,45 @@ COMMANDS = {
     "ui": ("norton_bench.cli.screen:ui", "Watch and run experiments in the terminal."),
     "fit": (
         "norton_bench.cli.recordings:fit",
-        "Fit recordings again, or logs from elsewhere by a map of their columns.",
+        "Fit recordings again, or fit logs of other programs.",
     ),
     "sweep": (
         "norton_bench.cli.sweep:sweep",
-        "Fit one experiment at many seeds, or a fleet of recordings, in parallel.",
+        "Fit many simulated sessions, or many recordings, in parallel.",
     ),
     "report": ("norton_bench.cli.recordings:report", "Write the report of a recording."),
-    "datasheet": ("norton_bench.cli.datasheet:datasheet", "Write the data sheet of an actuator, to hand on."),
-    "info": ("norton_bench.cli.info:info", "Say what a recording holds, and how well its loop kept time."),
-    "recover": ("norton_bench.cli.recordings:recover", "Rescue a recording that was cut off."),
+    "datasheet": ("norton_bench.cli.datasheet:datasheet", "Write the data sheet of an actuator."),
+    "info": ("norton_bench.cli.info:info", "Show what a recording contains, and the timing of its control loop."),
+    "recover": ("norton_bench.cli.recordings:recover", "Repair a recording that was cut off."),
     "runs": ("norton_bench.cli.runs:runs", "List past runs, compare two, follow a parameter over time."),
     "export": ("norton_bench.cli.recordings:export", "Write a recording as Parquet, CSV or MATLAB tables."),
-    "faults": ("norton_bench.cli.faults:faults", "Rehearse faults on simulated rigs, and say how each of them ends."),
-    "paper": ("norton_bench.cli.paper:paper", "Repeat the paper's claims as experiments, each beside its closed form."),
+    "faults": ("norton_bench.cli.faults:faults", "Inject faults on simulated rigs, and report how each of them ends."),
+    "paper": ("norton_bench.cli.paper:paper", "Test the claims of the paper in simulated experiments."),
     "devices": ("norton_bench.cli.check:devices", "List the serial ports and CAN adapters of this machine."),
     "completion": (
         "norton_bench.cli.completion:completion",
-        "Print or install what completes commands on the Tab key.",
+        "Print or install the shell completion (Tab key).",
     ),
 }
 GROUPS = {
     "rig": (
-        "Describe a rig, and look at it.",
+        "Write a rig file, or check a rig.",
         {
-            "new": ("norton_bench.cli.new:new", "Write a new rig file from your answers."),
-            "check": ("norton_bench.cli.check:check", "Say what is wrong with a rig. Moves nothing without --move."),
+            "new": ("norton_bench.cli.new:new", "Write a new rig file from your answers to questions."),
+            "check": (
+                "norton_bench.cli.check:check",
+                "Check a rig, and report what is wrong. Moves nothing without --move.",
+            ),
         },
     ),
     "network": (
-        "Networks in files: look at them, convert them, use them elsewhere.",
+        "Show, convert, draw or export network files.",
         {
             "show": (
                 "norton_bench.cli.network:show",
-                "Say what a network is, and whether it can be told from its port.",
+                "Show a network, and whether measurements at its port determine it.",
             ),
-            "convert": ("norton_bench.cli.network:convert", "Write the exact equivalent of another type or form."),
+            "convert": ("norton_bench.cli.network:convert", "Convert a network to another type or form."),
             "export": ("norton_bench.cli.network:export", "Write a network for MuJoCo, as C, or as an FMU."),
             "plot": ("norton_bench.cli.network:plot", "Draw the source and the impedance of a network."),
         },
@@ -79,7 +82,7 @@ GROUPS = {
         {
             "serve": (
                 "norton_bench.cli.simulator:serve",
-                "Serve a rig's simulated devices on its own ports, in wall time.",
+                "Serve the simulated devices of a rig on its ports, in real time.",
             ),
             "truth": ("norton_bench.cli.simulator:truth", "Print the true values of a simulated actuator."),
         },
@@ -88,10 +91,10 @@ GROUPS = {
 
 
 def build_app() -> App:
-    """All commands, none of them imported."""
+    """The app with all commands; none of them is imported."""
     app = App(
         name="norton-bench",
-        help="Find out what an actuator really is: identify its nonlinear Norton equivalent network.",
+        help="Identify the nonlinear Norton equivalent network of an actuator.",
         help_epilogue=EPILOGUE,
         version=lambda: version("norton-bench"),
         version_flags=VERSION_FLAGS,
@@ -127,21 +130,21 @@ def _run(tokens: list[str]) -> object:
 
 
 def _leave_cores_alone() -> None:
-    """One thread of linear algebra, unless the user wants it otherwise.
+    """One thread for linear algebra, unless the environment sets another number.
 
-    Matrices are small here, and what waits for its threads spins on the cores that loop and recorder need: twice the
-    time for a session, and far more on a machine that is busy.
+    Matrices are small here. More threads wait for each other in busy loops on the cores that loop and recorder need:
+    a session takes twice the time, and far more on a busy machine.
     """
     for name in THREAD_COUNTS:
         os.environ.setdefault(name, "1")
 
 
 def run_safely(command: Callable[[], object], *, debug: bool) -> int:
-    """The command's own exit code, or that of the error it ended with."""
+    """Run ``command``; returns its exit code, or that of the error with which it ended."""
     try:
         result = command()
         with to_stdout():
-            pass  # what still waits leaves here, or its failure would be the interpreter's
+            pass  # buffered output is written here, where an error can still be reported
     except CycloptsError as error:
         return _usage(error)
     except (Exception, KeyboardInterrupt) as error:
@@ -152,7 +155,7 @@ def run_safely(command: Callable[[], object], *, debug: bool) -> int:
 def _usage(error: CycloptsError) -> int:
     text = " ".join(str(error).split())
     if isinstance(error, UnusedCliTokensError):
-        text = f"{' '.join(error.unused_tokens or ())}: is more than this command takes; leave it out."
+        text = f"{' '.join(error.unused_tokens or ())}: is not an argument of this command; leave it out."
     complain(f"{text} See norton-bench --help.")
     return ExitCode.USAGE
 

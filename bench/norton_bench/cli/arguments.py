@@ -12,7 +12,7 @@ from norton_bench.errors import UsageError
 
 
 def _whole(_kind: object, tokens: Sequence[Token]) -> int:
-    """A whole number and nothing like it: 1.5 would be taken for 1."""
+    """Accept whole numbers only; 1.5 would else become 1."""
     (token,) = tokens
     if re.fullmatch(r"[+-]?\d+", token.value) is None:
         raise ValueError(f'{token.keyword} "{token.value}" is not a whole number.')
@@ -36,18 +36,20 @@ def _not_empty(_kind: object, text: str | None) -> None:
 
 RigFile = Annotated[Path, Parameter(name="RIG", help="A rig file.")]
 RecordingFile = Annotated[Path, Parameter(name="RECORDING", help="A recording (.mcap).")]
-Json = Annotated[bool, Parameter(help="Print one JSON document on stdout and nothing else there.")]
-Quiet = Annotated[bool, Parameter(help="Say nothing on the way.")]
+Json = Annotated[bool, Parameter(help="Print one JSON document on stdout, and nothing else.")]
+Quiet = Annotated[bool, Parameter(help="Print no progress.")]
 Seed = Annotated[
     int | None,
-    Parameter(help="Seed of the simulation, instead of the rig file's.", converter=_whole, validator=_not_negative),
+    Parameter(help="Seed of the simulation; replaces that of the rig file.", converter=_whole, validator=_not_negative),
 ]
 Jobs = Annotated[
     int | None,
-    Parameter(help="How many at a time; as many as this machine has cores.", converter=_whole, validator=_at_least_one),
+    Parameter(
+        help="Number of parallel processes; default: number of cores.", converter=_whole, validator=_at_least_one
+    ),
 ]
 Backend = Annotated[
-    str | None, Parameter(help='"hardware" or "simulated", instead of the rig file\'s.', validator=_not_empty)
+    str | None, Parameter(help='"hardware" or "simulated"; replaces that of the rig file.', validator=_not_empty)
 ]
 Out = Annotated[Path | None, Parameter(help="Folder for the results.")]
 
@@ -58,8 +60,8 @@ MOST_NUMBERS = 10_000
 
 
 def numbers_in(option: str, text: str) -> tuple[int, ...]:
-    """The numbers that "1-3,7" stands for, each once, in that order. Raises UsageError where ``option`` is no such."""
-    found: dict[int, None] = {}
+    """The numbers in a text such as "1-3,7", each once, in that order. Raises UsageError for any other text."""
+    numbers: dict[int, None] = {}
     for part in text.split(","):
         match = NUMBERS.fullmatch(part.strip())
         last = int(match[2] or match[1]) if match else -1
@@ -67,12 +69,12 @@ def numbers_in(option: str, text: str) -> tuple[int, ...]:
             raise UsageError(f'{option} "{text}": write numbers and ranges, such as 1-5 or 1,4,7')
         if last - int(match[1]) >= MOST_NUMBERS:
             raise UsageError(f'{option} "{text}": these are more than {MOST_NUMBERS}; ask for fewer')
-        found.update(dict.fromkeys(range(int(match[1]), last + 1)))
-    return tuple(found)
+        numbers.update(dict.fromkeys(range(int(match[1]), last + 1)))
+    return tuple(numbers)
 
 
 def run_folder(out: Path | None, rig_name: str, runs: Path = RUNS) -> Path:
-    """The folder of this run, made: ``out``, or <runs>/<stamp>-<rig>. Raises UsageError where it cannot be made."""
+    """Make the folder of this run: ``out``, or <runs>/<stamp>-<rig>. Raises UsageError where it cannot be made."""
     folder = out if out is not None else runs / f"{datetime.now():%Y%m%d-%H%M%S}-{rig_name}"
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""``rig check`` and ``devices``: what is there, before anything moves."""
+"""``rig check`` and ``devices``: the state of the bench before anything moves."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,43 +20,40 @@ if TYPE_CHECKING:
     from norton_drivers.discovery import FoundPort
 
 
-def check_data(found: "RigCheck") -> dict[str, Any]:
-    """What ``rig check`` found, for programs and for people.
-
-    What ``--json`` prints.
-    """
+def check_data(result: "RigCheck") -> dict[str, Any]:
+    """The results of ``rig check`` as ``--json`` prints them."""
     return {
-        "devices": [_device_data(each) for each in found.devices],
-        "buses": [_bus_data(each) for each in found.buses],
-        "host": None if found.host is None else _host_data(found.host),
-        "moved": list(found.moved),
-        "problems": [str(problem) for problem in found.problems()],
-        "remarks": list(found.remarks),
+        "devices": [_device_data(each) for each in result.devices],
+        "buses": [_bus_data(each) for each in result.buses],
+        "host": None if result.host is None else _host_data(result.host),
+        "moved": list(result.moved),
+        "problems": [str(problem) for problem in result.problems()],
+        "remarks": list(result.remarks),
     }
 
 
-def check_view(found: "RigCheck") -> Iterator["RenderableType"]:
-    """Each device in a line, below it its streams, one a row; then the buses, the host, and what is worth knowing."""
-    for device in found.devices:
+def check_view(result: "RigCheck") -> Iterator["RenderableType"]:
+    """The same for a terminal: each device with its streams, then the buses, this computer, and notes."""
+    for device in result.devices:
         yield _device_line(device)
         yield _stream_table(device)
-    for bus in found.buses:
+    for bus in result.buses:
         yield _bus_line(bus)
-        # A kind that several drivers speak to is one line.
+        # A kind of device for several drivers is one line.
         yield from dict.fromkeys(f"  {_sender_line(sender)}" for sender in bus.senders)
-    if found.host is not None:
-        yield _host_line(found.host)
-    yield from found.moved
-    yield from (f"note: {remark}" for remark in found.remarks)
+    if result.host is not None:
+        yield _host_line(result.host)
+    yield from result.moved
+    yield from (f"note: {remark}" for remark in result.remarks)
 
 
 def _device_line(each: "DeviceCheck") -> str:
     if each.identity is None:
-        return f"{each.role}: {each.driver}, not heard"
-    said = {"": each.identity.address, "hardware ": each.identity.hardware, "firmware ": each.identity.firmware}
+        return f"{each.role}: {each.driver}, no answer"
+    details = {"": each.identity.address, "hardware ": each.identity.hardware, "firmware ": each.identity.firmware}
     if each.answer_s is not None:
-        said["answers in "] = f"{each.answer_s * 1e3:.2f} ms"
-    return ", ".join([f"{each.role}: {each.driver}", *(name + value for name, value in said.items() if value)])
+        details["answers in "] = f"{each.answer_s * 1e3:.2f} ms"
+    return ", ".join([f"{each.role}: {each.driver}", *(name + value for name, value in details.items() if value)])
 
 
 def _stream_table(each: "DeviceCheck") -> "Table":
@@ -163,13 +160,13 @@ def _table(texts: Sequence[str], numbers: Sequence[str]) -> "Table":
     return table
 
 
-Move = Annotated[bool, Parameter(help="Also push the shaft gently, and see whether all devices tell of it alike.")]
+Move = Annotated[bool, Parameter(help="Also push the shaft gently, and compare what the devices measure.")]
 
 
 def check(
     rig_file: RigFile, /, *, move: Move = False, backend: Backend = None, seed: Seed = None, json: Json = False
 ) -> int:
-    """Open every device of a rig, watch it for a second, and say what is wrong. Moves nothing without --move."""
+    """Open every device of a rig, listen for one second, and report what is wrong. Moves nothing without --move."""
     from norton_bench.check.check import Permission, check_rig  # noqa: PLC0415
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
 
@@ -177,27 +174,26 @@ def check(
     rig = load_rig(rig_file, backend=backend)
     if move:
         with operator_stop() as stop_word:
-            found = check_rig(rig, seed=seed, move=Permission(output.say, stop_word.heard))
+            result = check_rig(rig, seed=seed, move=Permission(output.say, stop_word.heard))
     else:
-        found = check_rig(rig, seed=seed)
+        result = check_rig(rig, seed=seed)
     suits, refusal = standard_session_suits(rig)
-    output.result({**check_data(found), "identify": refusal}, *check_view(found), suits)
-    return say_problems(rig_file, found, output)
+    output.result({**check_data(result), "identify": refusal}, *check_view(result), suits)
+    return say_problems(rig_file, result, output)
 
 
-def say_problems(rig_file: Path, found: "RigCheck", output: Output) -> int:
-    """Each in a line; returns the exit code."""
-    problems = found.problems()
+def say_problems(rig_file: Path, result: "RigCheck", output: Output) -> int:
+    """Print each problem in a line; returns the exit code."""
+    problems = result.problems()
     for problem in problems:
         output.say(f"{rig_file}: {problem}")
     return exit_code_of(problems[0]) if problems else ExitCode.OK
 
 
 def standard_session_suits(rig: "Rig") -> tuple[str, str | None]:
-    """Whether ``identify`` would take this rig, in a sentence; and what it would refuse it for, if it would.
+    """Whether ``identify`` can run on this rig, in a sentence; and the reason if it cannot, else an empty text.
 
-    A rig may well be for other sessions: what keeps the standard one from running is told, and is no problem of the
-    bench.
+    A rig may be made for other sessions, so that this is reported as a note and not as a problem.
     """
     from norton_bench.cli.plan import clock  # noqa: PLC0415
     from norton_bench.errors import UsageError  # noqa: PLC0415
@@ -215,18 +211,18 @@ def standard_session_suits(rig: "Rig") -> tuple[str, str | None]:
 
 
 def devices(*, json: Json = False) -> None:
-    """List what a rig file could name: serial ports and CAN adapters that are plugged in. Opens nothing."""
+    """List the serial ports and CAN adapters of this machine, as a rig file names them. Opens nothing."""
     from norton_drivers.discovery import list_ports  # noqa: PLC0415
 
-    found = list_ports()
-    data = {"ports": [_port_data(each) for each in found]}
+    ports = list_ports()
+    data = {"ports": [_port_data(each) for each in ports]}
     none = "Neither a serial port nor a CAN adapter was found; is it plugged in, and is its driver loaded?"
-    Output(json).result(data, *(port_lines(found) if found else (none,)))
+    Output(json).result(data, *(port_lines(ports) if ports else (none,)))
 
 
-def port_lines(found: Sequence["FoundPort"]) -> Iterator[str]:
-    """Each port in lines that can be copied from: what a rig file would say, what it is, what to do about it."""
-    for each in found:
+def port_lines(ports: Sequence["FoundPort"]) -> Iterator[str]:
+    """For each port the lines of a rig file, a description, and what to do where it cannot be used."""
+    for each in ports:
         maybe = f" (or {each.interface})" if each.interface else ""
         yield f"{each.kind}{maybe} {each.channel}"
         usb = f" ({each.usb})" if each.usb else ""

@@ -1,4 +1,4 @@
-"""``datasheet``: what an engineer hands on about an actuator, from a recording or a network."""
+"""``datasheet``: the data sheet of an actuator, from a recording or a network file."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,15 +16,16 @@ RECORDING_SUFFIX = ".mcap"
 ENDINGS = (".html", ".pdf")
 
 Subject = Annotated[Path, Parameter(name="FILE", help="A recording (.mcap), or the network file of a fit (.json).")]
-Against = Annotated[Path | None, Parameter(help="Another recording or network, to stand beside it.")]
-Out = Annotated[Path | None, Parameter(help="The file to write, .html or .pdf; by default HTML beside FILE.")]
+Against = Annotated[Path | None, Parameter(help="Another recording or network, to compare with.")]
+Out = Annotated[Path | None, Parameter(help="The file to write, .html or .pdf; default: HTML beside FILE.")]
 
 
 def datasheet(
     file: Subject, /, *, against: Against = None, out: Out = None, json: Json = False, quiet: Quiet = False
 ) -> int:
-    """Write the data sheet of an actuator: its parameters and what follows from them, each figure with its interval and
-    where it is valid. A recording is fitted again first."""
+    """Write the data sheet of an actuator: its parameters, and what follows from them. Every figure has its 95 %
+    interval and the range in which it is valid. A recording is fitted again first.
+    """
     path = out or file.with_name(f"{file.name.removesuffix(file.suffix).removesuffix('.network')}.datasheet.html")
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(f"{path}: a data sheet is written as HTML or PDF; let its name end in .html or .pdf")
@@ -61,7 +62,7 @@ def _sheet(file: Path, output: Output) -> "Sheet":
 
 
 def _of_recording(file: Path, output: Output) -> "Sheet":
-    """Fitted as ``fit`` and ``report`` do it, whose files are not written here."""
+    """Fit the recording as ``fit`` does, without writing its files."""
     from tempfile import TemporaryDirectory  # noqa: PLC0415
 
     from norton_bench.datasheet.sheet import sheet_of_result  # noqa: PLC0415
@@ -72,7 +73,7 @@ def _of_recording(file: Path, output: Output) -> "Sheet":
         result = conclude_recording(file, Path(folder))
     if result.fit is None:
         raise UsageError(
-            f"{file}: no model was fitted to this actuator, so no figures follow; its report has its tables"
+            f"{file}: no model was fitted to this actuator, so there is no data sheet; the report has its tables"
         )
     if not result.fit.converged:
         raise ExperimentError(f"{file}: {result.fit.shortcoming}")

@@ -1,4 +1,4 @@
-"""``demo`` and ``examples``: what comes with the program, without its repository."""
+"""``demo`` and ``examples``: the files that come with the program."""
 
 import shutil
 from collections.abc import Iterator
@@ -17,11 +17,13 @@ DEMONSTRATION = "rigs/sim-odrive.toml"
 SUFFIXES = (".toml", ".py", ".yml")
 LEFT_OUT = ("__pycache__", "*.pyc", "*.egg-info", "build", "dist")
 
-Folder = Annotated[Path | None, Parameter(name="FOLDER", help="Copy them into this folder. Files there are kept.")]
+Folder = Annotated[
+    Path | None, Parameter(name="FOLDER", help="Copy them into this folder. Existing files are not replaced.")
+]
 
 
 def demo(*, seed: Seed = None, out: Out = None, json: Json = False, quiet: Quiet = False) -> int:
-    """Identify a simulated actuator: the standard session, through real CAN frames and serial bytes."""
+    """Identify a simulated actuator with the standard session, through real CAN frames and serial bytes."""
     return identify(shipped_folder() / DEMONSTRATION, seed=seed, out=out, json=json, quiet=quiet)
 
 
@@ -33,18 +35,18 @@ def examples(folder: Folder = None, /, *, json: Json = False) -> int:
         start = folder / DEMONSTRATION
         output.result({"copied": copied}, f"{len(copied)} files copied to {folder}; norton-bench identify {start}")
         return ExitCode.OK
-    found = {str(path.relative_to(shipped)): _first_line(path) for path in _listed(shipped)}
+    listed = {str(path.relative_to(shipped)): _first_line(path) for path in _listed(shipped)}
     table = plain_table()
-    for heading in ("file", "what it is"):
+    for heading in ("file", "content"):
         table.add_column(heading, overflow="fold")
-    for name, words in found.items():
+    for name, words in listed.items():
         table.add_row(name, words)
-    output.result(found, table, "Copy them, and the docs: norton-bench examples FOLDER")
+    output.result(listed, table, "To copy them, and the docs: norton-bench examples FOLDER")
     return ExitCode.OK
 
 
 def _listed(shipped: Path) -> Iterator[Path]:
-    """Those that a user runs or begins with. Of a project in a folder of its own, the README stands for the whole."""
+    """The files to start from. Of an example with a folder of its own only the README is listed."""
     for name in FOLDERS[:-1]:
         for path in sorted((shipped / name).rglob("*")):
             whole = any((folder / "pyproject.toml").is_file() for folder in path.parents if shipped in folder.parents)
@@ -59,7 +61,7 @@ def _first_line(path: Path) -> str:
 
 
 def _copied(shipped: Path, folder: Path) -> Iterator[Path]:
-    """Copies what is not there yet. Raises UsageError where the folder cannot be written to."""
+    """Copy the files that do not exist there. Raises UsageError where the folder cannot be written to."""
     ignored = shutil.ignore_patterns(*LEFT_OUT)
     for name in FOLDERS:
         for source in sorted((shipped / name).rglob("*")):

@@ -23,21 +23,23 @@ if TYPE_CHECKING:
 SessionFile = Annotated[Path, Parameter(name="SESSION", help="A session file.")]
 AT_MOST = "10 min"
 Until = Annotated[
-    str | None, Parameter(help='Choose excitations until every 95 % interval is within ± this of its value: "1%".')
+    str | None,
+    Parameter(help='Choose excitations until every 95 % interval is within ± this share of its value: "1%".'),
 ]
-AtMost = Annotated[str | None, Parameter(help=f'Bench time that --until may take in all; "{AT_MOST}" if not said.')]
-OtherRig = Annotated[Path | None, Parameter(name="--rig", help="A rig file, instead of the session's.")]
+AtMost = Annotated[str | None, Parameter(help=f'Limit of the bench time of --until; default "{AT_MOST}".')]
+OtherRig = Annotated[Path | None, Parameter(name="--rig", help="A rig file; replaces that of the session.")]
 DryRun = Annotated[bool, Parameter(help="Check every step and limit, and print the plan. Opens nothing.")]
 JUnit = Annotated[Path | None, Parameter(name="--junit", help="Also write a JUnit report to this file.")]
 SetValue = Annotated[
-    list[str] | None, Parameter(name="--set", help="A parameter of the session: --set speed=40. Repeat it for others.")
+    list[str] | None, Parameter(name="--set", help="Set a parameter of the session: --set speed=40. May be repeated.")
 ]
 Answer = Annotated[
-    list[str] | None, Parameter(name="--answer", help="Answer a prompt beforehand: --answer fixture=A. Repeat it.")
+    list[str] | None, Parameter(name="--answer", help="The answer to a prompt: --answer fixture=A. May be repeated.")
 ]
 Yes = Annotated[bool, Parameter(help='Answer every other prompt with its first choice, or "yes".')]
 Resume = Annotated[
-    Path | None, Parameter(help="Go on behind the last finished step of this recording, or the newest of this folder.")
+    Path | None,
+    Parameter(help="Resume after the last finished step of this recording, or of the newest in this folder."),
 ]
 
 
@@ -47,7 +49,7 @@ PERCENT = re.compile(rf"\s*({NUMBER.pattern})\s*%\s*")
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How an experiment is to run, beside its rig and its session."""
+    """The options of a run, beside its rig and its session."""
 
     out: Path | None = None
     seed: int | None = None
@@ -111,7 +113,7 @@ def run(
     session = load_session(session_file, unroll.parsed(set_value or ()))
     place = rig_file or session.rig
     if place is None:
-        raise UsageError(f'{session_file}: names no rig; add rig = "../rigs/my-rig.toml", or give --rig')
+        raise UsageError(f'{session_file}: has no rig; add rig = "../rigs/my-rig.toml", or give --rig')
     rig, output = load_rig(place, backend=backend), Output(json, quiet)
     seed = session.seed if seed is None else seed
     options = RunOptions(out, seed, junit, resume, operator.parsed(answer or ()), yes)
@@ -119,14 +121,14 @@ def run(
 
 
 def show_plan(rig: "Rig", session: "Session", options: RunOptions, output: Output) -> int:
-    """What the session would do, once everything is found to be in order."""
+    """Check the session, and print its plan."""
     from norton_bench.cli.plan import plan_data, plan_view  # noqa: PLC0415
     from norton_bench.session import dry_run  # noqa: PLC0415
     from norton_bench.session.operator import Answers  # noqa: PLC0415
 
-    found = dry_run.dry_run(session, rig, seed=options.seed)
-    Answers(options.answers, options.yes).check(found.prompts, session.place, somebody=True)
-    output.result(plan_data(found, session, rig), plan_view(found, session, rig))
+    plan = dry_run.dry_run(session, rig, seed=options.seed)
+    Answers(options.answers, options.yes).check(plan.prompts, session.place, somebody=True)
+    output.result(plan_data(plan, session, rig), plan_view(plan, session, rig))
     return ExitCode.OK
 
 
@@ -140,7 +142,7 @@ def _fraction(until: str | None) -> float | None:
         if bare and 0 < float(bare[0]) < 1:
             mend += f" or --until {100 * float(bare[0]):g}%, whichever is meant"
         raise UsageError(
-            f"--until {until}: is a percentage of each value, more than 0 % and less than 100 %; write {mend}"
+            f"--until {until}: is a percentage of each value, greater than 0 % and less than 100 %; write {mend}"
         )
     return float(percent[1]) / 100
 
@@ -155,13 +157,13 @@ def _quantity(option: str, text: str, unit: str) -> float:
 
 
 def perform(rig: "Rig", session: "Session", options: RunOptions, output: Output) -> int:
-    """Run ``session`` and show what came of it; returns the exit code."""
+    """Run ``session`` and print its result; returns the exit code."""
     folder = run_folder(options.out, rig.name)
     before = set(folder.iterdir())
     output.say("preparing; the very first run compiles for a while")
     try:
         result = _run(rig, session, folder, options, output)
-    except BaseException:  # whatever ended it, the data are worth a word
+    except BaseException:  # name the recordings, also after a failure
         _name_recordings(folder, before, output)
         raise
     return _show(result, output)
@@ -189,7 +191,7 @@ def _run(rig: "Rig", session: "Session", folder: Path, options: RunOptions, outp
 def _watching(
     rig: "Rig", session: "Session", options: RunOptions, operator: "CommandLineOperator", output: Output
 ) -> Iterator["Watcher"]:
-    """All who watch the session: the terminal, its operator, and the report for a CI server."""
+    """The watchers of the session: the progress display, the operator, and the JUnit report."""
     from norton_bench.cli.progress import showing_progress  # noqa: PLC0415
 
     with showing_progress(output, rig.tick_s) as shown:
@@ -211,7 +213,7 @@ def _watching(
 
 def _name_recordings(folder: Path, before: set[Path], output: Output) -> None:
     for recording in sorted(set(folder.glob("*.mcap")) - before):
-        output.say(f"what was measured is kept in {recording}")
+        output.say(f"the measurements are in {recording}")
     if not any(folder.iterdir()):
         folder.rmdir()
 

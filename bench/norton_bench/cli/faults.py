@@ -1,4 +1,4 @@
-"""``faults``: every fault on every rig, and what became of it."""
+"""``faults``: every fault on every rig, and how it ended."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from norton_bench.faults.campaign import FaultTrial
     from norton_bench.faults.case import Case, CaseResult
 
-# One for each family of drives: the shipped ones that are tried where none is named.
+# One for each family of drives: the rigs that are tried where none is named.
 FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit")
 
-Quick = Annotated[bool, Parameter(help="A choice of the faults, in a minute or two.")]
-Only = Annotated[str | None, Parameter(help="Only faults in whose name, kind or place this occurs.")]
+Quick = Annotated[bool, Parameter(help="A selection of the faults; takes a minute or two.")]
+Only = Annotated[str | None, Parameter(help="Only faults with this text in their name, kind or place.")]
 
 
 def faults(
@@ -34,7 +34,8 @@ def faults(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Rehearse faults on simulated rigs: who notices each, how soon both drives are off, and what is true meanwhile."""
+    """Inject faults on simulated rigs. For each: what detected it, how soon both drives were off, and the true
+    motion."""
     from norton_bench.cli.progress import counting  # noqa: PLC0415
     from norton_bench.faults.campaign import run_campaign  # noqa: PLC0415
     from norton_bench.faults.case import Verdict  # noqa: PLC0415
@@ -44,7 +45,7 @@ def faults(
     trials = [_trial(path, quick, only, losses=not (quick and number)) for number, path in enumerate(paths)]
     count = sum(trial.count for trial in trials)
     if not count:
-        raise UsageError(f'--only "{only}": no fault has that in its name, kind or place; leave it out to see them all')
+        raise UsageError(f'--only "{only}": no fault has this text in its name, kind or place; leave it out to see all')
     output.say(f"{count} faults on {', '.join(trial.rig.name for trial in trials)}; each rig is calibrated first")
     with counting(output, count) as done:
         outcomes = run_campaign(trials, jobs or os.cpu_count() or 1, seed, lambda outcome: done(_remark(outcome)))
@@ -54,7 +55,7 @@ def faults(
 
 
 def _trial(path: Path, quick: bool, only: str | None, losses: bool) -> "FaultTrial":
-    """``losses``: the host is lost there too, which takes wall time."""
+    """``losses``: also simulate the loss of the host, which takes wall time."""
     from norton_bench.faults.campaign import (  # noqa: PLC0415
         FaultTrial,
         cases,
@@ -99,8 +100,8 @@ def faults_data(outcomes: Sequence["CaseResult"]) -> dict[str, Any]:
 
 
 def faults_text(outcomes: Sequence["CaseResult"]) -> str:
-    """The same for a terminal: a line of figures for each fault, and below it who noticed, or what shows that it was no
-    danger. Times and peaks count from the fault on."""
+    """The same for a terminal: a line of figures for each fault; below it what detected it, or why it is no danger.
+    Times and peaks count from the fault on."""
     lines: list[str] = []
     for (family, rig), group in groupby(outcomes, key=lambda outcome: (outcome.family, outcome.rig)):
         lines += [*_family_lines(family, rig, list(group)), ""]
@@ -112,7 +113,7 @@ def faults_text(outcomes: Sequence["CaseResult"]) -> str:
 
 def _family_lines(family: str, rig: str, outcomes: Sequence["CaseResult"]) -> Iterator[str]:
     allowed_ms = outcomes[0].allowed_s * 1e3
-    yield f"{family} ({rig}): a drive may go on for {allowed_ms:g} ms, its watchdog's period and two ticks"
+    yield f"{family} ({rig}): a drive may run on for {allowed_ms:g} ms, its watchdog's period and two ticks"
     headings = ("noticed", "off", "torque", "speed")
     yield f"  {'fault':<34}{'on':<15}{'ends':<16}{''.join(f'{heading:>12}' for heading in headings)}  drives"
     for outcome in outcomes:
@@ -125,7 +126,7 @@ def _family_lines(family: str, rig: str, outcomes: Sequence["CaseResult"]) -> It
         columns = "".join(f"{figure:>12}" for figure in figures)
         drives = ", ".join(dict.fromkeys(outcome.drives.values()))
         yield f"  {outcome.fault:<34}{outcome.on:<15}{outcome.verdict.value:<16}{columns}  {drives}"
-        yield f"      {outcome.guard or (outcome.evidence if outcome.verdict.safe else 'nobody noticed')}"
+        yield f"      {outcome.guard or (outcome.evidence if outcome.verdict.safe else 'not detected')}"
 
 
 def _figure(value: float | None, scale: float, unit: str) -> str:

@@ -1,4 +1,4 @@
-"""``info``: what a recording holds, and how well its loop kept time."""
+"""``info``: what a recording contains, and the timing of its control loop."""
 
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -12,21 +12,21 @@ if TYPE_CHECKING:
     from norton_bench.loop.timing import LoopTiming
     from norton_bench.recording.contents import Recording
 
-# Of what was known when it began, in this order.
-TOLD = ("rig", "rig_file", "session", "started", "backend", "loop", "devices")
+# The metadata to show, in this order.
+METADATA_SHOWN = ("rig", "rig_file", "session", "started", "backend", "loop", "devices")
 
 
 def info(recording: RecordingFile, /, *, json: Json = False) -> None:
-    """Say what a recording holds, and how well its loop kept time."""
+    """Show what a recording contains, and the timing of its control loop."""
     from norton_bench.loop.timing import loop_timing, timing_sentence  # noqa: PLC0415
     from norton_bench.recording.reader import read_recording  # noqa: PLC0415
 
-    found = read_recording(recording, raw_frames=False)
-    timing = loop_timing(found.measured.ticks)
-    facts = {name: found.metadata[name] for name in TOLD if found.metadata.get(name)}
-    events = [asdict(event) for event in found.measured.events]
-    data = {**facts, "complete": found.complete, "timing": timing and _figures(timing), "events": events}
-    shown: list[Any] = [_facts(found, facts)]
+    content = read_recording(recording, raw_frames=False)
+    timing = loop_timing(content.measured.ticks)
+    facts = {name: content.metadata[name] for name in METADATA_SHOWN if content.metadata.get(name)}
+    events = [asdict(event) for event in content.measured.events]
+    data = {**facts, "complete": content.complete, "timing": timing and _figures(timing), "events": events}
+    shown: list[Any] = [_facts(content, facts)]
     if timing is not None:
         shown.append(timing_sentence(timing))
         if not timing.in_lock_step:
@@ -35,11 +35,11 @@ def info(recording: RecordingFile, /, *, json: Json = False) -> None:
 
 
 def _figures(timing: "LoopTiming") -> dict[str, Any]:
-    """What ``--json`` says of it; all durations in nanoseconds."""
+    """The timing as ``--json`` prints it; all durations in nanoseconds."""
     return {**asdict(timing), "stages": {name: asdict(spread) for name, spread in timing.stages}}
 
 
-def _facts(found: "Recording", facts: dict[str, str]) -> "Table":
+def _facts(recording: "Recording", facts: dict[str, str]) -> "Table":
     from rich.table import Table  # noqa: PLC0415
 
     from norton_bench.records import FOR_PROGRAMS  # noqa: PLC0415
@@ -47,11 +47,11 @@ def _facts(found: "Recording", facts: dict[str, str]) -> "Table":
     table = Table.grid(padding=(0, 2))
     for name, words in facts.items():
         table.add_row(name.replace("_", " "), words)
-    ticks = found.measured.ticks["tick_ns"]
+    ticks = recording.measured.ticks["tick_ns"]
     if len(ticks):
         table.add_row("bench time", f"{(ticks[-1] - ticks[0]) * 1e-9:.1f} s")
-    table.add_row("state", "complete" if found.complete else "cut off; norton-bench recover mends it")
-    for event in found.measured.events:
+    table.add_row("state", "complete" if recording.complete else "cut off; norton-bench recover repairs it")
+    for event in recording.measured.events:
         if event.kind not in FOR_PROGRAMS:
             table.add_row(event.kind, event.text)
     return table

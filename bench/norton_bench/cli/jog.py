@@ -1,4 +1,4 @@
-"""``jog``: the bench moved by hand, on the screen; or to given values and back, for scripts."""
+"""``jog``: the bench moved by hand on the screen, or to given values and back without it."""
 
 from math import isfinite
 from pathlib import Path
@@ -21,15 +21,21 @@ DURATION = "2 s"
 Actuator = Annotated[str | None, Parameter(help="Actuator command, in the rig's unit: 0.02, or --actuator=-0.02.")]
 LoadTorque = Annotated[str | None, Parameter(help='Torque of the load: "0.05 N*m".')]
 LoadVelocity = Annotated[
-    str | None, Parameter(help='Velocity that the load imposes: "5 rad/s". The load is calibrated before, for 20 s.')
+    str | None, Parameter(help='Velocity that the load imposes: "5 rad/s". The load is calibrated first, for 20 s.')
 ]
 ZeroTorque = Annotated[
-    bool, Parameter(help="The load keeps the port at zero torque. The load is calibrated before, for 20 s.")
+    bool, Parameter(help="The load keeps the port at zero torque. It is calibrated first, for 20 s.")
 ]
-Duration = Annotated[str | None, Parameter(help=f'How long the values stay, ramps up included; "{DURATION}".')]
-Speed = Annotated[str | None, Parameter(help="Speed of the shaft at which torques end; half of [limits] velocity.")]
+Duration = Annotated[
+    str | None, Parameter(help=f'How long the values are held, upward ramps included; default "{DURATION}".')
+]
+Speed = Annotated[
+    str | None,
+    Parameter(help="Speed of the shaft at which torques are switched off; default: half of [limits] velocity."),
+]
 DeadMan = Annotated[
-    str | None, Parameter(help='On the screen: without a key for so long, all goes back to zero; "10 s".')
+    str | None,
+    Parameter(help='On the screen: after this time without a key everything returns to zero; default "10 s".'),
 ]
 
 
@@ -50,7 +56,7 @@ def jog(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Move a bench by hand: nudge torques and velocities, watch every signal. On the screen; with values, without it.
+    """Move a bench by hand: nudge torques and velocities, watch every signal. On the screen, or with values without it.
 
     Drives are enabled at zero and ramp to the values given, within the rig's limits; afterwards back to zero, and idle.
     """
@@ -64,25 +70,25 @@ def jog(
     if all(value is None for value in given.values()) and not zero_torque:
         if duration is not None or json:
             raise UsageError(
-                "jog without values is on the screen, where --duration and --json mean nothing: give values"
+                "--duration and --json need values, such as --actuator 0.02; without values jog opens the screen"
             )
         dead_man_s = None if dead_man is None else _value("--dead-man", dead_man, "s")
         return _on_screen(rig_file, rig, speed_rad_s, dead_man_s, backend, seed, out)
     if dead_man is not None:
-        raise UsageError("--dead-man is for the screen; with values, --duration says when all goes back to zero")
+        raise UsageError("--dead-man is for the screen; with values, --duration sets when everything returns to zero")
     setpoints = _setpoints(rig, bounds, given, zero_torque=zero_torque)
     duration_s = _value("--duration", duration or DURATION, "s")
     return _to(setpoints, duration_s, rig, bounds, run_folder(out, rig.name), seed, Output(json, quiet))
 
 
 def _setpoints(rig: "Rig", bounds: "Bounds", given: dict[str, str | None], *, zero_torque: bool) -> "Setpoints":
-    """Raises UsageError for what contradicts itself, lies beyond a limit, or this rig cannot do."""
+    """Raises UsageError for values that contradict each other, exceed a limit, or are not possible on this rig."""
     from norton_bench.jog.hands import LoadDoes, Setpoints, unlimited  # noqa: PLC0415
     from norton_bench.procedures.knowledge import require_load  # noqa: PLC0415
 
     torque, velocity = given["load_torque"], given["load_velocity"]
     if (torque is not None) + (velocity is not None) + zero_torque > 1:
-        raise UsageError("--load-torque, --load-velocity and --zero-torque: the load can do one of them at a time")
+        raise UsageError("--load-torque, --load-velocity and --zero-torque: the load can do only one of them at a time")
     command = 0.0 if given["actuator"] is None else _value("--actuator", given["actuator"], rig.command.unit)
     setpoints = Setpoints(command)
     if torque is not None:
@@ -138,7 +144,9 @@ def _to(
     held = Held(rig, setpoints.words(rig.command.unit), output.say)
     hand = Preset(setpoints, duration_s)
     output.say("preparing; the very first run compiles for a while")
-    output.say(f"moving: {held.words}, for {duration_s:g} s; torques end at {bounds.speed_rad_s:.4g} rad/s")
+    output.say(
+        f"moving: {held.words}, for {duration_s:g} s; torques are switched off at {bounds.speed_rad_s:.4g} rad/s"
+    )
     with operator_stop() as stop:
         recording = run_by_hand(
             rig, JogScript(bounds, hand), out=folder, seed=seed, on_event=held, operator=Nobody(stop)
@@ -190,7 +198,7 @@ def _on_screen(
     from norton_bench.screen.experiment import Opening  # noqa: PLC0415
 
     require_terminal(
-        'jog without values needs a terminal; norton-bench jog RIG --actuator 0.02 --duration "2 s" does without one'
+        'jog without values needs a terminal; norton-bench jog RIG --actuator 0.02 --duration "2 s" needs none'
     )
     runs = out or RUNS
     by_hand = Jog(speed_rad_s, DEAD_MAN_S if dead_man_s is None else dead_man_s)

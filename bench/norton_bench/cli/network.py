@@ -1,4 +1,4 @@
-"""``network show``, ``convert``, ``plot`` and ``export``: what can be done with a network in a file."""
+"""``network show``, ``convert``, ``plot`` and ``export``: commands for network files."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,20 +17,21 @@ if TYPE_CHECKING:
 NetworkFile = Annotated[Path, Parameter(name="FILE", help="A network file (JSON).")]
 Type = Annotated[Literal["thevenin", "norton"] | None, Parameter(name="--type", help="Type of the source.")]
 FormName = Annotated[Literal["impedance", "admittance"] | None, Parameter(name="--form", help="Operational form.")]
-Out = Annotated[Path | None, Parameter(name="--out", help="The file to write, instead of one beside FILE.")]
-Settle = Annotated[str, Parameter(help="How long a network with states is given to come to rest.")]
+Out = Annotated[Path | None, Parameter(name="--out", help="The file to write; default: beside FILE.")]
+Settle = Annotated[str, Parameter(help="Time allowed for a network with states to come to rest.")]
 Span = Annotated[float | None, Parameter(help="Greatest command shown, in the command's unit.")]
 
-Target = Annotated[Literal["mujoco", "c", "fmu", "rig"], Parameter(name="--to", help="What it is written for.")]
+Target = Annotated[Literal["mujoco", "c", "fmu", "rig"], Parameter(name="--to", help="The kind of file to write.")]
 IntoRig = Annotated[
-    Path | None, Parameter(name="--rig", help="With --to rig: the simulated rig to put it into, if not its own.")
+    Path | None,
+    Parameter(name="--rig", help="With --to rig: the simulated rig that gets the network; default: its own."),
 ]
 
 ENDINGS = {"mujoco": ".mjcf.xml", "c": ".h", "fmu": ".fmu", "rig": "-network.toml"}
 
 
 def show(file: NetworkFile, /, *, settle: Settle = "1 s", json: Json = False) -> int:
-    """What the network is, what its port can tell of it, and which equivalents it has."""
+    """Show a network: its equations, whether measurements at its port determine it, and its equivalents."""
     from norton_bench.networks.checks import check  # noqa: PLC0415  (numpy and scipy are slow to import)
     from norton_bench.networks.family import commands_of, form_of, kind_of  # noqa: PLC0415
     from norton_bench.networks.files import load  # noqa: PLC0415
@@ -57,7 +58,7 @@ def show(file: NetworkFile, /, *, settle: Settle = "1 s", json: Json = False) ->
 def convert(
     file: NetworkFile, /, *, kind: Type = None, form: FormName = None, out: Out = None, json: Json = False
 ) -> int:
-    """Write the exact equivalent network of another type, form or both; what is not named stays."""
+    """Convert a network to its exact equivalent of another type, form, or both."""
     from norton_bench.networks.family import converted, form_of, kind_of  # noqa: PLC0415
     from norton_bench.networks.files import load, save  # noqa: PLC0415
     from norton_bench.networks.kinds import Form, Kind, NoConversionError  # noqa: PLC0415
@@ -65,11 +66,11 @@ def convert(
     network = load(file)
     wanted = (Kind(kind) if kind else kind_of(network), Form(form) if form else form_of(network))
     try:
-        found = converted(network, *wanted)
+        equivalent = converted(network, *wanted)
     except NoConversionError as error:
         raise NoConversionError(f"{file}: {error}") from error
     path = out or file.with_name(f"{_stem(file)}.{wanted[0].value}-{wanted[1].value}.json")
-    save(found.with_provenance({"converted_from": file.name}), path)
+    save(equivalent.with_provenance({"converted_from": file.name}), path)
     Output(json).result({"network": path, "type": wanted[0].value, "form": wanted[1].value}, str(path))
     return ExitCode.OK
 
@@ -90,8 +91,8 @@ def plot(
 
 
 def export(file: NetworkFile, /, *, to: Target, rig_file: IntoRig = None, out: Out = None, json: Json = False) -> int:
-    """Write the network as a MuJoCo model, a self-contained C header, an FMU for co-simulation (FMI 3.0), or a rig file
-    whose simulated actuator it is."""
+    """Write the network as a MuJoCo model, as a self-contained C header, as an FMU for co-simulation (FMI 3.0), or as a
+    rig file with the network as its simulated actuator."""
     from norton_bench.networks.files import load  # noqa: PLC0415
 
     output = Output(json)
@@ -110,7 +111,7 @@ def export(file: NetworkFile, /, *, to: Target, rig_file: IntoRig = None, out: O
 
 
 def _into_rig(network: "Network", rig_file: Path | None, file: Path, path: Path) -> list[str]:
-    """The same for a rig file; the rig is the network's own where none is named."""
+    """Write a rig file with the network as its simulated actuator; default: the rig that the network comes from."""
     from norton_bench.models.network import NortonNetwork  # noqa: PLC0415
     from norton_bench.rig.load import (  # noqa: PLC0415
         load_rig,
@@ -119,12 +120,14 @@ def _into_rig(network: "Network", rig_file: Path | None, file: Path, path: Path)
     )
 
     if not isinstance(network, NortonNetwork):
-        raise UsageError(f"{file}: is no identified motor, and the simulated plants know no other network yet")
+        raise UsageError(f"{file}: is not an identified motor; the simulator knows no other network yet")
     if "scale" in network.provenance:
-        raise UsageError(f"{file}: knows only ratios of its parameters, so no machine follows; measure torque, too")
+        raise UsageError(
+            f"{file}: holds only ratios of its parameters, which do not define a machine; measure torque, too"
+        )
     known = network.provenance.get("rig_file")
     if rig_file is None and known is None:
-        raise UsageError(f"{file}: does not say which rig it is from; name a simulated one with --rig")
+        raise UsageError(f"{file}: does not name the rig that it comes from; name a simulated rig with --rig")
     text, left_out = rig_with_network(load_rig(rig_file or Path(str(known)), backend="simulated"), network, path.stem)
     parse_rig(text, place=str(path), backend="simulated")
     path.write_text(text, encoding="utf-8")
@@ -132,7 +135,7 @@ def _into_rig(network: "Network", rig_file: Path | None, file: Path, path: Path)
 
 
 def _exported(network: "Network", to: str, path: Path) -> list[str]:
-    """Write it; returns in sentences what the file lacks."""
+    """Write the file; returns sentences about what is missing in it."""
     name = path.name.removesuffix(ENDINGS[to]).split(".")[0]
     if to == "mujoco":
         from norton_bench.networks.export.mjcf import export_mjcf  # noqa: PLC0415
@@ -149,7 +152,9 @@ def _exported(network: "Network", to: str, path: Path) -> list[str]:
 
     compiled = export_fmu(network, path)
     return (
-        [] if compiled else ["No C compiler was found, so the FMU has its source alone; the importer must compile it."]
+        []
+        if compiled
+        else ["No C compiler was found, so the FMU contains only source code; the importing program must compile it."]
     )
 
 
@@ -161,7 +166,7 @@ def _seconds(text: str) -> float:
     except ValueError as error:
         raise UsageError(f"--settle: {error}") from error
     if not value > 0.0:
-        raise UsageError(f'--settle "{text}" is no time to come to rest in; give more than zero, such as "1 s"')
+        raise UsageError(f'--settle "{text}" must be greater than zero, such as "1 s"')
     return value
 
 
@@ -179,11 +184,11 @@ def _equations(network: "Network") -> str:
 
 
 def _equivalents(network: "Network") -> list[dict[str, Any]]:
-    """The four shapes: whether the network has an equivalent of it, or why it has none."""
+    """The four types and forms: whether the network has this equivalent, or why not."""
     from norton_bench.networks.family import converted  # noqa: PLC0415
     from norton_bench.networks.kinds import Form, Kind, NoConversionError  # noqa: PLC0415
 
-    found = []
+    equivalents = []
     for kind in Kind:
         for form in Form:
             try:
@@ -191,8 +196,8 @@ def _equivalents(network: "Network") -> list[dict[str, Any]]:
                 why = None
             except NoConversionError as error:
                 why = str(error)
-            found.append({"type": kind.value, "form": form.value, "exists": why is None, "why": why})
-    return found
+            equivalents.append({"type": kind.value, "form": form.value, "exists": why is None, "why": why})
+    return equivalents
 
 
 def _lines(data: dict[str, Any], findings: "tuple[Finding, ...]") -> Iterator[str]:

@@ -25,13 +25,13 @@ Set = Annotated[
     tuple[str, ...],
     Parameter(name="--set", help='An answer, e.g. --set actuator.node=1 or --set "limits.torque=1 N*m".'),
 ]
-From = Annotated[Path | None, Parameter(name="--from", help="A rig file whose values are proposed.")]
-Yes = Annotated[bool, Parameter(help="Ask nothing: what is not answered takes its default.")]
+From = Annotated[Path | None, Parameter(name="--from", help="A rig file; its values become the defaults.")]
+Yes = Annotated[bool, Parameter(help="Ask nothing: every other answer is its default.")]
 Check = Annotated[
     Literal["simulated", "hardware", "none"] | None,
-    Parameter(help="On what the rig is checked at the end: its simulated twin, where it has one, unless said."),
+    Parameter(help="Which bench is checked at the end; default: the simulated twin, if the rig has one."),
 ]
-Force = Annotated[bool, Parameter(help="Write over a file that is there already.")]
+Force = Annotated[bool, Parameter(help="Replace an existing file.")]
 
 
 def new(
@@ -47,7 +47,7 @@ def new(
 ) -> int:
     """Write a new rig file from answers: asked one by one on a terminal, else taken from --set and the defaults.
 
-    At the end the rig is checked: as its simulated twin, or on the hardware where that is said.
+    At the end the rig is checked, by default its simulated twin.
     """
     proposed = _proposed(from_)
     answers = _answers(set_)
@@ -70,7 +70,7 @@ def new(
 
 
 def _asked_check(*, twin: bool) -> str:
-    """On a terminal: nothing is opened on the bench unless somebody says so."""
+    """Ask which bench to check; the hardware is not opened unless the user answers so."""
     from rich.console import Console  # noqa: PLC0415
     from rich.prompt import Prompt  # noqa: PLC0415
 
@@ -85,23 +85,23 @@ def _asked_check(*, twin: bool) -> str:
 
 
 def _checked(path: Path, backend: str, *, twin: bool, output: Output) -> int:
-    """What `rig check` says of the file that was written; returns its exit code."""
+    """Check the written file as ``rig check`` does; returns its exit code."""
     from norton_bench.check.check import check_rig  # noqa: PLC0415
     from norton_bench.cli.check import check_data, check_view, say_problems, standard_session_suits  # noqa: PLC0415  # noqa: PLC0415
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
 
-    output.say(f"checking it, {backend}; the very first time compiles for a while")
+    output.say(f"checking it, {backend}; the very first run compiles for a while")
     rig = load_rig(path, backend=backend)
-    found = check_rig(rig)
+    result = check_rig(rig)
     suits, refusal = standard_session_suits(rig)
-    data = {"rig": path, "backend": backend, "check": {**check_data(found), "identify": refusal}}
+    data = {"rig": path, "backend": backend, "check": {**check_data(result), "identify": refusal}}
     rehearse = (
         f"next: rehearse it with norton-bench identify {path} --backend simulated; on the bench itself, "
         if (twin)
         else "next: "
     )
-    output.result(data, *check_view(found), suits, f"{rehearse}norton-bench rig check {path}")
-    return say_problems(path, found, output)
+    output.result(data, *check_view(result), suits, f"{rehearse}norton-bench rig check {path}")
+    return say_problems(path, result, output)
 
 
 def _stem(file: Path | None) -> str:
@@ -128,10 +128,10 @@ def _asked_text(known: Mapping[str, str], name: str, place: str) -> str:
     from norton_bench.rig.new.interview import Interview  # noqa: PLC0415
     from norton_drivers.discovery import list_ports  # noqa: PLC0415
 
-    asker = Terminal(Console(stderr=True, highlight=False), dict(known))
-    asker.tell("looking for what is plugged in ...")
+    asker = TerminalQuestions(Console(stderr=True, highlight=False), dict(known))
+    asker.tell("looking for ports and adapters ...")
     ports = list_ports()
-    asker.tell(f"Enter takes what stands in brackets; {BACK} goes back to the question before")
+    asker.tell(f"Enter takes the value in brackets; {BACK} goes back to the question before")
     while True:
         try:
             text = Interview(asker, name, ports).rig()
@@ -140,20 +140,20 @@ def _asked_text(known: Mapping[str, str], name: str, place: str) -> str:
             asker.again()
         except RigError as error:
             asker.forget()
-            asker.tell(f"these answers contradict each other:\n{error}\nonce more; Enter keeps an answer")
+            asker.tell(f"these answers contradict each other:\n{error}\nplease answer again; Enter keeps an answer")
         else:
             return text
 
 
 class StepBackError(Exception):
-    """The question before is to be asked again."""
+    """The user wants to go back to the question before."""
 
 
 @dataclass
-class Terminal:
-    """A person at a terminal, asked on standard error; what was answered before is proposed again.
+class TerminalQuestions:
+    """Asks a person at a terminal, on standard error; earlier answers are proposed again.
 
-    To step back, all questions are put once more, and those before the last answer themselves, without a word.
+    To go back, all questions are asked anew; those before the last take their earlier answers without being shown.
     """
 
     console: "Console"
@@ -191,11 +191,11 @@ class Terminal:
             self.console.print(text, markup=False, soft_wrap=True)
 
     def again(self) -> None:
-        """From the first question, which answers itself as the others that were answered do."""
+        """Start at the first question; questions that were answered take their answers."""
         self._place = 0
 
     def forget(self) -> None:
-        """From the first question, and every one is asked."""
+        """Start at the first question, and ask every one."""
         self._given, self._place = [], 0
 
     def _step_back(self) -> None:
@@ -235,8 +235,8 @@ def _proposed(path: Path | None) -> dict[str, str]:
 
 
 def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Every value by its dotted key, as it would be typed; a command by its limit, whose unit is the command's, and by
-    what else it says."""
+    """Every value by its dotted key, as it would be typed. A command becomes its limit, which has the command's unit,
+    and its other keys."""
     from norton_bench.rig.files import toml  # noqa: PLC0415
 
     for key, value in tables.items():
@@ -251,7 +251,7 @@ def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, st
 
 def _write(path: Path, text: str, *, force: bool, may_ask: bool) -> None:
     if path.exists() and not force and not (may_ask and _overwrite(path)):
-        raise UsageError(f"{path} is there already; name another file, or add --force")
+        raise UsageError(f"{path} exists already; name another file, or add --force")
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -262,4 +262,4 @@ def _overwrite(path: Path) -> bool:
     from rich.console import Console  # noqa: PLC0415
     from rich.prompt import Confirm  # noqa: PLC0415
 
-    return Confirm.ask(f"{path} is there already; write over it?", default=False, console=Console(stderr=True))
+    return Confirm.ask(f"{path} exists already; replace it?", default=False, console=Console(stderr=True))

@@ -15,7 +15,7 @@ from norton_bench.session.operator import Order
 
 @contextmanager
 def operator_stop() -> Iterator[StopWord]:
-    """Inside, the yielded word is said once there is a reason to stop."""
+    """Inside, Ctrl-C and SIGTERM stop the session in order; a second one raises KeyboardInterrupt."""
     stop = StopWord()
 
     def ask(number: int, _frame: FrameType | None) -> None:
@@ -31,12 +31,12 @@ def operator_stop() -> Iterator[StopWord]:
             signal.signal(number, handler)
 
 
-PAUSED = "Paused, the drives are idle. Enter goes on; t: tare, s: leave out the next step, a: abort."
+PAUSED = "Paused; the drives are idle. Enter: resume, t: tare, s: leave out the next step, a: abort."
 WORDS = {"": "resume", "r": "resume", "t": "tare", "s": "skip", "a": "abort"}
 
 
 class CommandLineOperator:
-    """Hears signals and, where somebody is at a terminal, lines; it watches the session to know what they answer."""
+    """Takes signals and, at a terminal, lines. It watches the session to know what a line answers."""
 
     def __init__(self, *, at_terminal: bool) -> None:
         self.stop = StopWord()
@@ -53,7 +53,7 @@ class CommandLineOperator:
         return orders
 
     def watch(self, event: SessionEvent) -> None:
-        """The session's events: they tell what the operator's next line will answer."""
+        """Take an event of the session: it decides what the next line of the operator answers."""
         match event:
             case StateChanged(state):
                 self._follow(state)
@@ -64,7 +64,7 @@ class CommandLineOperator:
     def _follow(self, state: SessionState) -> None:
         was_paused, self._paused = self._paused, state is SessionState.PAUSED
         if state is SessionState.PAUSING:
-            _say("pausing when this procedure is done; Ctrl-C again stops now")
+            _say("will pause after this procedure; Ctrl-C again stops now")
         elif state is SessionState.PAUSED:
             _say(PAUSED)
         elif state is SessionState.RUNNING:
@@ -73,7 +73,7 @@ class CommandLineOperator:
                 _say("going on")
 
     def interrupt(self, number: int, _frame: FrameType | None) -> None:
-        """As a signal handler. What stops already is ended the hard way: KeyboardInterrupt."""
+        """The signal handler. While the session is stopping already it raises KeyboardInterrupt."""
         if self.stop.heard() is not None:
             raise KeyboardInterrupt
         if number == signal.SIGTERM:
@@ -86,7 +86,7 @@ class CommandLineOperator:
 
     def _take(self, line: str) -> None:
         if not line:
-            self.stop.say("nobody is at the terminal any more")
+            self.stop.say("the terminal was closed")
         elif self._prompt is not None:
             self._prompt = None
             self._orders.append(Order("answer", line.strip()))
@@ -109,7 +109,8 @@ class CommandLineOperator:
 
 @contextmanager
 def operator_here() -> Iterator[CommandLineOperator]:
-    """Inside, signals go to the operator. One who can see and type is asked; anybody else can only stop."""
+    """Inside, signals go to the operator. With a terminal for input and output there are prompts, else only the
+    stop."""
     operator = CommandLineOperator(at_terminal=sys.stdin.isatty() and sys.stderr.isatty())
     before = {number: signal.signal(number, operator.interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -120,5 +121,5 @@ def operator_here() -> Iterator[CommandLineOperator]:
 
 
 def _say(text: str) -> None:
-    """Also where all else is quiet: somebody is waited for."""
+    """Print, also with ``--quiet``: the session waits for an answer."""
     complain(text)

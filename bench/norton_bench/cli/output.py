@@ -1,4 +1,4 @@
-"""Where words go: data to stdout, everything said meanwhile to stderr."""
+"""Output: results to stdout, progress and errors to stderr."""
 
 import json
 import os
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.table import Table
 
-# No table is as wide.
+# Wider than any table.
 WIDEST = 10_000
 
 
 @dataclass(frozen=True)
 class Output:
-    """``json``: stdout carries one JSON document and nothing else. ``quiet``: nothing is said meanwhile."""
+    """``json``: one JSON document on stdout, and nothing else. ``quiet``: no progress on stderr."""
 
     json: bool = False
     quiet: bool = False
 
     def result(self, data: object, *human: "RenderableType") -> None:
-        """The command's result, in the form that was asked for."""
+        """Print the result of the command, as JSON or for a terminal."""
         with to_stdout():
             if self.json:
                 print(to_json(data))
@@ -38,16 +38,16 @@ class Output:
                 _print(human)
 
     def say(self, text: str) -> None:
-        """A remark on the way."""
+        """Print a line of progress."""
         if not self.quiet:
             complain(text)
 
 
 @contextmanager
 def to_stdout() -> Iterator[None]:
-    """Inside, data are written to stdout, and all of them have left when it ends.
+    """Inside, data are written to stdout; at the end they are flushed.
 
-    A reader who has left, as ``head`` does, has read enough. Raises UsageError where they cannot be written.
+    A reader that closes the pipe, as ``head`` does, is no error. Raises UsageError where data cannot be written.
     """
     try:
         yield
@@ -55,16 +55,18 @@ def to_stdout() -> Iterator[None]:
             sys.stdout.flush()
     except BrokenPipeError:
         _silence(sys.stdout)
-    except SystemExit as end:  # how rich says the same
+    except SystemExit as end:  # how rich reports the same
         if not isinstance(end.__context__, BrokenPipeError):
             raise
     except OSError as error:
         _silence(sys.stdout)
-        raise UsageError(f"the output cannot be written ({error.strerror or error}); send it elsewhere") from error
+        raise UsageError(
+            f"the output cannot be written ({error.strerror or error}); send it to another file"
+        ) from error
 
 
 def complain(text: str) -> None:
-    """To stderr; where nobody can read it, what is under way goes on all the same."""
+    """Print to stderr; where that is closed, the program continues without it."""
     try:
         print(text, file=sys.stderr, flush=True)
     except OSError:
@@ -72,7 +74,7 @@ def complain(text: str) -> None:
 
 
 def _silence(stream: TextIO) -> None:
-    """What still waits to be written, or will be, goes nowhere: the interpreter would trip over it at its end."""
+    """Discard what is still buffered: the interpreter would fail to write it at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
@@ -91,7 +93,7 @@ def _print(renderables: "Sequence[RenderableType]") -> None:
 
 
 def _print_table(console: "Console", table: "Table") -> None:
-    """With every figure whole, however narrow the terminal: it breaks lines by itself. A file has room for all."""
+    """Print at full width, so that no figure is cut; a narrow terminal breaks the lines."""
     from rich.console import Console  # noqa: PLC0415
     from rich.measure import Measurement  # noqa: PLC0415
 
@@ -105,14 +107,14 @@ def _print_table(console: "Console", table: "Table") -> None:
 
 
 def plain_table() -> "Table":
-    """An empty table as every command draws it: without a frame, headings in bold."""
+    """An empty table in the style of all commands: no frame, headings in bold."""
     from rich.table import Table  # noqa: PLC0415  (not needed for JSON)
 
     return Table(box=None, pad_edge=False, header_style="bold")
 
 
 def to_json(data: object) -> str:
-    """One JSON document; what is not finite becomes null, as JSON knows no such number."""
+    """One JSON document; a number that is not finite becomes null, for JSON has no such number."""
     return json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False)
 
 
@@ -129,9 +131,9 @@ def _plain(data: object) -> object:
 
 
 def report_error(error: BaseException, *, debug: bool) -> ExitCode:
-    """The one place that turns errors into sentences on stderr and into exit codes.
+    """Print the message of an error to stderr, with ``debug`` also its traceback; returns the exit code.
 
-    Say on stderr what went wrong; with ``debug``, where in the program.
+    No other place turns errors into messages and exit codes.
     """
     if debug:
         traceback.print_exception(error, file=sys.stderr)

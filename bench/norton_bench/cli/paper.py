@@ -1,4 +1,4 @@
-"""``paper``: the paper's claims as experiments, each beside its closed form."""
+"""``paper``: the claims of the paper, tested in simulated experiments."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from norton_bench.gallery.paper import Proof
 
 Seeds = Annotated[str, Parameter(help="Seeds of the simulation, such as 1-5 or 1,4.")]
-Rigs = Annotated[Path | None, Parameter(help="A folder of rigs, instead of the shipped ones.")]
-Pictures = Annotated[Path | None, Parameter(name="--out", help="Also draw them: a folder for pictures and a page.")]
+Rigs = Annotated[Path | None, Parameter(help="A folder of rigs; replaces the shipped ones.")]
+Pictures = Annotated[Path | None, Parameter(name="--out", help="Also write pictures and an HTML page to this folder.")]
 
 
 def paper(
@@ -31,7 +31,9 @@ def paper(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Repeat the paper's claims as simulated experiments: expected by closed form, found by the bench, pass or fail."""
+    """Test the claims of the paper in simulated experiments: the expected value by its formula, the measured value,
+    pass or fail.
+    """
     from norton_bench.cli.progress import counting  # noqa: PLC0415
     from norton_bench.gallery.paper import (  # noqa: PLC0415
         gallery,
@@ -40,10 +42,10 @@ def paper(
     )
 
     output, chosen = Output(json, quiet), numbers_in("--seeds", seeds)
-    found = rigs_in(rigs or shipped_folder() / "rigs")
-    count = len(found) * len(chosen)
+    rig_files = rigs_in(rigs or shipped_folder() / "rigs")
+    count = len(rig_files) * len(chosen)
     with counting(output, count) as done:
-        proofs = gallery(found, chosen, min(count, jobs or os.cpu_count() or 1), done)
+        proofs = gallery(rig_files, chosen, min(count, jobs or os.cpu_count() or 1), done)
     data, view = paper_data(proofs), [*paper_view(proofs)]
     if out is not None:
         data["page"], data["pictures"] = write_gallery(out, proofs, f"norton-bench paper --seeds {seeds} --out {out}")
@@ -78,7 +80,7 @@ def paper_data(proofs: Sequence["Proof"]) -> dict[str, Any]:
 
 
 def paper_view(proofs: Sequence["Proof"]) -> Iterator["RenderableType"]:
-    """The same for a terminal: what each claim says, and below it a line for each figure."""
+    """The same for a terminal: each claim, and below it a line for each figure."""
 
     from norton_bench.gallery.paper import HEAD, cells_of  # noqa: PLC0415
 

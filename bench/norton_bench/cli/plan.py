@@ -1,4 +1,4 @@
-"""What a dry run shows: the plan, for people and for programs."""
+"""The plan of a dry run, as JSON and for a terminal."""
 
 from typing import Any
 
@@ -10,17 +10,17 @@ from norton_bench.session.dry_run import DryRun, DryStep
 from norton_bench.session.items import Session
 
 
-def plan_data(found: DryRun, session: Session, rig: Rig) -> dict[str, Any]:
+def plan_data(plan: DryRun, session: Session, rig: Rig) -> dict[str, Any]:
     """What ``--json`` prints."""
     return {
         "session": session.place,
         "rig": rig.place,
         "parameters": dict(session.parameters),
-        "steps": [_step(step) for step in found.steps],
-        "at_least_s": found.at_least_s,
-        "at_most_s": found.at_most_s,
+        "steps": [_step(step) for step in plan.steps],
+        "at_least_s": plan.at_least_s,
+        "at_most_s": plan.at_most_s,
         "prompts": [
-            {"name": prompt.name, "text": prompt.text, "choices": list(prompt.choices)} for prompt in found.prompts
+            {"name": prompt.name, "text": prompt.text, "choices": list(prompt.choices)} for prompt in plan.prompts
         ],
     }
 
@@ -43,16 +43,16 @@ def _step(step: DryStep) -> dict[str, Any]:
     }
 
 
-def plan_view(found: DryRun, session: Session, rig: Rig) -> RenderableType:
+def plan_view(plan: DryRun, session: Session, rig: Rig) -> RenderableType:
     """The same as a table, with the time in all."""
     table = plain_table()
     for heading in ("", "step", "begins", "takes"):
         table.add_column(heading, justify="left" if heading == "step" else "right", no_wrap=True)
     table.add_column("at most")
-    for number, step in enumerate(found.steps, 1):
+    for number, step in enumerate(plan.steps, 1):
         times = [clock(step.begins_s), clock(step.planned.duration_s)]
         table.add_row(str(number), step.planned.name, *times, _at_most(step, rig))
-    return Group(table, _in_all(found, session, rig))
+    return Group(table, _in_all(plan, session, rig))
 
 
 def _at_most(step: DryStep, rig: Rig) -> str:
@@ -67,16 +67,16 @@ def _at_most(step: DryStep, rig: Rig) -> str:
     return "; ".join(filter(None, [*words, "" if step.planned.certain else "if its condition holds"]))
 
 
-def _in_all(found: DryRun, session: Session, rig: Rig) -> str:
-    span = clock(found.at_most_s)
-    if found.at_least_s < found.at_most_s:
-        span = f"between {clock(found.at_least_s)} and {span}"
-    asks = f", {len(found.prompts)} prompts" if found.prompts else ""
-    return f"{session.place} suits {rig.place}: {_steps(found)}, {span} of bench time{asks}. Nothing was opened."
+def _in_all(plan: DryRun, session: Session, rig: Rig) -> str:
+    span = clock(plan.at_most_s)
+    if plan.at_least_s < plan.at_most_s:
+        span = f"between {clock(plan.at_least_s)} and {span}"
+    asks = f", {len(plan.prompts)} prompts" if plan.prompts else ""
+    return f"{session.place} suits {rig.place}: {_steps(plan)}, {span} of bench time{asks}. Nothing was opened."
 
 
-def _steps(found: DryRun) -> str:
-    return "1 step" if len(found.steps) == 1 else f"{len(found.steps)} steps"
+def _steps(plan: DryRun) -> str:
+    return "1 step" if len(plan.steps) == 1 else f"{len(plan.steps)} steps"
 
 
 def clock(duration_s: float) -> str:

@@ -1,4 +1,4 @@
-"""A running session on stderr: a bar with the time left on a terminal, a line a step elsewhere."""
+"""Progress of a session on stderr: a bar with the time left on a terminal, else a line for each step."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -27,8 +27,8 @@ from norton_bench.models.parameters import Status
 from norton_bench.records import Measured
 
 
-class Lines:
-    """One line a step."""
+class LineProgress:
+    """A line for each step."""
 
     def __init__(self, output: Output) -> None:
         self._output = output
@@ -46,8 +46,8 @@ class Lines:
                 self._output.say(text)
 
 
-class Terminal:
-    """A bar for the whole session; it says which step runs and how many parameters are known by now."""
+class BarProgress:
+    """A bar for the whole session, with the running step and the number of parameters that are known."""
 
     def __init__(self, bars: Bars, tick_s: float) -> None:
         self._bars = bars
@@ -66,7 +66,7 @@ class Terminal:
             case PartMeasured(measured, live):
                 self._advance(measured, live)
             case StateChanged(SessionState.PAUSED | SessionState.ASKING):
-                self._bars.stop()  # it must not draw over what the operator types
+                self._bars.stop()  # it must not overwrite what the operator types
             case StateChanged():
                 self._bars.start()
             case Note(text):
@@ -88,7 +88,7 @@ class Terminal:
 
 @contextmanager
 def counting(output: Output, total: int) -> Iterator[Callable[[str], None]]:
-    """What to call, with a line about it, for each of ``total`` things that are done."""
+    """A function to call with a line of text after each of ``total`` tasks."""
     if output.quiet:
         yield lambda _line: None
     elif not sys.stderr.isatty():
@@ -108,11 +108,11 @@ def counting(output: Output, total: int) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def showing_progress(output: Output, tick_s: float) -> Iterator[Watcher]:
-    """What to hand to a session, so that whoever sits there sees it run."""
+    """The watcher to give to a session, so that its progress is shown."""
     if output.quiet:
         yield ignore
     elif not sys.stderr.isatty():
-        yield Lines(output)
+        yield LineProgress(output)
     else:
         columns = (
             TextColumn("{task.description:<16}"),
@@ -121,4 +121,4 @@ def showing_progress(output: Output, tick_s: float) -> Iterator[Watcher]:
             TextColumn("{task.fields[known]}"),
         )
         with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-            yield Terminal(bars, tick_s)
+            yield BarProgress(bars, tick_s)

@@ -1,4 +1,4 @@
-"""``fit``, ``report``, ``recover`` and ``export``: what can be had from a recording."""
+"""``fit``, ``report``, ``recover`` and ``export``: commands for recordings."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +13,13 @@ from norton_bench.errors import ExitCode, UsageError
 RECORDING_SUFFIX = ".mcap"
 
 Source = Annotated[
-    Path, Parameter(name="LOG", help="Recordings (.mcap) of one rig, or logs from elsewhere with --columns.")
+    Path, Parameter(name="LOG", help="Recordings (.mcap) of one rig, or with --columns logs of other programs.")
 ]
-Columns = Annotated[Path | None, Parameter(help="Column map (TOML) of logs that were made elsewhere.")]
-Train = Annotated[str | None, Parameter(help='What is fitted: "0:12.5 s", or files by name or pattern.')]
-Test = Annotated[str | None, Parameter(help="What is only predicted, likewise.")]
+Columns = Annotated[Path | None, Parameter(help="Column map (TOML) of logs of other programs.")]
+Train = Annotated[str | None, Parameter(help='Data to fit: "0:12.5 s", or files by name or pattern.')]
+Test = Annotated[str | None, Parameter(help="Data only to predict, in the same way.")]
 ModelName = Annotated[
-    str | None, Parameter(name="--model", help='Friction model by name, or "best" on held-out parts.')
+    str | None, Parameter(name="--model", help='Friction model by name, or "best": the best on held-out parts.')
 ]
 Format = Annotated[
     Literal["parquet", "csv", "mat", "candump"],
@@ -47,8 +47,9 @@ def fit(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Fit a recording again, from what it holds alone; several sessions of one rig; or foreign logs, by a map of their
-    columns."""
+    """Fit a recording again, from its contents alone; or several recordings of one rig together; or logs of other
+    programs, with a map of their columns.
+    """
     if columns is not None:
         return _fit_logs((first, *others), columns, Split(train, test), model, out, Output(json, quiet))
     _check_recordings((first, *others), (train, test, model))
@@ -67,7 +68,7 @@ def fit(
 
 
 def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...]) -> None:
-    """Raises UsageError where something else than recordings was given."""
+    """Raises UsageError for files that are no recordings."""
     for path in paths:
         if path.suffix.lower() != RECORDING_SUFFIX and path.is_file():
             raise UsageError(
@@ -75,16 +76,18 @@ def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...])
                 "columns hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
             )
     if any(option is not None for option in for_logs):
-        raise UsageError("--train, --test and --model are for logs from elsewhere, with --columns MAP; leave them out")
+        raise UsageError(
+            "--train, --test and --model are for logs of other programs, with --columns MAP; leave them out"
+        )
 
 
 def _fit_several(paths: tuple[Path, ...], out: Path | None, output: Output) -> int:
     from norton_bench.cli.several import several_identification, several_summary  # noqa: PLC0415
     from norton_bench.session.several import conclude_several  # noqa: PLC0415
 
-    found = conclude_several(paths, _made(out), output.say)
-    output.result(several_identification(found), several_summary(found))
-    return ExitCode.OK if found.together.combined else ExitCode.EXPERIMENT_FAILED
+    several = conclude_several(paths, _made(out), output.say)
+    output.result(several_identification(several), several_summary(several))
+    return ExitCode.OK if several.together.combined else ExitCode.EXPERIMENT_FAILED
 
 
 def _fit_logs(
@@ -98,14 +101,14 @@ def _fit_logs(
     folder = _made(out)
     output.say(f"fitting {', '.join(map(str, paths))}")
     request = Request(paths, column_map, split.train, split.test, model)
-    found = fit_logs(request)
-    report = None if folder is None else report_log(folder / f"{paths[0].stem}.report.html", request, found)
-    output.result(log_identification(found, paths, columns, report), log_summary(found, report))
-    return ExitCode.OK if found.converged and not found.doubtful else ExitCode.EXPERIMENT_FAILED
+    fitted = fit_logs(request)
+    report = None if folder is None else report_log(folder / f"{paths[0].stem}.report.html", request, fitted)
+    output.result(log_identification(fitted, paths, columns, report), log_summary(fitted, report))
+    return ExitCode.OK if fitted.converged and not fitted.doubtful else ExitCode.EXPERIMENT_FAILED
 
 
 def report(recording: RecordingFile, /, *, out: Out = None, json: Json = False, quiet: Quiet = False) -> None:
-    """Write the report of a recording, beside it or into the folder given."""
+    """Write the report of a recording, beside it or into the folder of --out."""
     from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
     output = Output(json, quiet)
@@ -115,7 +118,7 @@ def report(recording: RecordingFile, /, *, out: Out = None, json: Json = False, 
 
 
 def recover(recording: RecordingFile, /, *, json: Json = False) -> None:
-    """Write everything sound in a damaged recording to <name>.recovered.mcap; the original is not touched."""
+    """Copy everything readable from a damaged recording to <name>.recovered.mcap; the original stays as it is."""
     from norton_bench.recording.recover import recover as rescue  # noqa: PLC0415
 
     done = rescue(recording)
@@ -134,7 +137,7 @@ def recover(recording: RecordingFile, /, *, json: Json = False) -> None:
 def export(
     recording: RecordingFile, /, *, kind: Format = "parquet", out: Out = None, json: Json = False, quiet: Quiet = False
 ) -> None:
-    """Write every stream of a recording as a table; units stand in the column names."""
+    """Write every stream of a recording as a table; the column names contain the units."""
     from norton_bench.recording.export import export as write_tables  # noqa: PLC0415
 
     output = Output(json, quiet)

@@ -1,4 +1,4 @@
-"""The result of an identification, for programs and for people."""
+"""The result of an identification, as JSON and for a terminal."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import floor, isfinite, isnan, log10
@@ -34,7 +34,7 @@ def identification(result: Result) -> dict[str, Any]:
         "model_error": model_error_figures(result.model_error),
         "without_model": model_free(result.source_map, result.without_model),
         "residuals": residual_figures(result.residuals),
-        "conditions": [condition_figures(judged) for judged in result.conditions],
+        "conditions": [condition_figures(condition) for condition in result.conditions],
         "tables": tables_data(result),
         "ladder": [rung_figures(rung) for rung in result.ladder],
         "trials": trials_figures(result.trials),
@@ -48,25 +48,25 @@ def identification(result: Result) -> dict[str, Any]:
 
 
 def events(measured: Measured) -> list[dict[str, Any]]:
-    """What happened on the way, for ``--json``; times as in the report, from the first tick."""
-    told = [event for event in measured.events if event.kind not in FOR_PROGRAMS]
-    times_s = bench_time_s(measured, [event.stamp_ns for event in told])
+    """The recorded events, for ``--json``; times count from the first tick, as in the report."""
+    shown = [event for event in measured.events if event.kind not in FOR_PROGRAMS]
+    times_s = bench_time_s(measured, [event.stamp_ns for event in shown])
     return [
         {"time_s": float(time_s), "kind": event.kind, "text": event.text}
-        for time_s, event in zip(times_s, told, strict=True)
+        for time_s, event in zip(times_s, shown, strict=True)
     ]
 
 
-def condition_figures(judged: Condition) -> dict[str, Any]:
-    """One of the three conditions; ``holds`` is null where the data cannot tell."""
+def condition_figures(condition: Condition) -> dict[str, Any]:
+    """One of the three conditions; ``holds`` is null where the data do not decide it."""
     return {
-        "condition": judged.condition,
-        "holds": judged.holds,
-        "why": judged.why,
-        "figure": judged.figure,
-        "value": judged.value,
-        "interval": list(judged.interval),
-        "unit": judged.unit,
+        "condition": condition.condition,
+        "holds": condition.holds,
+        "why": condition.why,
+        "figure": condition.figure,
+        "value": condition.value,
+        "interval": list(condition.interval),
+        "unit": condition.unit,
     }
 
 
@@ -94,16 +94,16 @@ def trials_figures(trials: Sequence[TrialFigures]) -> dict[str, Any] | None:
     }
 
 
-def in_situ_figures(found: InSituResult | None, source: Path | None) -> dict[str, Any] | None:
+def in_situ_figures(result: InSituResult | None, source: Path | None) -> dict[str, Any] | None:
     """The actuator in situ: its trials, and where its motion source lies."""
-    if found is None or not found.trials:
+    if result is None or not result.trials:
         return None
-    scatter = None if found.source is None else found.source.scatter_rad_s
+    scatter = None if result.source is None else result.source.scatter_rad_s
     return {
-        **(trials_figures(found.trials) or {}),
-        "driven": [trial.driven for trial in found.trials],
-        "assembly": list(found.assembly),
-        "reasons": list(found.reasons),
+        **(trials_figures(result.trials) or {}),
+        "driven": [trial.driven for trial in result.trials],
+        "assembly": list(result.assembly),
+        "reasons": list(result.reasons),
         "source": source,
         "source_scatter_rad_s": scatter,
     }
@@ -129,7 +129,7 @@ def validation_figures(validation: Validation) -> dict[str, float]:
 
 
 def model_error_figures(error: ModelError | None) -> dict[str, Any] | None:
-    """How far predictions are off beyond noise, and what that goes with; null where it was not looked at."""
+    """The error of predictions beyond noise, and its causes; null where it was not computed."""
     if error is None:
         return None
     prediction = error.prediction
@@ -145,21 +145,22 @@ def model_error_figures(error: ModelError | None) -> dict[str, Any] | None:
         "zero_less_tare_nm": None if isnan(error.zero.moved_nm) else error.zero.moved_nm,
         "departures": [
             {
-                "cause": found.kind.name,
-                "rms_nm": found.rms_nm,
-                "share": found.share,
-                "left_nm": found.left_nm,
-                "p_value": found.p_value,
-                "periods_per_turn": found.periods_per_turn or None,
+                "cause": departure.kind.name,
+                "rms_nm": departure.rms_nm,
+                "share": departure.share,
+                "left_nm": departure.left_nm,
+                "p_value": departure.p_value,
+                "periods_per_turn": departure.periods_per_turn or None,
             }
-            for found in error.departures
+            for departure in error.departures
         ],
         "unexplained": error.unexplained,
     }
 
 
 def until_figures(refined: Refinement, fit: FitResult, bench_time_s: float) -> dict[str, Any]:
-    """What ``--json`` says of ``--until``. The final fit has the last word on what was reached."""
+    """The results of ``--until`` as ``--json`` prints them; whether the target was reached is judged by the final
+    fit."""
     widest = widest_of(fit.estimates)
     return {
         "asked": refined.target,
@@ -182,17 +183,17 @@ def until_sentences(until: Mapping[str, Any]) -> str:
     return " ".join([f"{head}.", *until["reasons"]])
 
 
-def expectation_figures(judged: ExpectationResult) -> dict[str, Any]:
-    return {"name": judged.name, "met": judged.met, "said": judged.sentence}
+def expectation_figures(result: ExpectationResult) -> dict[str, Any]:
+    return {"name": result.name, "met": result.met, "said": result.sentence}
 
 
 def expected(expectations: Iterable[ExpectationResult]) -> list[RenderableType]:
-    """Whether what was expected came true, a line each."""
-    return [f"{'✓' if judged.met else '✗'} {judged.sentence}" for judged in expectations]
+    """A line for each expectation: whether it was met."""
+    return [f"{'✓' if result.met else '✗'} {result.sentence}" for result in expectations]
 
 
 def summary(result: Result) -> RenderableType:
-    """The same for a terminal: table, validation, verdict, and where the files lie."""
+    """The same for a terminal: table, validation, verdict, and the paths of the files."""
     parts: list[RenderableType] = []
     if result.fit is not None:
         parts.append(parameter_table(result.fit.estimates))
@@ -215,7 +216,7 @@ def summary(result: Result) -> RenderableType:
 
 
 def parameter_table(estimates: Iterable[Estimate]) -> Table:
-    """One row a parameter: symbol, name, value ± half of its 95 % interval, unit, status."""
+    """A row for each parameter: symbol, name, value ± half of its 95 % interval, unit, status."""
     table = plain_table()
     for heading, justify in (("", "left"), ("parameter", "left"), ("value", "right"), ("± (95 %)", "right")):
         table.add_column(heading, justify="right" if justify == "right" else "left", no_wrap=True)
@@ -229,12 +230,12 @@ def parameter_table(estimates: Iterable[Estimate]) -> Table:
 
 
 def with_digits(value: float, std: float) -> tuple[str, str]:
-    """A value and what it is uncertain by, with the digits that the two leading ones of the latter leave meaning."""
+    """A value and its uncertainty as text, to two significant digits of the uncertainty."""
     if not isfinite(value):
         return "–", "–"
     if not isfinite(std) or std <= 0:
         return f"{value:.4g}", "–"
-    rounded = abs(round(value, 1 - floor(log10(std))))  # or 9.99996 would be shown as 10.0000 of a smaller power
+    rounded = abs(round(value, 1 - floor(log10(std))))  # else 9.99996 would be shown as 10.0000 with a smaller power
     scale = floor(log10(max(rounded, std)))
     exponent = 0 if -4 < scale < 5 else scale
     decimals = max(0, exponent - floor(log10(std)) + 1)
@@ -243,9 +244,9 @@ def with_digits(value: float, std: float) -> tuple[str, str]:
 
 
 def validation_sentence(validation: Validation) -> str:
-    """What was validated; a rig without a torque sensor, or whose shaft is held, has only one of the two."""
+    """The errors of prediction; a rig without a torque sensor, or with a held shaft, has only one of the two."""
     noise = validation.velocity_noise_rad_s
-    readings = f"; readings alone are {noise:.2g} rad/s apart by their noise" if noise > 0.0 else ""
+    readings = f"; the noise of the readings is {noise:.2g} rad/s" if noise > 0.0 else ""
     predicted = [
         f"{what} to {rms:.3g} {unit} rms ({relative:.1%}{more})"
         for what, rms, unit, relative, more in (
@@ -264,7 +265,7 @@ def validation_sentence(validation: Validation) -> str:
 
 
 def prediction_sentence(prediction: PredictionError, command_unit: str) -> str:
-    """What the network's predictions are good for."""
+    """How accurate the network's predictions are, and within what range that was tested."""
     bounds = [
         f"{what} within {bound:.2g} {unit} rms"
         for what, bound, unit in (
@@ -283,7 +284,7 @@ def prediction_sentence(prediction: PredictionError, command_unit: str) -> str:
 
 
 def file_table(files: Sequence[tuple[str, Path | None]]) -> Table:
-    """Where the files lie."""
+    """The paths of the files."""
     table = Table.grid(padding=(0, 2))
     for name, path in files:
         if path is not None:

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from norton_bench.models.parameters import Estimate
     from norton_bench.session.catalogue import Difference, Run, Trend
 
-Folder = Annotated[Path, Parameter(name="FOLDER", help="The folder that holds your runs.")]
+Folder = Annotated[Path, Parameter(name="FOLDER", help="The folder of your runs.")]
 OfRig = Annotated[str | None, Parameter(name="--rig", help="Only runs of the rig of this name.")]
-Compare = Annotated[tuple[Path, Path] | None, Parameter(help="Two runs, by their folders or recordings.")]
-Over = Annotated[str | None, Parameter(name="--trend", help="A parameter, such as coulomb_torque, over all runs.")]
+Compare = Annotated[tuple[Path, Path] | None, Parameter(help="Compare two runs, given by their folders or recordings.")]
+Over = Annotated[str | None, Parameter(name="--trend", help="Show a parameter, such as coulomb_torque, over all runs.")]
 
 
 def runs(
@@ -33,7 +33,7 @@ def runs(
     trend: Over = None,
     json: Json = False,
 ) -> None:
-    """List past runs: when, on which rig, with what result. Or compare two, or follow a parameter over time."""
+    """List past runs with date, rig and result; or compare two; or follow a parameter over time."""
     from norton_bench.session import catalogue  # noqa: PLC0415
 
     output = Output(json)
@@ -42,23 +42,25 @@ def runs(
         differences = catalogue.compare(first, second)
         output.result([_difference(each) for each in differences], *_compared(first, second, differences))
         return
-    found = [run for run in catalogue.runs_in(folder) if rig is None or run.rig == rig]
+    found_runs = [run for run in catalogue.runs_in(folder) if rig is None or run.rig == rig]
     if trend is not None:
-        known = sorted({name for run in found for name in run.estimates})
+        known = sorted({name for run in found_runs for name in run.estimates})
         if trend not in known:
             there = f"there are: {', '.join(known)}" if known else "no run there has identified any"
             raise UsageError(f"--trend {trend}: no run in {folder} has this parameter; {there}")
-        of_it = [run for run in found if trend in run.estimates]
+        of_it = [run for run in found_runs if trend in run.estimates]
         line = catalogue.trend_of(trend, of_it)
         output.result(
             _trend_data(trend, of_it, line), _values(trend, of_it), _trend_words(line, of_it[0].estimates[trend])
         )
         return
-    output.result([_run(run) for run in found], _listed(found) if found else f"{folder}: holds no recording")
+    output.result(
+        [_run(run) for run in found_runs], _listed(found_runs) if found_runs else f"{folder}: holds no recording"
+    )
 
 
 def _run(run: "Run") -> dict[str, Any]:
-    """What ``--json`` says of a run."""
+    """A run as ``--json`` prints it."""
     estimates = {name: _value(each) for name, each in run.estimates.items()}
     return {**asdict(run), "started": _iso(run), "estimates": estimates}
 
@@ -67,11 +69,11 @@ def _iso(run: "Run") -> str | None:
     return None if run.started is None else run.started.isoformat()
 
 
-def _listed(found: Sequence["Run"]) -> "Table":
+def _listed(runs: Sequence["Run"]) -> "Table":
     table = plain_table()
     for heading in ("started", "rig", "session", "result", "recording"):
         table.add_column(heading, overflow="fold")
-    for run in found:
+    for run in runs:
         table.add_row(_when(run), run.rig, run.session, run.ending, str(run.recording))
     return table
 
@@ -80,15 +82,15 @@ def _when(run: "Run") -> str:
     return "?" if run.started is None else f"{run.started.astimezone():%Y-%m-%d %H:%M}"
 
 
-def _difference(found: "Difference") -> dict[str, Any]:
+def _difference(difference: "Difference") -> dict[str, Any]:
     return {
-        "parameter": found.first.name,
-        "unit": found.first.unit,
-        "first": found.first.value,
-        "second": found.second.value,
-        "difference": found.value,
-        "std": found.std,
-        "differs": found.shows,
+        "parameter": difference.first.name,
+        "unit": difference.first.unit,
+        "first": difference.first.value,
+        "second": difference.second.value,
+        "difference": difference.value,
+        "std": difference.std,
+        "differs": difference.shows,
     }
 
 
@@ -109,8 +111,8 @@ def _compared(first: "Run", second: "Run", differences: Sequence["Difference"]) 
     return table, words
 
 
-def _trend_data(name: str, found: Sequence["Run"], line: "Trend") -> dict[str, Any]:
-    values = [{"recording": run.recording, "started": _iso(run), **_value(run.estimates[name])} for run in found]
+def _trend_data(name: str, runs: Sequence["Run"], line: "Trend") -> dict[str, Any]:
+    values = [{"recording": run.recording, "started": _iso(run), **_value(run.estimates[name])} for run in runs]
     return {
         "parameter": name,
         "runs": values,
@@ -127,13 +129,13 @@ def _value(estimate: "Estimate") -> dict[str, Any]:
     return {"value": estimate.value, "std": estimate.std, "unit": estimate.unit, "status": estimate.status.value}
 
 
-def _values(name: str, found: Sequence["Run"]) -> "Table":
+def _values(name: str, runs: Sequence["Run"]) -> "Table":
     from norton_bench.cli.results import with_digits  # noqa: PLC0415
 
     table = plain_table()
     for heading in ("started", "rig", name, "± 95 %", "unit", "status", "recording"):
         table.add_column(heading, justify="right" if heading in (name, "± 95 %") else "left", overflow="fold")
-    for run in found:
+    for run in runs:
         each = run.estimates[name]
         value, half = with_digits(each.value, HALF_INTERVAL * each.std)
         table.add_row(_when(run), run.rig, value, half, each.unit, each.status.value, str(run.recording))
@@ -151,7 +153,7 @@ def _trend_words(line: "Trend", estimate: "Estimate") -> str:
     else:
         words += f"Runs differ by no more than their own errors (p = {both.p:.2g}). "
     if line.slope_per_month is None or line.slope_std is None:
-        return words + "They were all made at one time: no trend."
+        return words + "All were made at the same time: no trend."
     slope, half = with_digits(line.slope_per_month, HALF_INTERVAL * line.slope_std)
-    shows = "a trend" if abs(line.slope_per_month) > HALF_INTERVAL * line.slope_std else "no trend that shows"
+    shows = "a trend" if abs(line.slope_per_month) > HALF_INTERVAL * line.slope_std else "no significant trend"
     return words + f"In 30 days {slope} ± {half} {unit} (95 %): {shows}."

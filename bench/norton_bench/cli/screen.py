@@ -1,4 +1,4 @@
-"""``ui``: the terminal UI. What it needs of the terminal is imported here, when it runs, and nowhere else."""
+"""``ui``: the terminal UI. Its libraries are slow to import, so they are imported only when it runs."""
 
 import gc
 import sys
@@ -13,10 +13,14 @@ from norton_bench.errors import UsageError
 if TYPE_CHECKING:
     from norton_bench.screen.experiment import Experiment, Opening
 
-Rig = Annotated[Path | None, Parameter(name="RIG", help="A rig file; asked for where none is given.")]
-SessionFile = Annotated[Path | None, Parameter(name="SESSION", help="A session file; asked for where none is given.")]
-Runs = Annotated[Path | None, Parameter(name="--out", help="Folder in which every run gets its own; ./runs if none.")]
-Replay = Annotated[Path | None, Parameter(name="--replay", help="A recording to play back, instead of a rig.")]
+Rig = Annotated[Path | None, Parameter(name="RIG", help="A rig file; without one there is a list to choose from.")]
+SessionFile = Annotated[
+    Path | None, Parameter(name="SESSION", help="A session file; without one there is a list to choose from.")
+]
+Runs = Annotated[
+    Path | None, Parameter(name="--out", help="Folder for the runs, each in a folder of its own; default ./runs.")
+]
+Replay = Annotated[Path | None, Parameter(name="--replay", help="Play back this recording, without a rig.")]
 
 
 def ui(
@@ -32,7 +36,7 @@ def ui(
     """Watch and run experiments in the terminal: live traces, parameters as they converge, stop on the space bar."""
     if replay is not None and (rig_file is not None or session_file is not None):
         raise UsageError("ui --replay plays a recording and needs no rig; leave RIG and SESSION out")
-    require_terminal("ui needs a terminal; norton-bench run SESSION does the same without one")
+    require_terminal("ui needs a terminal; norton-bench run SESSION needs none")
     from norton_bench.screen.experiment import Opening  # noqa: PLC0415
 
     runs = out or RUNS
@@ -45,13 +49,13 @@ def ui(
 
 
 def require_terminal(otherwise: str) -> None:
-    """Raises UsageError, saying ``otherwise``, where nobody could look at a screen."""
+    """Raises UsageError with the message ``otherwise`` where stdin or stdout is no terminal."""
     if not (sys.stdin.isatty() and sys.__stderr__ is not None and sys.__stderr__.isatty()):
         raise UsageError(otherwise)
 
 
 def show(opening: "Opening", first: "Experiment | None") -> None:
-    """The screen, until somebody leaves it. Raises UsageError for settings that cannot be used."""
+    """Show the screen until the user leaves it. Raises UsageError for settings that cannot be used."""
     from norton_bench.screen.app import BenchApp  # noqa: PLC0415
     from norton_bench.screen.screens.keys import KNOWN as KNOWN_KEYS  # noqa: PLC0415
     from norton_bench.screen.settings import (  # noqa: PLC0415
@@ -61,7 +65,7 @@ def show(opening: "Opening", first: "Experiment | None") -> None:
     )
 
     app = BenchApp(opening, first, load_settings(settings_path(), KNOWN_KEYS, KNOWN))
-    # What is there now, stays: going through all of it takes a few tenths of a second, in which no key is heard.
+    # Exclude existing objects from garbage collection: a full collection takes tenths of a second, without any key.
     gc.collect()
     gc.freeze()
     app.run()

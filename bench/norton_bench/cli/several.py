@@ -1,4 +1,4 @@
-"""What ``fit`` says of a log that was made elsewhere, and of several sessions together. Imported when it runs."""
+"""The results of ``fit`` for logs of other programs, and for several sessions together. Imported when it runs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,9 +16,9 @@ from norton_bench.session.several import OneOf, Several
 
 
 def log_identification(fit: LogFit, paths: Sequence[Path], column_map: Path, report: Path | None) -> dict[str, Any]:
-    """``fit LOG --columns MAP``: a log that was made elsewhere.
+    """``fit LOG --columns MAP`` as ``--json`` prints it.
 
-    What ``--json`` prints. A network file there is none: no lag of the amplifier was sought.
+    There is no network file, because the lag of the amplifier is not fitted.
     """
     return {
         "parameters": {estimate.name: parameter(estimate) for estimate in fit.estimates},
@@ -83,7 +83,8 @@ def _error_lines(side: str, errors: Errors) -> list[str]:
 
 
 def ladder_table(ladder: Sequence[Step]) -> Table:
-    """One row a model of friction: error in training, on held-out parts, and which was selected on those."""
+    """A row for each friction model: error on fitted data and on held-out parts, and which was selected by the
+    latter."""
     table = plain_table()
     table.add_column("model", no_wrap=True)
     for heading in ("train", "held out", "std"):
@@ -107,23 +108,20 @@ def report_log(path: Path, request: Request, fit: LogFit) -> Path:
     return write_log_report(path, column_map.title or request.paths[0].stem, fit, metadata, command)
 
 
-def several_identification(found: Several) -> dict[str, Any]:
-    """``fit RECORDING RECORDING...``: what several sessions say together, for programs and for people.
-
-    What ``--json`` prints.
-    """
+def several_identification(several: Several) -> dict[str, Any]:
+    """``fit RECORDING RECORDING...``: the combined result of several sessions, as ``--json`` prints it."""
     return {
-        "parameters": {estimate.name: parameter(estimate) for estimate in found.together.estimates},
-        "sessions": [_session(one) for one in found.sessions],
-        "between_sessions": {name: _spread(spread) for name, spread in found.together.spreads.items()},
+        "parameters": {estimate.name: parameter(estimate) for estimate in several.together.estimates},
+        "sessions": [_session(one) for one in several.sessions],
+        "between_sessions": {name: _spread(spread) for name, spread in several.together.spreads.items()},
         "validation": None,
         "without_model": None,
         "residuals": None,
-        "verdict": list(found.together.verdict),
-        "converged": found.together.combined,
+        "verdict": list(several.together.verdict),
+        "converged": several.together.combined,
         "recording": None,
-        "network": found.network,
-        "report": found.report,
+        "network": several.network,
+        "report": several.report,
     }
 
 
@@ -149,26 +147,26 @@ def _spread(spread: Combined) -> dict[str, Any]:
     }
 
 
-def several_summary(found: Several) -> RenderableType:
+def several_summary(several: Several) -> RenderableType:
     """The same for a terminal."""
-    parts: list[RenderableType] = [parameter_table(found.together.estimates)]
-    if found.together.combined:
-        parts += ["", _spread_table(found)]
-    parts += [f"· {remark}" for remark in found.together.verdict]
-    parts.append(file_table((("network", found.network), ("report", found.report))))
+    parts: list[RenderableType] = [parameter_table(several.together.estimates)]
+    if several.together.combined:
+        parts += ["", _spread_table(several)]
+    parts += [f"· {remark}" for remark in several.together.verdict]
+    parts.append(file_table((("network", several.network), ("report", several.report))))
     return Group(*parts)
 
 
-def _spread_table(found: Several) -> Table:
-    """One row a parameter: deviation of a session's own value, between sessions, the most it may be, chance."""
+def _spread_table(several: Several) -> Table:
+    """A row for each parameter: standard deviation within a session, between sessions, its upper bound, p-value."""
     table = plain_table()
     table.add_column("spread of", no_wrap=True)
     for heading in ("within", "between", "at most"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     table.add_column("p", justify="right", no_wrap=True)
-    for estimate in found.together.estimates:
-        spread = found.together.spreads.get(estimate.name)
+    for estimate in several.together.estimates:
+        spread = several.together.spreads.get(estimate.name)
         if spread is not None:
             stds = (spread.within_std, spread.between_std, spread.between_std_upper)
             table.add_row(estimate.name, *(f"{std:.2g}" for std in stds), estimate.unit, f"{spread.p:.2g}")

@@ -1,4 +1,4 @@
-"""``sim serve`` and ``sim truth``: the simulator, found by its entry points so that the bench never knows it."""
+"""``sim serve`` and ``sim truth``: the simulator, loaded through entry points, so that the bench does not import it."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,11 +9,11 @@ from norton_bench.cli.arguments import Json, Quiet, RigFile, Seed
 from norton_bench.cli.operator import operator_stop
 from norton_bench.cli.output import Output, plain_table
 
-Witness = Annotated[Path | None, Parameter(help="A CSV file for what is true meanwhile, a line a millisecond.")]
+Witness = Annotated[Path | None, Parameter(help="A CSV file for the true values, with a line for every millisecond.")]
 
 
 def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, quiet: Quiet = False) -> None:
-    """Serve the simulated devices on the rig's own bus and ports until Ctrl-C, for another process to meet."""
+    """Serve the simulated devices of a rig on its buses and ports, for another process, until Ctrl-C."""
     from norton_bench.rig.load import load_rig, simulator  # noqa: PLC0415
 
     rig = load_rig(rig_file, backend="simulated")
@@ -34,7 +34,7 @@ def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, q
 
 
 def truth(rig_file: RigFile, /, *, seed: Seed = None, json: Json = False) -> None:
-    """Print the true values that the simulator has for the actuator, under the identifier's names."""
+    """Print the true values of the simulated actuator, under the names of the parameters."""
     from norton_bench.rig.load import load_rig, true_parameters  # noqa: PLC0415
 
     values = true_parameters(load_rig(rig_file, backend="simulated"), seed)
@@ -45,7 +45,7 @@ def truth(rig_file: RigFile, /, *, seed: Seed = None, json: Json = False) -> Non
 
 
 def truth_table(values: dict[str, tuple[float, str]]) -> Any:
-    """Name, value and unit, a row each."""
+    """A row for each parameter: name, value and unit."""
 
     table = plain_table()
     for heading in ("parameter", "true value", "unit"):

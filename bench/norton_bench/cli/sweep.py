@@ -1,4 +1,4 @@
-"""``sweep``: one experiment at many seeds, or many recordings, fitted in parallel."""
+"""``sweep``: many simulated sessions, or many recordings, fitted in parallel."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 RECORDING_SUFFIX = ".mcap"
 
-Source = Annotated[Path, Parameter(name="SOURCE", help="A simulated rig, or the recordings (.mcap) of a fleet.")]
+Source = Annotated[Path, Parameter(name="SOURCE", help="A simulated rig, or recordings (.mcap).")]
 Seeds = Annotated[str | None, Parameter(help="Seeds of the simulation, such as 1-20.")]
-SessionFile = Annotated[Path | None, Parameter(name="--session", help="A session file, instead of the standard one.")]
-Cluster = Annotated[str | None, Parameter(help="Address of a Dask scheduler to work on: tcp://host:8786.")]
-Folder = Annotated[Path | None, Parameter(name="--out", help="Folder of the results; a sweep in it goes on.")]
-Keep = Annotated[bool, Parameter(help="Keep recording, network and report of each run, too.")]
+SessionFile = Annotated[Path | None, Parameter(name="--session", help="A session file; replaces the standard session.")]
+Cluster = Annotated[str | None, Parameter(help="Address of a Dask scheduler to use: tcp://host:8786.")]
+Folder = Annotated[Path | None, Parameter(name="--out", help="Folder of the results; a sweep in it is continued.")]
+Keep = Annotated[bool, Parameter(help="Also keep recording, network and report of each run.")]
 
 
 def sweep(
@@ -40,7 +40,8 @@ def sweep(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Fit the same experiment at many seeds, or all recordings of a fleet; what is done already is not done again."""
+    """Simulate and fit a session with many seeds, or fit many recordings, in parallel. Finished runs are not
+    repeated."""
     from norton_bench.cli.progress import counting  # noqa: PLC0415
     from norton_bench.sweep.run import Store, executor_of  # noqa: PLC0415
     from norton_bench.sweep.run import sweep as run_sweep  # noqa: PLC0415
@@ -52,7 +53,7 @@ def sweep(
     store = Store.opened(folder, about)
     todo = sum(task.name not in store.done for task in tasks)
     if todo < len(tasks):
-        output.say(f"{len(tasks) - todo} of {len(tasks)} are in {folder} already")
+        output.say(f"{len(tasks) - todo} of {len(tasks)} are finished already in {folder}")
     with counting(output, todo) as done, executor_of(min(max(todo, 1), jobs or os.cpu_count() or 1), cluster) as pool:
         outcomes = run_sweep(tasks, pool, store, lambda outcome: done(_line(outcome)))
     spreads = summary(outcomes)
@@ -63,7 +64,7 @@ def sweep(
 def _tasks(
     sources: Sequence[Path], seeds: str | None, session: Path | None, keep: Path | None
 ) -> "tuple[Sequence[SimulatedTask | RecordedTask], dict[str, str]]":
-    """What is to be done, and what of it must not change from one run to the next."""
+    """The tasks, and the settings that must not change when a sweep is continued."""
     from norton_bench.sweep.task import RecordedTask  # noqa: PLC0415
 
     recordings = [path for path in sources if path.suffix.lower() == RECORDING_SUFFIX]
@@ -73,9 +74,9 @@ def _tasks(
         return _simulations(sources[0], seeds, session, keep)
     odd = next((path for path in sources if path not in recordings), None)
     if odd is not None:
-        raise UsageError(f"{odd}: is no recording; name either one rig file or recordings ({RECORDING_SUFFIX})")
+        raise UsageError(f"{odd}: is not a recording; name either one rig file, or recordings ({RECORDING_SUFFIX})")
     if seeds is not None or session is not None:
-        raise UsageError("--seeds and --session are for a simulated rig; recordings are as they are: leave them out")
+        raise UsageError("--seeds and --session are for a simulated rig; leave them out with recordings")
     return [RecordedTask(path.resolve(), keep) for path in sources], {"kind": "recordings"}
 
 
@@ -87,7 +88,7 @@ def _simulations(
     from norton_bench.sweep.task import SimulatedTask  # noqa: PLC0415
 
     if seeds is None:
-        raise UsageError("--seeds is missing: say which seeds to simulate, such as --seeds 1-20")
+        raise UsageError("--seeds is missing: name the seeds to simulate, such as --seeds 1-20")
     rig = load_rig(rig_file, backend="simulated")
     steps = standard_session(rig) if session is None else load_session(session)
     about = {"kind": "simulations", "rig": _digest(rig.text), "session": _digest(f"{steps.text}{steps.steps!r}")}

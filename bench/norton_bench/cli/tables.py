@@ -1,4 +1,4 @@
-"""What was tabulated, for programs and for people."""
+"""Tables of an actuator without a model, as JSON and for a terminal."""
 
 from typing import Any
 
@@ -46,11 +46,11 @@ def tables_data(result: Result) -> dict[str, Any]:
 
 
 def tables_view(result: Result) -> list[RenderableType]:
-    """The same for a terminal, without every single reading."""
+    """The same for a terminal, without single readings."""
     effect = modulated(result.source, result.exertion)
-    said = () if effect is None else modulation_sentences(effect, result.units)
+    sentences = () if effect is None else modulation_sentences(effect, result.units)
     stood = () if result.modulator is None else (modulator_sentence(result.modulator, result.units),)
-    return [*(_table(facts) for facts in tabulated(result)), *said, *stood]
+    return [*(_table(facts) for facts in tabulated(result)), *sentences, *stood]
 
 
 def _source(table: SourceTable) -> list[dict[str, Any]]:
@@ -115,15 +115,15 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
     }
 
 
-def _modulated(found: Modulated | None) -> dict[str, Any] | None:
-    if found is None:
+def _modulated(effect: Modulated | None) -> dict[str, Any] | None:
+    if effect is None:
         return None
-    shift = found.shift
+    shift = effect.shift
     return {
         "stiffness": [
-            {"modulation": row.modulation, "stiffness_nm_rad": _mean(row.stiffness)} for row in found.stiffness
+            {"modulation": row.modulation, "stiffness_nm_rad": _mean(row.stiffness)} for row in effect.stiffness
         ],
-        "stiffens": found.stiffens,
+        "stiffens": effect.stiffens,
         "source_shift": None
         if shift is None
         else {"command": shift.command, "low": shift.low, "high": shift.high, "shift_rad": _mean(shift.shift)},
@@ -131,17 +131,17 @@ def _modulated(found: Modulated | None) -> dict[str, Any] | None:
     }
 
 
-def _modulator(found: ModulatorPlaces) -> dict[str, Any]:
+def _modulator(places: ModulatorPlaces) -> dict[str, Any]:
     return {
-        "followed": found.followed,
-        "same_rad": found.same_rad,
-        "stood": [{"modulation": each.modulation, "places_rad": list(each.places_rad)} for each in found.stood],
+        "followed": places.followed,
+        "same_rad": places.same_rad,
+        "stood": [{"modulation": each.modulation, "places_rad": list(each.places_rad)} for each in places.stood],
     }
 
 
-def _blocked(found: BlockedMap) -> list[dict[str, Any]]:
-    histories = found.histories or ("slow",) * len(found.command)
-    columns = (found.command, found.torque_nm, found.torque_std_nm, found.from_above, histories)
+def _blocked(blocked: BlockedMap) -> list[dict[str, Any]]:
+    histories = blocked.histories or ("slow",) * len(blocked.command)
+    columns = (blocked.command, blocked.torque_nm, blocked.torque_std_nm, blocked.from_above, histories)
     return [
         {
             "command": float(command),
@@ -176,14 +176,14 @@ def _table(facts: Facts) -> Table:
     return table
 
 
-def model_free(source: SourceMap | None, found: WithoutModel | None) -> dict[str, Any] | None:
-    """What was found without a model, and what the residual tells, as ``--json`` prints it.
+def model_free(source: SourceMap | None, without_model: WithoutModel | None) -> dict[str, Any] | None:
+    """The results without a model, and the tests of the residual, as ``--json`` prints them.
 
-    None where nothing was measured that could tell.
+    None where nothing was measured for them.
     """
-    if source is None and found is None:
+    if source is None and without_model is None:
         return None
-    known = found if found is not None else WithoutModel(None, None)
+    known = without_model if without_model is not None else WithoutModel(None, None)
     return {
         "source": None if source is None else _source_data(source),
         "table": None if known.table is None else _table_data(known.table),
@@ -197,7 +197,7 @@ def model_free(source: SourceMap | None, found: WithoutModel | None) -> dict[str
 
 
 def residual_figures(tests: ResidualTests | None) -> dict[str, Any] | None:
-    """None where too little was fitted to judge."""
+    """The tests of the residual; None where too little was fitted."""
     if tests is None:
         return None
     return {
@@ -246,14 +246,14 @@ def _zone(zone: DeadZone | None) -> dict[str, Any] | None:
     }
 
 
-def _hysteresis(found: Hysteresis | None) -> dict[str, Any] | None:
-    if found is None:
+def _hysteresis(hysteresis: Hysteresis | None) -> dict[str, Any] | None:
+    if hysteresis is None:
         return None
     return {
-        "command": found.command,
-        "difference_rad_s": found.difference_rad_s,
-        "chance_rad_s": found.band_rad_s,
-        "significant": found.significant,
+        "command": hysteresis.command,
+        "difference_rad_s": hysteresis.difference_rad_s,
+        "chance_rad_s": hysteresis.band_rad_s,
+        "significant": hysteresis.significant,
     }
 
 

@@ -1,4 +1,4 @@
-"""The bench moved by hand, as the screen has it performed elsewhere. Light: whoever only watches imports this."""
+"""The bench moved by hand in another process than the screen. Quick to import: the screen imports only this."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +11,13 @@ from norton_bench.session.operator import Operator
 
 @dataclass(frozen=True)
 class Jog:
-    """Performed in a process of its own (a :class:`~norton_bench.session.hosted.Hostable`), with an operator."""
+    """Runs in a process of its own (a :class:`~norton_bench.session.hosted.Hostable`), with an operator."""
 
     speed_rad_s: float | None = None
     dead_man_s: float = DEAD_MAN_S
 
     def perform(self, rig: Rig, *, out: Path, seed: int | None, on_event: Watcher, operator: Operator) -> Path:
-        """Returns the recording. Raises as every session does, and the last event tells how it ended."""
+        """Run it; returns the recording. Raises as every session does; the last event is ``Ended``."""
         from norton_bench.jog.script import JogScript, Pace  # noqa: PLC0415  (brings the report along)
         from norton_bench.session.engine import run_by_hand  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""What may be asked for where the bench is moved by hand, how far, and who decides: an operator, or given values."""
+"""A bench moved by hand: its setpoints, their bounds, and who sets them, an operator or given values."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,17 +15,17 @@ from norton_bench.procedures.tare import greatest_load_torque
 from norton_bench.rig.rig import Rig
 from norton_bench.session.operator import Operator, Order
 
-# What introduces a device begins so.
+# How the text of a mark that describes a device begins.
 DEVICE = "device "
-# Of [limits] velocity, where nothing else is asked for. Between the two a shaft that is let go of has room for what it
-# still gains until a command of zero acts.
+# Default share of [limits] velocity. Above it there is room for the speed that the shaft still gains until a command of
+# zero takes effect.
 SPEED_SHARE = 0.5
 
 
 class LoadDoes(Enum):
     """What somebody who moves the bench by hand may ask for, and how far.
 
-    What the load machine does meanwhile.
+    What the load machine does.
     """
 
     COAST = "coasts"
@@ -51,11 +51,11 @@ class Setpoints:
         return self.command == 0.0 and self.load_value == 0.0
 
     def zeroed(self) -> "Setpoints":
-        """Nothing pushes, and nothing turns; the load does what it did."""
+        """All values zero; the load keeps its mode."""
         return Setpoints(0.0, self.load)
 
     def words(self, command_unit: str) -> str:
-        """In a few words, for whoever watches, and the recording."""
+        """In a few words, for the watcher and the recording."""
         load = {
             LoadDoes.COAST: "load coasts",
             LoadDoes.TORQUE: f"load {self.load_value:+.4g} N*m",
@@ -67,8 +67,8 @@ class Setpoints:
 
 @dataclass(frozen=True)
 class Bounds:
-    """How far setpoints may go. ``speed_rad_s`` is the shaft's speed at which torques end; an imposed velocity stays
-    below it. ``load_torque_nm`` is 0 without a load, and inf where the rig does not limit it."""
+    """How far setpoints may go. ``speed_rad_s`` is the speed of the shaft at which torques are switched off; an imposed
+    velocity stays below it. ``load_torque_nm`` is 0 without a load, and inf where the rig does not limit it."""
 
     command_unit: str
     command: tuple[float, float]
@@ -81,11 +81,11 @@ class Bounds:
         return max(abs(self.command[0]), self.command[1])
 
     def greatest_load(self, load: LoadDoes) -> float:
-        """The greatest value of what the load does; 0 where there is none to choose."""
+        """The greatest value of the load in this mode; 0 where the mode has no value."""
         return {LoadDoes.TORQUE: self.load_torque_nm, LoadDoes.VELOCITY: self.velocity_rad_s}.get(load, 0.0)
 
     def clamped(self, wanted: Setpoints) -> tuple[Setpoints, str]:
-        """``wanted`` within bounds, and a sentence about what was cut; empty where nothing was."""
+        """``wanted`` within bounds, and a sentence about what was limited; empty where nothing was."""
         command = min(max(wanted.command, self.command[0]), self.command[1])
         most = self.greatest_load(wanted.load)
         load_value = min(max(wanted.load_value, -most), most)
@@ -98,12 +98,13 @@ class Bounds:
 
     def _load_words(self, load: LoadDoes, value: float) -> str:
         if load is LoadDoes.VELOCITY:
-            return f"{value:+.4g} rad/s: {VELOCITY_SHARE:.0%} of the {self.speed_rad_s:.4g} rad/s at which torques end"
+            most = f"{VELOCITY_SHARE:.0%} of the {self.speed_rad_s:.4g} rad/s"
+            return f"{value:+.4g} rad/s: {most} at which torques are switched off"
         return f"{value:+.4g} N*m: the rig allows no more"
 
 
 def bounds_of(rig: Rig, speed_rad_s: float | None = None) -> Bounds:
-    """Raises UsageError for a ``speed_rad_s`` that the rig's limit leaves no room for."""
+    """The bounds on this rig. Raises UsageError for a ``speed_rad_s`` too near to the rig's limit."""
     most_rad_s = VELOCITY_SHARE * rig.limits.velocity_rad_s
     if speed_rad_s is None:
         speed_rad_s = SPEED_SHARE * rig.limits.velocity_rad_s
@@ -118,14 +119,14 @@ def bounds_of(rig: Rig, speed_rad_s: float | None = None) -> Bounds:
 
 
 def unlimited(bounds: Bounds, load: LoadDoes) -> bool:
-    """Whether there is no limit of which a step could be a share."""
+    """Whether there is no limit, so that a step, which is a share of it, has no size."""
     return not isfinite(bounds.greatest_load(load)) and bounds.greatest_load(load) == inf
 
 
-# Without any key for so long all goes back to zero. It is time to look at figures, and to write one down; who walks off
-# meanwhile is, at the 1.6 m/s that ISO 13855 takes a person to walk, hardly out of sight of the bench.
+# After this time without a key everything returns to zero: time to read a figure and to write it down. A person who
+# walks away at 1.6 m/s (ISO 13855) is hardly out of sight of the bench by then.
 DEAD_MAN_S = 10.0
-# Without any key for so long nobody is there, and drives that are enabled at zero are idled.
+# After this time without a key drives that are enabled at zero are idled.
 ABANDONED_S = 300.0
 LOAD_WORDS = {
     "coast": LoadDoes.COAST,
@@ -136,9 +137,10 @@ LOAD_WORDS = {
 
 
 class Hand(Protocol):
-    """Who decides what is wanted: an operator at a keyboard, or values given beforehand.
+    """The source of setpoints: an operator at a keyboard, or given values.
 
-    Asked before every segment. ``leaves`` ends it once all is at zero; ``calibrates`` says what comes then.
+    It is asked before every segment. With ``leaves`` the drives go idle once everything is at zero; with ``calibrates``
+    the load is calibrated then.
     """
 
     @property
@@ -146,15 +148,15 @@ class Hand(Protocol):
     @property
     def calibrates(self) -> bool: ...
     def begin(self, *, calibrated: bool) -> None:
-        """The drives are about to be enabled, at zero."""
+        """Called before the drives are enabled, at zero."""
         ...
 
     def wanted(self, elapsed_s: float) -> Setpoints:
-        """Within bounds. ``elapsed_s`` is bench time since the drives were enabled."""
+        """The setpoints, within bounds. ``elapsed_s`` is bench time since the drives were enabled."""
         ...
 
     def let_go(self, why: str) -> None:
-        """Nothing is wanted any more, because of ``why``."""
+        """Called when all setpoints were put to zero, with the reason."""
         ...
 
     def could_not_calibrate(self, why: str) -> None: ...
@@ -162,7 +164,7 @@ class Hand(Protocol):
 
 @dataclass
 class Preset:
-    """``setpoints`` for ``duration_s``, then zero. ``cut_short`` is why it was over before, empty where it was not."""
+    """``setpoints`` for ``duration_s``, then zero. ``cut_short`` is the reason of an early end, else empty."""
 
     setpoints: Setpoints
     duration_s: float
@@ -189,15 +191,15 @@ class Preset:
 
 @dataclass
 class Board:
-    """An :class:`Operator` between the session and another one, whose orders "jog" it keeps for itself.
+    """An :class:`Operator` between the session and another one: it takes that one's orders "jog", and passes on the
+    rest.
 
-    What that one has to know it says as marks, so that the recording has it too. ``clock`` gives seconds; tests have
-    their own. The text of an order:
+    Its messages are marks, so that the recording has them too. ``clock`` gives seconds. The text of an order:
 
     - ``actuator 0.02``, ``load -0.02``: by this share of the greatest value
-    - ``coast``, ``torque``, ``velocity``, ``zero_torque``: what the load shall do, from zero on
-    - ``zero``: everything back to zero; ``here``: nothing but a sign of life
-    - ``calibrate``: measure the load, with the drives idle before and after; ``end``: back to zero, and no more
+    - ``coast``, ``torque``, ``velocity``, ``zero_torque``: the mode of the load, starting at zero
+    - ``zero``: everything back to zero; ``here``: the operator is present
+    - ``calibrate``: measure the load, with the drives idle before and after; ``end``: back to zero, and end
     """
 
     operator: Operator
@@ -221,7 +223,7 @@ class Board:
         return self.operator.answers
 
     def orders(self) -> Sequence[Order]:
-        """Those that are the session's, and marks of what is to be known."""
+        """The orders for the session, and marks with the messages."""
         others = tuple(self._others())
         said, self._said = self._said, []
         return (*others, *said)
@@ -240,10 +242,10 @@ class Board:
     def wanted(self, elapsed_s: float) -> Setpoints:
         silent_s = self.clock() - self._touched_s
         if silent_s > self.dead_man_s and not self._wanted.at_zero:
-            self.let_go(f"no key for {self.dead_man_s:g} s: everything goes back to zero")
+            self.let_go(f"no key for {self.dead_man_s:g} s: everything returns to zero")
         if silent_s > max(ABANDONED_S, self.dead_man_s) and not self.leaves:
             self.leaves = True
-            self._tell(f"no key for {silent_s:.0f} s: nobody is there, the drives go idle")
+            self._tell(f"no key for {silent_s:.0f} s: the drives go idle")
         return self._wanted
 
     def let_go(self, why: str) -> None:
@@ -260,7 +262,7 @@ class Board:
         self._touched_s = self.clock()
         word, _, share = text.partition(" ")
         if self.leaves or self.calibrates:
-            return  # on its way to zero, and not to be held up
+            return  # on its way to zero: ignore orders
         if word == "actuator":
             self._want(
                 replace(self._wanted, command=self._wanted.command + float(share) * self.bounds.greatest_command)
@@ -282,7 +284,7 @@ class Board:
     def _nudge_load(self, share: float) -> None:
         load = self._wanted.load
         if load not in (LoadDoes.TORQUE, LoadDoes.VELOCITY):
-            self._tell("the load is not told a value now: let it push (t) or turn (v) first")
+            self._tell("the load has no value in this mode: let it push (t) or turn (v) first")
         elif unlimited(self.bounds, load):
             self._tell("the load's torque has no limit, of which a nudge could be a share: write [load] torque_limit")
         else:
@@ -295,7 +297,7 @@ class Board:
         if self.rig.wiring.load is None:
             self._tell("this rig has no load drive")
         elif load in CONTROLLED and not self._calibrated:
-            self._tell("that takes the controller, which is tuned from the load's calibration: k calibrates")
+            self._tell("this needs the controller, which is tuned from a calibration of the load: press k first")
         else:
             self._wanted = Setpoints(self._wanted.command, load)
 

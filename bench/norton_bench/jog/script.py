@@ -23,13 +23,13 @@ from norton_drivers.readings import DeviceIdentity
 from norton_drivers.wiring import DeviceSettings
 
 NAME = "jog"
-# A key acts with the next segment, and between two segments drives wait for the session: short enough for a hand, long
-# enough that the loop hardly ever waits.
+# A key takes effect with the next segment, and the drives wait for the session between two segments. So segments are
+# short for the operator, and long enough that the loop hardly ever waits.
 SEGMENT_S = 0.2
-# From zero to the greatest command, torque or speed at the quickest: slow enough to see and to let go (0.2 s to see it
-# and as much for the key: a simple reaction; the rest is margin).
+# The shortest time from zero to the greatest command, torque or speed: long enough to see the motion and to react
+# (0.2 s to see it and 0.2 s for the key: a simple reaction; the rest is margin).
 RAMP_S = 1.0
-# Of the rig's own rate: on it, rounding makes the guard clip one tick or other.
+# Share of the rig's limit of rate: at the limit itself, rounding would make the guard clip single ticks.
 BELOW = 1 - 1e-6
 MODES = {
     LoadDoes.COAST: LoadMode.UNDRIVEN,
@@ -41,7 +41,7 @@ MODES = {
 
 @dataclass
 class Course:
-    """``at`` is what was asked for last, tick by tick; ``known`` decides how hard the load may accelerate."""
+    """``at`` are the last setpoints that were commanded; ``known`` limits the acceleration of the load."""
 
     bounds: Bounds
     known: Knowledge
@@ -51,11 +51,12 @@ class Course:
     _load_velocity_rad_s: float = field(default=0.0, init=False)
 
     def towards(self, wanted: Setpoints) -> Segment:
-        """The next segment. ``wanted`` must be within bounds; nothing of it is done while the shaft is too fast."""
+        """The next segment towards ``wanted``, which must be within bounds; towards zero while the shaft is too
+        fast."""
         wanted, tick_s = wanted.zeroed() if self.too_fast else wanted, self.known.tick_s
         ticks = ticks_in(SEGMENT_S, tick_s)
         if wanted.load is not self.at.load:
-            # Whoever takes over an imposed motion takes over the shaft as it turns.
+            # An imposed motion starts at the present velocity of the shaft.
             turning = wanted.load is LoadDoes.VELOCITY
             self.at = replace(self.at, load=wanted.load, load_value=self._load_velocity_rad_s if turning else 0.0)
         segment = Segment(
@@ -74,13 +75,14 @@ class Course:
         return replace(segment, admittance=ZERO_TORQUE)
 
     def went(self, segment: Segment, measured: Measured) -> None:
-        """``segment`` is over: what it came to. A shaft that was too fast is let go of at once."""
+        """Take the measurements of a finished ``segment``. If the shaft was too fast, all torques go to zero at
+        once."""
         last = measured.ticks[-1]
         self.elapsed_s += len(measured.ticks) * self.known.tick_s
         velocity_rad_s = float(last["load_velocity_rad_s"])
         self._load_velocity_rad_s = velocity_rad_s if np.isfinite(velocity_rad_s) else 0.0
         self.too_fast = bool(abs(last["velocity_rad_s"]) >= self.bounds.speed_rad_s)
-        # One that ends early does so for no other reason.
+        # A segment ends early for no other reason.
         turns = segment.velocity_rad_s if segment.mode is LoadMode.ADMITTANCE else segment.load_torque_nm
         index = len(measured.ticks) - 1 if self.too_fast else -1
         self.at = replace(
@@ -115,36 +117,37 @@ class Course:
 
 
 def approach(start: float, goal: float, step: float, ticks: int) -> FloatArray:
-    """From ``start`` (not in it) towards ``goal``, at most ``step`` a tick; shape (ticks,). It ends at goal exactly."""
+    """From ``start`` (excluded) towards ``goal``, at most ``step`` per tick; shape (ticks,). It ends at goal
+    exactly."""
     way = goal - start
     gone = np.minimum(step * np.arange(1, ticks + 1), abs(way))
     return np.where(gone < abs(way), start + np.copysign(gone, way), goal)
 
 
 def as_it_comes(_bench_s: float) -> None:
-    """Nobody watches: a simulated bench need not keep to wall time."""
+    """No pace: without a watcher a simulated bench need not keep to wall time."""
 
 
 @dataclass
 class Pace:
-    """Holds a simulated bench, which is faster, to wall time. One in wall time is never held up by it."""
+    """Slows a simulated bench down to wall time; a bench in real time never waits for it."""
 
     _begun_s: float = field(default_factory=time.monotonic)
     _bench_s: float = field(default=0.0, init=False)
 
     def __call__(self, bench_s: float) -> None:
-        """``bench_s`` more have passed on the bench."""
+        """Wait after ``bench_s`` of bench time."""
         self._bench_s += bench_s
         ahead_s = self._bench_s - (time.monotonic() - self._begun_s)
         if ahead_s > 0:
             time.sleep(ahead_s)
         else:
-            self._begun_s -= ahead_s  # what was lost is not made up for
+            self._begun_s -= ahead_s  # a delay is not made up for
 
 
 @dataclass(frozen=True)
 class JogScript:
-    """Setpoints as ``hand`` wants them; where it wants the load calibrated, that comes first, or in between."""
+    """Commands the setpoints of ``hand``, and calibrates the load when it asks for that."""
 
     bounds: Bounds
     hand: Hand
@@ -180,28 +183,28 @@ class JogScript:
             course.went(segment, (yield segment))
             if course.too_fast and not was_too_fast:
                 self.hand.let_go(
-                    f"the shaft reached {self.bounds.speed_rad_s:.4g} rad/s, at which torques end here: they are back "
-                    "at zero; --speed allows more"
+                    f"the shaft reached {self.bounds.speed_rad_s:.4g} rad/s, so torques are switched off "
+                    "; --speed allows more"
                 )
             self.pace(course.elapsed_s - before)
 
 
 def introductions(rig: Rig, devices: tuple[DeviceIdentity, ...]) -> Iterator[str]:
-    """Each device in a sentence: who it says to be, and what the rig file tells its driver."""
+    """A sentence for each device: the identity that it reports, and its options in the rig file."""
     wiring = rig.wiring
-    # In the order in which devices are asked.
+    # In the order of the identities.
     fitted = (wiring.actuator, wiring.load, wiring.modulator, wiring.torque_sensor, *wiring.sensors)
     present = [each for each in fitted if each]
-    for settings, found in zip(present, devices, strict=True):
-        yield f"{DEVICE}{settings.role}: {_said(found)}; {_set(settings)}"
+    for settings, identity in zip(present, devices, strict=True):
+        yield f"{DEVICE}{settings.role}: {_identity(identity)}; {_options(settings)}"
 
 
-def _said(found: DeviceIdentity) -> str:
-    hardware = f", hardware {found.hardware}" if found.hardware else ""
-    firmware = f", firmware {found.firmware}" if found.firmware else ""
-    return f"{found.driver}, {found.address}{hardware}{firmware}"
+def _identity(identity: DeviceIdentity) -> str:
+    hardware = f", hardware {identity.hardware}" if identity.hardware else ""
+    firmware = f", firmware {identity.firmware}" if identity.firmware else ""
+    return f"{identity.driver}, {identity.address}{hardware}{firmware}"
 
 
-def _set(settings: DeviceSettings) -> str:
+def _options(settings: DeviceSettings) -> str:
     options = {"direction": settings.direction, **settings.options}
     return ", ".join(f"{name} {value}" for name, value in options.items())

@@ -1,4 +1,4 @@
-"""Every signal of a bench as it is now, with its age, and the least and greatest value since the start."""
+"""Every signal of a bench: the present value, its age, and the least and greatest value since the start."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from norton_bench.rig.rig import Rig
 
 @dataclass(frozen=True)
 class Seen:
-    """One signal. NaN is not known; ``age_s`` is NaN for what is sent, not read, and for what comes without a time."""
+    """One signal. NaN means unknown; ``age_s`` is NaN for a command, and for a reading without a time."""
 
     device: str
     name: str
@@ -42,7 +42,7 @@ class Source:
 
 
 class Signals:
-    """Of one rig; :meth:`take` what was measured, in order."""
+    """The signals of one rig; :meth:`take` gets the measurements, in order."""
 
     def __init__(self, rig: Rig) -> None:
         self._sources = tuple(_sources(rig))
@@ -50,7 +50,7 @@ class Signals:
         self._arrivals_ns: dict[str, int] = {}  # of the newest reading, by stream
 
     def take(self, part: Measured) -> None:
-        """A few microseconds for each signal."""
+        """Update the signals with ``part``; takes a few microseconds for each."""
         if not len(part.ticks):
             return
         last, now_ns = part.ticks[-1], int(part.ticks["tick_ns"][-1])
@@ -62,7 +62,7 @@ class Signals:
                 self._update(each, each.values(part.ticks), age_ns * 1e-9 if age_ns >= 0 else nan)
 
     def seen(self) -> tuple[Seen, ...]:
-        """All there are, and of the optional ones those that have ever been measured."""
+        """All signals; optional ones only if they have been measured."""
         return tuple(
             self._seen[each.device, each.name]
             for each in self._sources
@@ -70,7 +70,7 @@ class Signals:
         )
 
     def forget_extremes(self) -> None:
-        """Least and greatest begin anew, from what is known now."""
+        """Restart the least and greatest values, at the present ones."""
         for key, seen in self._seen.items():
             self._seen[key] = Seen(seen.device, seen.name, seen.unit, seen.value, seen.age_s, seen.value, seen.value)
 
@@ -139,9 +139,9 @@ def _read(role: str) -> Iterator[Source]:
 
 
 class Held:
-    """A watcher of a bench that goes to given values: what every signal was while they stood.
+    """A watcher of a bench that is moved to given values: the signals while these were held.
 
-    ``words`` name the segments to watch, ramps up to the values included; notes go to ``say``.
+    ``words`` are the names of the segments to watch, upward ramps included; notes are passed to ``say``.
     """
 
     def __init__(self, rig: Rig, words: str, say: Callable[[str], None]) -> None:

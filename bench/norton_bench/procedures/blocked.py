@@ -1,4 +1,4 @@
-"""The port held still: the Thévenin experiment, whose answer depends on how the shaft came to rest (section IV.D)."""
+"""The port held still: the Thévenin experiment. Its torque depends on how the shaft came to rest (section IV.D)."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -17,7 +17,7 @@ from norton_bench.segments import Segment, Use
 
 APPROACH_S = 0.5
 STOP_S = 0.1
-# Shares of the velocity limit: slow, but fast enough to slide; and fast enough for everything to be sliding for long.
+# Speeds of approach as shares of the velocity limit: slow, but fast enough to slide; and fast, so that all has slid.
 APPROACH_SHARES = {"slow": 0.03, "fast": 0.3}
 # Each level is reached twice, from either side.
 SIDES = (("above", 1.0), ("below", -1.0))
@@ -25,10 +25,9 @@ SIDES = (("above", 1.0), ("below", -1.0))
 
 @dataclass(frozen=True)
 class BlockedProcedure:
-    """Each command level is held while the shaft comes to rest from above and from below, or never moved.
+    """Each command level is held while the shaft comes to rest from above and from below, or has never moved.
 
-    A shaft that is clamped from the start can only be loaded, so the levels are stepped through in both directions,
-    whatever histories are asked for.
+    A clamped shaft cannot move, so that the levels are stepped through in both directions; ``histories`` are ignored.
     """
 
     options: BlockedOptions = field(default_factory=BlockedOptions)
@@ -63,7 +62,7 @@ class BlockedProcedure:
         return words_for(f"{self.name}: levels", self._levels(known)[1])
 
     def _levels(self, known: Knowledge) -> tuple[np.ndarray, float]:
-        """The commands held, and their share of what was found free."""
+        """The commands to hold, and their share of the free command span."""
         fastest = max((APPROACH_SHARES.get(history, 0.0) for history in self.options.histories), default=0.0)
         approach, bounds, share = (
             self._approach(known, fastest * known.rig.limits.velocity_rad_s),
@@ -86,7 +85,7 @@ class BlockedProcedure:
                 yield from self._from_rest(known, levels)
 
     def _approached(self, known: Knowledge, levels: np.ndarray, history: str) -> Plan:
-        """Every level from both sides, turning into it at the history's speed."""
+        """Every level from both sides, approached at the speed of the history."""
         speed_rad_s = APPROACH_SHARES[history] * known.rig.limits.velocity_rad_s
         how, before = FAST if history == "fast" else "", 0.0
         for level in levels:

@@ -1,4 +1,4 @@
-"""The load drive and the torque sensor, measured by the bench itself: all that the controller is tuned from."""
+"""Calibration of the load drive and the torque sensor, from which the controller is tuned."""
 
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
@@ -27,7 +27,7 @@ SEARCH_S = 4.0
 REST_S = 0.4
 PIECE_S = 2.0
 # The shaft should reach this share of the velocity limit. Friction makes speed grow faster than torque, and a
-# multisine's later peaks may be higher: so each piece is scaled by what the last one did.
+# multisine's later peaks may be higher, so that each piece is scaled by the speed in the last one.
 SPEED_SHARE = 0.4
 # The load may push so many times harder than the actuator, as a share of what either needed to set the shaft in motion:
 # beyond that hardly anything of the port torque is the actuator's own, and the load's part cannot be told from it.
@@ -44,7 +44,7 @@ WELL_KNOWN = {"inertia": 0.05, "coulomb_torque": 0.05, "presliding_stiffness": 0
 
 @dataclass(frozen=True)
 class CalibrateProcedure:
-    """Shakes the shaft from both ends, and fits the load as one fits an actuator."""
+    """Shakes the shaft from both ends, and fits the load in the same way as an actuator."""
 
     options: CalibrateOptions = field(default_factory=CalibrateOptions)
     name: ClassVar[str] = "calibrate"
@@ -94,10 +94,10 @@ class CalibrateProcedure:
         return fit_signals(shaken, command_unit=known.rig.command.unit, both_driven=True)
 
     def _shake(self, known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
-        """Load torque and actuator command, as great as the rig allows, and neither drowned by the other.
+        """Load torque and actuator command, as great as the rig allows; neither may hide the other.
 
-        Both, each in its own way: were the actuator passive, the port torque would be a function of the motion alone,
-        and no fit could tell the load's inertia and friction from the actuator's.
+        Both are needed, and must be independent: with a passive actuator the port torque would be a function of the
+        motion alone, and no fit could separate inertia and friction of the load from those of the actuator.
         """
         tick_s = known.tick_s
         low_hz, high_hz = 1.0, highest_hz(tick_s)
@@ -111,7 +111,7 @@ class CalibrateProcedure:
 def _load_strength_nm(known: Knowledge) -> float:
     command, tare = known.rig.command, known.tare
     greatest_nm = greatest_load_torque(known.rig)
-    # A command that stands for something else, such as a position, sets a shaft in motion by no torque of its own.
+    # A command that is not a torque, such as a position, gives no torque that sets the shaft in motion.
     if command.sent_as is not None or tare is None or not tare.moving_command or not tare.moving_load_nm:
         return greatest_nm
     return min(greatest_nm, STRONGER * abs(tare.moving_load_nm / tare.moving_command) * command.limit)
@@ -146,10 +146,10 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
 
 
 def known_well_enough(machine: FitResult) -> bool:
-    """Whether controllers and plans can build on a fit: converged, or not quite but sure of what margins come from.
+    """Whether controllers and plans can use a fit: it converged, or gain, inertia and Coulomb torque are well known.
 
-    A friction contact much shorter than a count cannot be told, and a search for it may go on for ever; gain, inertia
-    and Coulomb torque are what they are wherever it ends.
+    The data do not determine a friction contact much shorter than an encoder count, and the search for it may not end;
+    gain, inertia and Coulomb torque do not depend on it.
     """
     if machine.converged:
         return True
@@ -161,9 +161,9 @@ def known_well_enough(machine: FitResult) -> bool:
 
 
 def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
-    """The actuator's inertia as far as the calibration tells it: a winding's lag can make it seem to be negative.
+    """The inertia of the actuator from its calibration; the lag of a winding can make it seem negative.
 
-    A noisy sensor may tell it only per unit of torque gain, which is not an inertia.
+    With a noisy sensor only the ratio to the torque gain may be known, which is not an inertia.
     """
     if actuator is None or actuator.estimate("inertia").status is Status.RATIO_ONLY:
         return None
@@ -172,7 +172,7 @@ def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
 
 
 def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:
-    """The actuator's friction, where the calibration tells it and the inertia well enough to build on."""
+    """The friction of the actuator, where the calibration gives it and the inertia well enough."""
     if actuator is None or first_inertia_kgm2(actuator) is None or not well_known(actuator):
         return None
     network = actuator.network.dissipative()
@@ -185,9 +185,9 @@ def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:
 
 
 def well_known(actuator: FitResult) -> bool:
-    """Whether what turns round with the shaft is valid and known to WELL_KNOWN.
+    """Whether inertia and friction are valid, and known to WELL_KNOWN.
 
-    A search that has no end, for the bandwidth of an amplifier too quick to be seen, may be sure of that all the same.
+    This may be so although the search did not end, for example for the bandwidth of a very fast amplifier.
     """
     sound = (Status.VALID, Status.NOT_CONVERGED) if known_well_enough(actuator) else (Status.VALID,)
     return all(
@@ -197,7 +197,7 @@ def well_known(actuator: FitResult) -> bool:
 
 
 def least_sensor_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:
-    """What the sensor must have at the resonance of the two machines on it, whatever the fit says."""
+    """The least damping that the sensor can have at the resonance of the two machines on it, whatever the fit gives."""
     actuator_kgm2 = first_inertia_kgm2(actuator)
     mobility = 1 / fit.result.network.inertia_kgm2 + (1 / actuator_kgm2 if actuator_kgm2 else 0.0)
     return least_damping_nms_rad(fit.sensor_stiffness_nm_rad, mobility)

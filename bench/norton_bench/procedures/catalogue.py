@@ -1,4 +1,4 @@
-"""Procedures by the name a session file gives them, and the order in which they build on each other."""
+"""Procedures by their name in a session file, and which of them need which before."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -35,14 +35,14 @@ CATALOGUE: Mapping[str, Entry] = {
     "free": Entry(FreeProcedure, after=("calibrate",)),
     "blocked": Entry(BlockedProcedure, after=("calibrate",)),
     "imposed": Entry(ImposedProcedure, after=("calibrate",)),
-    # Chosen from a first fit, which needs something to fit.
+    # Chosen from a first fit, which needs data.
     "refine": Entry(RefineProcedure, after=("calibrate", "imposed")),
     "iterate_zero_torque": Entry(IterateProcedure, after=("calibrate", "free")),
     "in_situ": Entry(InSituProcedure, after=("tare",)),
     "rest": Entry(RestProcedure),
     "tabulate_source": Entry(TabulateSourceProcedure, after=("calibrate",)),
     "tabulate_impedance": Entry(TabulateImpedanceProcedure, after=("calibrate",)),
-    # Commands that nobody has tried free may drive the shaft beyond its limit.
+    # Commands that were not tried on the free shaft may drive it beyond its limit.
     "validate": Entry(ValidateProcedure, after=("calibrate", "free"), after_alone=("free",)),
 }
 
@@ -65,7 +65,7 @@ def make_procedure(name: str, options: Any, rig: Rig, before: Collection[str], *
     procedure.require(rig)
     missing = [needed for needed in needed_by(name, rig) if needed not in before]
     if missing:
-        raise UsageError(f"{place} '{name}' builds on '{missing[0]}': put a step do = \"{missing[0]}\" before it")
+        raise UsageError(f"{place} '{name}' needs '{missing[0]}': put a step do = \"{missing[0]}\" before it")
     return procedure
 
 

@@ -1,6 +1,6 @@
-"""Stretches of command and imposed motion to choose from, each as large as the rig, its load and the network allow.
+"""Excitations (stretches of command and imposed motion), as large as the rig, its load and the network allow.
 
-Every one begins and ends at rest where it began, with no command: they can follow each other in any order.
+Every excitation begins and ends at rest in the same place, with zero command, so that they can follow in any order.
 
 Plans are made smaller until they keep to every limit of the rig, by what has been measured so far."""
 
@@ -28,9 +28,9 @@ from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 
 DURATION_S = 2.0
-# What is planned may reach this share of any limit: the shaft overshoots a little, and the network is an estimate.
+# A plan may reach this share of any limit: the shaft overshoots a little, and the network is an estimate.
 SHARE = 0.8
-# The motion alone may spend this share, so that there is room for a command.
+# The motion alone may reach this share of a limit, which leaves room for a command.
 MOTION_SHARE = 0.5
 CLIPPINGS = 50
 HIGHEST_MOTION_HZ = 60.0
@@ -40,7 +40,7 @@ DWELL_S = 0.35
 # sensor between them lets the actuator's swing by so much more.
 HELD_TO_HZ = 10.0
 SPRING = 1.5
-# Each try is so much smaller than the last; one that never fits is left out.
+# Each try is smaller by this factor; an excitation that never fits is left out.
 CANDIDATE_SHRINKS = 0.8
 MOST_TRIES = 40
 # A command that changes in less than this share of its ticks is a staircase.
@@ -56,7 +56,7 @@ LOOP_LEAST_S = 1.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """A stretch that could be run; the command has shape (ticks,), and so has the motion."""
+    """A possible excitation; command and motion have shape (ticks,)."""
 
     name: str
     command: FloatArray
@@ -69,9 +69,9 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a plan must keep to: the rig's limits, judged by what network and load are known to be.
+    """The limits of the rig for a plan, computed with the network and the load as they are known.
 
-    ``travel_rad`` is how far the shaft may go from where it stands.
+    ``travel_rad`` is how far the shaft may move from its present position.
     """
 
     rig: Rig
@@ -80,14 +80,14 @@ class Bounds:
     travel_rad: float
 
     def swing_rad_s(self, command: FloatArray) -> FloatArray:
-        """The velocity by which the command moves the shaft although it is held, shape (ticks,)."""
+        """The velocity that the command gives to the shaft although the load holds it, shape (ticks,)."""
         hold_rad_s, tick_s = 2 * np.pi * HELD_TO_HZ, self.rig.tick_s
         motor_nm = self.network.torque_gain * _lagged(command, self.network.amplifier_bandwidth_rad_s, tick_s)
         inertia_kgm2 = self.network.inertia_kgm2 + self.load.inertia_kgm2
         return _lagged(motor_nm, hold_rad_s, tick_s) / (inertia_kgm2 * hold_rad_s)
 
     def excitation(self, candidate: Candidate) -> Excitation:
-        """What the candidate will be on this bench: its motion, and what the command adds to it."""
+        """The expected motion with the candidate: the imposed one, and what the command adds."""
         tick_s = self.rig.tick_s
         swing_rad = np.cumsum(self.swing_rad_s(candidate.command)) * tick_s
         return Excitation(tick_s, candidate.command, candidate.motion.position_rad + swing_rad)
@@ -112,10 +112,10 @@ class Bounds:
         return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
 
     def allow_free(self, command: FloatArray, share: float) -> bool:
-        """Whether command, its rate, the free motion under it and what takes the load along stay within ``share``.
+        """Whether command, its rate, the free motion and the torque for the load to follow stay within ``share``.
 
-        Where a staircase steps, the load's torque and the command's rate are not looked at: a load that reaches its
-        limit for some milliseconds is behind by as much, long before the dwell is read.
+        At the steps of a staircase the torque of the load and the rate of the command are not checked: a load at its
+        limit lags by some milliseconds, which is over long before the level is evaluated.
         """
         rig, limits, load, tick_s = self.rig, self.rig.limits, self.load, self.rig.tick_s
         position_rad, velocity_rad_s, acceleration_rad_s2 = self.network.free_motion(command, tick_s)
@@ -133,14 +133,14 @@ class Bounds:
 
 
 def candidates(bounds: Bounds, seed: int) -> tuple[Candidate, ...]:
-    """All that fit within ``bounds``; another ``seed`` gives other multisines."""
+    """All excitations within ``bounds``; another ``seed`` gives other multisines."""
     ideas = (*_still(bounds, seed), *_cruises(bounds, seed), *_loops(bounds), *_shaken(bounds, seed))
     fitted = (_fitted(idea, bounds) for idea in ideas)
     return tuple(candidate for candidate in fitted if candidate is not None)
 
 
 def _still(bounds: Bounds, seed: int) -> Iterator[Candidate]:
-    """The shaft held while the command does what it can: gain, amplifier's bandwidth, delay of the command."""
+    """The shaft held, with a large command: for gain, bandwidth of the amplifier, delay of the command."""
     ticks = len(hold(0.0, DURATION_S, bounds.rig.tick_s))
     for band_hz in _bands(bounds):
         command = _command(bounds, band_hz, DURATION_S, seed)
@@ -149,12 +149,12 @@ def _still(bounds: Bounds, seed: int) -> Iterator[Candidate]:
 
 def _cruises(bounds: Bounds, seed: int) -> Iterator[Candidate]:
     """Steady turning both ways, without command and with one: viscous damping and Coulomb torque; and gain and
-    bandwidth free of what a friction contact does at rest."""
+    bandwidth without the influence of a friction contact at rest."""
     tick_s = bounds.rig.tick_s
     for share in CRUISE_SHARES:
         velocity_rad_s = share * bounds.rig.limits.velocity_rad_s
         motion = velocity_steps(np.array([velocity_rad_s, -velocity_rad_s]), CHANGE_S, DWELL_S, tick_s)
-        # The pause at the end of the steps is as long as a dwell; there and back is what is left.
+        # The pause at the end is as long as a dwell; the rest of the time is divided between the two directions.
         ticks = len(motion.position_rad)
         yield Candidate(f"cruise at {share:.0%}", np.zeros(ticks), motion)
         for band_hz in _bands(bounds):
@@ -174,7 +174,7 @@ def _loops(bounds: Bounds) -> Iterator[Candidate]:
 
 
 def _shaken(bounds: Bounds, seed: int) -> Iterator[Candidate]:
-    """A multisine motion, wide and fast, alone and under a command: inertia, and everything at once."""
+    """A multisine motion, wide and fast, alone and with a command: for inertia, and for all parameters together."""
     tick_s, greatest_rad_s = bounds.rig.tick_s, bounds.rig.limits.velocity_rad_s
     for low_hz, slope in ((0.5, -0.6), (3.0, 0.0), (15.0, 0.0)):
         motion = multisine_motion(
@@ -186,7 +186,7 @@ def _shaken(bounds: Bounds, seed: int) -> Iterator[Candidate]:
 
 
 def _bands(bounds: Bounds) -> list[tuple[float, float]]:
-    """Those bands that the loop's rate can carry."""
+    """The bands that are possible at the rate of the loop."""
     most_hz = highest_hz(bounds.rig.tick_s)
     return [(low, min(high, most_hz)) for low, high in COMMAND_BANDS_HZ if 2 * low < most_hz]
 
@@ -232,17 +232,17 @@ def _fitted(idea: Candidate, bounds: Bounds) -> Candidate | None:
     return None
 
 
-# A plan of which less than this is left tells nothing any more; the guard is there for what it does then.
+# A plan is not made smaller than this, because it would give no information; then the guard is the only protection.
 LEAST = 0.05
-# Each try is so much smaller than the last.
+# Each try is smaller by this factor.
 PLAN_SHRINKS = 0.95
-# What is named as made smaller: less than this of what was asked for.
-WORTH_A_WORD = 0.99
+# A plan below this share of its size is reported as made smaller.
+REPORTED_BELOW = 0.99
 
 
 @dataclass(frozen=True)
 class Sized:
-    """A plan at ``share`` of the size that was asked for: command and motion alike, both of shape (ticks,)."""
+    """A plan at ``share`` of its usual size: command and motion, both of shape (ticks,)."""
 
     command: FloatArray
     motion: Motion
@@ -250,7 +250,7 @@ class Sized:
 
 
 def bounds_of(known: Knowledge) -> Bounds | None:
-    """The rig's limits, judged by the calibration and the actuator's first fit; None where one is missing."""
+    """The limits of the rig with the calibration and the first fit of the actuator; None where one is missing."""
     fit = known.actuator
     if known.calibration is None or fit is None or first_inertia_kgm2(fit) is None:
         return None
@@ -260,7 +260,7 @@ def bounds_of(known: Knowledge) -> Bounds | None:
 
 
 def travel_left_rad(records: Sequence[Measured], rig: Rig) -> float:
-    """How far the shaft may go either way, from where it stands, within the window about where it stood at first."""
+    """How far the shaft may move either way from its present position, within the limit about its first position."""
     limit_rad = rig.limits.position_rad
     if not records or not np.isfinite(limit_rad):
         return limit_rad
@@ -270,7 +270,7 @@ def travel_left_rad(records: Sequence[Measured], rig: Rig) -> float:
 
 
 def imposed_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -> Sized:
-    """Command and imposed motion, as large as the limits allow, and no larger than asked for."""
+    """Command and imposed motion, made smaller until the limits allow them."""
     share = 1.0
     while bounds is not None and share > LEAST and not bounds.allow(share * command, motion.scaled(share), SHARE):
         share *= PLAN_SHRINKS
@@ -278,7 +278,7 @@ def imposed_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -
 
 
 def held_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -> Sized:
-    """The same where the motion is small, and only the command is made smaller."""
+    """The same for a small motion: only the command is made smaller."""
     share = 1.0
     while bounds is not None and share > LEAST and not bounds.allow(share * command, motion, SHARE):
         share *= PLAN_SHRINKS
@@ -286,7 +286,8 @@ def held_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -> S
 
 
 def free_within(bounds: Bounds | None, command: FloatArray) -> float:
-    """The share of ``command`` (ticks,) under which the free motion, and what the load takes to follow, stay inside."""
+    """The share of ``command`` (ticks,) for which the free motion, and the torque for the load to follow, stay
+    inside."""
     share = 1.0
     while bounds is not None and share > LEAST and not bounds.allow_free(share * command, SHARE):
         share *= PLAN_SHRINKS
@@ -294,10 +295,10 @@ def free_within(bounds: Bounds | None, command: FloatArray) -> float:
 
 
 def words_for(what: str, share: float) -> tuple[str, ...]:
-    """What it costs that ``what`` was made smaller; nothing where it hardly was."""
-    if share > WORTH_A_WORD:
+    """A sentence about a smaller ``what``, and the cost; none where it was hardly made smaller."""
+    if share > REPORTED_BELOW:
         return ()
     return (
-        f"{what} at {share:.0%} of its usual size, to stay within {SHARE:.0%} of every limit: as much time tells "
-        f"parameters {1 / share:.1f} times less finely; higher [limits] or a longer step would mend that",
+        f"{what} at {share:.0%} of its usual size, to stay within {SHARE:.0%} of every limit: in the same time "
+        f"intervals become {1 / share:.1f} times wider; higher [limits] or a longer step would avoid that",
     )

@@ -31,9 +31,9 @@ TRIES = 8
 
 @dataclass(frozen=True)
 class FreeProcedure:
-    """Finds the span of commands, then a slow staircase from both sides, then a multisine.
+    """A search for the span of commands, then a slow staircase from both sides, then a multisine.
 
-    With a load drive the admittance law imposes zero torque; without one the shaft must be free, and is.
+    With a load drive the admittance law imposes zero torque; without one the shaft must be free.
     """
 
     options: FreeOptions = field(default_factory=FreeOptions)
@@ -56,15 +56,15 @@ class FreeProcedure:
     def plan(self, known: Knowledge) -> Plan:
         rig, tick_s = known.rig, known.tick_s
         wanted_rad_s = self.options.amplitude * rig.limits.velocity_rad_s
-        found = []
+        ends = []
         for side in (-1.0, 1.0):
             search = growth(side * rig.command.limit, SEARCH_S, tick_s)
             measured = yield zero_torque(
                 self.name, "search", Use.IDENTIFY, search, rig, stop_at_velocity_rad_s=wanted_rad_s
             )
-            found.append(float(measured.ticks["command"][-1]))
+            ends.append(float(measured.ticks["command"][-1]))
             yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
-        low, high = self._span_within(known, found)
+        low, high = self._span_within(known, ends)
         for _ in range(TRIES):
             climbed = yield from self._climb(rig, low, high)
             if climbed:
@@ -90,10 +90,9 @@ class FreeProcedure:
         return replace(known, command_span=(low, high))
 
     def _climb(self, rig: Rig, low: float, high: float) -> Generator[Segment, Measured, bool]:
-        """The stairs from both ends; whether the shaft got through them without coming near its velocity limit.
+        """The staircase from both ends; returns whether the shaft stayed well below its velocity limit.
 
-        Friction makes speed grow faster than torque, and a calibration that friction kept from moving the shaft by much
-        does not foresee that.
+        Friction makes speed grow faster than torque; a calibration with little motion does not predict that.
         """
         tick_s, fastest_rad_s = rig.tick_s, FASTEST_SHARE * rig.limits.velocity_rad_s
         for name, levels in self._stairs(low, high):
@@ -116,19 +115,19 @@ class FreeProcedure:
         return True
 
     def _slower(self, known: Knowledge, command: float) -> float:
-        """One end of the span, where both proved to be too much: less of what it has beyond what friction takes."""
+        """One end of the span, made smaller: less of the part of the command beyond friction."""
         taken = 0.0 if known.tare is None or known.tare.moving_command is None else abs(known.tare.moving_command)
         beyond = max(abs(command) - taken, 0.0)
         return float(np.copysign(abs(command) - beyond * (1.0 - self.options.amplitude / FASTEST_SHARE), command))
 
     def _span_within(self, known: Knowledge, ends: Sequence[float]) -> tuple[float, float]:
-        """The commands found, less where the shaft, given time, would go on to gain more speed than it should.
+        """The ends of the span, made smaller where the shaft would become too fast with time.
 
-        A search ends at once where the speed is reached. A shaft that is heavy for its damping has a long way to go
-        then; where the calibration tells it, the stairs are foreseen.
+        The search ends when the speed is reached. A shaft with much inertia and little damping would still accelerate;
+        where the calibration is good enough, the staircase is simulated.
         """
         low, high, tick_s = float(min(ends)), float(max(ends)), known.tick_s
-        # One after the other: a shaft that is slow to gain speed is slow to lose it, too.
+        # One staircase after the other: a shaft that gains speed slowly loses it slowly, too.
         stairs = [
             part
             for _, levels in self._stairs(low, high)
@@ -157,5 +156,5 @@ def command_multisine(
 
 
 def turned(measured: Measured) -> float:
-    """The greatest speed of the actuator's shaft."""
+    """The greatest speed of the shaft of the actuator."""
     return float(np.max(np.abs(measured.ticks["velocity_rad_s"])))

@@ -1,4 +1,4 @@
-"""Prescribed motion: the impedance is what answers when the port is moved off the source's motion (section IV.B.1)."""
+"""Prescribed motion: measures the impedance, by moving the port off the motion of the source (section IV.B.1)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -54,7 +54,7 @@ class ImposedProcedure:
         return grid + loops + self.options.duration_s + REST_S
 
     def velocities_rad_s(self, rig: Rig) -> np.ndarray:
-        """The grid's velocities, in an order that takes the shaft back and forth."""
+        """The velocities of the grid, in an order that moves the shaft back and forth."""
         if self.options.velocities_rad_s:
             return np.array(self.options.velocities_rad_s)
         greatest = self.options.amplitude * rig.limits.velocity_rad_s
@@ -74,7 +74,7 @@ class ImposedProcedure:
         return (*_gentler(known), *smaller)
 
     def _stretches(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
-        """What is imposed, one after the other, with its name."""
+        """The commands and motions to impose, in order, each with its name."""
         tick_s, bounds = known.tick_s, bounds_of(known)
         low, high = known.span()
         steps = velocity_steps(self.velocities_rad_s(known.rig), CHANGE_S, DWELL_S, tick_s)
@@ -97,7 +97,7 @@ class ImposedProcedure:
 
 
 def _gentler(known: Knowledge) -> tuple[str, ...]:
-    """What it costs that the load follows more gently than usual; nothing where it does not."""
+    """A sentence where the gains of the load are lower than usual, and the cost of that; else none."""
     gentler = 1.0 if known.calibration is None else design_tracking(known.calibration, known.tick_s).gentler
     if gentler == 1.0:
         return ()
@@ -113,7 +113,7 @@ def imposed_multisine(known: Knowledge, amplitude: float, duration_s: float, see
     motion = multisine_motion(duration_s, known.tick_s, low_hz=0.3, high_hz=HIGHEST_HZ, seed=seed, slope=-0.6)
     factor = amplitude * known.rig.limits.velocity_rad_s
     if known.calibration is not None:
-        # The actuator's inertia is not known yet: allow for as much again as the load's.
+        # The inertia of the actuator is not known yet: assume that of the load.
         inertia_kgm2 = 2 * known.calibration.inertia_kgm2
         torque_nm = inertia_kgm2 * float(np.max(np.abs(motion.acceleration_rad_s2)))
         available_nm = TORQUE_SHARE * min(known.rig.limits.load_torque_nm, known.rig.limits.torque_nm)

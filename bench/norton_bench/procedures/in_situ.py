@@ -1,9 +1,10 @@
 """In situ (paper, sections V and VI.E): the motion source of an actuator that stays assembled to its load.
 
-The assembly is shaken first, which tells load and actuator apart. Then one movement is repeated: in most trials the
-load drive gives the load what it needs to go along, so that the actuator has nothing to exert, and its motion is its
-source; in some, picked at random, the load is left alone, which tells how much movements differ by themselves. What the
-actuator exerts follows from the motion and the load; no torque sensor is looked at. Between trials the drives are idle.
+The assembly is shaken first, to identify load and actuator separately. Then one movement is repeated. In most trials
+the load drive gives the load the torque that it needs to follow, so that the actuator exerts no torque and its motion
+is the motion source. In some trials, chosen at random, the load is not driven; they show the scatter of movements. The
+torque of the actuator is computed from the motion and the load; no torque sensor is used. Between trials the drives
+are idle.
 """
 
 from dataclasses import dataclass, field, replace
@@ -36,17 +37,17 @@ from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
 
 REST_S = 0.3
-# Before each trial the load is pushed so much harder than friction holds, up and down in so long each.
+# Before each trial the load is pushed this many times harder than its friction, with ramps of this duration.
 PUSH, PUSH_S = 2.0, 0.1
-# In the order of trials: alone first, to compare with, and the first two that are driven show whether it converges.
+# The first trial is not driven, for comparison; the first two driven ones show whether the trials converge.
 FIRST = (False, True, True)
 SCALINGS = 20
-# A belief about the load's inertia that differs by more than so many deviations, and this share, is overruled.
+# A given inertia of the load is ignored if it differs from the measured one by more than both of these.
 DEVIATIONS, SHARE = 3.0, 0.01
 
 
 class _Shaking(CalibrateProcedure):
-    """As in a calibration; a session that goes on from this one must find it under this step's own name."""
+    """Shakes as the calibration does, under the name of this step: a session that resumes looks for that name."""
 
     name: ClassVar[str] = IN_SITU
 
@@ -57,7 +58,7 @@ def _shaking(options: InSituOptions) -> _Shaking:
 
 @dataclass(frozen=True)
 class Shake:
-    """Load and actuator shaken, each in its own way, and told apart."""
+    """Load and actuator are shaken independently, and identified separately."""
 
     options: InSituOptions
     name: ClassVar[str] = IN_SITU
@@ -108,7 +109,7 @@ class Movement:
         yield pushed(self.name, f"{TRIAL}{self.number}", Use.PREPARE, self.load_torque_nm, self.state.command)
 
     def _push_nm(self, tick_s: float) -> FloatArray:
-        """Through both friction contacts, always to the same side: then they remember the same in every trial."""
+        """A push that bends both friction contacts to the same side, so that every trial starts from the same state."""
         assert self.state.assembly is not None
         models = self.state.assembly.models
         coulomb_nm = sum(each.network.coulomb_torque_nm for each in (models.actuator, models.load))
@@ -129,7 +130,7 @@ class Movement:
 
 @dataclass(frozen=True)
 class InSituProcedure:
-    """Shaken once, then trials until what is left is what movements differ by anyway, or until there is no point."""
+    """Shakes once, then repeats trials until only the scatter of movements is left, or until trials do not help."""
 
     options: InSituOptions = field(default_factory=InSituOptions)
     name: ClassVar[str] = Shake.name
@@ -148,10 +149,10 @@ class InSituProcedure:
     def following(self, known: Knowledge) -> Decision:
         state = known.in_situ
         if state is None or state.finished:
-            said = "the assembly is shaken, to tell load and actuator apart"
-            return Decision(replace(known, in_situ=None), Shake(self.options), said)
-        found = figures(state.trials)
-        if settled(found) or diverge(found) or len(found) >= self.options.trials:
+            sentence = "the assembly is shaken, to identify load and actuator separately"
+            return Decision(replace(known, in_situ=None), Shake(self.options), sentence)
+        trials = figures(state.trials)
+        if settled(trials) or diverge(trials) or len(trials) >= self.options.trials:
             return _done(known, state)
         return _next(known, state)
 
@@ -164,26 +165,29 @@ def _next(known: Knowledge, state: InSitu) -> Decision:
     if driven:
         models = state.assembly.models
         load_torque_nm = next_load_torque(models, state.command, state.corrections, 0.0, known.tick_s)
-    how = "with the load given what it needs" if driven else "with the load left alone"
+    how = "with the load driven" if driven else "with the load not driven"
     before = in_words(state) if state.trials else "; ".join(state.assembly.said)
     return Decision(known, Movement(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")
 
 
 def _done(known: Knowledge, state: InSitu) -> Decision:
-    end = "; ".join(why_not_settled(figures(state.trials))) or "converged: that is what movements differ by anyway"
+    end = (
+        "; ".join(why_not_settled(figures(state.trials)))
+        or "converged: what is left is no more than the scatter of movements"
+    )
     return Decision(replace(known, in_situ=replace(state, finished=True)), None, f"{in_words(state)}; {end}")
 
 
 def in_words(state: InSitu) -> str:
-    """How the last trial came out."""
-    found = figures(state.trials)
-    first, last = found[0], found[-1]
+    """The result of the last trial."""
+    trials = figures(state.trials)
+    first, last = trials[0], trials[-1]
     below = f", {last.below_db(first):.0f} dB below the first" if last.driven else ""
     return f"trial {last.number}: the actuator exerted {1e3 * last.with_noise_nm:.2f} mN*m{below}"
 
 
 def _planned(options: InSituOptions, assembly: Assembly, known: Knowledge) -> InSitu:
-    """There and back again, so that movements begin where the first did, or nearly."""
+    """The movement there and back, so that every trial begins at nearly the same position."""
     half_s = options.duration_s / 2
     wave = multisine(half_s, known.tick_s, low_hz=0.2, high_hz=options.highest_hz, seed=options.seed, slope=-0.25)
     rest = hold(0.0, REST_S, known.tick_s)
@@ -194,7 +198,7 @@ def _planned(options: InSituOptions, assembly: Assembly, known: Knowledge) -> In
 
 
 def _order(options: InSituOptions) -> tuple[bool, ...]:
-    """Which trials are driven: at random, but for the first."""
+    """Which trials are driven: chosen at random, except the first ones."""
     left = options.trials - len(FIRST)
     alone = max(1, round(options.left_alone * left))
     shuffled = np.random.default_rng(options.seed).permutation(left) >= alone
@@ -202,7 +206,7 @@ def _order(options: InSituOptions) -> tuple[bool, ...]:
 
 
 def _scale(network: NortonNetwork, command: FloatArray, fastest_rad_s: float, known: Knowledge) -> float:
-    """The greatest command, up to the rig's limit, under which the source is foreseen to stay within a velocity."""
+    """The greatest scale of the command, up to the rig's limit, with the predicted source within ``fastest_rad_s``."""
     low, high = 0.0, known.rig.command.limit
     for _ in range(SCALINGS):
         middle = 0.5 * (low + high)
@@ -212,54 +216,56 @@ def _scale(network: NortonNetwork, command: FloatArray, fastest_rad_s: float, kn
 
 
 def _load(known: Knowledge, measured: Measured, options: InSituOptions) -> tuple[Machine, tuple[str, ...]]:
-    """The load, by the twist between the encoders as far as that tells, else by its calibration and what is believed.
+    """The load: from the twist between the encoders if that is precise enough, else from calibration and options.
 
-    Raises ExperimentError where nothing tells it from the actuator.
+    Raises ExperimentError where the data do not separate it from the actuator.
     """
-    # The torque sensor's newton metres, in which it was calibrated, are not those of the load's drive.
+    # The scale of the torque sensor, by which it was calibrated, differs from that of the load's drive.
     calibrated = None if known.calibration is None else Machine.of_load(known.calibration).in_drive_units()
     try:
-        found = load_by_twist(measured, known.tick_s)
+        by_twist = load_by_twist(measured, known.tick_s)
     except ExperimentError as error:
         if calibrated is None:
             raise ExperimentError(
-                "in_situ: the load cannot be told from the actuator: what joins them twists too little for their "
+                "in_situ: load and actuator cannot be separated: the coupling twists too little for their "
                 "encoders; run the step 'calibrate' with a torque sensor before it, or join them less stiffly"
             ) from error
-        believed = _with(calibrated, options)
-        said = f"the load's inertia is taken to be {_kgm2(believed)} and cannot be checked: what joins the two twists"
-        return believed, (f"{said} too little; by as much as that is off, the source is that of another actuator",)
-    if found.weight_nm > 0.0:
+        assumed = _with(calibrated, options)
+        sentence = (
+            f"the load's inertia is assumed to be {_kgm2(assumed)} and cannot be checked, because the coupling twists"
+        )
+        return assumed, (f"{sentence} too little; an error of it is an error of the source, too",)
+    if by_twist.weight_nm > 0.0:
         raise ExperimentError(
-            f"in_situ: an arm hangs on the load, of which up to {found.weight_nm:.3g} N*m go with its position; the "
+            f"in_situ: an arm hangs on the load, with a torque of up to {by_twist.weight_nm:.3g} N*m by position; the "
             "step supplies inertia and friction alone: take the arm off, balance it, or stand its axis upright"
         )
     calibrated_nms_rad = None if calibrated is None else calibrated.network.viscous_damping_nms_rad
-    return _by_twist(found.machine, found.inertia_deviation, calibrated_nms_rad, options)
+    return _by_twist(by_twist.machine, by_twist.inertia_deviation, calibrated_nms_rad, options)
 
 
 def _by_twist(
     machine: Machine, deviation: float, calibrated_nms_rad: float | None, options: InSituOptions
 ) -> tuple[Machine, tuple[str, ...]]:
     half = 100 * HALF_INTERVAL * deviation
-    said = [f"the load's inertia is {_kgm2(machine)} ±{half:.1f} %, by the twist between the encoders"]
-    believed_kgm2 = options.inertia_kgm2
-    if believed_kgm2 is not None:
-        off = believed_kgm2 / machine.network.inertia_kgm2 - 1.0
+    sentences = [f"the load's inertia is {_kgm2(machine)} ±{half:.1f} %, by the twist between the encoders"]
+    given_kgm2 = options.inertia_kgm2
+    if given_kgm2 is not None:
+        off = given_kgm2 / machine.network.inertia_kgm2 - 1.0
         if abs(off) > max(DEVIATIONS * deviation, SHARE):
-            said.append(f"it was believed to be {believed_kgm2:.3g} kg*m^2, which is {100 * off:+.0f} % off: overruled")
+            sentences.append(f"the given value {given_kgm2:.3g} kg*m^2 differs by {100 * off:+.0f} %, and is ignored")
     viscous_nms_rad = options.viscous_damping_nms_rad
     if viscous_nms_rad is None:
         viscous_nms_rad = calibrated_nms_rad
     if viscous_nms_rad is None:
-        said.append("its viscous damping is taken as the encoders show it, as if they were read at the same instant")
-        return machine, tuple(said)
+        sentences.append("its viscous damping is computed as if both encoders were read at the same instant")
+        return machine, tuple(sentences)
     network = replace(machine.network, viscous_damping_nms_rad=viscous_nms_rad)
-    return replace(machine, network=network), tuple(said)
+    return replace(machine, network=network), tuple(sentences)
 
 
 def _with(machine: Machine, options: InSituOptions) -> Machine:
-    """The machine with what is believed of it."""
+    """The machine with the values given in the options."""
     network = machine.network
     if options.inertia_kgm2 is not None:
         network = replace(network, inertia_kgm2=options.inertia_kgm2)

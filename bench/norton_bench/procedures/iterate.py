@@ -1,8 +1,8 @@
-"""Iterated zero torque: one movement again and again, the load torque learnt until noise hides what is left.
+"""Iterated zero torque: one movement is repeated, and the load torque learned until only noise is left.
 
-Each trial is an ordinary procedure: the shaft is taken back to where the first began, always from the same side, so
-that friction starts from the same past; then the command runs, with the load torque as it was learnt and no feedback,
-for feedback would bring the sensor's noise to the port. Between trials the drives are idle, and there it is learnt.
+Each trial is an ordinary procedure. The shaft moves back to its first position, always from the same side, so that
+friction starts from the same state. Then the command runs with the learned load torque and without feedback, because
+feedback would bring the noise of the sensor to the port. The correction is computed between trials, with idle drives.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,8 +22,8 @@ from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
 
-REST_S = 0.3  # before and after the movement, and to see where the shaft stands
-# The way back: at this share of the velocity limit, and its last piece, which is longer than any friction contact.
+REST_S = 0.3  # the pause before and after the movement, and to read the position of the shaft
+# The way back: its speed as a share of the velocity limit, and its last part, longer than any friction contact.
 BACK_SHARE = 0.4
 LEAST_BACK_S = 0.3
 LAST_RAD = 0.1
@@ -58,16 +58,16 @@ class Trial:
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         before, tick_s = known.iteration, known.tick_s
         assert before is not None
-        found = seen(measured, measured.segments[-1], len(self.command), tick_s)
-        assert found.torque_nm is not None
-        taught = correction(self.models, self.command, self.load_torque_nm, found, found.torque_nm, tick_s)
-        figures = figures_of(self.number, found.torque_nm, found.torque_noise_nm, tick_s)
-        return replace(known, iteration=before.after(figures, taught))
+        motion = seen(measured, measured.segments[-1], len(self.command), tick_s)
+        assert motion.torque_nm is not None
+        learned = correction(self.models, self.command, self.load_torque_nm, motion, motion.torque_nm, tick_s)
+        figures = figures_of(self.number, motion.torque_nm, motion.torque_noise_nm, tick_s)
+        return replace(known, iteration=before.after(figures, learned))
 
 
 @dataclass(frozen=True)
 class IterateProcedure:
-    """Trials until noise hides what is left, until they are as many as allowed, or until they do not converge."""
+    """Repeats trials until only noise is left, until their number is reached, or until they do not converge."""
 
     options: IterateOptions = field(default_factory=IterateOptions)
     name: ClassVar[str] = Trial.name
@@ -92,7 +92,7 @@ class IterateProcedure:
             reason = "it does not converge: two trials in a row were worse than one before them"
             return _done(known, so_far.ended(reason))
         if len(so_far.trials) >= self.options.trials:
-            reason = f"after {len(so_far.trials)} trials there was still more than noise"
+            reason = f"after {len(so_far.trials)} trials more than noise is left"
             return _done(known, so_far.ended(reason))
         return _next(known, so_far)
 
@@ -120,17 +120,17 @@ def _next(known: Knowledge, so_far: Iteration) -> Decision:
         noise_nm = known.calibration.torque_noise_nm
         load_torque_nm = next_load_torque(models, so_far.command, so_far.corrections, noise_nm, known.tick_s)
     trial = Trial(number, so_far.command, load_torque_nm, so_far.start_rad, models)
-    return Decision(replace(known, iteration=so_far), trial, _said(so_far))
+    return Decision(replace(known, iteration=so_far), trial, _sentence(so_far))
 
 
-def _said(so_far: Iteration) -> str:
+def _sentence(so_far: Iteration) -> str:
     if not so_far.trials:
-        return "trial 1: the load undriven, to compare with"
-    return f"{in_words(so_far)}; trial {len(so_far.trials) + 1} with what was learnt"
+        return "trial 1: the load not driven, for comparison"
+    return f"{in_words(so_far)}; trial {len(so_far.trials) + 1} with the learned load torque"
 
 
 def in_words(so_far: Iteration) -> str:
-    """How the last trial came out."""
+    """The result of the last trial."""
     first, last = so_far.trials[0], so_far.trials[-1]
     floor = ", the noise floor" if last.at_floor else ""
     below = f", {last.below_db(first):.0f} dB below the first{floor}" if last is not first else ""
@@ -146,7 +146,7 @@ def _done(known: Knowledge, so_far: Iteration) -> Decision:
 def _no_basis(known: Knowledge) -> str | None:
     assert known.actuator is not None
     fault = why_no_basis(known.actuator, "the actuator in its calibration")
-    return None if fault is None else f"nothing can be learnt from: {fault}"
+    return None if fault is None else f"no load torque can be learned: {fault}"
 
 
 def _stands_rad(known: Knowledge) -> float:

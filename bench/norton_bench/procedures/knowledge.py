@@ -1,4 +1,4 @@
-"""What the experiment has learned so far, handed from procedure to procedure."""
+"""What the experiment knows so far, passed from procedure to procedure; and how a procedure is carried out."""
 
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
@@ -33,12 +33,12 @@ class Tare:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """All that procedures may build on; None where nothing has been learned yet.
+    """The results that procedures use; None where there is none yet.
 
-    ``actuator`` is its first fit, from being shaken in the calibration: good enough to tune by, not a result.
+    ``actuator`` is its first fit, from the calibration: good enough for tuning and plans, not a result.
     ``command_span`` holds the commands, negative and positive, at which the free actuator reached the velocity asked.
-    ``records`` holds what every procedure so far has measured. ``refinement``, ``iteration`` and ``in_situ`` tell how
-    far the last one came.
+    ``records`` holds what every procedure so far has measured. ``refinement``, ``iteration`` and ``in_situ`` are
+    the states of the last one.
     """
 
     rig: Rig
@@ -56,7 +56,7 @@ class Knowledge:
         return self.rig.tick_s
 
     def span(self) -> tuple[float, float]:
-        """The commands to work between: what was found free, else what the rig allows at most."""
+        """The least and greatest command to use: those of the free shaft, else the limits of the rig."""
         return self.command_span if self.command_span is not None else self.rig.command.span
 
 
@@ -64,7 +64,7 @@ Plan = Generator[Segment, Measured, None]
 
 
 class Procedure(Protocol):
-    """One step of an experiment: refuses what the rig cannot do, asks for segments, and concludes from what came."""
+    """One step of an experiment: checks the rig, plans segments, and evaluates what was measured in them."""
 
     @property
     def name(self) -> str: ...
@@ -74,15 +74,16 @@ class Procedure(Protocol):
         ...
 
     def duration_s(self, rig: Rig) -> float:
-        """About how long it takes [s of bench time]."""
+        """Estimated duration [s of bench time]."""
         ...
 
     def plan(self, known: Knowledge) -> Plan:
-        """Yields segments; each is answered with what was measured in it. Must not dawdle between them."""
+        """Yields segments; each ``yield`` returns what was measured in it. The drives wait meanwhile: it must be
+        quick."""
         ...
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
-        """What is known afterwards. Called with the drives idle, so it may take its time."""
+        """The knowledge with the results. Called with the drives idle, so it may take long."""
         ...
 
 
@@ -91,7 +92,7 @@ class Reporting(Protocol):
     """A procedure that decides something which its recording must contain, so that a later fit decides the same."""
 
     def recorded_event(self, known: Knowledge) -> tuple[str, str]:
-        """Kind and text of an event, once it has concluded."""
+        """Kind and text of the event, after :meth:`conclude`."""
         ...
 
 
@@ -100,7 +101,7 @@ class Reducing(Protocol):
     """A procedure that makes its plan smaller where the rig's limits demand it."""
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:
-        """What it makes smaller, in sentences with what that costs; before it is carried out."""
+        """Sentences about what it makes smaller, and the cost of that; asked before it is carried out."""
         ...
 
 
@@ -115,7 +116,7 @@ class Decision:
 
 @runtime_checkable
 class Adaptive(Protocol):
-    """A step that is decided as it goes: procedure after procedure, each chosen from what is known by then."""
+    """An adaptive step: procedure after procedure, each chosen from the results so far."""
 
     @property
     def name(self) -> str: ...
@@ -125,16 +126,16 @@ class Adaptive(Protocol):
         ...
 
     def duration_s(self, rig: Rig) -> float:
-        """How long it takes at most [s of bench time]."""
+        """Greatest duration [s of bench time]."""
         ...
 
     def following(self, known: Knowledge) -> Decision:
-        """Called with the drives idle, so it may take its time; again after each procedure, until there is none."""
+        """The next decision. Called with the drives idle, so it may take long; called again after each procedure."""
         ...
 
 
 def require_model(rig: Rig, name: str) -> None:
-    """Raises RigError where the actuator is identified by tables alone."""
+    """Raises RigError where the actuator has no model."""
     if not rig.modelled:
         raise RigError(
             f"{rig.place}: step '{name}' builds on a fitted model, but [actuator] model = \"none\" stands for tables "
@@ -171,12 +172,12 @@ Foresight = Callable[[Segment, float, float], Segment]
 
 
 def as_it_is(segment: Segment, _velocity_rad_s: float, _command: float) -> Segment:
-    """Nothing is foreseen."""
+    """The segment, unchanged."""
     return segment
 
 
 def carry_out(procedure: Procedure, known: Knowledge, loop: Runner, foresee: Foresight = as_it_is) -> Knowledge:
-    """Run one procedure with the drives enabled, then, with the drives idle, draw what follows from it.
+    """Run one procedure with the drives enabled; then, with the drives idle, evaluate it.
 
     Raises SafetyStopError, OperatorStopError, DeviceError, ExperimentError; the drives are idle then, too.
     """
@@ -185,10 +186,11 @@ def carry_out(procedure: Procedure, known: Knowledge, loop: Runner, foresee: For
 
 
 def follow(plan: Plan, loop: Runner, foresee: Foresight = as_it_is) -> Iterator[Measured]:
-    """Run the segments of a plan with the drives enabled, and hand out what was measured in each. Raises likewise."""
+    """Run the segments of a plan with the drives enabled; yields the measurements of each. Raises as
+    :func:`carry_out`."""
     segment = next(plan, None)
     if segment is not None:
-        segment = foresee(segment, 0.0, 0.0)  # before the drives are enabled: it may take its time
+        segment = foresee(segment, 0.0, 0.0)  # before the drives are enabled: it may take long
     with loop.running():
         while segment is not None:
             measured = loop.run(segment)

@@ -1,16 +1,16 @@
 """Iterative learning of the load torque: each trial corrects the models of both machines for the next one.
 
-On either side of the port a model gives the torque that belongs to the measured motion and command. Its error is
+On each side of the port a model gives the torque for the measured motion and command. Its error is
 
     e_actuator = τ − τ̂_actuator(command, θ)          e_load = −τ − τ̂_load(load torque, θ_load)
 
 Along nearly the same movement the error is nearly the same. So the next trial is computed from the corrected models:
 the actuator's free motion, and the load torque that makes the load follow it, with the load's friction, its amplifier's
-lag and its delay undone. Errors are filtered without delay. The corrections of several trials are averaged; each counts
-the more, the less torque there was at the port in its trial. Frequencies that noise alone explains are left out.
+lag and its delay undone. Errors are filtered without delay. The corrections of several trials are averaged; the
+weight of a trial is greater the less torque there was at the port. Frequencies with nothing but noise are left out.
 
-It converges where the ratio of the true response (torque to motion) to the models' is nearer to 1 than 1: gains may be
-off by almost their own size, and phases by 60°. Below the 30 Hz that are corrected, half a tick is 5°.
+It converges where the ratio of the true response (torque to motion) to that of the models differs from 1 by less than
+1: gains may be wrong by almost 100 %, and phases by 60°. Below the 30 Hz that are corrected, half a tick is 5°.
 """
 
 from collections.abc import Sequence
@@ -23,13 +23,13 @@ from norton_bench.control.preview import delayed
 from norton_bench.identification.in_situ import Exerted, LoadTaken, Machine
 from norton_bench.identification.trials import TrialFigures, TrialReadings, averaged, diverge, in_band, settled
 
-# The spectrum is averaged over so many lines to tell what is noise.
+# The spectrum is averaged over this number of lines to estimate the noise.
 LINES = 41
 
 
 @dataclass(frozen=True)
 class Models:
-    """Both sides of the port."""
+    """The models of both sides of the port."""
 
     actuator: Machine
     load: Machine
@@ -48,16 +48,17 @@ def correction(
     models: Models,
     command: FloatArray,
     load_torque_nm: FloatArray,
-    found: TrialReadings,
+    measured: TrialReadings,
     torque_nm: FloatArray,
     tick_s: float,
 ) -> Correction:
-    """Of a trial with ``command`` and ``load_torque_nm`` sent, and the port torque ``torque_nm``, all (ticks,).
+    """The correction from a trial with ``command`` and ``load_torque_nm`` sent, and the port torque ``torque_nm``, all
+    (ticks,).
 
-    The load's mean error is taken for the torque sensor's change of bias since the load was calibrated.
+    The mean error of the load is taken as the drift of the torque sensor's bias since the calibration of the load.
     """
-    actuator = torque_nm - models.actuator.torque_nm(command, found.position_rad, tick_s)
-    load = -torque_nm - models.load.torque_nm(load_torque_nm, found.load_position_rad, tick_s)
+    actuator = torque_nm - models.actuator.torque_nm(command, measured.position_rad, tick_s)
+    load = -torque_nm - models.load.torque_nm(load_torque_nm, measured.load_position_rad, tick_s)
     bias_nm = -float(np.mean(load))
     near = in_band(torque_nm - bias_nm, tick_s)
     weight = 1.0 / max(float(np.mean(near**2)), 1e-18)
@@ -73,7 +74,7 @@ def next_load_torque(
     """
     actuator_nm, load_nm = mean_corrections(corrections, len(command), noise_nm)
     actuator, load = models.actuator, models.load
-    # As a command it passes the amplifier, which is undone: the correction then acts on the shaft itself.
+    # The lag of the amplifier is inverted, so that the correction acts on the shaft itself.
     position, _, _ = actuator.network.free_motion(command + actuator.command_for(actuator_nm, tick_s), tick_s)
     motion = delayed(position, tick_s, actuator.command_delay_s)
     needed_nm = -load.network.torque(np.zeros(len(command)), motion, tick_s) - load_nm
@@ -81,7 +82,7 @@ def next_load_torque(
 
 
 def mean_corrections(corrections: Sequence[Correction], ticks: int, noise_nm: float) -> tuple[FloatArray, FloatArray]:
-    """The weighted means of the corrections of both models [N m], without what noise alone explains."""
+    """The weighted means of the corrections of both models [N m], without the frequencies that contain only noise."""
     if not corrections:
         return np.zeros(ticks), np.zeros(ticks)
     weights = np.array([each.weight for each in corrections])
@@ -103,10 +104,7 @@ def above_noise(values: FloatArray, deviation_nm: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """How far an in-situ experiment has come.
-
-    Both machines, and in sentences where the load's values come from.
-    """
+    """Both machines of an in-situ experiment, and sentences about the origin of the load's values."""
 
     models: Models
     said: tuple[str, ...]
@@ -114,7 +112,7 @@ class Assembly:
 
 @dataclass(frozen=True, eq=False)
 class InSitu:
-    """How far it has come. ``order`` says of each trial to come, and of those that were, whether it is driven."""
+    """The state of an in-situ experiment. ``order`` has for every trial, past and future, whether it is driven."""
 
     assembly: Assembly | None = None
     command: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -125,20 +123,18 @@ class InSitu:
 
     @property
     def load(self) -> LoadTaken:
-        """What the recording must tell of the load; asked for once the assembly was shaken."""
+        """The load's values for the recording; only after the assembly was shaken."""
         assert self.assembly is not None
         return LoadTaken(self.assembly.models.load, self.assembly.said, len(self.command))
 
 
-# Lessons are averaged until their noise has a quarter of the power that one has: the next would take off a twentieth.
+# Corrections are averaged until their noise has a quarter of the power of a single one: one more saves 5 %.
 AVERAGED = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """How far a repeated movement has come: its trials, what they taught, and whether they converge.
-
-    The state of one iteration over a movement.
+    """The state of a repeated movement: its trials, their corrections, and whether they converge.
 
     ``command`` (ticks,) is the actuator's, the same in every trial; ``start_rad`` is where the load stands when one
     begins. ``reasons`` say, once ``finished``, why it has not converged.
@@ -164,7 +160,7 @@ class Iteration:
 
     @property
     def averaged(self) -> bool:
-        """Whether another trial would hardly lessen the noise that was learnt."""
+        """Whether another trial would hardly reduce the noise in the correction."""
         return averaged(len(self.trials)) >= AVERAGED
 
     @property

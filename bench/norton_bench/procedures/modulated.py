@@ -1,6 +1,6 @@
 """Any step under a modulation π of the actuator's impedance (the paper: ż = Z_state(z, Δx, π), f = Z_output(z, Δx, π)).
 
-The modulator is at zero whenever the drives are enabled: a step that says nothing of it leaves it there.
+The modulator is at zero whenever the drives are enabled; a step without a modulation leaves it there.
 """
 
 from collections.abc import Generator
@@ -16,7 +16,7 @@ from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use
 
 RAMP_S = 1.0
-WAY = "modulate"  # the name of its own segments
+WAY = "modulate"  # the name of the ramps' segments
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class ModulatedProcedure:
 
 @dataclass(frozen=True)
 class ModulatedSteps:
-    """A step that is decided as it goes, each procedure of it at all of ``modulations``."""
+    """An adaptive step, with each of its procedures at all of ``modulations``."""
 
     steps: Adaptive
     modulations: tuple[float, ...]
@@ -87,7 +87,7 @@ def modulated(action: Procedure | Adaptive, modulations: tuple[float, ...]) -> M
 
 
 def require_modulator(rig: Rig, name: str, modulations: tuple[float, ...]) -> None:
-    """Raises RigError where the rig has no modulator, or it may not be commanded that much."""
+    """Raises RigError where the rig has no modulator, or where a modulation is outside of its range."""
     if rig.modulation is None:
         raise RigError(
             f"{rig.place}: step '{name}' names a modulation, but no drive sets the actuator's impedance; "
@@ -104,7 +104,7 @@ def require_modulator(rig: Rig, name: str, modulations: tuple[float, ...]) -> No
 
 
 def _held(plan: Plan, modulation: float) -> Generator[Segment, Measured, float]:
-    """Everything the plan asks for, under one modulation; returns the actuator's command at its end."""
+    """Yield the plan's segments under one modulation; returns the last command of the actuator."""
     command, segment = 0.0, next(plan, None)
     while segment is not None:
         measured = yield replace(segment, modulation=np.full(segment.ticks, modulation))

@@ -1,8 +1,9 @@
-"""The options of each step: read from a session file, or given by a program; what the procedure takes.
+"""The options of each step, read from a session file or given by a program.
 
 A session file writes quantities with their units ("400 ms"), under the alias of the field (``dwell``). A program gives
-numbers in SI, under the field's name (``dwell_s=0.4``). Amplitudes are fractions of the rig's velocity limit. Bounds
-hold for both. Examples are the defaults as a file writes them: the table in ``docs/session-file.md`` repeats them.
+numbers in SI, under the field's name (``dwell_s=0.4``). Amplitudes are fractions of the rig's velocity limit. The
+same bounds hold for both. Examples are the defaults as written in a file, and stand in the table of
+``docs/session-file.md``.
 """
 
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ MOST_LEVELS = MOST_IN_RANGE  # as many as can be written as a range
 
 
 def _quantity(unit: str) -> BeforeValidator:
-    """A number in ``unit`` where a program gives it; a file, which is read in a context, writes the unit."""
+    """A number in ``unit`` from a program; a text with a unit from a file, which is read in a context."""
 
     def read(given: object, info: ValidationInfo) -> object:
         return given if info.context is None else parse_quantity(given, unit)
@@ -30,7 +31,7 @@ def _velocities(given: object, info: ValidationInfo) -> object:
     if info.context is None:
         return given
     if given == []:
-        raise ValueError('names no velocity; write "-40:8:40 rad/s", or leave the key out')
+        raise ValueError('is empty; write "-40:8:40 rad/s", or leave the key out')
     if isinstance(given, list):
         return tuple(parse_quantity(each, "rad/s") for each in given)
     return parse_range(given, "rad/s")
@@ -108,16 +109,16 @@ class ImposedOptions(Options):
 
 
 class RefineOptions(Options):
-    """Excitations chosen as it goes, until every 95 % interval is within ± ``until`` of its value."""
+    """Excitations are chosen round by round, until every 95 % interval is within ± ``until`` of its value."""
 
     until: Fraction = Field(0.01, gt=0, lt=1, examples=["1 %"])
     at_most_s: Seconds = Field(300.0, alias="at_most", gt=0, examples=["5 min"])
 
 
 class IterateOptions(Options):
-    """One movement again and again: a multisine command up to ``highest_hz`` that fills the span found free.
+    """One repeated movement: a multisine command up to ``highest_hz`` that fills the free command span.
 
-    ``trials`` is the greatest number of them.
+    ``trials`` is the greatest number of trials.
     """
 
     trials: int = Field(10, ge=4, le=100, examples=[10])
@@ -127,12 +128,12 @@ class IterateOptions(Options):
 
 
 class InSituOptions(Options):
-    """One movement again and again while the actuator stays assembled to its load; no torque sensor is looked at.
+    """One repeated movement while the actuator stays assembled to its load; no torque sensor is used.
 
-    ``trials`` is the greatest number of them, ``left_alone`` the share in which the load is not driven, at random.
-    ``shake_s`` is spent before the first trial, to tell load and actuator apart. Of the load,
-    ``viscous_damping_nms_rad`` and ``inertia_kgm2`` are what is believed beforehand, None where nothing is; both count
-    newton metres as the load drive does. ``amplitude`` is that of the motion source, as foreseen.
+    ``trials`` is the greatest number of trials, ``left_alone`` the share, chosen at random, without a driven load.
+    ``shake_s`` is the time of shaking before the first trial, to identify load and actuator separately.
+    ``viscous_damping_nms_rad`` and ``inertia_kgm2`` of the load are given where they are known, else None; both in
+    newton metres of the load drive. ``amplitude`` is that of the predicted motion source.
     """
 
     trials: int = Field(12, ge=4, le=100, examples=[12])
@@ -147,20 +148,20 @@ class InSituOptions(Options):
 
 
 class RestOptions(Options):
-    """Nothing commanded, everything watched."""
+    """No command; everything is measured."""
 
     duration_s: Seconds = Field(10.0, alias="duration", ge=0.1, le=3600, examples=["10 s"])
 
 
 class _TabulateOptions(Options):
-    """What both tabulations share: slower than ``settled_rad_s`` is at rest, which is waited for ``at_most_s``."""
+    """Common to both tabulations: slower than ``settled_rad_s`` means at rest; the longest wait is ``at_most_s``."""
 
     settled_rad_s: RadiansPerSecond = Field(2e-3, alias="settled", gt=0, examples=["2 mrad/s"])
     at_most_s: Seconds = Field(3.0, alias="at_most", gt=0, examples=["3 s"])
 
 
 class TabulateSourceOptions(_TabulateOptions):
-    """Where the free port rests, by command. Commands are shares of the greatest."""
+    """The rest position of the free port for each command. Commands are shares of the greatest."""
 
     levels: int = Field(7, ge=2, le=MOST_LEVELS, examples=[7])
     lowest: Fraction = Field(-1.0, ge=-1, le=1, examples=["-100 %"])
@@ -170,9 +171,9 @@ class TabulateSourceOptions(_TabulateOptions):
 
 
 class TabulateImpedanceOptions(_TabulateOptions):
-    """What the port exerts away from its source, at some commands (shares of the greatest).
+    """The torque of the port away from its source, at some commands (shares of the greatest).
 
-    ``displacement_rad`` lies to either side and is reached in ``steps``. ``shake_rad`` is a peak value, and
+    ``displacement_rad`` is the distance to either side, and is reached in ``steps``. ``shake_rad`` is a peak value, and
     ``sweep_rad_s`` the speed from end to end and back; 0 leaves either out.
     """
 
@@ -187,7 +188,7 @@ class TabulateImpedanceOptions(_TabulateOptions):
 
 
 class ValidateOptions(Options):
-    """Command and motion that no fit has seen."""
+    """A command and a motion that are kept apart from every fit."""
 
     duration_s: Seconds = Field(8.0, alias="duration", ge=1, examples=["8 s"])
     seed: int = Field(7, ge=0, examples=[7])

@@ -1,6 +1,6 @@
-"""Experiments that choose themselves: what would narrow the widest interval most is run next, until all are narrow.
+"""Adaptive excitation: the next excitation is the one that would narrow the widest interval most, until all are narrow.
 
-Between rounds the drives are idle: there everything recorded is fitted, and the next round is chosen from the fit.
+Between rounds the drives are idle; then all recorded data are fitted, and the next round is chosen from the fit.
 """
 
 from collections import Counter
@@ -45,14 +45,14 @@ from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
 
 REST_S = 0.3
-# A round takes this share of what was recorded before: each fit takes longer than the last, and so each round pays.
+# A round is this share of the recording before it: fits become longer, so rounds must, too.
 ROUND_SHARE = 0.3
 SHORTEST_ROUND_S = 6.0
 LONGEST_ROUND_S = 40.0
-# Aimed a little below the target, which what is foreseen only meets on average.
+# Aim a little below the target: predictions are met only on average.
 AIM = 0.85
 ALL = "all that was recorded"
-# What happened this long before a segment, friction still remembers.
+# Friction depends on the motion this long before a segment.
 MEMORY_NS = 500_000_000
 
 
@@ -82,14 +82,15 @@ class Round:
 
 @dataclass(frozen=True)
 class RefineProcedure:
-    """Rounds of imposed motion and command until every interval is within the target, time is up, or nothing helps."""
+    """Rounds of imposed motion and command until all intervals are within the target, or time is up, or nothing
+    helps."""
 
     options: RefineOptions = field(default_factory=RefineOptions)
     name: ClassVar[str] = "refine"
 
     def require(self, rig: Rig) -> None:
         require_model(rig, self.name)
-        require_load(rig, self.name, "to impose motion: without it only ratios of parameters can be told")
+        require_load(rig, self.name, "to impose motion: without it only ratios of parameters can be identified")
 
     def duration_s(self, rig: Rig) -> float:
         return self.options.at_most_s
@@ -101,7 +102,7 @@ class RefineProcedure:
         coupling = coupling_of(record, known.tick_s)
         result = fit(record, command_unit=known.rig.command.unit, tick_s=known.tick_s, coupling=coupling)
         fault = why_no_basis(result, ALL)
-        # The actuator's first fit, from its calibration, will do to choose by until there is a better one.
+        # Until there is a better fit, choose by the first one, from the calibration.
         basis = result if fault is None else known.actuator
         if basis is None or why_no_basis(basis, ALL) is not None:
             return _done(known, log.ended(reached=False, reasons=(fault,) if fault else ()))
@@ -124,7 +125,7 @@ class RefineProcedure:
         shortest_s = min((candidate.ticks * known.tick_s for candidate in pool), default=0.0)
         if left_s < shortest_s:
             return _done(known, log.ended(reached=False, reasons=(f"time is up; still wide: {about}",)))
-        chosen, foreseen = view.choose(pool, open_, log, min(wished_s, left_s))
+        chosen, predicted = view.choose(pool, open_, log, min(wished_s, left_s))
         if not chosen:
             reason = f"nothing that the rig's limits allow would narrow the widest interval, that of {about}"
             return _done(known, log.ended(reached=False, reasons=(reason,)))
@@ -132,8 +133,8 @@ class RefineProcedure:
         taken_s = following.duration_s(known.rig)
         log = replace(
             log, rounds=following.number, bench_time_s=log.bench_time_s + taken_s,
-            foreseen={interval.name: (interval.half_width, after)
-                      for interval, after in zip(open_, foreseen.tolist(), strict=True)},
+            predicted={interval.name: (interval.half_width, after)
+                      for interval, after in zip(open_, predicted.tolist(), strict=True)},
         )  # fmt: skip
         said = f"round {following.number}: widest is {about}; next, for {taken_s:.0f} s: {_listed(chosen)}"
         return Decision(replace(known, refinement=log), following, said)
@@ -141,7 +142,7 @@ class RefineProcedure:
 
 @dataclass(frozen=True)
 class _View:
-    """What the fit of all that is recorded says, in the terms in which the next round is chosen."""
+    """The fit of all recorded data, in the form that the choice of the next round needs."""
 
     intervals: tuple[Interval, ...]
     known: FloatArray
@@ -168,13 +169,13 @@ class _View:
         )
 
     def delivered(self, record: Measured, number: int) -> dict[str, FloatArray]:
-        """What each excitation of round ``number`` really told: the load may not have followed as it was asked to."""
+        """The information that each excitation of round ``number`` gave; the load may not have followed exactly."""
         prefix = _round(number)
         cleaned = clean(record).measured
         segments = [segment for segment in record.segments if segment.name.startswith(prefix)]
-        return {segment.name.removeprefix(prefix): self._told(cleaned, segment) for segment in segments}
+        return {segment.name.removeprefix(prefix): self._information(cleaned, segment) for segment in segments}
 
-    def _told(self, record: Measured, segment: SegmentInfo) -> FloatArray:
+    def _information(self, record: Measured, segment: SegmentInfo) -> FloatArray:
         piece = record.between(segment.start_ns - MEMORY_NS, segment.end_ns)
         stretches = [
             replace(stretch, usable=stretch.usable & (stretch.segment == segment.index))
@@ -186,9 +187,9 @@ class _View:
     def choose(
         self, pool: tuple[Candidate, ...], open_: list[Interval], log: Refinement, time_s: float
     ) -> tuple[tuple[Candidate, ...], FloatArray]:
-        """The excitations to run, and the half-widths of ``open_`` that are foreseen after them.
+        """The excitations to run, and the predicted half-widths of ``open_`` after them.
 
-        An interval is foreseen to narrow as that of the noise does: what else is in it is taken to shrink alike.
+        It is assumed that the part of an interval that is not noise shrinks in the same ratio as that of the noise.
         """
         tick_s = self.bounds.rig.tick_s
         options = [Option(candidate.ticks * tick_s, self._expected(candidate, log)) for candidate in pool]
@@ -198,12 +199,12 @@ class _View:
         selection: Selection = select(
             options, self.known, lambda each: per_deviation * each[rows], target=AIM * log.target, time_s=time_s
         )
-        return tuple(pool[pick] for pick in selection.picks), selection.foreseen
+        return tuple(pool[pick] for pick in selection.picks), selection.predicted
 
     def _expected(self, candidate: Candidate, log: Refinement) -> FloatArray:
-        told = log.delivered.get(candidate.name)
-        if told is not None:
-            return told
+        delivered = log.delivered.get(candidate.name)
+        if delivered is not None:
+            return delivered
         return information_of_plan(
             self.bounds.excitation(candidate), self.at, self.noise_nm, position_resolution_rad=self.resolution_rad
         )
@@ -226,7 +227,7 @@ def _done(known: Knowledge, log: Refinement) -> Decision:
 
 
 def _round(number: int) -> str:
-    """How the names of a round's segments begin."""
+    """The prefix of the names of a round's segments."""
     return f"round {number}: "
 
 

@@ -1,4 +1,4 @@
-"""How far an experiment that chooses for itself has come: its intervals, and which of them no longer narrow."""
+"""The state of a refinement: its intervals, and which of them no longer narrow."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,14 +10,14 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.expansion import KNOWN, deviations
 from norton_bench.models.parameters import HALF_INTERVAL, Estimate, Status
 
-# Estimates that more excitation can better. The others are no numbers at all, and the fit says why.
+# Estimates that more excitation can improve. The others have no value, and the fit reports why.
 IMPROVABLE = (Status.VALID, Status.UNEXCITED)
-# Which of the information's parameters an estimate rests on, where it is none of them itself.
+# For an estimate that is not a parameter of the information matrix: the parameter from which it follows.
 RESTS_ON = {"torque_constant": "torque_gain", "amplifier_gain": "torque_gain"}
-# Judged where at least this much narrowing was foreseen (as a logarithm); less of it than this share is a failure.
+# Counted where at least this much narrowing (a logarithm) was predicted; less than this share of it is a failure.
 LEAST_FORESEEN = 0.05
 LEAST_SHARE = 0.3
-# So many failures one after the other, and the parameter is set aside: its interval is not made of noise.
+# After this many failures in sequence the parameter is set aside: its interval is not caused by noise.
 MOST_FAILURES = 2
 
 
@@ -38,14 +38,15 @@ class Interval:
 class Refinement:
     """The state of one refinement; ``target`` is the half-width asked for, relative.
 
-    ``foreseen`` holds, by parameter, the half-width before the last round and the one foreseen after it; ``delivered``,
-    by excitation, the information that it really gave. ``reasons`` says, once ``finished``, what was not ``reached``.
+    ``predicted`` has for each parameter the half-width before the last round and the predicted one after it;
+    ``delivered`` has for each excitation the information that it gave. ``reasons`` are, once ``finished``, those why
+    the target was not ``reached``.
     """
 
     target: float
     rounds: int = 0
     bench_time_s: float = 0.0
-    foreseen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    predicted: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     failures: Mapping[str, int] = field(default_factory=dict)
     delivered: Mapping[str, FloatArray] = field(default_factory=dict)
     finished: bool = False
@@ -53,18 +54,18 @@ class Refinement:
     reasons: tuple[str, ...] = ()
 
     def judged(self, intervals: Iterable[Interval]) -> "Refinement":
-        """With the last round's failures counted: intervals that did not narrow although noise said they would."""
+        """With the failures of the last round counted: intervals that did not narrow as predicted from the noise."""
         failures = dict(self.failures)
         for interval in intervals:
-            before, after = self.foreseen.get(interval.name, (interval.half_width, interval.half_width))
+            before, after = self.predicted.get(interval.name, (interval.half_width, interval.half_width))
             hoped = log(before / after)
             if hoped >= LEAST_FORESEEN:
                 failed = log(before / interval.half_width) < LEAST_SHARE * hoped
                 failures[interval.name] = failures.get(interval.name, 0) + 1 if failed else 0
-        return replace(self, failures=failures, foreseen={})
+        return replace(self, failures=failures, predicted={})
 
     def set_aside(self, interval: Interval) -> bool:
-        """Whether more excitation has been tried in vain."""
+        """Whether more excitation did not narrow the interval."""
         return self.failures.get(interval.name, 0) >= MOST_FAILURES
 
     @property
@@ -84,15 +85,15 @@ def half_width(estimate: Estimate) -> float:
 
 
 def intervals_of(estimates: Iterable[Estimate], of_noise: Iterable[float]) -> tuple[Interval, ...]:
-    """Those that can be bettered. ``of_noise`` are relative deviations in the order of KNOWN."""
+    """Those that can be improved. ``of_noise`` are relative deviations in the order of KNOWN."""
     bound = dict(zip(KNOWN, of_noise, strict=True))
-    found = []
+    intervals = []
     for estimate in estimates:
         name = RESTS_ON.get(estimate.name, estimate.name)
         width = half_width(estimate)
         if 0.0 < width < inf and name in bound:
-            found.append(Interval(estimate.name, width, HALF_INTERVAL * bound[name], KNOWN.index(name)))
-    return tuple(found)
+            intervals.append(Interval(estimate.name, width, HALF_INTERVAL * bound[name], KNOWN.index(name)))
+    return tuple(intervals)
 
 
 def widest_of(estimates: Iterable[Estimate]) -> tuple[str, float] | None:
@@ -107,7 +108,7 @@ def why_wide(interval: Interval) -> str:
     about = f"the interval of {words(interval.name)}, {in_percent(interval.half_width)},"
     if interval.of_noise < 0.7 * interval.half_width:
         return (
-            f"{about} is held up by model error, not by noise, which alone would leave {in_percent(interval.of_noise)}"
+            f"{about} is limited by model error, not by noise, which alone would give {in_percent(interval.of_noise)}"
         )
     return f"{about} does not narrow as it should with more data"
 
@@ -120,16 +121,16 @@ def in_percent(half: float) -> str:
     return f"±{100 * half:.2g} %"
 
 
-# A pick that narrows the widest interval by less than this share would change nothing that anybody could see.
+# A choice that narrows the widest interval by less than this share is not worth its time.
 LEAST_GAIN = 0.002
 
 
 @dataclass(frozen=True)
 class Option:
-    """Which excitations to run next: greedy and minimax. Each pick narrows what is then the widest relative interval
-    most for its time on the bench; the next pick counts on it.
+    """An excitation to choose from: its duration, and its information matrix (k, k).
 
-    An excitation, as far as choosing goes: how long it takes, and its information matrix (k, k).
+    The choice is greedy and minimax: each excitation is the one that narrows the widest relative interval most per
+    time; its effect is assumed for the next choice.
     """
 
     duration_s: float
@@ -138,10 +139,10 @@ class Option:
 
 @dataclass(frozen=True)
 class Selection:
-    """Indices of the options, in order, and the widths (wanted,) that are foreseen after them all."""
+    """Indices of the options, in order, and the predicted widths (wanted,) after them all."""
 
     picks: tuple[int, ...]
-    foreseen: FloatArray
+    predicted: FloatArray
 
 
 def select(
@@ -152,10 +153,10 @@ def select(
     target: float,
     time_s: float,
 ) -> Selection:
-    """Fill ``time_s`` with ``options``, each as often as it is worth it, until all widths are within ``target``.
+    """Fill ``time_s`` with ``options``, each as often as it helps, until all widths are within ``target``.
 
-    ``known`` is the information there is (k, k); ``widths`` turns deviations (k,) into the widths that matter, of which
-    the widest counts. Nothing is picked where no option helps.
+    ``known`` is the information there is (k, k); ``widths`` computes from deviations (k,) the widths, of which
+    the greatest counts. Nothing is chosen where no option helps.
     """
     picks: list[int] = []
     now = widths(deviations(known))

@@ -1,4 +1,4 @@
-"""The impedance of any actuator: what the port exerts when it is moved off its source (paper, section IV.B.1)."""
+"""The impedance of any actuator: the torque of the port when it is moved off its source (paper, section IV.B.1)."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, field
@@ -20,23 +20,23 @@ from norton_bench.segments import Segment, Use
 STEP_S = 0.2
 SHAKE_S = 2.6
 READ_S = 0.5
-# Nothing is moved further once this share of the torque that rig and load allow is reached.
+# The port is moved no further at this share of the torque that rig and load allow.
 TORQUE_SHARE = 0.5
 
-# One place where the port is held: the segments there, answered with the torque that was read [N m].
+# One position where the port is held: yields its segments, returns the measured torque [N m].
 Place = Generator[Segment, Measured, float]
-# All of them, answered with the lowest and the highest, in steps from the source.
+# All positions: yields their segments, returns the lowest and the highest, in steps from the source.
 Around = Generator[Segment, Measured, tuple[int, int]]
 
 
 @dataclass(frozen=True)
 class TabulateImpedanceProcedure:
-    """At each command: the source first, then the port held at places on either side of it.
+    """At each command: the source first, then the port held at positions on either side of it.
 
-    At the source and at both ends it is shaken a little, too.
+    At the source and at both ends the port is also shaken a little.
 
-    The port goes down from the source, up through all places, and down again to the source: so each place but the
-    outermost is reached from both sides. Then it goes the same way once more, slowly and without a stop.
+    The port moves down from the source, up through all positions, and down to the source again, so that each position
+    but the outermost is reached from both sides. Then it moves along the same way once more, slowly and without stops.
     """
 
     options: TabulateImpedanceOptions = field(default_factory=TabulateImpedanceOptions)
@@ -86,7 +86,7 @@ class TabulateImpedanceProcedure:
         return min(places), max(places)
 
     def _swept(self, known: Knowledge, level: float, ends: tuple[int, int]) -> Plan:
-        """Slowly to the lower end of what was held, to the upper, back to the lower, and to the source."""
+        """Slowly to the lowest position that was held, to the highest, back to the lowest, and to the source."""
         speed_rad_s, step_rad = self.options.sweep_rad_s, self.options.displacement_rad / self.options.steps
         if speed_rad_s == 0.0:
             return

@@ -1,4 +1,4 @@
-"""The static source: where the port rests, with nothing pulling at it, under each command (paper, section IV.B.1)."""
+"""The static source: the rest position of the free port under each command (paper, section IV.B.1)."""
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ MOVE_S = 0.5
 PIECE_S = 0.25
 # A shaft that reaches this share of the velocity limit does not come to rest.
 RUNS_SHARE = 0.5
-# Fewer tell no velocity.
+# Fewer ticks give no velocity.
 LEAST_READINGS = 3
 
 # Makes a segment of a name, a use and commands (ticks,).
@@ -31,9 +31,9 @@ Maker = Callable[[str, Use, FloatArray], Segment]
 
 @dataclass(frozen=True)
 class Patience:
-    """A command held until the shaft is seen to rest, rather than for a time after which it should.
+    """Wait until the shaft is measured to be at rest, instead of for a fixed time.
 
-    The shaft rests once it moves more slowly than ``below_rad_s``; ``at_most_s`` is waited for that.
+    At rest means slower than ``below_rad_s``; the longest wait is ``at_most_s``.
     """
 
     below_rad_s: float
@@ -43,9 +43,9 @@ class Patience:
 def settle(
     make: Maker, known: Knowledge, start: float, stop: float, patience: Patience
 ) -> Generator[Segment, Measured, None]:
-    """The command goes from ``start`` to ``stop``, and stays until the shaft rests, or nobody waits any longer.
+    """The command goes from ``start`` to ``stop``, and stays until the shaft rests, or the longest wait is over.
 
-    Raises ExperimentError where it runs instead.
+    Raises ExperimentError where the shaft runs away.
     """
     yield from _watched(make("move", Use.PREPARE, ramp(start, stop, MOVE_S, known.tick_s)), known)
     waited_s = 0.0
@@ -58,7 +58,7 @@ def settle(
 
 
 def _watched(segment: Segment, known: Knowledge) -> Generator[Segment, Measured, Measured]:
-    """A segment that ends before the shaft has gained too much speed."""
+    """A segment that ends before the shaft becomes too fast."""
     fast_rad_s = RUNS_SHARE * known.rig.limits.velocity_rad_s
     measured = yield replace(segment, stop_at_velocity_rad_s=fast_rad_s)
     speeds_rad_s = np.abs(measured.ticks["velocity_rad_s"])
@@ -73,10 +73,10 @@ def _watched(segment: Segment, known: Knowledge) -> Generator[Segment, Measured,
 
 @dataclass(frozen=True)
 class TabulateSourceProcedure:
-    """Commands rising, then falling; each is held until the shaft rests, then read.
+    """Rising commands, then falling ones; each is held until the shaft rests, then the position is read.
 
-    At the actuator's port the torque sensor is held at zero: the bench supplies whatever the load's own body takes. At
-    the external port the load's drive gives nothing, and its body hangs on the actuator (section IV.C).
+    At the port of the actuator the torque is controlled to zero: the load drive moves the load. At the external port
+    the load drive is off, and the actuator moves the load (section IV.C).
     """
 
     options: TabulateSourceOptions = field(default_factory=TabulateSourceOptions)
@@ -84,7 +84,7 @@ class TabulateSourceProcedure:
 
     def require(self, rig: Rig) -> None:
         if self.options.port == "external":
-            require_load(rig, self.name, "whose body the external port moves")
+            require_load(rig, self.name, "which moves with the external port")
         if rig.wiring.load is None and rig.wiring.shaft != "free":
             raise RigError(
                 f"{rig.place}: step '{self.name}' needs a shaft that can turn; [rig] shaft is \"{rig.wiring.shaft}\""
@@ -114,7 +114,7 @@ class TabulateSourceProcedure:
 
 
 def at_zero_torque(procedure: str, rig: Rig, name: str, use: Use, command: FloatArray) -> Segment:
-    """Nothing pulls at the actuator's port."""
+    """Zero torque at the port of the actuator."""
     return zero_torque(procedure, name, use, command, rig)
 
 

@@ -1,4 +1,4 @@
-"""The bench at rest, and which way is which: bias, noise, ages, and the signs of every device."""
+"""The bench at rest: bias, noise and ages; and pushes, which show the signs of every device."""
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
@@ -14,17 +14,15 @@ from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use
 
-# An answer beyond so many deviations is no accident.
+# A response greater than this many deviations is not noise.
 SIGNIFICANT = 5.0
 
 
 @dataclass(frozen=True)
 class Felt:
-    """Which way is which: what a push tells of the signs of every device, in sentences with the mend.
+    """The response of the torque sensor to pushes, at the greatest of them, with its deviation; all in N m.
 
-    What the torque sensor felt of pushes, at the greatest of them, as a multiple of what was told; all in N m.
-
-    ``noise_nm`` is that of one reading at rest. The sign is the torque's own.
+    ``noise_nm`` is that of one reading at rest.
     """
 
     torque_nm: float
@@ -38,12 +36,14 @@ class Felt:
 
 
 def felt(pushes: Measured, rest: Measured) -> Felt:
-    """The change from ``rest`` that goes with what one drive was told in ``pushes``: least squares, by all readings."""
+    """The change from ``rest`` in proportion to the command in ``pushes``: least squares over all readings."""
     still = rest.torque["torque_nm"][rest.torque["valid"]]
     readings = pushes.torque[pushes.torque["valid"]]
-    told = pushes.ticks["command"] if np.any(pushes.ticks["command"]) else pushes.ticks["load_torque_nm"]
-    share = np.interp(readings["arrival_ns"], pushes.ticks["tick_ns"], np.abs(told)) / max(np.max(np.abs(told)), 1e-300)
-    # A sensor that counts coarsely may stand still at rest: its step is then its noise.
+    commanded = pushes.ticks["command"] if np.any(pushes.ticks["command"]) else pushes.ticks["load_torque_nm"]
+    share = np.interp(readings["arrival_ns"], pushes.ticks["tick_ns"], np.abs(commanded)) / max(
+        np.max(np.abs(commanded)), 1e-300
+    )
+    # A sensor with a coarse step may not change at rest: then its step is its noise.
     levels = np.unique(np.concatenate([still, readings["torque_nm"]]))
     step_nm = float(np.min(np.diff(levels))) if levels.size > 1 else 0.0
     noise_nm = float(np.hypot(np.std(still), step_nm / np.sqrt(12)))
@@ -54,9 +54,9 @@ def felt(pushes: Measured, rest: Measured) -> Felt:
 
 
 def load_push_faults(measured: Measured, push: Segment, moving_rad_s: float, rest: Measured) -> Iterator[str]:
-    """What is wrong where the load pushed: the shaft that does not turn, or the signs that are wrong.
+    """What is wrong after a push by the load: a shaft that does not turn, or wrong signs.
 
-    ``measured`` holds one push like ``push``, or several one after the other; ``rest`` is from before.
+    ``measured`` holds one push like ``push``, or several one after the other; ``rest`` was measured before.
     """
     load, actuator = travel(measured, "load_position_rad"), travel(measured, "position_rad")
     if turned(measured) < moving_rad_s:
@@ -71,7 +71,7 @@ def load_push_faults(measured: Measured, push: Segment, moving_rad_s: float, res
 
 
 def actuator_push_faults(measured: Measured, push: Segment, moving_rad_s: float, rest: Measured) -> Iterator[str]:
-    """The same where the actuator pushed."""
+    """The same after a push by the actuator."""
     if turned(measured) < moving_rad_s:
         yield (
             f"the shaft did not turn at the greatest command {push.command[-1]:.3g}; "
@@ -84,13 +84,13 @@ def actuator_push_faults(measured: Measured, push: Segment, moving_rad_s: float,
 
 
 def torque_sign_faults(measured: Measured, rest: Measured, expected: int) -> Iterator[str]:
-    """The torque that moved the shaft must show at the port, with its sign."""
+    """The torque sensor must measure the torque that moved the shaft, with its sign."""
     if not np.any(measured.torque["valid"]) or not np.any(rest.torque["valid"]):
         return
     answer = felt(measured, rest)
     if not answer.tells:
         yield (
-            f"the torque sensor does not feel the push: it changed by {1e3 * answer.torque_nm:.2g} mN m, give or take "
+            f"the torque sensor does not measure the push: it changed by {1e3 * answer.torque_nm:.2g} mN m ± "
             f"{1e3 * answer.deviation_nm:.2g}; check its axis, coupling and cable. If all are right, its noise hides "
             f"the torque ({1e3 * answer.noise_nm:.2g} mN m a reading): use a smaller range, or let it average"
         )
@@ -111,19 +111,19 @@ def turned(measured: Measured) -> float:
     return float(np.max(np.abs(measured.ticks["velocity_rad_s"])))
 
 
-SEARCH_S = 2.5  # how long a torque grows in search of motion
+SEARCH_S = 2.5  # how long a torque grows until the shaft moves
 REST_S = 0.3
-# Motion that counts as such: this share of the velocity limit.
+# The shaft moves: it is faster than this share of the velocity limit.
 MOVING = 0.03
-# Where the torque sensor tells nothing yet: further pushes, to so many times that speed. The torque at the port grows
-# with it, and every push averages more of the noise.
+# Where the torque sensor measured no more than noise: further pushes, to these multiples of that speed. The torque at
+# the port grows with it, and every push averages the noise more.
 FASTER = (2.0, 4.0, 8.0)
 AGAIN = " again"
 
 
 @dataclass(frozen=True)
 class TareProcedure:
-    """Rest first, then a push from the load and one from the actuator, each grown until the shaft turns."""
+    """Rest first, then a push by the load and one by the actuator, each growing until the shaft turns."""
 
     options: TareOptions = field(default_factory=TareOptions)
     name: ClassVar[str] = "tare"
@@ -154,7 +154,7 @@ class TareProcedure:
         yield back(self.name, "after a push", rig, measured, REST_S)
 
     def _pushes(self, push: Segment, rig: Rig, rest: Measured) -> Generator[Segment, Measured, Measured]:
-        """``push``, and faster ones until the torque sensor tells more than noise; all that was measured in them."""
+        """``push``, and faster ones until the torque sensor measures more than noise; returns all measurements."""
         slow = yield push
         measured, last = slow, slow
         readable = np.any(slow.torque["valid"]) and np.any(rest.torque["valid"])

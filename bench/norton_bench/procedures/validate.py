@@ -1,4 +1,4 @@
-"""Unseen command and unseen motion: nothing measured here is ever fitted."""
+"""A command and motions for validation: nothing measured here is fitted."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -19,8 +19,8 @@ from norton_bench.segments import Use
 
 REST_S = 0.4
 IMPOSED_AMPLITUDE = 0.4
-# Motions unlike those that are fitted: other speeds between that grid's, a motion as slow as none there, loops of other
-# sizes at another frequency. All are slower, and under lesser commands, than what the experiments have done already.
+# Motions unlike those that are fitted: speeds between those of the grid, a slower motion, loops of other sizes at
+# another frequency. All are slower, and have smaller commands, than those of the experiments before.
 SLOW_SHARE, SLOW_S = 0.1, 2.0  # of that amplitude
 SPEED_SHARES = (0.08, -0.08, 0.6, -0.6)
 CHANGE_S, DWELL_S = 0.15, 0.4
@@ -31,13 +31,13 @@ LOOP_HZ, LOOP_CYCLES = 6.0, 5
 
 @dataclass(frozen=True)
 class ValidateProcedure:
-    """A new multisine on the free actuator, then, with a load drive, new motions unlike each other."""
+    """A new multisine on the free actuator; then, with a load drive, several new motions."""
 
     options: ValidateOptions = field(default_factory=ValidateOptions)
     name: ClassVar[str] = "validate"
 
     def require(self, rig: Rig) -> None:
-        """Any rig with a model will do: it validates what the rig can show."""
+        """Possible on any rig with a model; it validates what the rig can measure."""
         require_model(rig, self.name)
 
     def duration_s(self, rig: Rig) -> float:

@@ -10,11 +10,11 @@ from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, LoadMode, Segment, Use
 
-# Of the peak; clipping far below it does best from random phases.
+# Level of clipping as a share of the peak; far below it works best from random phases.
 CLIP_AT = 0.6
 # Of the loop's rate, and at most: where multisines end.
 HIGHEST_SHARE, HIGHEST_HZ = 0.2, 200.0
-EDGE_S = 0.2  # in which a sweep takes up and gives up its speed
+EDGE_S = 0.2  # duration of the speeding up and slowing down of a sweep
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def ramp(start: float, stop: float, duration_s: float, tick_s: float) -> FloatAr
 def growth(limit: float, duration_s: float, tick_s: float, *, decades: float = 2.0) -> FloatArray:
     """From ``limit`` / 10^decades up to ``limit``, by the same factor every second.
 
-    A search by growth overshoots by a fixed share of what it finds, however small that is.
+    A search by growth overshoots by a fixed share of its result, however small that is.
     """
     return limit * np.logspace(-decades, 0.0, ticks_in(duration_s, tick_s))
 
@@ -59,9 +59,9 @@ def staircase(levels: FloatArray, dwell_s: float, tick_s: float) -> FloatArray:
 
 
 def highest_hz(tick_s: float) -> float:
-    """Up to where a multisine goes: a fifth of the loop's rate, but no further for a loop faster than 1 kHz.
+    """The highest frequency of a multisine: a fifth of the loop's rate, at most that of a loop at 1 kHz.
 
-    There is little of a bench to be seen beyond, and what is spent there is missing below.
+    Above, a bench has little response, and amplitude spent there is missing below.
     """
     return min(HIGHEST_SHARE / tick_s, HIGHEST_HZ)
 
@@ -80,7 +80,7 @@ def multisine(
     """A multisine with peak 1 that begins and ends at zero; shape (ticks,).
 
     ``lines`` frequencies, evenly spread over the logarithm of frequency, with amplitudes ~ frequency^slope. Phases are
-    random; so many ``clippings`` make them such that the wave is flat, and there is more of it below its peak.
+    random, and improved by so many ``clippings``: the wave has a low crest factor.
     """
     time_s = _instants(duration_s, tick_s)
     frequency, amplitude, phase = _lines(low_hz, high_hz, seed, slope, lines)
@@ -177,7 +177,7 @@ def displaced(displacement_rad: float, duration_s: float, tick_s: float) -> Moti
 
 
 def sweep(distance_rad: float, speed_rad_s: float, tick_s: float) -> Motion:
-    """Over a distance at a constant speed, with a little before and after to take it up and give it up."""
+    """A motion over a distance at constant speed, with ramps of speed before and after."""
     fastest_rad_s = abs(distance_rad) / (2 * EDGE_S)
     speed = float(np.copysign(min(speed_rad_s, fastest_rad_s), distance_rad))
     steady = hold(speed, distance_rad / speed - EDGE_S if speed else EDGE_S, tick_s)
@@ -197,7 +197,7 @@ def _instants(duration_s: float, tick_s: float) -> FloatArray:
 
 def _lines(low_hz: float, high_hz: float, seed: int, slope: float, count: int) -> tuple[FloatArray, ...]:
     random = np.random.default_rng(seed)
-    # Jittered within its share of the band: no line is a harmonic of another, whose distortion it would hide.
+    # Each line is shifted at random within its share of the band, so that no line is a harmonic of another.
     edges = np.geomspace(low_hz, high_hz, count + 1)
     frequency = edges[:-1] * (edges[1:] / edges[:-1]) ** random.random(count)
     return frequency, (frequency / low_hz) ** slope, random.uniform(0, 2 * np.pi, count)
@@ -223,10 +223,7 @@ SLOWLY = 3.0  # times as long as the rest that follows
 def coasting(
     procedure: str, name: str, use: Use, command: FloatArray, *, stop_at_velocity_rad_s: float = UNENDING
 ) -> Segment:
-    """The four kinds of segment that procedures are made of.
-
-    The load coasts, or there is none.
-    """
+    """A segment where the load coasts, or without a load."""
     return Segment(procedure, name, use, command, stop_at_velocity_rad_s=stop_at_velocity_rad_s)
 
 
@@ -239,7 +236,7 @@ def pushed(
     *,
     stop_at_velocity_rad_s: float = UNENDING,
 ) -> Segment:
-    """The load follows a torque, the actuator its command (none: zero)."""
+    """A segment where the load follows a torque, the actuator its command (none: zero)."""
     return Segment(
         procedure,
         name,
@@ -254,8 +251,8 @@ def pushed(
 def back(procedure: str, name: str, rig: Rig, before: Measured, duration_s: float) -> Segment:
     """Both drives go from where they were to zero, and rest for ``duration_s``.
 
-    At once for a motor, which coasts then; slowly otherwise: an actuator without a model may be a spring, or a
-    pendulum, or go where it is told.
+    At once for a motor, which then coasts; slowly otherwise: an actuator without a model may be a spring, a pendulum,
+    or a positioner.
     """
     if rig.modelled or not len(before.ticks):
         return coasting(procedure, name, Use.PREPARE, hold(0.0, duration_s, rig.tick_s))
@@ -279,7 +276,7 @@ def zero_torque(
     *,
     stop_at_velocity_rad_s: float = UNENDING,
 ) -> Segment:
-    """Zero torque at the port: imposed by the load drive, or by there being nothing on the shaft."""
+    """Zero torque at the port: imposed by the load drive, or because nothing is on the shaft."""
     if rig.wiring.load is None:
         return coasting(procedure, name, use, command, stop_at_velocity_rad_s=stop_at_velocity_rad_s)
     return Segment(

@@ -1,4 +1,4 @@
-"""What was tabulated as small tables and sentences: the report shows them, and so do screen and command line."""
+"""The tables of an actuator without a model, as text and sentences for report, screen and command line."""
 
 from math import isfinite
 
@@ -12,10 +12,7 @@ from norton_bench.units import Units
 
 
 def setting_head(units: Units) -> tuple[str, ...]:
-    """What was tabulated as small tables and sentences: the report shows them, and so do screen and command line.
-
-    Over the columns that :func:`setting_cells` fills.
-    """
+    """The head of the columns of :func:`setting_cells`."""
     head = (f"command [{pretty_unit(units.command)}]",)
     return (*head, f"modulation [{pretty_unit(units.modulation)}]") if units.modulation else head
 
@@ -93,62 +90,60 @@ def ports_facts(rows: tuple[PortsRow, ...], units: Units) -> Facts:
     return Facts(head, facts)
 
 
-def modulation_sentences(found: Modulated, units: Units) -> tuple[str, ...]:
-    """What it changes, and what it leaves alone."""
-    return tuple(filter(None, (_stiffens(found, pretty_unit(units.modulation)), _shifts(found, units))))
+def modulation_sentences(effect: Modulated, units: Units) -> tuple[str, ...]:
+    """Sentences about what the modulation changes, and what not."""
+    return tuple(filter(None, (_stiffens(effect, pretty_unit(units.modulation)), _shifts(effect, units))))
 
 
-def _stiffens(result: Modulated, unit: str) -> str:
-    if len(result.stiffness) < 2:
+def _stiffens(effect: Modulated, unit: str) -> str:
+    if len(effect.stiffness) < 2:
         return ""
-    first, last = result.stiffness[0], result.stiffness[-1]
+    first, last = effect.stiffness[0], effect.stiffness[-1]
     ends = [within(row.stiffness.value, row.stiffness.half_width) for row in (first, last)]
     span = f"from {number(first.modulation, 3)} to {number(last.modulation, 3)} {unit}"
-    if result.stiffens:
+    if effect.stiffens:
         goes = f"goes from {ends[0]} to {ends[1]} N·m/rad"
         return f"The modulation changes the impedance: {span} the stiffness at the source {goes}."
-    return f"The modulation does not show in the impedance: {span} the stiffness at the source stays {ends[0]} N·m/rad."
+    return f"The modulation does not change the impedance: {span} the stiffness at the source stays {ends[0]} N·m/rad."
 
 
-def _shifts(result: Modulated, units: Units) -> str:
-    shift = result.shift
+def _shifts(effect: Modulated, units: Units) -> str:
+    shift = effect.shift
     if shift is None:
         return ""
     span = f"from {number(shift.low, 3)} to {number(shift.high, 3)} {pretty_unit(units.modulation)}"
     moved = within(1e3 * shift.shift.value, 1e3 * shift.shift.half_width)
     where = f"at a command of {number(shift.command, 3)} {pretty_unit(units.command)} by {moved} mrad, {span}"
     if shift.shows:
-        return f"The modulation does not leave the source alone, which moves the most {where}: the two are coupled."
-    return (
-        f"The modulation leaves the source alone, which moves the most {where}: no more than the intervals leave open."
-    )
+        return f"The modulation also moves the source, most {where}: modulation and source are coupled."
+    return f"The modulation does not move the source: the largest difference, {where}, is within the intervals."
 
 
-def stiffness_facts(found: Modulated, units: Units) -> Facts:
+def stiffness_facts(effect: Modulated, units: Units) -> Facts:
     """A row for each modulation."""
     head = (f"modulation [{pretty_unit(units.modulation)}]", "stiffness at the source [N·m/rad]")
     rows = tuple(
-        (number(row.modulation, 4), within(row.stiffness.value, row.stiffness.half_width)) for row in found.stiffness
+        (number(row.modulation, 4), within(row.stiffness.value, row.stiffness.half_width)) for row in effect.stiffness
     )
     return Facts(head, rows)
 
 
-def modulator_sentence(found: ModulatorPlaces, units: Units) -> str:
-    """Whether the drive went where it was sent, as far as its own encoder tells."""
-    unit, stray = pretty_unit(units.modulation), found.stray
-    if stray is not None:
-        ends = f"{number(min(stray.places_rad), 3)} and {number(max(stray.places_rad), 3)} rad"
+def modulator_sentence(places: ModulatorPlaces, units: Units) -> str:
+    """Whether the modulator reached its commanded positions, by its own encoder."""
+    unit, astray = pretty_unit(units.modulation), places.stray
+    if astray is not None:
+        ends = f"{number(min(astray.places_rad), 3)} and {number(max(astray.places_rad), 3)} rad"
         return (
-            f"The modulator did not go where it was sent: under {number(stray.modulation, 3)} {unit} it was at {ends}: "
-            "it slips or loses count, and what was tabulated there is of several impedances; mend it and repeat that."
+            f"The modulator did not reach its commanded position: at {number(astray.modulation, 3)} {unit} it was at "
+            f"{ends}. It slips or loses count, so that several impedances are mixed there; repair it and repeat that."
         )
-    if not found.followed:
+    if not places.followed:
         return "The modulator stood at the same place under different modulations: it is at a stop, or stuck."
-    same = f"{number(1e3 * found.same_rad, 2)} mrad"
-    return f"By its encoder the modulator went where it was sent: under each modulation to one place, ± {same}."
+    same = f"{number(1e3 * places.same_rad, 2)} mrad"
+    return f"By its encoder the modulator reached its commanded positions: one for each modulation, ± {same}."
 
 
-def modulator_facts(found: ModulatorPlaces, units: Units) -> Facts:
+def modulator_facts(places: ModulatorPlaces, units: Units) -> Facts:
     """A row for each modulation."""
     head = (f"modulation [{pretty_unit(units.modulation)}]", "stood at [rad]", "times", "apart [mrad]")
     rows = tuple(
@@ -158,6 +153,6 @@ def modulator_facts(found: ModulatorPlaces, units: Units) -> Facts:
             str(len(each.places_rad)),
             number(1e3 * each.apart_rad, 2),
         )
-        for each in found.stood
+        for each in places.stood
     )
     return Facts(head, rows)

@@ -1,4 +1,4 @@
-"""How well the network tells what was measured: the fit's residuals, predictions of unseen motion, live history."""
+"""Figures of the fit: residuals, predictions of data kept apart from the fit, live estimates."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ _COLUMNS = 4
 
 
 def residual_figure(trace: Trace) -> Figure:
-    """The residual over time, and how it is distributed."""
+    """The residual over time, and its distribution."""
     picture = figure(2.3)
     over_time, spread = picture.subplots(1, 2, width_ratios=(2.4, 1))
     factor, unit = in_prefixed_unit(greatest(trace.measured - trace.predicted), trace.unit)
@@ -62,7 +62,7 @@ def _histogram(axes: Axes, residual: FloatArray, unit: str) -> None:
 
 
 def validation_figure(trace: Trace, what: str) -> Figure:
-    """Measured beside predicted: the whole, what is left, and a stretch close up."""
+    """Measured and predicted values: all of them, their difference, and a close-up."""
     picture = figure(5.6)
     whole, left, close = picture.subplots(3, 1, height_ratios=(1.25, 1, 1.25))
     unit = pretty_unit(trace.unit)
@@ -84,7 +84,7 @@ def validation_figure(trace: Trace, what: str) -> Figure:
 
 
 def close_up(trace: Trace) -> npt.NDArray[np.intp]:
-    """Indices of the stretch where most happens."""
+    """Indices of the stretch with the largest changes."""
     size = min(ZOOM_SAMPLES, len(trace.time_s))
     if not size:
         return np.empty(0, np.intp)
@@ -100,7 +100,7 @@ def _pair(axes: Axes, trace: Trace, chosen: npt.NDArray[np.intp]) -> None:
 
 
 def live_figure(live: Sequence[LiveEstimate | RecordedEstimates], time_s: FloatArray, fit: FitResult | None) -> Figure:
-    """How each estimate settled while the bench was running, with its 95 % band and where the final fit put it."""
+    """Each live estimate over time with its 95 % band, and the final value."""
     names = [parameter.name for parameter in PARAMETERS if _history(live, parameter.name)]
     rows = max(1, -(-len(names) // _COLUMNS))
     picture = figure(1.7 * rows)
@@ -117,7 +117,7 @@ def live_figure(live: Sequence[LiveEstimate | RecordedEstimates], time_s: FloatA
 
 
 def _history(live: Sequence[LiveEstimate | RecordedEstimates], name: str) -> list[tuple[int, Estimate]]:
-    """Where in the history an estimate was worth drawing."""
+    """The part of the history where an estimate has a value."""
     return [
         (place, estimate)
         for place, state in enumerate(live)
@@ -146,9 +146,9 @@ def _settling(axes: Axes, history: list[tuple[int, Estimate]], time_s: FloatArra
 
 
 def residual_tests_figure(tests: ResidualTests, unit: str = "N·m") -> Figure:
-    """What the residual remembers and follows, in pictures.
+    """The tests of the residual.
 
-    Memory and position above; below, the correlation with each input, each with the band of chance.
+    Above, autocorrelation and dependence on position; below, the correlation with each input; with the bands of noise.
     """
     picture = figure(4.6 if tests.dependences else 2.5)
     parts = picture.subfigures(
@@ -169,7 +169,7 @@ def residual_tests_figure(tests: ResidualTests, unit: str = "N·m") -> Figure:
 
 
 def _memory(axes: Axes, memory: Memory) -> None:
-    """Autocorrelation within the band, and where a white residual stays 95 times in 100."""
+    """Autocorrelation, and the band in which that of white noise lies with 95 %."""
     lags_ms = 1e3 * memory.lags_s
     axes.fill_between(lags_ms, -memory.band, memory.band, color=ACCENT, alpha=0.25, linewidth=0, label="noise, 95 %")
     axes.vlines(lags_ms, 0.0, memory.correlation, color=MEASURED, linewidth=1.4)
@@ -216,7 +216,7 @@ _AGES = (("port torque", "torque_age_ns"), ("actuator motion", "motion_age_ns"),
 
 
 def timing_figure(ticks: Table) -> Figure:
-    """Whether the bench kept time.
+    """The timing of the loop.
 
     Histograms, logarithmic in the count: how late ticks began, how long they worked, how old their signals were.
     """

@@ -1,4 +1,4 @@
-"""The network in pictures: its motion source, its impedance, and the Thévenin experiment beside it."""
+"""Figures of the network: motion source, impedance, and the Thévenin experiment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from norton_bench.report.words import pretty_unit
 _LOOP = "loop"  # names of the imposed procedure's segments
 _GRID = "grid"
 _WIDEST_LOOP = 12.0  # in units of the friction contact's deflection: beyond this the loop is mostly sliding
-_STEADY_SHARE = 1e-6  # change of the reference velocity in a tick, of its greatest value
+_STEADY_SHARE = 1e-6  # greatest change of the reference velocity in a tick, as a share of its greatest value
 
 
 # The impedance's samples: measured and predicted torque beside the motion that was imposed.
@@ -44,7 +44,7 @@ def presliding_loops(measured: Measured, trace: Trace, deflection_rad: float) ->
 
 
 def sliding_samples(measured: Measured, trace: Trace) -> Loop | None:
-    """The steady part of the velocity grid, None where there was none."""
+    """The steady parts of the velocity grid; None without one."""
     loops = [_steady(measured, trace, segment) for segment in _segments(measured, _GRID)]
     if not any(len(loop.velocity_rad_s) for loop in loops):
         return None
@@ -90,7 +90,7 @@ def _loop(measured: Measured, trace: Trace, segment: SegmentInfo) -> Loop:
 
 
 def _steady(measured: Measured, trace: Trace, segment: SegmentInfo) -> Loop:
-    """The segment's samples where the velocity asked for stands still."""
+    """The samples of a segment with constant reference velocity."""
     start_s, end_s = bench_time_s(measured, [segment.start_ns, segment.end_ns])
     ticks_s = bench_time_s(measured, measured.ticks["tick_ns"])
     chosen = (ticks_s >= start_s) & (ticks_s < end_s)
@@ -111,7 +111,7 @@ _SIDES = (("▲ rising", "^", True), ("▼ falling", "v", False))
 def source_map_figure(measured: SourceMap | None, network: NortonNetwork | None, command_unit: str) -> Figure:
     """Steady free velocity against command: measured from both sides, and the identified three branches.
 
-    Below, what is left between the two, where both are known: there the bands are wide enough to be seen.
+    Below, their difference, where both are known; there the bands are visible.
     """
     compared = measured is not None and network is not None and bool(np.isfinite(measured.velocity_rad_s).any())
     picture = figure(5.0 if compared else 3.6)
@@ -170,7 +170,7 @@ def _source_difference(axes: Axes, measured: SourceMap, network: NortonNetwork) 
 
 
 def blocked_figure(blocked: BlockedMap, network: NortonNetwork | None, command_unit: str) -> Figure:
-    """Torque at standstill against command, by how standstill was reached; the band is what friction leaves open."""
+    """Torque at standstill against command, by the way standstill was reached; friction allows the whole band."""
     picture = figure(3.2)
     axes = picture.subplots()
     if network is not None:
@@ -195,7 +195,7 @@ def blocked_figure(blocked: BlockedMap, network: NortonNetwork | None, command_u
 
 
 def _histories(blocked: BlockedMap) -> list[tuple[str, str, npt.NDArray[np.bool_]]]:
-    """What each was like, a marker, and which levels have it."""
+    """For each way to standstill: its name, its marker, and its levels."""
     above, below = blocked.from_above, ~blocked.from_above
     every = [
         ("came to rest from above", "v", blocked.chosen("slow") & above),
@@ -208,7 +208,7 @@ def _histories(blocked: BlockedMap) -> list[tuple[str, str, npt.NDArray[np.bool_
 
 
 def impedance_figure(presliding: list[Loop], sliding: Loop | None) -> Figure:
-    """Torque against position where friction has not broken loose, and against velocity where it has."""
+    """Torque against position before sliding, and against velocity in sliding."""
     picture = figure(3.5)
     columns = int(bool(presliding)) + int(sliding is not None)
     panels = list(picture.subplots(1, columns, squeeze=False)[0])
@@ -289,14 +289,14 @@ def _span(measured: SourceMap | None, network: NortonNetwork) -> float:
 
 
 def legend(axes: Axes) -> None:
-    """Above the panel, on its right, where there is anything to explain."""
+    """A legend above the panel, on its right, if there is anything to explain."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(labelcolor=INK, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
 # Repeated movements in pictures: the torque left at the port, trial by trial, and the motion source.
 def source_motion_figure(source: SourceMotion, command_unit: str) -> Figure:
-    """The source's velocity under its command, against time."""
+    """The velocity of the motion source under its command, against time."""
     picture = figure(3.6)
     top, bottom = picture.subplots(2, 1, sharex=True, height_ratios=(1, 2))
     time_s = np.asarray(np.arange(len(source.command)) * source.tick_s, dtype=np.float64)
@@ -309,7 +309,7 @@ def source_motion_figure(source: SourceMotion, command_unit: str) -> Figure:
 
 
 def trials_figure(trials: Sequence[TrialFigures]) -> Figure:
-    """Root mean square of the port torque in the taught band, and the noise in it."""
+    """Rms of the port torque in the corrected band for each trial, and its noise."""
     picture = figure(2.8)
     axes = picture.subplots()
     numbers = [trial.number for trial in trials]

@@ -1,4 +1,4 @@
-"""Tables of an actuator without a model, in pictures: its source, its exertion, its answer to being shaken."""
+"""Figures of an actuator without a model: source, torque away from it, response to small vibrations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ def source_table_figure(table: SourceTable, units: Units) -> Figure:
 
 @dataclass(frozen=True)
 class _Shade:
-    """How a setting is drawn: its place among the colours, and its name in the legend, if it is the first of those."""
+    """The colour of a setting, and its name in the legend if it is the first with this colour."""
 
     place: int
     label: str | None
@@ -64,7 +64,8 @@ class _Shade:
 
 
 def _shades(table: ExertionTable, units: Units) -> tuple[str, dict[Setting, _Shade]]:
-    """What the legend tells apart: modulations where there are several, else commands; and each setting's shade."""
+    """What the colours distinguish: modulations where there are several, else commands; and the shade of each
+    setting."""
     title, unit, key = "command", units.command, 0
     if len(table.modulations) > 1:
         title, unit, key = "modulation", units.modulation, 1
@@ -163,7 +164,7 @@ _APART = 0.015
 
 # The impedance without a model, in pictures: the table's curves, the operator's loops and what it is made of.
 def impedance_table_figure(table: ImpedanceTable, network: NortonNetwork, command_unit: str) -> Figure:
-    """Torque against steady velocity, one line a command; beside it, what the network leaves of each cell."""
+    """Torque against steady velocity, a line for each command; beside it, the difference from the network."""
     picture = figure(3.6)
     curves, left = picture.subplots(1, 2, width_ratios=(1.35, 1))
     for row, command in enumerate(table.command):
@@ -199,7 +200,7 @@ def impedance_table_figure(table: ImpedanceTable, network: NortonNetwork, comman
 
 
 def _command_text(table: ImpedanceTable, row: int, command_unit: str) -> str:
-    """A command in words: what is next to nothing beside the others is nothing."""
+    """A command as text; one that is negligible beside the others is written as 0."""
     command = float(table.command[row])
     small = abs(command) < 5e-3 * float(np.max(np.abs(table.command)))
     return f"{number(0.0 if small else command, 2)} {pretty_unit(command_unit) or 'N·m'}"

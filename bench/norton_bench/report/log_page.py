@@ -1,4 +1,4 @@
-"""The report of a log from elsewhere: one HTML file in the style of a session's report."""
+"""The report of a log of another program: one HTML file in the style of a session's report."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -60,13 +60,13 @@ def _lines(side: str, errors: Errors) -> list[tuple[str, ...]]:
         (
             side,
             what,
-            number(result.rms, 3),
-            percent(result.relative),
-            number(result.mean_absolute, 3),
-            pretty_unit(result.unit),
+            number(error.rms, 3),
+            percent(error.relative),
+            number(error.mean_absolute, 3),
+            pretty_unit(error.unit),
         )
-        for what, result in (("exertion", errors.exertion), ("motion", errors.motion))
-        if result is not None
+        for what, error in (("exertion", errors.exertion), ("motion", errors.motion))
+        if error is not None
     ]
 
 

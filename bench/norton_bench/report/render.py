@@ -27,15 +27,15 @@ from norton_bench.report.words import (
 )
 from norton_bench.result import Result
 
-# Of these a value is put into the equation; of all others the symbol stays.
+# With these statuses the value is shown in the equation, with all others the symbol.
 SHOWN_AS_NUMBER = (Status.VALID, Status.LEARNING, Status.RATIO_ONLY)
-# Enough digits to predict with; the table has them all.
+# Enough digits for predictions; the table has all.
 DIGITS = 4
 
 
 @dataclass(frozen=True)
 class EquationLine:
-    """One line of the model: what it says, in symbols, and with the values in it."""
+    """One line of the model: its meaning, in symbols, and with values."""
 
     meaning: str
     symbols: str
@@ -44,7 +44,7 @@ class EquationLine:
 
 @dataclass(frozen=True)
 class ModelEquations:
-    """The lines of the model, and what its variables are, as (symbol, meaning)."""
+    """The lines of the model, and its variables as (symbol, meaning)."""
 
     lines: tuple[EquationLine, ...]
     variables: tuple[tuple[str, str], ...]
@@ -68,13 +68,13 @@ _LINES = (
     ),
 )
 _RATIOS = (
-    "No measured torque tells the scale: the values are known up to one common factor, and torques here are in the "
-    "unit of the command."
+    "Without a measured torque the scale is unknown: the values are known up to one common factor, and torques are "
+    "in the unit of the command."
 )
 
 
 def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
-    """The model that ``fit`` found; parameters that it does not tell stay symbols."""
+    """The model of ``fit``; parameters without a value remain symbols."""
     symbols = {name: parameter.symbol for name, parameter in BY_NAME.items()}
     values = {**symbols, **_values(fit.estimates)}
     lines = tuple(EquationLine(said, form.format(**symbols), form.format(**values)) for said, form in _LINES)
@@ -92,17 +92,17 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
 
 def _values(estimates: Sequence[Estimate]) -> Mapping[str, str]:
     """Numbers that can stand in a product: a negative one in brackets."""
-    told = {each.name: number(each.value, DIGITS) for each in estimates if each.status in SHOWN_AS_NUMBER}
-    return {name: f"({text})" if text.startswith("−") else text for name, text in told.items()}
+    values = {each.name: number(each.value, DIGITS) for each in estimates if each.status in SHOWN_AS_NUMBER}
+    return {name: f"({text})" if text.startswith("−") else text for name, text in values.items()}
 
 
 HEAD = ("figure", "value", "95 % interval", "unit", "meaning")
-# Those that say most of how the actuator feels, and that no operating point belongs to.
+# The most useful ones that need no operating point.
 SHOWN = ("breakaway_command", "free_speed_per_command", "mechanical_time_constant", "presliding_displacement")
 
 
 def derived_facts(fit: FitResult) -> Facts | None:
-    """A few figures that follow from the network at once; ``norton-bench datasheet`` has them all.
+    """A few figures computed from the network; ``norton-bench datasheet`` has all.
 
     A row for each figure whose parameters are known; None where there is none.
     """
@@ -124,7 +124,7 @@ __all__ = ["Result", "render", "write_report"]
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter as the headline table shows it."""
+    """A row of the headline table."""
 
     symbol: str
     meaning: str
@@ -137,7 +137,7 @@ class ParameterRow:
 
 @dataclass(frozen=True)
 class HeadlineNumber:
-    """One number in the headline."""
+    """One number at the top of the page."""
 
     value: str
     meaning: str
@@ -176,7 +176,7 @@ def render(data: Result) -> str:
 
 
 def fill(**parts: object) -> str:
-    """The template with its parts; of a page that is not of one session's network there is no model and no glossary."""
+    """Fill the template; without a network of one session the page has no model and no glossary."""
     environment = Environment(
         loader=PackageLoader("norton_bench.report", "."),
         autoescape=True,
@@ -190,7 +190,7 @@ def fill(**parts: object) -> str:
 
 
 def row(estimate: Estimate) -> ParameterRow:
-    """An estimate in words; no number is printed as known where the data cannot tell it."""
+    """The row of an estimate; without a number where the data do not determine it."""
     known = estimate.status in (Status.VALID, Status.LEARNING)
     shown = estimate.status is not Status.UNEXCITED
     return ParameterRow(
@@ -205,7 +205,7 @@ def row(estimate: Estimate) -> ParameterRow:
 
 
 def headline(data: Result) -> list[HeadlineNumber]:
-    """The few numbers that come first."""
+    """The few numbers at the top of the page."""
     numbers = []
     if data.fit is not None:
         valid = sum(estimate.status is Status.VALID for estimate in data.fit.estimates)
@@ -220,7 +220,7 @@ def headline(data: Result) -> list[HeadlineNumber]:
 
 
 def verdict(data: Result) -> list[str]:
-    """What the data cannot tell, in sentences."""
+    """Sentences about what the data do not determine."""
     if data.fit is None and (data.source is not None or data.exertion is not None):
         return ["No model was fitted: the actuator is described by its tables.", *data.notes]
     if data.fit is None:
@@ -235,7 +235,7 @@ def verdict(data: Result) -> list[str]:
 
 
 def how_to_repeat(data: Result) -> list[tuple[str, str]]:
-    """Commands, each with what it does."""
+    """Commands that repeat the work, each with its effect."""
     known = data.metadata
     commands = []
     seed = f" --seed {known['seed']}" if known.get("seed") else ""

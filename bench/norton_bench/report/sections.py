@@ -1,4 +1,4 @@
-"""The sections of a report, each from the data that it needs, or left out."""
+"""The sections of a report; a section without data is left out."""
 
 from collections.abc import Callable
 from math import isfinite
@@ -36,7 +36,7 @@ from norton_bench.result import Result
 
 
 def sections(data: Result) -> list[Section]:
-    """Those for which there are data, in the order of the page."""
+    """The sections with data, in the order of the page."""
     made = [make(data) for make in MAKERS]
     return [section for section in made if section is not None]
 
@@ -76,7 +76,7 @@ def source_section(data: Result) -> Section | None:
         "the shaft rests; beyond, the velocity follows two straight lines. Below: measured minus model. Bars and bands "
         "are 95 % intervals.",
     )
-    sentences = ["The motion that the actuator makes when nothing holds or drives its shaft."]
+    sentences = ["The motion of the actuator when nothing holds or drives its shaft."]
     if data.network is not None:
         unit = pretty_unit(data.command_unit)
         low, high = (f"{number(threshold, 3)} {unit}".strip() for threshold in data.network.thresholds)
@@ -233,9 +233,9 @@ def timing_section(data: Result) -> Section | None:
 def events_section(data: Result) -> Section | None:
     if data.measured is None or not data.measured.events:
         return None
-    told = [event for event in data.measured.events if event.kind not in FOR_PROGRAMS]
-    times_s = bench_time_s(data.measured, [event.stamp_ns for event in told])
-    rows = tuple((f"{time_s:.3f}", event.kind, event.text) for time_s, event in zip(times_s, told, strict=True))
+    events = [event for event in data.measured.events if event.kind not in FOR_PROGRAMS]
+    times_s = bench_time_s(data.measured, [event.stamp_ns for event in events])
+    rows = tuple((f"{time_s:.3f}", event.kind, event.text) for time_s, event in zip(times_s, events, strict=True))
     if not rows:
         return None
     return Section("events", "Events", tables=(Facts(("bench time [s]", "kind", "what"), rows),))
@@ -249,7 +249,7 @@ def _timing_table(timing: LoopTiming | None) -> tuple[Facts, ...]:
 def _clipping(ticks: Table) -> str:
     counts = {limit: int(np.count_nonzero(ticks["limited"] & limit.value)) for limit in Limited}
     clipped = [f"{limit.name.lower().replace('_', ' ')} in {n}" for limit, n in counts.items() if n and limit.name]
-    return f"The guard clipped {', '.join(clipped)} ticks." if clipped else "The guard had nothing to clip."
+    return f"The guard clipped {', '.join(clipped)} ticks." if clipped else "The guard clipped no command."
 
 
 def _stream_table(qualities: list[StreamQuality]) -> Facts:

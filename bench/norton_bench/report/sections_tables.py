@@ -1,4 +1,4 @@
-"""Sections of the report on what was tabulated, and on which friction the data ask for."""
+"""The sections of tables (an actuator without a model), of repeated movements, and of friction models compared."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -29,7 +29,7 @@ from norton_bench.report.svg import picture
 from norton_bench.report.words import Facts, Picture, Section, number, percent, pretty_unit
 from norton_bench.result import Result
 
-# What each of those with a memory of the path assumes, and cannot leave out.
+# The assumption of each model whose torque depends on the path.
 ASSUMES = {
     "dahl": "yields from the first motion on",
     "elasto-plastic": "is purely elastic up to breakaway, and then yields along one fixed curve",
@@ -84,7 +84,7 @@ def friction_section(data: Result) -> Section | None:
 
 
 def worse_though_richer(best: Compared, models: Sequence[Compared]) -> tuple[list[str], tuple[str, ...]]:
-    """Why models with more numbers than ``best`` leave more, even of the data that they were fitted to.
+    """Why models with more parameters than ``best`` fit worse, even the data that they were fitted to.
 
     Sentences, and a line for each of the friction laws that are others.
     """
@@ -108,7 +108,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def model_error_section(data: Result) -> Section | None:
-    """How far the network's predictions are off, and within what range that was seen."""
+    """The error of the network's predictions, and the range in which it was tested."""
     error = data.model_error
     if error is None:
         return None
@@ -207,7 +207,7 @@ def exertion_section(data: Result) -> Section | None:
 
 
 def _swept(table: ExertionTable) -> tuple[str, ...]:
-    """What its sweeps tell."""
+    """Sentences from its sweeps."""
     speeds = [each.speed_rad_s for each in table.swept]
     if not speeds:
         return ()
@@ -230,14 +230,14 @@ def two_ports_section(data: Result) -> Section | None:
 
 
 def modulation_section(data: Result) -> Section | None:
-    result = modulated(data.source, data.exertion)
-    if result is None and data.modulator is None:
+    effect = modulated(data.source, data.exertion)
+    if effect is None and data.modulator is None:
         return None
     sentences: tuple[str, ...] = ()
     tables: tuple[Facts, ...] = ()
-    if result is not None:
-        sentences = modulation_sentences(result, data.units)
-        tables = (stiffness_facts(result, data.units),) if result.stiffness else ()
+    if effect is not None:
+        sentences = modulation_sentences(effect, data.units)
+        tables = (stiffness_facts(effect, data.units),) if effect.stiffness else ()
     if data.modulator is not None:
         sentences = (*sentences, modulator_sentence(data.modulator, data.units))
         tables = (*tables, modulator_facts(data.modulator, data.units))
@@ -261,7 +261,7 @@ def trials_section(data: Result) -> Section | None:
 
 
 def in_situ_section(data: Result) -> Section | None:
-    """The actuator in situ: what it exerted, trial by trial, and its motion source."""
+    """The actuator in situ: its torque, trial by trial, and its motion source."""
     result = data.in_situ
     if result is None or not result.trials:
         return None
@@ -269,21 +269,21 @@ def in_situ_section(data: Result) -> Section | None:
         picture(
             trials_figure(result.trials),
             "in-situ",
-            "See whether the actuator was brought to exert nothing on its load, without a torque sensor.",
+            "See whether the torque of the actuator on its load became small, without a torque sensor.",
             f"Torque on the load below {TAUGHT_HZ:g} Hz, calculated from motion and load, in N·m as the load drive "
-            "counts them. Where it is large the load drive was left off.",
+            "counts them. In the trials with a large torque the load was not driven.",
         )
     ]
     if result.source is not None:
         pictures.append(_source(result.source, pretty_unit(data.command_unit)))
-    ending = _ending(result.trials, "what is left is what movements differ by anyway")
-    sentences = (*(f"{message[0].upper()}{message[1:]}." for message in result.assembly), ending)
+    ending = _ending(result.trials, "what is left is no more than the scatter of movements")
+    sentences = (*(f"{sentence[0].upper()}{sentence[1:]}." for sentence in result.assembly), ending)
     return Section(
         "in-situ",
         "The motion source of an assembled actuator (in situ)",
         sentences,
         tuple(pictures),
-        (_table(result.trials, "movements differ by [mN·m]"),),
+        (_table(result.trials, "scatter of movements [mN·m]"),),
     )
 
 

@@ -1,4 +1,4 @@
-"""The sections that use no parametric model, and the one that asks the residual what the model lacks."""
+"""The sections without a parametric model, and the section on effects in the residual that the model lacks."""
 
 from math import isfinite
 
@@ -14,9 +14,9 @@ from norton_bench.report.svg import picture
 from norton_bench.report.words import Facts, Section, number, percent, pretty_unit
 from norton_bench.result import Result
 
-# Dependences smaller than this share of the residual's variance are told, but not explained.
-WORTH_A_WORD = 0.01
-# The operator's friction is said to yield one way where that way has this share of it.
+# Dependences below this share of the residual's variance are listed, but not explained.
+EXPLAINED_FROM = 0.01
+# The friction of the operator is described by one kind of yielding if that has this share of it.
 MOSTLY = 0.8
 # Of the highest frequency that the tests see: beyond this, noise that differentiation amplifies prevails.
 BAND_EDGE = 0.8
@@ -35,7 +35,7 @@ _ARTICLE = {
 
 
 def source_sentences(source: SourceMap, unit: str) -> list[str]:
-    """What the measured branches say on their own: where the shaft rests, and whether they differ."""
+    """Sentences from the measured branches: where the shaft rests, and whether the branches differ."""
     sentences = []
     for rising, name in ((True, "rising"), (False, "falling")):
         zone = source.dead_zone(rising)
@@ -48,21 +48,22 @@ def source_sentences(source: SourceMap, unit: str) -> list[str]:
     if source.port_torque_nm.size:
         most = number(1e3 * float(np.max(np.abs(source.port_torque_nm))), 2)
         sentences.append(f"The velocities are corrected for the torque left at the port, up to {most}\u00a0mN·m.")
-    result = source.hysteresis()
-    if result is not None:
-        size, band = number(abs(result.difference_rad_s), 2), number(result.band_rad_s, 2)
+    hysteresis = source.hysteresis()
+    if hysteresis is not None:
+        size, band = number(abs(hysteresis.difference_rad_s), 2), number(hysteresis.band_rad_s, 2)
+        command = number(hysteresis.command, 3)
         sentences.append(
-            f"Rising and falling commands give velocities that differ by {size} rad/s at {number(result.command, 3)} "
+            f"Rising and falling commands give velocities that differ by {size} rad/s at {command} "
             f"{unit}, more than the {band} rad/s that noise explains: hysteresis."
-            if result.significant
+            if hysteresis.significant
             else f"Rising and falling commands give the same velocities to within noise ({band} rad/s): no hysteresis."
         )
     return sentences
 
 
 def without_model_section(data: Result) -> Section | None:
-    result = data.without_model
-    if result is None or data.fit is None:
+    results = data.without_model
+    if results is None or data.fit is None:
         return None
     network, figures = data.fit.network, []
     sentences = [
@@ -70,32 +71,32 @@ def without_model_section(data: Result) -> Section | None:
         "torque by velocity and command, and an operator that sums many elastic elements, each of which yields at a "
         "displacement of its own. Agreement supports the model's form; a difference shows what it lacks."
     ]
-    if result.table is not None:
+    if results.table is not None:
         figures.append(
             picture(
-                impedance_table_figure(result.table, network, data.command_unit),
+                impedance_table_figure(results.table, network, data.command_unit),
                 "impedance-table",
                 "Check the model's steady torque against plain averages of the readings.",
                 "Mean torque while a velocity and a command were held (left), and measured minus model (right). "
                 "Bars are 95 % intervals of the mean.",
             )
         )
-        sentences += _table_sentences(result)
-    if result.operator is not None:
+        sentences += _table_sentences(results)
+    if results.operator is not None:
         deflection_rad = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
         figures.append(
             picture(
-                operator_figure(_loops(data, deflection_rad), result.operator, deflection_rad),
+                operator_figure(_loops(data, deflection_rad), results.operator, deflection_rad),
                 "operator",
-                "Check the friction law: does the friction found without one yield where the model's does (τc/σ0)?",
+                "Check the friction law: does friction without a model yield where the model's does (τc/σ0)?",
                 "Left: loops too small for friction to slide freely. Right: how much friction yields at which "
                 "displacement.",
             )
         )
-        sentences += _operator_sentences(result.operator, result.stops_alone, pretty_unit(data.command_unit) or "N·m")
+        sentences += _operator_sentences(results.operator, results.stops_alone, pretty_unit(data.command_unit) or "N·m")
     tables: tuple[Facts, ...] = ()
-    if result.operator_prediction is not None:
-        tables = (_predictions(data, result),)
+    if results.operator_prediction is not None:
+        tables = (_predictions(data, results),)
         sentences.append("The table at the end compares how well each predicts the torque of motion kept apart.")
     return Section("without-model", "The same without a motor model", tuple(sentences), tuple(figures), tables)
 
@@ -108,8 +109,8 @@ def _loops(data: Result, deflection_rad: float) -> list[tuple[Loop, Loop]]:
     return list(zip(network, operator, strict=False))
 
 
-def _table_sentences(result: WithoutModel) -> list[str]:
-    table = result.table
+def _table_sentences(results: WithoutModel) -> list[str]:
+    table = results.table
     if table is None:
         return []
     rows, columns = table.torque_nm.shape
@@ -144,16 +145,16 @@ def _operator_sentences(operator: StopOperator, stops_alone: Prediction | None, 
     return sentences
 
 
-def _predictions(data: Result, result: WithoutModel) -> Facts:
-    """Who predicts motion kept apart from the fits, and how well."""
+def _predictions(data: Result, results: WithoutModel) -> Facts:
+    """The errors of prediction of motion kept apart from the fits."""
     rows = []
     if data.validation is not None and isfinite(data.validation.torque_rms_nm):
         network = Prediction(data.validation.torque_rms_nm, data.validation.torque_relative, 1.0)
         rows.append(("model", "seven parameters", *_figures(network)))
-    if result.operator_prediction is not None:
-        rows.append(("operator", "history of the motion", *_figures(result.operator_prediction)))
-    if result.table_prediction is not None:
-        rows.append(("table", "steady motion only, no inertia", *_figures(result.table_prediction)))
+    if results.operator_prediction is not None:
+        rows.append(("operator", "history of the motion", *_figures(results.operator_prediction)))
+    if results.table_prediction is not None:
+        rows.append(("table", "steady motion only, no inertia", *_figures(results.table_prediction)))
     head = ("predicted by", "which knows", "rms error [mN·m]", "of the torque", "of the motion covered")
     return Facts(head, tuple(rows))
 
@@ -186,16 +187,16 @@ def residuals_section(data: Result) -> Section | None:
 
 
 def residual_sentences(tests: ResidualTests, unit: str = "N·m") -> list[str]:
-    """What the tests found, largest first, and what it may mean."""
+    """The results of the tests, largest first, and their possible causes."""
     sentences = [_harmonic_sentence(each, unit) for each in tests.harmonics]
     proven = [each for each in tests.dependences if each.p_value < SIGNIFICANCE / max(1, len(tests.dependences))]
     highest_hz = 0.0 if tests.memory is None else 0.5 / float(tests.memory.lags_s[0])
     greatest = sorted(proven, key=lambda each: -each.share)
-    sentences += [_dependence_sentence(each, highest_hz, unit) for each in greatest if each.share >= WORTH_A_WORD]
-    small = [_ARTICLE.get(each.name, each.name) for each in proven if each.share < WORTH_A_WORD]
+    sentences += [_dependence_sentence(each, highest_hz, unit) for each in greatest if each.share >= EXPLAINED_FROM]
+    small = [_ARTICLE.get(each.name, each.name) for each in proven if each.share < EXPLAINED_FROM]
     if small:
         sentences.append(
-            f"It also follows {' and '.join(small)}, by less than {percent(WORTH_A_WORD)} of its variance."
+            f"It also follows {' and '.join(small)}, by less than {percent(EXPLAINED_FROM)} of its variance."
         )
     if not sentences:
         looked_at = [_ARTICLE.get(each.name, each.name) for each in tests.dependences]

@@ -1,4 +1,4 @@
-"""The report on several sessions together: what they agree on, and what differs between them."""
+"""The report on several sessions: the combined values, and the differences between sessions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ _COLUMNS = 3
 
 
 def forest_figure(sessions: Sequence[SessionFit], combined: Sequence[Estimate]) -> Drawing:
-    """What each session says of each parameter, and all of them together: a forest plot.
+    """A forest plot: each parameter by session, and combined.
 
-    A panel a parameter, a row a session with its 95 % interval, the combined value below.
+    A panel for each parameter, a row for each session with its 95 % interval, the combined value below.
     """
     rows = max(1, -(-len(combined) // _COLUMNS))
     picture = figure(rows * (0.75 + 0.2 * (len(sessions) + 1)))
@@ -31,7 +31,7 @@ def forest_figure(sessions: Sequence[SessionFit], combined: Sequence[Estimate]) 
         _panel(axes, sessions, estimate)
     for axes in panels[len(combined) :]:
         axes.set_visible(False)
-    # The axis is shared: what is said of one panel's rows holds for all.
+    # The axis is shared: labels of one panel are valid for all.
     numbers = [str(number) for number in range(1, len(sessions) + 1)]
     panels[0].set_yticks(range(len(sessions) + 1), [*numbers, "all"])
     panels[0].set_ylim(len(sessions) + 0.6, -0.6)
@@ -70,7 +70,7 @@ class SessionRow:
 
 @dataclass(frozen=True)
 class SessionsData:
-    """All that the report shows."""
+    """The data of the report."""
 
     rig_name: str
     sessions: tuple[SessionRow, ...]

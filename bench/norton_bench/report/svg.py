@@ -24,7 +24,7 @@ from norton_bench.report.words import Picture
 
 # Inches, for text of the report's size.
 EDGE_IN = 0.08
-RIGHT_IN = 0.08  # half of the last number stands out
+RIGHT_IN = 0.08  # half of the last number is outside
 NUMBERS_LEFT_IN = 0.47
 NUMBERS_BELOW_IN = 0.21
 LABEL_IN = 0.21
@@ -32,7 +32,7 @@ TITLE_IN = 0.26
 
 
 class Margins(LayoutEngine):
-    """Room around a figure's panels in inches, by what stands beside them, not by how wide its letters come out.
+    """Room around a figure's panels in inches, by the labels beside them, not by the width of their letters.
 
     Matplotlib's own layouts draw every label several times to find out, which took half of a report's time.
 
@@ -54,7 +54,7 @@ def _place(part: Figure | SubFigure, dpi: float, panels: dict[Axes, SubplotSpec]
     grid: Any = next(iter(panels.values())).get_gridspec()
 
     def most(room_in: Callable[[Axes], float], line: Callable[[SubplotSpec], int], count: int) -> list[float]:
-        """What the panel that asks for most asks for, in each row or column."""
+        """The greatest margin needed in each row or column."""
         return [max((room_in(axes) for axes, at in panels.items() if line(at) == k), default=0.0) for k in range(count)]
 
     width, height = part.bbox.width / dpi, part.bbox.height / dpi
@@ -131,7 +131,7 @@ def thinned(count: int, points: int = POINTS) -> npt.NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(points, count)).astype(np.intp)) if count else np.empty(0, np.intp)
 
 
-# Stand-ins, one for each custom property of report.css, so that a figure follows the page into the dark and onto paper.
+# A colour for each custom property of report.css, so that figures follow the dark theme and printing.
 INK = "#0a0001"
 MUTED = "#0a0002"
 GRID = "#0a0003"
@@ -191,7 +191,7 @@ _PATH = re.compile(r' d="[^"]*"')
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Within this, figures look as the report wants them."""
+    """Inside, figures have the style of the report."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
@@ -199,7 +199,7 @@ def style() -> Iterator[None]:
 
 
 def svg(figure: Figure, name: str, caption: str) -> str:
-    """The figure as an ``<svg>`` element that scales with the page; ``name`` keeps its inner names apart."""
+    """The figure as an ``<svg>`` element that scales with the page; ``name`` makes its inner ids unique."""
     text = StringIO()
     with mpl.rc_context({**_STYLE, "svg.hashsalt": name}):
         canvas: Any = FigureCanvasSVG(figure)
@@ -222,7 +222,7 @@ def picture(figure: Figure, name: str, purpose: str, caption: str = "") -> Pictu
 
 
 def style_sheet() -> str:
-    """The page's own, with every colour in it."""
+    """The style sheet of the page, with every colour."""
     return files("norton_bench.report").joinpath("report.css").read_text(encoding="utf-8")
 
 

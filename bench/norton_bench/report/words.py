@@ -1,4 +1,4 @@
-"""Numbers as people read them."""
+"""Numbers as text for readers; and the glossary of the report."""
 
 from dataclasses import dataclass
 from math import floor, isfinite, log10

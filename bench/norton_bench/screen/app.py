@@ -1,4 +1,4 @@
-"""The terminal UI: which screen follows which, and the stop that works on all of them."""
+"""The terminal UI: the sequence of screens, and the stop key, which works on all of them."""
 
 import asyncio
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,7 +24,7 @@ from norton_bench.screen.screens.results import ResultsScreen
 from norton_bench.screen.settings import BENCH, OWN, STOP_KEY, Settings, user_themes
 
 NO_RIGS = "There is no rig file in ./rigs or here.\n\nnorton-bench rig new my-rig.toml writes one from your answers."
-# Textual takes so long to close its palette, which would else be in the picture.
+# The time that Textual takes to close its palette, which would else be in the picture.
 PALETTE_CLOSES_S = 0.1
 SECTIONS: Mapping[str, Sequence[keys.AnyBinding]] = {
     "Everywhere": keys.APP,
@@ -35,7 +35,7 @@ BY_HAND_SECTIONS: Mapping[str, Sequence[keys.AnyBinding]] = {"Everywhere": keys.
 
 
 class BenchApp(App[None]):
-    """``opening`` makes experiments of rigs and sessions; ``first`` is the one to begin with, None to choose one."""
+    """``opening`` makes experiments from rigs and sessions; ``first`` is the first one, None to choose one."""
 
     TITLE = "norton-bench"
     CSS_PATH = "screen.tcss"
@@ -47,7 +47,7 @@ class BenchApp(App[None]):
         self._stop_keys = frozenset([STOP_KEY, *settings.keys.get(keys.STOP_ID, "").split(",")]) - {""}
         self.experiment: Experiment | None = None
         super().__init__()
-        # Sessions are spawned, and the tracker of what they share wants a real stderr, which the screen takes away.
+        # Spawned sessions start a resource tracker that needs a real stderr, which the screen replaces.
         resource_tracker.ensure_running()
         self._opening, self._settings, self._first = opening, settings, first
         for theme in (*OWN, *user_themes(settings.themes)):
@@ -56,13 +56,13 @@ class BenchApp(App[None]):
         self.set_keymap(dict(settings.keys))
 
     def get_driver_class(self) -> type[Driver]:
-        return listening_to_keys(super().get_driver_class(), self._heed)
+        return listening_to_keys(super().get_driver_class(), self._key_pressed)
 
     def on_mount(self) -> None:
         self.run_worker(self._open(), exclusive=True, group="opening")
 
     async def _open(self) -> None:
-        """Choose what has not been chosen yet, then show the experiment; again and again until somebody leaves."""
+        """Choose rig and session where they are not given, then show the experiment; repeat until the user leaves."""
         experiment = self._first
         while True:
             if experiment is None:
@@ -84,7 +84,7 @@ class BenchApp(App[None]):
         return ExperimentScreen(experiment, fps=self._settings.fps, abort=abort)
 
     async def _choose(self) -> Experiment | None:
-        """A rig, then a session on it; None where neither is wanted."""
+        """Choose a rig, then a session on it; None where the user leaves."""
         while True:
             rig_path = self._opening.rig_path
             if rig_path is None:
@@ -108,13 +108,13 @@ class BenchApp(App[None]):
             elif self._opening.rig_path is not None:
                 return None
 
-    def _heed(self, key: str) -> None:
-        """Called in the driver's thread, before anything is done about the key."""
+    def _key_pressed(self, key: str) -> None:
+        """Called in the thread of the driver, before the key is handled."""
         if key in self._stop_keys and self.experiment is not None:
             self.experiment.stop()
 
     async def on_event(self, event: Event) -> None:
-        """The stop comes before every binding: one would leave a printable key to the field that has the focus."""
+        """Handle the stop before bindings: a printable key of a binding would go to the field with the focus."""
         if isinstance(event, Key) and event.key in self._stop_keys and not event.is_forwarded and self._may_stop:
             self.action_stop()
             return
@@ -125,16 +125,16 @@ class BenchApp(App[None]):
         return self.experiment is not None and self.experiment.stoppable
 
     def action_stop(self) -> None:
-        """What the key does, and the word in the palette."""
+        """Stop; called by the key and by the palette."""
         if self.experiment is not None:
             was_live = self.experiment.live
             self.experiment.stop()
             if was_live:
-                self.notify("Stopping: the drives go idle at once, the recording is finished.", severity="warning")
+                self.notify("Stopping: the drives go idle at once; the recording is closed.", severity="warning")
             self.screen.refresh_bindings()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Where there is nothing to stop, the space bar is a space bar."""
+        """Without anything to stop, the space bar types a space."""
         if action == "stop":
             return self._may_stop
         return True
@@ -160,8 +160,8 @@ class BenchApp(App[None]):
 
     def action_leave(self) -> None:
         if self.experiment is not None and self.experiment.live:
-            said = "The drives go idle at once." if self.experiment.moving else FIT_GIVEN_UP
-            self.push_screen(Confirm("Leave the experiment?", said, "Stop and leave"), self._leave_if)
+            consequence = "The drives go idle at once." if self.experiment.moving else FIT_GIVEN_UP
+            self.push_screen(Confirm("Leave the experiment?", consequence, "Stop and leave"), self._leave_if)
         else:
             self._leave_if(True)
 
@@ -177,7 +177,7 @@ class BenchApp(App[None]):
         self.exit()
 
     def show_results(self) -> None:
-        """Of the experiment; a replay's recording is fitted for it."""
+        """Show the result of the experiment; for a replay, start the fit of its recording."""
         if self.experiment is None:
             return
         if self.experiment.replay is not None:
@@ -185,7 +185,7 @@ class BenchApp(App[None]):
         self.push_screen(ResultsScreen(self.experiment))
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        """Every key's action by name, once however many keys it has; then those that have no key."""
+        """Every action with a key by its name, each once; then those without a key."""
         told = set[str]()
         for active in screen.active_bindings.values():
             binding = active.binding
@@ -201,7 +201,7 @@ class BenchApp(App[None]):
         yield SystemCommand("Screenshot", f"Save this screen as a picture in {self._opening.runs}", self._picture_soon)
 
     def _picture_soon(self) -> None:
-        """Once the palette is closed."""
+        """Save the picture after the palette is closed."""
         self.set_timer(PALETTE_CLOSES_S, self._save_picture)
 
     def _save_picture(self) -> None:
@@ -210,7 +210,7 @@ class BenchApp(App[None]):
             folder.mkdir(parents=True, exist_ok=True)
             path = self.save_screenshot(path=str(folder))
         except OSError as error:
-            said = f"cannot write into {folder}: {error.strerror}; choose another folder with --out"
-            self.notify(said, title="No screenshot", severity="error", markup=False)
+            message = f"cannot write into {folder}: {error.strerror}; choose another folder with --out"
+            self.notify(message, title="No screenshot", severity="error", markup=False)
             return
         self.notify(path, title="Screenshot saved", markup=False)

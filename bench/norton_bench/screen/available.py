@@ -1,4 +1,4 @@
-"""The rigs and sessions that lie about: in ./rigs and ./sessions, or in the working folder."""
+"""The rig and session files to choose from: in ./rigs and ./sessions, or else in the working folder."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from norton_bench.session.schema import Session, load_session, standard_session
 
 @dataclass(frozen=True)
 class Choice:
-    """One thing to choose: its name, what to say of it, and why it cannot be chosen, if so."""
+    """One thing to choose: its name, its description, and ``mistake``: why it cannot be chosen, empty if it can."""
 
     name: str
-    said: str
+    description: str
     mistake: str = ""
 
 
 @dataclass(frozen=True)
 class Available:
-    """Files of one kind, as choices, in order."""
+    """Files of one kind, and the choice that belongs to each, in the same order."""
 
     paths: Sequence[Path]
     choices: Sequence[Choice]
@@ -30,7 +30,7 @@ class Available:
 def find_rigs(folder: Path) -> Available:
     """Every TOML file in folder/rigs, or else in the folder, that has a section [rig]."""
     paths = [path for path in _files(folder, "rigs") if "[rig]" in _text(path)]
-    return _found(folder, paths, lambda path: _rig(load_rig(path)))
+    return _choices(folder, paths, lambda path: _rig(load_rig(path)))
 
 
 def find_sessions(folder: Path, rig: Rig) -> Available:
@@ -39,13 +39,13 @@ def find_sessions(folder: Path, rig: Rig) -> Available:
     Those that ``rig`` cannot perform come last, each with the reason. Takes a second the first time.
     """
     paths = [path for path in _files(folder, "sessions") if "[[step]]" in _text(path)]
-    found = _found(folder, paths, lambda path: _performed(load_session(path), rig))
-    order = sorted(range(len(paths)), key=lambda place: bool(found.choices[place].mistake))
-    return Available([found.paths[place] for place in order], [found.choices[place] for place in order])
+    available = _choices(folder, paths, lambda path: _performed(load_session(path), rig))
+    order = sorted(range(len(paths)), key=lambda place: bool(available.choices[place].mistake))
+    return Available([available.paths[place] for place in order], [available.choices[place] for place in order])
 
 
 def by_hand_choice(rig: Rig) -> Choice:
-    """No session, but an operator."""
+    """The bench moved by hand, without a session."""
     return Choice(
         "by hand", f"Nudge {rig.name} with the arrow keys, and watch every signal.\n\nnorton-bench jog {rig.place}"
     )
@@ -62,19 +62,20 @@ def _files(folder: Path, name: str) -> list[Path]:
     return sorted((own if own.is_dir() else folder).glob("*.toml"))
 
 
-def _found(folder: Path, paths: Sequence[Path], say: Callable[[Path], str]) -> Available:
-    return Available(paths, [_choice(folder, path, say) for path in paths])
+def _choices(folder: Path, paths: Sequence[Path], describe: Callable[[Path], str]) -> Available:
+    return Available(paths, [_choice(folder, path, describe) for path in paths])
 
 
-def _choice(folder: Path, path: Path, say: Callable[[Path], str]) -> Choice:
+def _choice(folder: Path, path: Path, describe: Callable[[Path], str]) -> Choice:
     try:
-        return Choice(path.stem, "\n\n".join(filter(None, (_comment(path), say(path), str(path.relative_to(folder))))))
+        paragraphs = (_comment(path), describe(path), str(path.relative_to(folder)))
+        return Choice(path.stem, "\n\n".join(filter(None, paragraphs)))
     except BenchError as error:
         return Choice(path.stem, "", str(error))
 
 
 def _comment(path: Path) -> str:
-    """What the file says of itself at its top."""
+    """The comment at the top of the file."""
     lines = []
     for line in _text(path).splitlines():
         if not line.startswith("#"):

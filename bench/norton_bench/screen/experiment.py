@@ -19,16 +19,16 @@ from norton_bench.session.schema import Session, load_session, standard_session
 
 
 class Source(Protocol):
-    """None of this waits, but for :meth:`close`."""
+    """A source of events. No method waits, except :meth:`close`."""
 
     def events(self) -> Iterable[SessionEvent]:
-        """All that are new."""
+        """All new events."""
         ...
 
     def order(self, order: Order) -> None: ...
 
     def stop(self, reason: str) -> None:
-        """At once. May be called from any thread."""
+        """Stop at once. May be called from any thread."""
         ...
 
     def close(self) -> None:
@@ -37,7 +37,7 @@ class Source(Protocol):
 
 
 class Running:
-    """A session under way, or what else may be performed in its place."""
+    """A running session, or another experiment in its place."""
 
     def __init__(self, rig: Rig, session: Session | Hostable, out: Path, seed: int | None) -> None:
         self._hosted = HostedSession(rig, session, out=out, seed=seed)
@@ -56,7 +56,7 @@ class Running:
 
 
 class Replayed:
-    """A recording, which obeys as a session would as far as it can: it stands still, or goes on."""
+    """A recording that is played back; of the orders it obeys pause and resume."""
 
     def __init__(self, replay: Replay, recording: Path) -> None:
         self.replay = replay
@@ -65,16 +65,16 @@ class Replayed:
 
     @property
     def summary(self) -> Ended | None:
-        """What follows from the recording, once :meth:`fit` has found it."""
+        """The result of :meth:`fit`, None before it is known."""
         return None if self._refit is None else self._refit.summary()
 
     @property
     def fitting(self) -> str:
-        """What that fit is at; empty where none was begun."""
+        """The stage of the fit; empty where none was started."""
         return "" if self._refit is None else self._refit.doing
 
     def fit(self) -> None:
-        """Begin to fit the recording, unless that has begun."""
+        """Start the fit of the recording, unless it was started."""
         self._refit = self._refit or Refit(self._recording)
 
     def events(self) -> Iterable[SessionEvent]:
@@ -95,15 +95,15 @@ class Replayed:
             self._refit = None
 
 
-# A session does not tell that it obeys; the recording that is replayed does at once.
+# A session sends no event for these; a replay obeys them at once.
 BY_KEY = "the operator, by key"
 
 
 class Experiment:
-    """Ready until :meth:`start`; over once its session has told how it ended.
+    """Ready until :meth:`start`; over after the event ``Ended``.
 
-    ``begin`` makes the source of its events, each time it is started; ``plan`` is shown until then. ``by_hand`` is
-    there where somebody moves the bench, and no session does.
+    ``begin`` makes the source of its events each time it is started; ``plan`` is shown until then. ``by_hand`` is
+    given where the bench is moved by hand, without a session.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Experiment:
 
     @property
     def replay(self) -> Replayed | None:
-        """The recording, where this is one."""
+        """The replay; None for a running session."""
         return self.source if isinstance(self.source, Replayed) else None
 
     @property
@@ -133,17 +133,17 @@ class Experiment:
 
     @property
     def live(self) -> bool:
-        """Whether a session is under way, be it that only its final fit goes on."""
+        """Whether a session runs, including its final fit."""
         return self.source is not None and self.replay is None and not self.over
 
     @property
     def moving(self) -> bool:
-        """Whether drives may move now or later: until the final fit begins."""
+        """Whether drives may still move: until the final fit begins."""
         return self.live and not self.picture.concluding
 
     @property
     def stoppable(self) -> bool:
-        """Whether there is anything that a stop would stop."""
+        """Whether a stop would have an effect."""
         return self.moving or (self.replay is not None and not self.replay.replay.paused and not self.over)
 
     @property
@@ -158,24 +158,24 @@ class Experiment:
 
     @property
     def summary(self) -> Ended | None:
-        """How it ended; of a replay what the recording was found to tell."""
+        """The event ``Ended``; of a replay, the result of the fit."""
         return self.picture.summary if self.replay is None else self.replay.summary
 
     @property
     def fitting(self) -> str:
-        """What the fit is at that goes on now; empty where none does."""
+        """The stage of a running fit; empty where none runs."""
         if self.replay is not None:
             return self.replay.fitting
         picture = self.picture
         return f"{picture.fitting}, {picture.fit_took_s} s so far" if picture.concluding else ""
 
     def start(self) -> None:
-        """Begin, or begin again after the end."""
+        """Start it, also again after its end."""
         self.picture, self.stopped = Picture(self.rig), False
         self.source = self._begin()
 
     def update(self) -> None:
-        """Take in what is new."""
+        """Take the new events."""
         if self.source is not None:
             for event in self.source.events():
                 self.picture.take(event)
@@ -186,19 +186,19 @@ class Experiment:
             self.source.order(Order(kind, text))
 
     def stop(self, reason: str = BY_KEY) -> None:
-        """At once, from whatever thread. The first reason counts."""
+        """Stop at once; from any thread. The first reason counts."""
         if self.source is not None and self.stoppable:
             self.stopped = True
             self.source.stop(reason)
 
     def seek(self, to_s: float) -> None:
-        """Replay from ``to_s`` on; what was known of later moments is forgotten."""
+        """Replay from ``to_s`` on; the state is built anew up to there."""
         if self.replay is not None:
             self.picture = Picture(self.rig)
             self.replay.replay.seek(to_s)
 
     def close(self) -> None:
-        """End the session, however long that takes."""
+        """End the session, and wait for its end."""
         if self.source is not None:
             self.source.close()
 
@@ -213,11 +213,9 @@ def badge_of(experiment: Experiment) -> Badge:
 
 @dataclass(frozen=True)
 class Opening:
-    """What was asked for on the command line, and experiments made of it.
+    """The choices of the command line, and the experiments made from them. What is not given is chosen on the screen.
 
-    ``make_out`` makes the folder for the results of a session on a rig, by the rig's name; it lies in ``runs``.
-
-    What is not given is chosen at the screen.
+    ``make_out`` makes the folder for the results, below ``runs``, from the name of the rig.
     """
 
     make_out: Callable[[str], Path]
@@ -231,7 +229,7 @@ class Opening:
     jog: Jog = field(default_factory=Jog)
 
     def given(self) -> Experiment | None:
-        """The experiment, where nothing is left to choose. Raises BenchError for files that cannot be used."""
+        """The experiment; None where rig or session must be chosen. Raises BenchError for files that cannot be used."""
         if self.recording is not None:
             return replayed(self.recording)
         if self.session_path is None:
@@ -243,7 +241,7 @@ class Opening:
         return None if rig_path is None else self._experiment(self.load_rig(rig_path), session)
 
     def load_rig(self, path: Path) -> Rig:
-        """On the backend asked for."""
+        """The rig in the file, on the backend of the command line."""
         return load_rig(path, backend=self.backend)
 
     def experiment(self, rig: Rig, session_path: Path | None) -> Experiment:
@@ -251,7 +249,7 @@ class Opening:
         return self._experiment(rig, standard_session(rig) if session_path is None else load_session(session_path))
 
     def by_hand(self, rig: Rig) -> Experiment:
-        """The rig moved by hand, as ``jog`` says."""
+        """The rig moved by hand, with the options of ``jog``."""
         return Experiment(
             rig, NAME, lambda: Running(rig, self.jog, self.make_out(rig.name), self.seed), by_hand=self.jog
         )
@@ -269,7 +267,7 @@ class Opening:
 
 
 def replayed(recording: Path) -> Experiment:
-    """The recording as an experiment that runs already. Raises UsageError."""
+    """The recording as an experiment that runs already. Raises UsageError for a file that cannot be replayed."""
     replay, read = load_replay(recording)
     rig = parse_rig(read.rig_text, place=str(recording))
     experiment = Experiment(rig, recording.name, lambda: Replayed(replay, recording))

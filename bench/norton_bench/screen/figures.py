@@ -1,4 +1,4 @@
-"""What the plots of an experiment show, from what is known of it."""
+"""The plots of an experiment, from its present state."""
 
 from dataclasses import replace
 from math import isfinite
@@ -16,7 +16,7 @@ TIME = "time"
 PHASE_S, FRESH_S = 20.0, 0.5
 PHASE_POINTS = 4000
 SOURCE_POINTS = 200
-# Ranges below these show nothing but noise and the steps of encoders.
+# Smaller ranges would show only noise and encoder counts.
 LEAST = {"N*m": 2e-3, "rad/s": 0.2, "rad": 2e-4}
 RISING, FALLING = "▴", "▾"
 NEEDED_FOR_SOURCE = ("torque_gain", "viscous_damping", "coulomb_torque")
@@ -29,7 +29,7 @@ def torque(picture: Picture, window_s: float) -> Figure:
 
 
 def velocity(picture: Picture, window_s: float, *, imposed: bool = True) -> Figure:
-    """The actuator's velocity, and beside it, dashed, the one that the load was told to follow if it is ``imposed``."""
+    """The velocity of the actuator; with ``imposed`` also, dashed, the velocity that the load should follow."""
     columns = ("velocity_rad_s", "reference_velocity_rad_s") if imposed else ("velocity_rad_s",)
     return _over_time(picture, window_s, "Velocity", "rad/s", columns, feet=False)
 
@@ -48,7 +48,7 @@ def torque_velocity(picture: Picture) -> Figure:
 
 
 def torque_position(picture: Picture) -> Figure:
-    """Torque against position about its middle, since the segment began: hysteresis draws itself."""
+    """Torque against position about its middle, since the segment began: the hysteresis."""
     rows, fresh = _of_segment(picture)
     position = rows["position_rad"]
     middle = (position.max() + position.min()) / 2 if len(position) else 0.0
@@ -58,12 +58,12 @@ def torque_position(picture: Picture) -> Figure:
 
 
 def source(picture: Picture) -> Figure:
-    """The motion source: a velocity, where it is a motor's, else a place."""
+    """The motion source: a velocity for a motor, else a position."""
     return _velocities(picture) if picture.rig.modelled and not picture.tabulated.sources else _places(picture)
 
 
 def _places(picture: Picture) -> Figure:
-    """Where the port rests under each command, by the side from which the command came."""
+    """The rest position under each command, for rising and falling commands."""
     unit, readings = picture.rig.command.unit, picture.tabulated.sources
     markers = []
     for style, sign in enumerate((RISING, FALLING)):
@@ -99,7 +99,7 @@ def _velocities(picture: Picture) -> Figure:
         tuple(trace for trace in traces if len(trace.x)),
         tuple(each for each in markers if len(each.x)),
         f"{RISING}{FALLING} {levels} levels" if levels else "",
-        empty="found in situ, at the end" if picture.in_situ else "fills in while the step 'free' runs",
+        empty="identified in situ, at the end" if picture.in_situ else "fills in while the step 'free' runs",
     )
 
 
@@ -128,15 +128,15 @@ def _over_time(
         Axis(TIME, "s", 1.0, (end_s - window_s, end_s)),
         Axis(title, unit, LEAST.get(unit, 1e-3)),
         tuple(seen),
-        latest=_said(float(rows[names[0]][-1]), unit) if len(rows) else "",
+        latest=_latest(float(rows[names[0]][-1]), unit) if len(rows) else "",
         growing=True,
         feet=feet,
-        legend="╌ asked for" if len(seen) > 1 else "",
+        legend="╌ commanded" if len(seen) > 1 else "",
     )
 
 
-def _said(value: float, unit: str) -> str:
-    """Always as wide, so that nothing dances beside it."""
+def _latest(value: float, unit: str) -> str:
+    """A value of constant width, so that the text beside it does not move."""
     if not isfinite(value):
         return "–"
     factor, shown = prefixed(abs(value), unit) if abs(value) >= 1e-3 else (1e3, f"m{pretty_unit(unit)}")
@@ -144,7 +144,7 @@ def _said(value: float, unit: str) -> str:
 
 
 def _of_segment(picture: Picture) -> tuple[Table, int]:
-    """The ticks of the segment that runs, not too many, and how many of them are fresh."""
+    """The ticks of the running segment, thinned, and how many of them are new."""
     rows = picture.recent.since(picture.first_ns + round((picture.now_s - PHASE_S) * 1e9))
     rows = rows[rows["segment"] != NO_SEGMENT]
     if not len(rows):

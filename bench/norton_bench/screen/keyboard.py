@@ -1,7 +1,6 @@
-"""The stop key is heard where keys come in, in the terminal driver's own thread: also while the screen is busy.
+"""The stop key is read in the thread of the terminal driver, so that it works also while the screen is busy.
 
-Bindings run on the event loop, behind whatever is being drawn. A stop must not wait for that, nor for a terminal that
-does not take what is written to it.
+Bindings run on the event loop, after pending drawing. A stop must not wait for that, nor for a slow terminal.
 """
 
 from collections.abc import Callable
@@ -11,12 +10,12 @@ from textual.driver import Driver
 from textual.events import Key
 from textual.message import Message
 
-# The driver waits once so many frames are unwritten; more than this, and a frame is left out instead.
+# With more unwritten frames than this a frame is left out; the driver itself would wait at a larger number.
 MOST_UNWRITTEN = 2
 
 
 def listening_to_keys(base: type[Driver], on_key: Callable[[str], None]) -> type[Driver]:
-    """The platform's driver, which shows every key to ``on_key`` before anything else happens with it."""
+    """The driver of the platform, which calls ``on_key`` with every key before it is handled."""
 
     class KeyListener(base):  # type: ignore[valid-type,misc]  # a class by its value
         def process_message(self, message: Message) -> None:
@@ -28,7 +27,7 @@ def listening_to_keys(base: type[Driver], on_key: Callable[[str], None]) -> type
 
 
 def keeps_up(driver: Any) -> bool:
-    """Whether the terminal takes what is written to it: over a slow line it does not, and frames would queue up."""
+    """Whether the terminal keeps up with the frames; over a slow line they would queue up."""
     writer = getattr(driver, "_writer_thread", None)
     queue = getattr(writer, "_queue", None)
     return queue is None or bool(queue.qsize() <= MOST_UNWRITTEN)

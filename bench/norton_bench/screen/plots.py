@@ -47,7 +47,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Figure:
-    """One plot. ``growing`` means that x is time. ``latest`` is said at the right of its heading."""
+    """One plot. ``growing`` means that x is time. ``latest`` is written at the right of its heading."""
 
     title: str
     x: Axis
@@ -55,27 +55,24 @@ class Figure:
     traces: tuple[Trace, ...] = ()
     markers: tuple[Markers, ...] = ()
     latest: str = ""
-    legend: str = ""  # what the second style is
+    legend: str = ""  # the meaning of the second style
     growing: bool = False
-    feet: bool = True  # numbers below; not where the plot beneath shares them
+    feet: bool = True  # numbers below; not where the plot beneath has the same
     empty: str = NOTHING_YET
 
 
 Range = tuple[float, float]
 
 MARGIN = 0.06
-# A range narrows only once less than this share of it is in use, so that it stands still meanwhile.
+# A range becomes narrower only when less than this share of it is used, so that it rarely changes.
 NARROW_BELOW = 0.45
-STEPS = 10  # a range ends on tidy numbers, about so many of them long
+STEPS = 10  # a range ends on round numbers, with about so many steps
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 _MANTISSAS = (1.0, 2.0, 5.0, 10.0)
 
 
 def settled(before: Range | None, values: FloatArray, least_span: float) -> Range:
-    """Ranges that do not fidget, ticks that read well, and units with a prefix where they need one.
-
-    The range to show ``values`` in: the one ``before`` as long as it fits them well.
-    """
+    """The range to show ``values`` in: the range ``before`` as long as it fits, so that it rarely changes."""
     known = values[np.isfinite(values)]
     if not known.size:
         return before or (-least_span / 2, least_span / 2)
@@ -135,7 +132,7 @@ DASH_DOTS, DASH_PERIOD_DOTS = 4, 8
 class View(NamedTuple):
     """Curves and points as braille cells: two by four dots a character, so that any terminal shows them.
 
-    Dots of several traces are joined in a cell, never replaced: a cell shows everything that passes through it.
+    Dots of several traces in one cell are combined, never replaced.
     Bits of a braille character: Unicode standard, chapter 21, "Braille Patterns" (U+2800).
 
     The piece of the plane that is drawn: least and greatest x and y at the outer edges, and its size in cells.
@@ -159,7 +156,7 @@ class View(NamedTuple):
 
 
 def line(view: View, x: FloatArray, y: FloatArray, *, dashed: bool = False) -> Dots:
-    """The dots of the curve through the points, in their order; one that is not finite breaks it."""
+    """The dots of the curve through the points, in order; a point that is not finite interrupts it."""
     column, row = view.place(x, y)
     known = np.isfinite(column) & np.isfinite(row)
     whole = known[:-1] & known[1:]
@@ -222,7 +219,7 @@ def cells(traces: list[Dots]) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.int
     return np.bitwise_or.reduce(codes), owner
 
 
-GUTTER = 7  # columns for the numbers at the left, the same for all plots so that they stand in line
+GUTTER = 7  # columns for the numbers at the left, the same for all plots so that they are aligned
 ROWS_A_TICK, COLUMNS_A_TICK = 2, 10
 MOST_TICKS = 6
 
@@ -232,7 +229,7 @@ IntArray = npt.NDArray[np.integer]
 
 @dataclass
 class Drawer:
-    """Draws one plot, again and again: its ranges are remembered, so that they stand still."""
+    """Draws one plot repeatedly, and remembers its ranges, so that they rarely change."""
 
     x_range: Range | None = None
     y_range: Range | None = None
@@ -253,7 +250,7 @@ class Drawer:
         return [head, *_with_gutter(plane, self.y_range, figure.y, rows), *feet]
 
     def forget(self) -> None:
-        """The next figure has nothing to do with those before."""
+        """Forget the ranges: the next figure is another one."""
         self.x_range = self.y_range = None
 
     def _settle(self, figure: Figure) -> None:
@@ -305,12 +302,12 @@ def _with_gutter(plane: list[Row], span: Range, axis: Axis, rows: int) -> list[R
     factor, _ = prefixed(max(abs(span[0]), abs(span[1])), axis.unit)
     most = min(max(2, rows // ROWS_A_TICK), MOST_TICKS)
     places, step = ticks(span, most), tidy_step((span[1] - span[0]) / most) * factor
-    said = {}
+    labels = {}
     for place in places:
         row = round((span[1] - place) / (span[1] - span[0]) * (rows * ROWS - 1)) // ROWS
-        said[row] = label(place * factor, step)
+        labels[row] = label(place * factor, step)
     return [
-        [(said.get(number, "").rjust(GUTTER)[:GUTTER], LABEL), ("┤" if number in said else "│", RULE), *row]
+        [(labels.get(number, "").rjust(GUTTER)[:GUTTER], LABEL), ("┤" if number in labels else "│", RULE), *row]
         for number, row in enumerate(plane)
     ]
 

@@ -29,7 +29,7 @@ KNOWN = frozenset(theme.name for theme in OWN) | frozenset(BUILTIN_THEMES)
 
 
 def user_themes(written: Mapping[str, Mapping[str, Any]]) -> list[Theme]:
-    """Those of the settings file."""
+    """The themes of the settings file."""
     return [Theme(name, **colours) for name, colours in written.items()]
 
 
@@ -46,7 +46,7 @@ DARK = "dark"
 
 @dataclass(frozen=True)
 class Settings:
-    """``keys`` by the id of what they do; ``themes`` by name: colours, and "dark"."""
+    """``keys`` by the id of their action; ``themes`` by name: colours, and "dark"."""
 
     theme: str = ""
     fps: float = FPS
@@ -64,15 +64,15 @@ class _File(BaseModel):
 
 
 def settings_path() -> Path:
-    """Where they are: ``$NORTON_BENCH_CONFIG``, or config.toml in the user's folder for norton-bench."""
-    said = os.environ.get(PLACE)
-    return Path(said) if said else user_config_path("norton-bench") / "config.toml"
+    """The settings file: ``$NORTON_BENCH_CONFIG``, or config.toml in the user's folder for norton-bench."""
+    path = os.environ.get(PLACE)
+    return Path(path) if path else user_config_path("norton-bench") / "config.toml"
 
 
 def load_settings(path: Path, known_keys: frozenset[str], known_themes: frozenset[str]) -> Settings:
-    """The settings in the file, or the usual ones where there is no such file and none was named.
+    """The settings in the file; the defaults where there is no file and none was named.
 
-    Raises UsageError: a line a mistake, each with its place and the mend.
+    Raises UsageError: a line for each mistake, with its place and the remedy.
     """
     if not path.exists() and PLACE not in os.environ:
         return Settings()
@@ -90,11 +90,11 @@ def load_settings(path: Path, known_keys: frozenset[str], known_themes: frozense
 def _check_keys(keys: Mapping[str, str], known: frozenset[str], mistakes: Mistakes) -> None:
     for name, written in keys.items():
         if name not in known:
-            mistakes.add(f"[keys] {name}", f"is nothing that a key can do; {nearest(name, known)}")
+            mistakes.add(f"[keys] {name}", f"is no action of a key; {nearest(name, known)}")
         elif not written.strip():
-            mistakes.add(f"[keys] {name}", 'names no key; write it like "f5" or "f5,ctrl+r"')
+            mistakes.add(f"[keys] {name}", 'is empty; write it like "f5" or "f5,ctrl+r"')
         elif name != STOP and STOP_KEY in [key.strip() for key in written.split(",")]:
-            mistakes.add(f"[keys] {name}", "space always stops and can do nothing else; choose another key")
+            mistakes.add(f"[keys] {name}", "space always stops; choose another key")
 
 
 def _check_themes(read: _File, known: frozenset[str], mistakes: Mistakes) -> None:
@@ -107,7 +107,7 @@ def _check_themes(read: _File, known: frozenset[str], mistakes: Mistakes) -> Non
                 if not isinstance(value, bool):
                     mistakes.add(f"{where} {key}", f"expected true or false, not {toml(value)}")
             elif key not in COLOURS:
-                mistakes.add(f"{where} {key}", f"is no colour of a theme; {nearest(key, (*COLOURS, DARK))}")
+                mistakes.add(f"{where} {key}", f"is not a colour of a theme; {nearest(key, (*COLOURS, DARK))}")
             elif not (isinstance(value, str) and COLOUR.fullmatch(value)):
                 mistakes.add(f"{where} {key}", f'expected a colour like "#4f9dde", not {toml(value)}')
     themes = known | read.themes.keys()

@@ -1,9 +1,9 @@
-"""What a piece of text is, in one word; the style sheet says what it looks like. Plain data, no terminal needed."""
+"""Names of styles for pieces of text; the style sheet defines them. Plain data, no terminal needed."""
 
 Run = tuple[str, str]  # text and style
 Row = list[Run]
 
-# The three of traces, what is around them, and what is said of anything.
+# Three for traces, those around traces, and those for text.
 TRACES = ("first", "second", "faint")
 HEADING, UNIT, LABEL, RULE, GRID = "heading", "unit", "label", "rule", "grid"
 TEXT, STRONG, GOOD, WARNING, BAD = "text", "strong", "good", "warning", "bad"
@@ -12,7 +12,7 @@ STYLES = (*TRACES, HEADING, UNIT, LABEL, RULE, GRID, TEXT, STRONG, GOOD, WARNING
 
 
 def length(row: Row) -> int:
-    """In characters; all of ours are one column wide."""
+    """Length in characters; all that are used are one column wide."""
     return sum(len(text) for text, _ in row)
 
 
@@ -27,14 +27,14 @@ def fitted(row: Row, width: int) -> Row:
 
 
 def apart(left: Row, right: Row, width: int) -> Row:
-    """One at either end; where there is no room for both, the left one gives way."""
+    """One at each end; where there is no room for both, the left one is cut."""
     room = max(width - length(right), 0)
     gap = min(1, room)
     return [*fitted(left, room - gap), (" " * gap, TEXT), *fitted(right, min(width, length(right)))]
 
 
 def heading(title: str, unit: str, latest: str, width: int, legend: str = "") -> Row:
-    """One row: title and unit, what the second style is, a rule, and what is to be said at its right end."""
+    """One row: title and unit, the legend of the second style, a rule, and ``latest`` at the right."""
     left: Row = [(title, HEADING)] + ([(f" {unit}", UNIT)] if unit else [])
     right: Row = [(f" {latest}", "first")] if latest else []
     explained: Row = [*left, (f"  {legend}", "second")] if legend else left

@@ -1,4 +1,4 @@
-"""Earlier runs, from the files that they left: the result of each, two of them side by side, a parameter over time."""
+"""Earlier runs, read from their files: the result of each, the difference of two, a parameter over time."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,9 +22,9 @@ DAYS_A_MONTH = 30.0
 
 @dataclass(frozen=True)
 class Run:
-    """One recording. ``started`` is None where it does not say; ``ending`` says what became of it.
+    """One recording. ``started`` is None where the file has no such entry; ``ending`` says in words how it ended.
 
-    ``estimates`` are those of its network file, by their names; none where there is no such file.
+    ``estimates`` are those of its network file, by name; empty where there is no such file.
     """
 
     recording: Path
@@ -37,7 +37,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Difference:
-    """``second`` less ``first``, with the deviation of independent sessions [unit of both]."""
+    """``second`` minus ``first``, with the standard deviation for independent sessions [unit of both]."""
 
     first: Estimate
     second: Estimate
@@ -59,25 +59,25 @@ class Trend:
 
 
 def runs_in(folder: Path) -> tuple[Run, ...]:
-    """Of every recording below ``folder``, the oldest first. Raises UsageError where there is no such folder."""
+    """The run of every recording below ``folder``, the oldest first. Raises UsageError for a folder that is missing."""
     if not folder.is_dir():
         raise UsageError(f"{folder}: no such folder; name the one that holds your runs")
-    found = [_run(path) for path in sorted(folder.rglob("*.mcap"))]
-    return tuple(sorted(found, key=lambda run: run.started.timestamp() if run.started else 0.0))
+    runs = [_run(path) for path in sorted(folder.rglob("*.mcap"))]
+    return tuple(sorted(runs, key=lambda run: run.started.timestamp() if run.started else 0.0))
 
 
 def run_of(place: Path) -> Run:
-    """That of a recording, or of the folder of one run. Raises UsageError where it is not one run."""
+    """The run of a recording, or of a folder with exactly one recording. Raises UsageError otherwise."""
     if not place.is_dir():
         return _run(place)
-    found = sorted(place.glob("*.mcap"))
-    if len(found) != 1:
-        raise UsageError(f"{place}: holds {len(found) or 'no'} recordings; name the recording (.mcap)")
-    return _run(found[0])
+    recordings = sorted(place.glob("*.mcap"))
+    if len(recordings) != 1:
+        raise UsageError(f"{place}: holds {len(recordings) or 'no'} recordings; name the recording (.mcap)")
+    return _run(recordings[0])
 
 
 def compare(first: Run, second: Run) -> tuple[Difference, ...]:
-    """Parameter by parameter. Raises UsageError where they have none in common, or in other units."""
+    """The difference of each parameter. Raises UsageError where they share no parameter, or where units differ."""
     names = [name for name in first.estimates if name in second.estimates]
     if not names:
         raise UsageError(f"{first.recording} and {second.recording}: have no identified parameter in common")
@@ -86,9 +86,9 @@ def compare(first: Run, second: Run) -> tuple[Difference, ...]:
 
 
 def trend_of(name: str, runs: Sequence[Run]) -> Trend:
-    """Of the parameter ``name`` over ``runs``, which all have it. Raises UsageError for fewer than two of them."""
+    """The trend of parameter ``name`` over ``runs``, which all have it. Raises UsageError for fewer than two runs."""
     if len(runs) < 2:
-        raise UsageError(f"{name}: a trend needs two runs that identified it, here {len(runs)}")
+        raise UsageError(f"{name}: a trend needs two runs that identified it, here there are {len(runs)}")
     estimates = [run.estimates[name] for run in runs]
     units = {estimate.unit for estimate in estimates}
     if len(units) > 1:
@@ -103,7 +103,7 @@ def trend_of(name: str, runs: Sequence[Run]) -> Trend:
 
 
 def _line(times: FloatArray, values: FloatArray, stds: FloatArray) -> tuple[float, float]:
-    """Slope and deviation of a straight line; scatter about it beyond the values' own widens, as in ``combine``."""
+    """Slope and its standard deviation, which grows with scatter beyond the values' own, as in ``combine``."""
     weights, free = 1.0 / stds**2, len(values) - 2
     centred = times - weights @ times / weights.sum()
     information = float(weights @ centred**2)
@@ -117,35 +117,35 @@ def _line(times: FloatArray, values: FloatArray, stds: FloatArray) -> tuple[floa
 def _run(path: Path) -> Run:
     network_file = path.with_suffix(".network.json")
     estimates: dict[str, Estimate] = {}
-    told: Mapping[str, str] = {}
+    metadata: Mapping[str, str] = {}
     try:
         if network_file.is_file():
             network = NortonNetwork.load(network_file)
-            estimates, told = _estimates(network), network.provenance
+            estimates, metadata = _estimates(network), network.provenance
             ending = _in_words(estimates.values())
         else:
-            told, events = read_happenings(path)
+            metadata, events = read_happenings(path)
             ending = next((event.text for event in reversed(events) if event.kind == "stop"), "no network identified")
     except UsageError as unreadable:
         ending = str(unreadable)
-    return Run(path, told.get("rig", "?"), told.get("session", "?"), _time(told), ending, estimates)
+    return Run(path, metadata.get("rig", "?"), metadata.get("session", "?"), _time(metadata), ending, estimates)
 
 
 def _in_words(estimates: Iterable[Estimate]) -> str:
-    """How many values are good for what."""
+    """How many values have each status, in words."""
     counts = Counter(estimate.status.value for estimate in estimates)
     return ", ".join(f"{count} {status}" for status, count in counts.items())
 
 
-def _time(told: Mapping[str, str]) -> datetime | None:
+def _time(metadata: Mapping[str, str]) -> datetime | None:
     try:
-        return datetime.fromisoformat(told.get("started", ""))
+        return datetime.fromisoformat(metadata.get("started", ""))
     except ValueError:
         return None
 
 
 def _estimates(network: NortonNetwork) -> dict[str, Estimate]:
-    """What the network holds, with the status that its session gave."""
+    """The values in the network file, with the status that the session gave them."""
     variances = dict(zip(network.covariance_names, np.diag(np.atleast_2d(network.covariance)), strict=True))
     status = told_statuses(network.provenance)
     return {

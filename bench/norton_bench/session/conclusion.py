@@ -52,7 +52,7 @@ NEEDED = ("rig", "command_unit", "tick_s")
 
 
 def _unreported(_line: str) -> None:
-    """Nobody waits for it."""
+    """Report nothing."""
 
 
 def conclude(
@@ -94,29 +94,29 @@ def conclude(
 
 
 def _identified(result: Result, measured: Measured, network_file: Path, on_stage: OnStage) -> Result:
-    """What needs no model, and the motor where the actuator is one."""
-    tick_s, cleaned = float(result.metadata["tick_s"]), clean(measured)
-    data = cleaned.measured
+    """Add the tables, which need no model, and for a motor the fit of its parameters."""
+    tick_s, data = float(result.metadata["tick_s"]), clean(measured)
+    cleaned = data.measured
     result = replace(
         result,
-        blocked_map=_where_measured(blocked_map, data),
-        source=_where_measured(source_table, data),
-        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), data),
-        modulator=_where_measured(modulator_places, data),
+        blocked_map=_where_measured(blocked_map, cleaned),
+        source=_where_measured(source_table, cleaned),
+        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), cleaned),
+        modulator=_where_measured(modulator_places, cleaned),
         trials=trials(measured, tick_s, ITERATED),
     )
     if result.metadata.get("model") == NO_MODEL:
-        judged = tabulated_conditions(result.source, result.exertion)
-        return replace(result, source_map=_where_measured(source_map, data), conditions=judged)
-    return _fitted(result, cleaned, network_file, on_stage)
+        verdicts = tabulated_conditions(result.source, result.exertion)
+        return replace(result, source_map=_where_measured(source_map, cleaned), conditions=verdicts)
+    return _fitted(result, data, network_file, on_stage)
 
 
-def _fitted(so_far: Result, cleaned: Cleaned, network_file: Path, on_stage: OnStage) -> Result:
-    """The motor's parameters, and what checks them."""
-    tick_s, segments = float(so_far.metadata["tick_s"]), cleaned.measured.segments
+def _fitted(so_far: Result, data: Cleaned, network_file: Path, on_stage: OnStage) -> Result:
+    """Add the motor's parameters, and the tests of the fit."""
+    tick_s, segments = float(so_far.metadata["tick_s"]), data.measured.segments
     learnt = so_far.live[-1].estimates if so_far.live else ()
     on_stage(PARAMETERS)
-    fit = fit_judged(cleaned, command_unit=so_far.command_unit, tick_s=tick_s)
+    fit = fit_judged(data, command_unit=so_far.command_unit, tick_s=tick_s)
     stretches, unseen, error = fit.stretches, fit.unseen, fit.error
     on_stage(FRICTION)
     result, rungs = with_what_moved(fit.result, fit.fitted, learnt), bench_ladder(stretches, fit.fitted)
@@ -128,8 +128,8 @@ def _fitted(so_far: Result, cleaned: Cleaned, network_file: Path, on_stage: OnSt
     modelless = without_model(result, stretches, unseen, segments)
     table = None if modelless is None else modelless.table
     port = PortTorque.of(result, table, stretches[0].origin_ns)
-    static = _where_measured(partial(source_map, port=port), cleaned.measured)
-    evidence = evidence_of(result, stretches, cleaned.measured, validation=checked, modelless=modelless, source=static)
+    static = _where_measured(partial(source_map, port=port), data.measured)
+    evidence = evidence_of(result, stretches, data.measured, validation=checked, modelless=modelless, source=static)
     return replace(
         so_far,
         fit=result,
@@ -153,8 +153,10 @@ def _where_measured(value_of: Callable[[Part], Value], measured: Part) -> Value 
 
 
 def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path | None:
-    """The network file; none where the data contradict themselves, or no machine has such values: a file is used
-    without its verdict."""
+    """Write the network file, unless the data contradict themselves or no machine can have such values.
+
+    A network file does not carry the verdict, so that a bad one must not exist.
+    """
     if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates) or beyond_bounds(result.network):
         return None
     not_valid = [each for each in result.estimates if each.status is not Status.VALID]
@@ -163,9 +165,9 @@ def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path
     return path
 
 
-def _source_saved(found: InSituResult, path: Path) -> Path | None:
-    """The motion source, tick by tick; none where the experiment did not come so far."""
-    source = found.source
+def _source_saved(in_situ: InSituResult, path: Path) -> Path | None:
+    """Write the motion source, tick by tick; None where the experiment ended before it was measured."""
+    source = in_situ.source
     if source is None:
         return None
     time_s = np.arange(len(source.command)) * source.tick_s
@@ -175,10 +177,10 @@ def _source_saved(found: InSituResult, path: Path) -> Path | None:
 
 
 def check_metadata(path: Path, metadata: Mapping[str, str]) -> None:
-    """Raises UsageError where they lack what a fit needs."""
+    """Raises UsageError where a key that a fit needs is missing."""
     for key in NEEDED:
         if key not in metadata:
-            raise UsageError(f"{path}: its metadata lack '{key}'; it was not recorded by norton-bench")
+            raise UsageError(f"{path}: its metadata have no '{key}'; it was not recorded by norton-bench")
 
 
 def conclude_recording(path: Path, out: Path | None = None, on_stage: OnStage = _unreported) -> Result:

@@ -1,7 +1,7 @@
-"""A session looked through before it runs: every step against the rig, what it asks for at most, and how long it takes.
+"""A dry run: every step is checked against the rig, with its greatest commands and its duration, before anything runs.
 
-No port is opened and nothing is simulated: the steps' plans are made with answers that are made up so as to ask for as
-much as may be. What the bench itself decides meanwhile, the guard watches when it is time.
+No port is opened and nothing is simulated. The plans of the steps get made-up measurements, chosen so that the plans
+become as large as they can. What depends on real measurements is left to the guard during the session.
 """
 
 from collections.abc import Iterator
@@ -23,14 +23,14 @@ from norton_bench.session.rehearsal import rehearsed
 from norton_bench.session.script import Ask
 from norton_drivers.registry import load_backend
 
-SIMULATED = "simulated"  # a backend that opens nothing outside this program
+SIMULATED = "simulated"  # a backend that opens nothing outside of this program
 # Limits are written in decimal.
 ROUNDING = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
 class Peaks:
-    """What a step asks for at most: command in its own unit, and of the load drive torque, velocity, and travel."""
+    """The greatest values that a step commands: the command in its unit; torque, velocity and travel of the load."""
 
     command: float = 0.0
     load_torque_nm: float = 0.0
@@ -46,9 +46,9 @@ class Peaks:
 
 @dataclass(frozen=True)
 class DryStep:
-    """One step of the plan: when it begins at the latest [s of bench time], and what it asks for.
+    """One step of the plan: its latest begin [s of bench time], and the greatest values that it commands.
 
-    ``segments`` is how many it is made of, 0 where it is decided as it goes.
+    ``segments`` is the number of its segments, 0 for an adaptive step.
     """
 
     planned: PlannedStep
@@ -59,7 +59,7 @@ class DryStep:
 
 @dataclass(frozen=True)
 class DryRun:
-    """All steps as they would come if every condition let them, and what is asked of the operator."""
+    """All steps, as if every condition held, and the prompts to the operator."""
 
     steps: tuple[DryStep, ...]
     prompts: tuple[Prompt, ...]
@@ -74,8 +74,7 @@ class DryRun:
 
 
 def dry_run(session: Session, rig: Rig, *, seed: int | None = None) -> DryRun:
-    """Raises RigError, UsageError and WiringError as the session itself would, and RigError where a step goes beyond a
-    limit."""
+    """Raises RigError, UsageError and WiringError as the session would; and RigError where a step exceeds a limit."""
     program = make_program(session, rig)
     _check_simulated(session, rig, seed)
     every = list(program.every_turn())
@@ -98,13 +97,13 @@ def dry_run(session: Session, rig: Rig, *, seed: int | None = None) -> DryRun:
 
 
 def _check_simulated(session: Session, rig: Rig, seed: int | None) -> None:
-    """What the backend reads before it opens anything: the true values of a simulation, and the faults in it."""
+    """Check what a simulation reads before it starts: its true values, and the faults."""
     with closing(load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)) as backend:
         rehearsed(session, backend)
 
 
 def _asked(action: Procedure | Adaptive, rig: Rig) -> tuple[int, Peaks]:
-    if isinstance(action, Adaptive):  # its own choice keeps to the limits
+    if isinstance(action, Adaptive):  # the velocities that the step chooses keep to the limits
         return 0, Peaks()
     segments = tuple(segments_of(action, Knowledge(rig)))
     return len(segments), peaks_of(segments)
@@ -116,7 +115,7 @@ def _place(session: Session, made: Made) -> str:
 
 
 def segments_of(procedure: Procedure, known: Knowledge) -> Iterator[Segment]:
-    """Everything that its plan asks for, when all searches go on to their end."""
+    """All segments of its plan, with every search going on to its end."""
     plan = procedure.plan(known)
     segment = next(plan, None)
     while segment is not None:
@@ -128,7 +127,7 @@ def segments_of(procedure: Procedure, known: Knowledge) -> Iterator[Segment]:
 
 
 def pretended(segment: Segment, tick_s: float) -> Measured:
-    """What might have been measured: a shaft that turns as it is pushed, and a sensor that feels it."""
+    """A made-up measurement: a shaft that turns as it is pushed, and a sensor that measures the push."""
     ticks = np.zeros(segment.ticks, TICK)
     ticks["tick_ns"] = np.round(np.arange(segment.ticks) * tick_s * 1e9)
     ticks["command"] = segment.command
@@ -149,7 +148,7 @@ def pretended(segment: Segment, tick_s: float) -> Measured:
 
 
 def peaks_of(segments: tuple[Segment, ...]) -> Peaks:
-    """Of all of them, one after the other; an imposed motion begins where the last one ended."""
+    """The greatest values of all segments in sequence; an imposed motion begins where the last one ended."""
     peaks, stands_rad = Peaks(), 0.0
     for segment in segments:
         position_rad = segment.position_rad
@@ -157,7 +156,7 @@ def peaks_of(segments: tuple[Segment, ...]) -> Peaks:
             reached_rad = stands_rad + position_rad
             stands_rad = float(reached_rad[-1])
         else:
-            reached_rad, stands_rad = np.zeros(1), 0.0  # where it coasts to, nobody knows beforehand
+            reached_rad, stands_rad = np.zeros(1), 0.0  # where it coasts to is not known beforehand
         peaks = peaks.or_greater(
             Peaks(
                 _peak(segment.command), _peak(segment.load_torque_nm), _peak(segment.velocity_rad_s), _peak(reached_rad)
@@ -167,7 +166,7 @@ def peaks_of(segments: tuple[Segment, ...]) -> Peaks:
 
 
 def beyond(peaks: Peaks, rig: Rig) -> Iterator[str]:
-    """What goes beyond the rig's limits, in words with the mend."""
+    """A sentence for each limit of the rig that is exceeded, with the remedy."""
     limits, unit = rig.limits, rig.command.unit
     for asked, allowed, words, key, unit_text in (
         (peaks.command, rig.command.limit, "commands", "[actuator] command", unit),

@@ -1,4 +1,4 @@
-"""A session from beginning to end: check, open the devices, run step by step, close the recording, fit."""
+"""A session from beginning to end: check, open the devices, run the steps, close the recording, fit."""
 
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -71,14 +71,14 @@ def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[D
     }
 
 
-# In lock step nothing is late while the recorder catches up.
+# In lock step the loop may wait for the recorder: nothing becomes late by it.
 LOCK_STEP_PATIENCE_S = 30.0
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """What an experiment has measured, as its recording has it, before anything is fitted to it."""
+    """What an experiment has measured, as read from its recording, before any fit."""
 
     recording: Path
     metadata: Mapping[str, str]
@@ -89,10 +89,10 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Terms:
-    """How a session is to run: where its files go, who watches it, who gives orders and answers, and what it resumes.
+    """How to run a session: the folder of its files, its watcher, its operator, and what it resumes.
 
-    ``resume`` is a recording, or the folder of one, whose finished steps are not done again. ``fits`` says whether
-    parameters are identified, live and at the end.
+    ``resume`` is a recording, or the folder of one, whose finished steps are not done again. ``fits`` is False where no
+    parameters are to be identified, neither live nor at the end.
     """
 
     out: Path
@@ -115,11 +115,11 @@ def run_session(
     answers: Answers | None = None,
     resume: Path | None = None,
 ) -> Result:
-    """Run ``session`` on ``rig``; recording, network and report go to the folder ``out``.
+    """Run ``session`` on ``rig``; recording, network and report are written to the folder ``out``.
 
-    ``on_event`` is called with every event; the last one is ``Ended``, however the session ends. ``answers`` answer its
-    prompts beforehand. ``resume`` is a recording, or the folder of one: the session goes on after its last
-    finished step. Raises as :func:`record_session` does, and ExperimentError where nothing can be fitted to the data.
+    ``on_event`` is called with every event; the last one is ``Ended``, however the session ends. ``answers`` are given
+    to its prompts. ``resume`` is a recording, or the folder of one: the session goes on after its last finished step.
+    Raises as :func:`record_session` does, and ExperimentError for data that cannot be fitted.
     """
     terms = Terms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
     return _carried_out(terms, rig, session, lambda: make_experiment(session, rig))
@@ -136,7 +136,7 @@ def run_script(
     answers: Answers | None = None,
     resume: Path | None = None,
 ) -> Result:
-    """The same for a script of your own (:mod:`norton_bench.session.script`), whose name goes into the recording."""
+    """As :func:`run_session`, for a script (:mod:`norton_bench.session.script`). Its name is recorded."""
     terms = Terms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
     return _carried_out(terms, rig, _session_of(script), lambda: Experiment(script))
 
@@ -178,7 +178,7 @@ def _carried_out(terms: Terms, rig: Rig, session: Session, experiment: Callable[
 
 
 def _reporting_its_end(terms: Terms, perform: Callable[[], Value], end_of: Callable[[Value], Ended]) -> Value:
-    """The last event, whatever the end is."""
+    """Perform, and send the last event however that ends."""
     emit = terms.on_event
     earlier = set(terms.out.glob("*.mcap"))
     try:
@@ -235,9 +235,9 @@ def record_procedures(
     on_event: Watcher = ignore,
     operator: Operator | None = None,
 ) -> Recorded:
-    """Carry out ``procedures`` as a session's steps, on ``backend`` or on the rig's own; either is closed at the end.
+    """Carry out ``procedures`` as the steps of a session, on ``backend`` or on the rig's own; it is closed at the end.
 
-    ``known`` is what another session on this bench has learned. The recording lists the faults that were injected.
+    ``known`` is the knowledge from an earlier session on this bench. The recording lists injected faults.
     Raises RigError and UsageError before anything moves; DeviceError, SafetyStopError, OperatorStopError and
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
@@ -262,7 +262,7 @@ def _recorded(
 
 @dataclass(frozen=True)
 class _Performed:
-    """An experiment that is over, its recording closed."""
+    """An experiment that has ended, with its recording closed."""
 
     recording: Path
     knowledge: Knowledge
@@ -310,7 +310,8 @@ def _performed(
         _report_readiness(loop, rig, emit)
         _perform(run, experiment, then="; now the final fit" if terms.fits else "")
     if recorder.dropped_parts:
-        emit(Note(f"{recorder.dropped_parts} parts were not recorded: the disk stood still; the fit lacks them"))
+        lost = recorder.dropped_parts
+        emit(Note(f"{lost} parts were not recorded, because the disk was too slow; the fit does not have them"))
     return _Performed(recorder.path, so_far.known, earlier)
 
 
@@ -318,7 +319,7 @@ def _performed(
 def _warm_loop(
     terms: Terms, rig: Rig, backend: Backend, operator: Operator, *, in_process: bool
 ) -> Iterator[BenchLoop]:
-    """The devices, open, and all code compiled.
+    """Open the devices, and compile all code.
 
     Where the loop has a process of its own the ports are opened first: a missing port is reported before the first run
     compiles.

@@ -1,4 +1,4 @@
-"""A session in a process of its own, watched from here: events come over a pipe, orders go back over another.
+"""A session in a process of its own, watched from this one: events come over a pipe, orders go back over another.
 
 The session never waits for its watcher. A slow watcher loses parts, which the recording has. A watcher that is gone
 ends the session as an operator's stop does: the drives idle, the recording complete.
@@ -33,9 +33,10 @@ MOST_PARTS = 256
 
 
 class Mailbox:
-    """Events on their way to a watcher, who may be slow: parts are bounded in number, all else is kept.
+    """A queue of events for a watcher that may be slow. The number of parts in it is limited; other events are never
+    lost.
 
-    Between threads. Where too many parts wait, the oldest is dropped, and the next part says how many were.
+    It connects two threads. When too many parts wait, the oldest is dropped, and the next part carries the number.
     """
 
     def __init__(self, most_parts: int = MOST_PARTS) -> None:
@@ -56,7 +57,7 @@ class Mailbox:
             self._changed.notify()
 
     def take(self) -> tuple[SessionEvent, ...]:
-        """All there is, in order. Never waits."""
+        """All events in it, in order. Never waits."""
         with self._changed:
             events = tuple(self._events)
             self._events.clear()
@@ -64,7 +65,7 @@ class Mailbox:
             return events
 
     def wait(self) -> SessionEvent | None:
-        """The next one, as soon as there is one; None once the box is closed and empty."""
+        """Wait for the next event; None once the box is closed and empty."""
         with self._changed:
             self._changed.wait_for(lambda: self._events or self._closed)
             if not self._events:
@@ -74,7 +75,7 @@ class Mailbox:
             return event
 
     def close(self) -> None:
-        """Nothing more will be put."""
+        """Accept no more events."""
         with self._changed:
             self._closed = True
             self._changed.notify()
@@ -90,15 +91,15 @@ class Mailbox:
 
 
 class Hostable(Protocol):
-    """What else may be run in the child process; it is sent there as a pickle."""
+    """Something other than a session that can be run in the child process; it is sent there as a pickle."""
 
     def perform(self, rig: Rig, *, out: Path, seed: int | None, on_event: Watcher, operator: Operator) -> object:
-        """The last event is ``Ended``, however it ends."""
+        """Run it. The last event must be ``Ended``, however it ends."""
         ...
 
 
 class HostedSession:
-    """``session`` on ``rig``, under way in a spawned child as soon as this is made; results go to the folder ``out``.
+    """``session`` on ``rig``, started in a spawned process by the constructor; files are written to the folder ``out``.
 
     Neither :meth:`events` nor :meth:`order` nor :meth:`stop` ever waits.
     """
@@ -119,7 +120,7 @@ class HostedSession:
         orders_end.close()
         self._reader = Thread(target=self._read, args=(events,), name="session events", daemon=True)
         self._reader.start()
-        # Before multiprocessing's own, which would wait for the session to come to its natural end.
+        # Before multiprocessing's own handler, which would wait until the session is complete.
         atexit.register(self.close)
 
     @property
@@ -131,20 +132,20 @@ class HostedSession:
         return self._process.is_alive()
 
     def events(self) -> Sequence[SessionEvent]:
-        """What has come since this was last called, in order; the last one ever is ``Ended``."""
+        """The events since the last call, in order; the very last one is ``Ended``."""
         return self._mailbox.take()
 
     def order(self, order: Order) -> None:
-        """Hand it on; one for a session that is over goes nowhere."""
+        """Send an order; ignored once the session is over."""
         with suppress(OSError):
             self._orders.send(order)
 
     def stop(self, reason: str) -> None:
-        """At once: the loop hears it in its next tick."""
+        """Stop the session at once: the loop stops in its next tick."""
         self.stop_word.say(reason)
 
     def close(self) -> None:
-        """Stop what still runs, and wait until it has; may be called twice. A final fit is given up."""
+        """Stop what still runs, and wait for its end; may be called twice. A final fit is abandoned."""
         atexit.unregister(self.close)
         self.stop_word.say("the watcher has left")
         self._orders.close()
@@ -177,12 +178,12 @@ class HostedSession:
 
     def _report_its_death(self) -> None:
         self._process.join(END_WITHIN_S)
-        said = (
-            f"the session's process ended unexpectedly (exit code {self._process.exitcode}); what was measured is in "
+        message = (
+            f"the process of the session ended unexpectedly (exit code {self._process.exitcode}); the data are in "
             f"{self._out}: norton-bench recover repairs a recording that was cut off"
         )
         self._mailbox.put(StateChanged(SessionState.FAILED))
-        self._mailbox.put(Ended(ExitCode.EXPERIMENT_FAILED, said))
+        self._mailbox.put(Ended(ExitCode.EXPERIMENT_FAILED, message))
 
 
 class _Remote:

@@ -32,7 +32,7 @@ NOT = "not "
 
 @dataclass(frozen=True)
 class Comparison:
-    """ "> 2 %": a number on one side of a quantity, which is kept as it was written until its unit is known."""
+    """ "> 2 %": compares a number with a quantity, which stays as text until its unit is known."""
 
     sign: str
     quantity: str
@@ -46,7 +46,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Condition:
-    """Everything in it must hold. ``interval`` is half of the 95 % interval over the value; nothing known is endless.
+    """All parts must hold. ``interval`` is half of the 95 % interval over the value; infinite while nothing is known.
 
     ``status`` may begin with "not ". ``answer`` names a prompt, whose answer must be ``expected``.
     """
@@ -59,27 +59,27 @@ class Condition:
     expected: str = ""
 
     def holds(self, so_far: SoFar) -> bool:
-        """Takes a fit, seconds, where it asks for a parameter. Raises UsageError for an answer nobody gave."""
+        """Fits the data (seconds) if it names a parameter. Raises UsageError where a prompt has no answer yet."""
         if self.answer:
             return self._answered(so_far)
         return self.holds_of(so_far.parameter(self.parameter))
 
-    def holds_of(self, found: ParameterResult) -> bool:
-        """The same, of a parameter at hand."""
+    def holds_of(self, result: ParameterResult) -> bool:
+        """Whether it holds for this parameter."""
         return (
-            (self.value is None or self.value.holds(found.value, found.unit))
-            and (self.interval is None or self.interval.holds(found.interval, ""))
-            and (not self.status or self._has_status(found.status.value))
+            (self.value is None or self.value.holds(result.value, result.unit))
+            and (self.interval is None or self.interval.holds(result.interval, ""))
+            and (not self.status or self._has_status(result.status.value))
         )
 
     def check(self, command_unit: str) -> None:
-        """Raises ValueError, in a sentence, where the value is no quantity in the parameter's unit."""
+        """Raises ValueError where the value is not a quantity in the parameter's unit."""
         if self.value is not None:
             parse_quantity(self.value.quantity, BY_NAME[self.parameter].unit_for(command_unit))
 
     def _answered(self, so_far: SoFar) -> bool:
         if self.answer not in so_far.answers:
-            raise UsageError(f'nobody was asked "{self.answer}" yet; put a step do = "ask" with that name before it')
+            raise UsageError(f'prompt "{self.answer}" has no answer yet; put a step do = "ask" of that name before')
         return so_far.answers[self.answer] == self.expected
 
     def _has_status(self, status: str) -> bool:
@@ -99,26 +99,26 @@ class Condition:
 
 
 def compared(written: object, *, alone: str = "") -> Comparison:
-    """``"> 2 %"`` read; ``alone`` is the sign of a quantity without one, none: it must have one.
+    """Parse ``"> 2 %"``. ``alone`` is the operator of a quantity that has none; empty: an operator is required.
 
-    Raises ValueError, in a sentence.
+    Raises ValueError for anything else.
     """
     match = COMPARED.fullmatch(written) if isinstance(written, str) else None
     sign = match and (match[1] or alone)
     if match is None or not sign:
-        raise ValueError(f'{written!r} compares nothing; write it like "< 2 %", with one of <, <=, >, >=')
+        raise ValueError(f'{written!r} is no comparison; write it like "< 2 %", with one of <, <=, >, >=')
     return Comparison(sign, match[2])
 
 
 def share(written: object) -> Comparison:
-    """A share, at most that where there is no sign. Raises ValueError, in a sentence."""
+    """A comparison of a share such as "1 %", which means "<= 1 %". Raises ValueError for anything else."""
     comparison = compared(written, alone="<=")
     parse_quantity(comparison.quantity, "")
     return comparison
 
 
 def parameter_name(name: str) -> str:
-    """``name``, where there is such a parameter. Raises ValueError, in a sentence."""
+    """``name``. Raises ValueError where no parameter is called so."""
     try:
         check_name(name)
     except UsageError as error:
@@ -127,7 +127,7 @@ def parameter_name(name: str) -> str:
 
 
 def status_name(written: str) -> str:
-    """``written``, where it is a status, or "not " and one. Raises ValueError, in a sentence."""
+    """``written``. Raises ValueError where it is neither a status nor "not " and a status."""
     known = [status.value for status in Status]
     if written.removeprefix(NOT) not in known:
         raise ValueError(f'"{written}" is no status; {nearest(written.removeprefix(NOT), known)}')
@@ -135,7 +135,7 @@ def status_name(written: str) -> str:
 
 
 class AskOptions(Options):
-    """A prompt: what it is called, what is asked, and the answers allowed (none: any)."""
+    """A prompt: its name, its question, and the answers allowed (empty: any)."""
 
     name: str = Field(pattern=r"^[\w.-]+$", examples=["fixture"])
     text: str = Field(min_length=1, examples=["Which fixture is mounted?"])
@@ -146,8 +146,8 @@ class AskOptions(Options):
 class Step:
     """One procedure to run, or a prompt: its name and its options.
 
-    It runs ``when`` that holds. ``label`` tells it from its like, and ``where`` is its place in the file.
-    ``modulations`` are those it runs under, one after the other, as quantities in the unit of the rig's modulator.
+    It runs if the condition ``when`` holds. ``label`` distinguishes it from other steps of that name, ``where`` is its
+    place in the file. It runs under each of ``modulations``, quantities in the unit of the rig's modulator.
     """
 
     do: str
@@ -160,7 +160,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Block:
-    """Steps that run one after the other ``when`` that holds, and again until ``until`` does, ``at_most`` times."""
+    """Steps that run in order if ``when`` holds, and are repeated until ``until`` holds, ``at_most`` times."""
 
     steps: tuple["Step | Block", ...]
     when: Condition | None = None
@@ -174,7 +174,7 @@ Item = Step | Block
 
 @dataclass(frozen=True)
 class Expectation:
-    """What is expected of the result: of a parameter, or of the prediction of what no fit has seen.
+    """What is expected of the result: of a parameter, or of the prediction of data kept apart from the fit.
 
     ``reference`` and ``within`` go together. ``validation`` is "torque" or "velocity", ``at_most`` its relative error.
     """
@@ -189,7 +189,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class WrittenFault:
-    """A fault to rehearse: what the simulator reads of it, and the step during which it is to happen, if one."""
+    """A fault to inject: the table that the simulator reads, and the step during which it happens, if it names one."""
 
     table: Mapping[str, Any]
     during: str | None = None
@@ -197,11 +197,11 @@ class WrittenFault:
 
 @dataclass(frozen=True)
 class Session:
-    """What to do, in order. ``place`` names where it came from; ``rig`` is the rig file, if the session names one.
+    """The steps of a session, in order. ``place`` is its file or name; ``rig`` the rig file, if the session names one.
 
-    ``always`` are the steps that run at the end however it comes. ``parameters`` are those of the file with what was
-    set instead. ``arguments`` are those of ``identify`` that made a built-in session what it is. ``faults`` are for a
-    simulation.
+    ``always`` are the steps that run at the end even after a failure. ``parameters`` are those of the file, with the
+    values of ``--set``. ``arguments`` are the options of ``identify`` that made this built-in session. ``faults`` are
+    for a simulated bench.
     """
 
     steps: tuple[Item, ...]
@@ -216,12 +216,12 @@ class Session:
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def every_step(self) -> Iterator[Step]:
-        """All of them in the order of the file, whatever repeats them; the last ones are those that always run."""
+        """All steps in the order of the file, each once; those that always run come last."""
         return flat((*self.steps, *self.always))
 
 
 def flat(items: Sequence[Item]) -> Iterator[Step]:
-    """The steps in ``items``, each as often as it stands there."""
+    """All steps in ``items``, without the blocks around them."""
     for item in items:
         if isinstance(item, Step):
             yield item
@@ -243,11 +243,7 @@ Share = Annotated[Comparison, BeforeValidator(share)]
 
 
 class StepModel(BaseModel):
-    """What may stand in a session file's tables beside the options of the steps: conditions, expectations, what
-    repeats.
-
-    Base of what may stand beside a step's own options.
-    """
+    """Base of the tables of a session file beside the options of steps: conditions, expectations, repetitions."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
@@ -277,11 +273,11 @@ class ConditionModel(StepModel):
             or (self.answer and not answered)
         ):
             raise ValueError(
-                'asks for nothing; write { parameter = "coulomb_torque", interval = "1 %" } (or value, or status), '
+                'is empty; write { parameter = "coulomb_torque", interval = "1 %" } (or value, or status), '
                 'or { answer = "fixture", is = "A" }'
             )
         if (self.answer and asked) or (self.parameter and self.expected):
-            raise ValueError("asks for a parameter and for an answer at once; leave one of them out")
+            raise ValueError("names both a parameter and an answer; leave one of them out")
         return self
 
     def condition(self) -> Condition:
@@ -289,7 +285,7 @@ class ConditionModel(StepModel):
 
 
 class RepeatUntilModel(ConditionModel):
-    """The same, with how often at most."""
+    """A condition, and the greatest number of repetitions."""
 
     at_most: int = Field(ge=1, le=1000, examples=[5])
 
@@ -310,7 +306,7 @@ class ExpectModel(StepModel):
         of_parameter = bool(self.value) or self.interval is not None or bool(self.status)
         if bool(self.parameter) == bool(self.validation) or (self.parameter and not of_parameter):
             raise ValueError(
-                'expects nothing; write parameter = "coulomb_torque" with value and within, interval, or status, '
+                'is empty; write parameter = "coulomb_torque" with value and within, interval, or status, '
                 'or validation = "torque" with at_most'
             )
         if self.validation and (self.at_most is None or of_parameter or self.within):
@@ -318,7 +314,7 @@ class ExpectModel(StepModel):
         if self.parameter and self.at_most is not None:
             raise ValueError('at_most goes with validation = "torque"; for a parameter write within or interval')
         if self.within and not self.value:
-            raise ValueError('within lacks the value it is about; add value = "0.02 N*m"')
+            raise ValueError('within needs a value; add value = "0.02 N*m"')
         return self
 
     def expectation(self, where: str) -> Expectation:
@@ -330,7 +326,7 @@ class ExpectModel(StepModel):
 
 
 class ControlModel(StepModel):
-    """What any step may have beside its own options."""
+    """The keys that every step may have beside its own options."""
 
     when: ConditionModel | None = None
     repeat: int = Field(1, ge=1, le=1000, examples=[3])
@@ -343,7 +339,7 @@ CONTROL = frozenset(info.alias or name for name, info in ControlModel.model_fiel
 
 
 def judge(expectations: Sequence[Expectation], result: Result, command_unit: str) -> tuple[ExpectationResult, ...]:
-    """All of them, in order."""
+    """The result of each expectation, in order."""
     return tuple(_judged(expectation, result, command_unit) for expectation in expectations)
 
 
@@ -354,17 +350,17 @@ def _judged(expectation: Expectation, result: Result, command_unit: str) -> Expe
     return _parameter(expectation, parameter_result(estimates, expectation.condition.parameter, command_unit))
 
 
-def _parameter(expectation: Expectation, found: ParameterResult) -> ExpectationResult:
+def _parameter(expectation: Expectation, result: ParameterResult) -> ExpectationResult:
     """A value within a tolerance, or a condition, or both."""
     condition = expectation.condition
     assert condition is not None
-    near = found.is_within(expectation.within, expectation.reference) if expectation.within else None
-    holds = condition.holds_of(found)
+    near = result.is_within(expectation.within, expectation.reference) if expectation.within else None
+    holds = condition.holds_of(result)
     asked = str(condition).partition(": ")[2]
-    said = [] if near is None else [near.sentence]
+    sentences = [] if near is None else [near.sentence]
     if asked:
-        said.append(f"{found}: {'as expected' if holds else 'not as expected'}, {asked}")
-    return ExpectationResult(found.name, holds and (near is None or near.met), "; ".join(said))
+        sentences.append(f"{result}: {'as expected' if holds else 'not as expected'}, {asked}")
+    return ExpectationResult(result.name, holds and (near is None or near.met), "; ".join(sentences))
 
 
 def _prediction(expectation: Expectation, result: Result) -> ExpectationResult:
@@ -375,7 +371,7 @@ def _prediction(expectation: Expectation, result: Result) -> ExpectationResult:
     name, met = f"validation {what}", isfinite(error) and error <= expectation.at_most
     if not isfinite(error):
         return ExpectationResult(
-            name, False, f"{what} was not predicted: the session has no step 'validate' that shows it"
+            name, False, f"{what} was not predicted: the session has no step 'validate' that measures it"
         )
     verb = "is" if met else "is not"
     return ExpectationResult(
@@ -384,7 +380,7 @@ def _prediction(expectation: Expectation, result: Result) -> ExpectationResult:
 
 
 def check_expectation(expectation: Expectation, rig: Rig, place: str) -> None:
-    """Raises UsageError where its quantities are none of the parameter's unit."""
+    """Raises UsageError where its quantities are not in a unit of the parameter."""
     condition = expectation.condition
     if condition is None:
         return

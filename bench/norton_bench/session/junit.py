@@ -1,4 +1,4 @@
-"""A session as a JUnit report: what a continuous integration server shows of it.
+"""A session as a JUnit report, for a continuous integration server.
 
 There is no standard; https://github.com/testmoapp/junitxml describes what most tools write and read: ``testsuites``,
 ``testsuite``, ``testcase`` with ``failure`` or ``skipped``, ``properties``. Steps are cases, and so are the final fit
@@ -27,13 +27,13 @@ from norton_bench.events import (
 )
 from norton_bench.models.parameters import HALF_INTERVAL
 
-# XML 1.0 knows no other characters, however they are written.
+# XML 1.0 allows no other characters, not even escaped.
 NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass
 class JUnitReport:
-    """Watches a session that is called ``name``, and writes ``path`` when it is over."""
+    """Watches the session ``name``, and writes ``path`` when it is over."""
 
     path: Path
     name: str
@@ -48,7 +48,7 @@ class JUnitReport:
     _started_s: float = field(default_factory=perf_counter)
 
     def __call__(self, event: SessionEvent) -> None:
-        """Raises OSError where the disk has become full when the report is to be written."""
+        """Take an event. Raises OSError where the report cannot be written at the end, because the disk is full."""
         match event:
             case Planned(steps):
                 self._plan = steps
@@ -66,7 +66,7 @@ class JUnitReport:
                 self._write(event)
 
     def prepare(self) -> None:
-        """Make its folder and see that it can be written. Raises UsageError where it cannot."""
+        """Make its folder, and check that the file can be written. Raises UsageError where it cannot."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.write_text("", encoding="utf-8")
@@ -94,7 +94,7 @@ class JUnitReport:
             "time": f"{perf_counter() - self._started_s:.3f}",
         }
         suites = ET.Element("testsuites", {"name": _clean(self.name), **counts})
-        started = self._started.strftime("%Y-%m-%dT%H:%M:%S")  # Jenkins knows no offset
+        started = self._started.strftime("%Y-%m-%dT%H:%M:%S")  # Jenkins does not read an offset
         suite = ET.SubElement(suites, "testsuite", {"name": _clean(self.name), "timestamp": started, **counts})
         properties = ET.SubElement(suite, "properties")
         for name, value in {**self.properties, **_figures(summary)}.items():
@@ -113,13 +113,13 @@ class JUnitReport:
                 case.set("time", f"{perf_counter() - self._begun[index]:.3f}")
                 _fail(case, summary.failure, summary.exit_code.name)
             else:
-                said = "left out by its condition, or by the operator" if not summary.failure else "not reached"
-                ET.SubElement(case, "skipped", {"message": said})
+                message = "left out by its condition, or by the operator" if not summary.failure else "not reached"
+                ET.SubElement(case, "skipped", {"message": message})
             cases.append(case)
         return cases
 
     def _conclusion(self, summary: Ended) -> list[ET.Element]:
-        """The final fit; what ended the session before its first step stands here too."""
+        """The final fit as a case; also what ended the session before its first step."""
         stepped = self._current is not None and self._current not in self._ended
         case = self._case("final fit" if not summary.failure or stepped else "session", "session")
         if self._concluding_s is not None:
@@ -128,18 +128,18 @@ class JUnitReport:
             ET.SubElement(case, "skipped", {"message": "not reached"})
         elif summary.failure:
             _fail(case, summary.failure, summary.exit_code.name)
-        elif summary.exit_code is not ExitCode.OK and all(judged.met for judged in summary.expectations):
-            _fail(case, "; ".join(summary.verdict) or "the fit is no result", summary.exit_code.name)
+        elif summary.exit_code is not ExitCode.OK and all(expectation.met for expectation in summary.expectations):
+            _fail(case, "; ".join(summary.verdict) or "the fit gives no result", summary.exit_code.name)
         return [case]
 
     def _expectations(self, summary: Ended) -> list[ET.Element]:
         cases = []
-        for number, judged in enumerate(summary.expectations, 1):
-            case = self._case(f"{number} {judged.name}", "expectations")
-            if not judged.met:
-                _fail(case, judged.sentence, "NOT_AS_EXPECTED")
+        for number, expectation in enumerate(summary.expectations, 1):
+            case = self._case(f"{number} {expectation.name}", "expectations")
+            if not expectation.met:
+                _fail(case, expectation.sentence, "NOT_AS_EXPECTED")
             else:
-                ET.SubElement(case, "system-out").text = _clean(judged.sentence)
+                ET.SubElement(case, "system-out").text = _clean(expectation.sentence)
             cases.append(case)
         return cases
 
@@ -150,28 +150,28 @@ class JUnitReport:
 
 
 def _figures(summary: Ended) -> dict[str, str]:
-    """Every parameter's value, half of its 95 % interval, unit and status; what was predicted; where the files lie."""
-    found = {}
+    """Of every parameter value, half of its 95 % interval, unit and status; errors of prediction; paths of files."""
+    figures = {}
     for estimate in summary.estimates:
-        found[estimate.name] = f"{estimate.value:.9g}" if isfinite(estimate.value) else ""
-        found[f"{estimate.name}.plus_minus"] = _number(HALF_INTERVAL * estimate.std)
-        found[f"{estimate.name}.unit"] = estimate.unit
-        found[f"{estimate.name}.status"] = estimate.status.value
+        figures[estimate.name] = f"{estimate.value:.9g}" if isfinite(estimate.value) else ""
+        figures[f"{estimate.name}.plus_minus"] = _number(HALF_INTERVAL * estimate.std)
+        figures[f"{estimate.name}.unit"] = estimate.unit
+        figures[f"{estimate.name}.status"] = estimate.status.value
     for name in ("torque_relative", "velocity_relative"):
         if getattr(summary, name) is not None:
-            found[f"validation.{name}"] = _number(getattr(summary, name))
+            figures[f"validation.{name}"] = _number(getattr(summary, name))
     for name in ("recording", "network", "report"):
         if getattr(summary, name) is not None:
-            found[name] = str(getattr(summary, name))
-    return found
+            figures[name] = str(getattr(summary, name))
+    return figures
 
 
 def _number(number: float) -> str:
     return f"{number:.3g}" if isfinite(number) else ""
 
 
-def _fail(case: ET.Element, said: str, kind: str) -> None:
-    ET.SubElement(case, "failure", {"message": _clean(said), "type": kind}).text = _clean(said)
+def _fail(case: ET.Element, message: str, kind: str) -> None:
+    ET.SubElement(case, "failure", {"message": _clean(message), "type": kind}).text = _clean(message)
 
 
 def _clean(text: str) -> str:

@@ -22,7 +22,7 @@ READY_WITHIN_S = 60.0
 
 
 class LiveFeed(Protocol):
-    """Takes parts, offers the newest estimate."""
+    """Takes measured parts; has the newest estimate."""
 
     latest: LiveEstimate
     dropped: int
@@ -32,21 +32,21 @@ class LiveFeed(Protocol):
 
 
 def feed_for(rig: Rig, *, lock_step: bool) -> LiveFeed:
-    """The one for this rig and its kind of time."""
+    """The feed for this rig: none without a model, in this process in lock step, else in another process."""
     if not rig.modelled:
         return NoFeed()
     return (InlineFeed if lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
 
 
 class NoFeed:
-    """Where no model is to be fitted."""
+    """For an actuator without a model: estimates nothing."""
 
     def __init__(self) -> None:
         self.latest = LiveEstimate(0)
         self.dropped = 0
 
     def __call__(self, part: Measured) -> None:
-        """Nothing to learn from it."""
+        """Ignore it."""
 
     def close(self) -> None:
         """Nothing to release."""
@@ -80,7 +80,7 @@ class ProcessFeed:
             target=_identify, args=(command_unit, tick_s, self._parts, self._estimates), daemon=True
         )
         self._worker.start()
-        # Its imports would take the loop's core from it.
+        # Its imports would take processor time from the loop.
         with suppress(queue.Empty):
             self.latest = self._estimates.get(timeout=READY_WITHIN_S)
 
@@ -103,7 +103,7 @@ class ProcessFeed:
 
 
 def replayed(recording: Recording) -> Iterator[LiveEstimate]:
-    """What the live identifier says of a recording, part by part: as it did in the session, of the same parts."""
+    """The estimates of the live identifier for a recording, part by part: those that it gave in the session."""
     metadata = recording.metadata
     identifier = LiveIdentifier(metadata["command_unit"], float(metadata["tick_s"]))
     return map(identifier.update, parts_of(recording))

@@ -1,4 +1,4 @@
-"""The operator of a session: a stop, which the loop obeys at once, and orders that wait for the next checkpoint.
+"""The operator of a session gives a stop, which the loop obeys at once, and orders that wait for the next checkpoint.
 
 A checkpoint lies between two procedures, and between two rounds of an adaptive step: the drives are idle there.
 """
@@ -17,12 +17,11 @@ Kind = Literal["pause", "resume", "tare", "mark", "skip", "answer", "jog"]
 
 @dataclass(frozen=True)
 class Order:
-    """One order. ``text`` is what a mark says, the answer to the prompt that was asked last, or what is to be moved;
-    else empty.
+    """One order. ``text`` is the text of a mark, the answer to the last prompt, or what to move; else empty.
 
     ``pause`` and ``resume`` hold the session at the next checkpoint; ``tare`` measures bench and sensor at rest there;
     ``skip`` leaves out the step that would come next there. ``mark`` is put into the recording at once. ``jog`` is for
-    whoever moves the bench by hand (:mod:`norton_bench.jog.board`).
+    a bench that is moved by hand (:class:`norton_bench.jog.hands.Board`).
     """
 
     kind: Kind
@@ -37,7 +36,7 @@ class Operator(Protocol):
     @property
     def answers(self) -> bool: ...
     def orders(self) -> Sequence[Order]:
-        """Those that came since this was last asked, in order. Must return at once."""
+        """The orders since the last call, in order. Must return at once."""
         ...
 
 
@@ -58,16 +57,16 @@ YES = "yes"
 
 @dataclass(frozen=True)
 class Answers:
-    """Answers to prompts that are given beforehand, so that a session can run without anybody there.
+    """Answers to prompts, given before the session starts, so that it can run without an operator.
 
-    ``given`` by the prompt's name; with ``yes``, every other prompt is answered with "yes", or its first choice.
+    ``given`` are by name of the prompt. With ``yes``, every other prompt gets its first choice, or "yes".
     """
 
     given: Mapping[str, str] = field(default_factory=dict)
     yes: bool = False
 
     def to(self, prompt: Prompt) -> str | None:
-        """None where somebody has to be asked."""
+        """The answer to ``prompt``; None where the operator must be asked."""
         if prompt.name in self.given:
             return self.given[prompt.name]
         if not self.yes:
@@ -75,21 +74,21 @@ class Answers:
         return prompt.choices[0] if prompt.choices else YES
 
     def check(self, prompts: Sequence[Prompt], place: str, *, somebody: bool) -> None:
-        """Raises UsageError for answers that fit no prompt, and where nobody is there for the prompts that are left."""
+        """Raises UsageError for answers that fit no prompt, and for unanswered prompts where ``somebody`` is False."""
         names = {prompt.name: prompt for prompt in prompts}
         for name, answer in self.given.items():
             if name not in names:
-                raise UsageError(f"--answer {name}={answer}: {place} asks nothing of that name; {nearest(name, names)}")
+                raise UsageError(f"--answer {name}={answer}: {place} has no such prompt; {nearest(name, names)}")
             choices = names[name].choices
             if choices and answer not in choices:
-                raise UsageError(f"--answer {name}={answer}: is none of {', '.join(choices)}")
+                raise UsageError(f"--answer {name}={answer}: must be one of {', '.join(choices)}")
         for prompt in prompts:
             if not somebody and self.to(prompt) is None:
                 raise unanswered(prompt, place)
 
 
 def unanswered(prompt: Prompt, place: str) -> UsageError:
-    """The error of a prompt that nobody can answer."""
+    """The error for a prompt that nobody can answer."""
     return UsageError(
         f'{place}: asks "{prompt.text}", and nobody is there to answer; run it on a terminal, or answer with '
         f"--answer {prompt.name}=... or --yes"
@@ -100,7 +99,7 @@ NO_ANSWERS = Answers()
 
 
 def parsed(written: Sequence[str]) -> dict[str, str]:
-    """``["fixture=A"]`` by name. Raises UsageError for one without a name, or given twice."""
+    """Parse ``["fixture=A"]``; by name. Raises UsageError for an answer without a name, and for a name given twice."""
     given: dict[str, str] = {}
     for assignment in written:
         name, equals, answer = assignment.partition("=")
@@ -141,9 +140,9 @@ class OperatorOrders:
         """Raises OperatorStopError where the operator has stopped the session."""
         reason = self.operator.stop.heard()
         if reason is not None:
-            said = f"stopped by the operator: {reason}"
-            self.record("stop", said)
-            raise OperatorStopError(said)
+            message = f"stopped by the operator: {reason}"
+            self.record("stop", message)
+            raise OperatorStopError(message)
 
     def wait(self) -> None:
         """While paused: until something else is ordered. Raises OperatorStopError."""
@@ -165,7 +164,7 @@ class OperatorOrders:
         self._answer = None
         answer = self._next_answer(prompt)
         while prompt.choices and answer not in prompt.choices:
-            self.emit(Note(f'"{answer}" is none of {", ".join(prompt.choices)}'))
+            self.emit(Note(f'"{answer}" must be one of {", ".join(prompt.choices)}'))
             answer = self._next_answer(prompt)
         self.emit(StateChanged(SessionState.RUNNING))
         return answer

@@ -1,4 +1,4 @@
-"""Processes for many sessions at a time."""
+"""A pool of processes, to run many sessions in parallel."""
 
 import multiprocessing
 import os
@@ -12,8 +12,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import FrameType
 
-# A session that is told to end puts away what it has, its recorder and its folder, in less than this. It may not have
-# heard: compiled code that was just asking whether something is a sequence takes any error for a no.
+# A session that gets a signal closes its recording and its folder in less than this. The signal may be lost: while
+# compiled code asks whether an object is a sequence, it takes any exception for "no".
 END_WITHIN_S = 2.0
 TELL_TIMES = 5
 
@@ -22,7 +22,7 @@ Handler = Callable[[int, FrameType | None], object] | int
 
 @contextmanager
 def process_pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
-    """So many fresh processes. When something fails, or Ctrl-C or SIGTERM comes, what runs in them is ended at once.
+    """A pool of ``jobs`` new processes. After a failure, Ctrl-C or SIGTERM, everything in them is ended at once.
 
     SIGTERM is raised as a KeyboardInterrupt, as Ctrl-C is.
     """
@@ -35,7 +35,7 @@ def process_pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
         try:
             yield pool
         except BaseException:
-            # One who is impatient must not cut this short: what is left over would be complained of.
+            # A second Ctrl-C must not interrupt this: the pool would print errors about the processes that are left.
             with _on_signals({signal.SIGINT: signal.SIG_IGN, signal.SIGTERM: signal.SIG_IGN}):
                 pool.shutdown(wait=False, cancel_futures=True)
                 _end([child for child in multiprocessing.active_children() if child not in others])
@@ -57,7 +57,7 @@ def _end(processes: list[BaseProcess]) -> None:
 
 @contextmanager
 def _on_signals(handlers: dict[signal.Signals, Handler]) -> Iterator[None]:
-    """Inside, signals are handled so; in the main thread alone, for no other may say."""
+    """Inside, signals go to ``handlers``; only in the main thread, for no other thread may set handlers."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -74,12 +74,12 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 
 def _end_when_told() -> None:
-    """In each process: Ctrl-C is for the parent to hear; told to end, a session puts away what it has."""
+    """In each process: ignore Ctrl-C, which the parent handles; on SIGTERM let the session close its files."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
 
 
 def _leave(_number: int, _frame: FrameType | None) -> None:
-    # The pool hands even this to its parent, and complains where that has closed its end by then.
+    # The pool sends even this exception to its parent, and prints an error where the pipe is closed by then.
     sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  (until it ends)
     raise SystemExit

@@ -1,4 +1,4 @@
-"""A session file's steps as an experiment: checked against the rig, planned, and written as a script."""
+"""The steps of a session file as an experiment: checked against the rig, planned, and written as a script."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,13 +18,13 @@ from norton_bench.units import parse_quantity
 MOST_STEP_S = 3600.0
 # A day. The fit holds all of a session in memory: the standard session's 2 minutes are 50 MB of recording, a day 37 GB.
 MOST_SESSION_S = 24 * 3600.0
-# What measures the bench alone: an end that must be possible however far the session came.
+# These need no earlier step: they are possible at the end, however far the session came.
 ALWAYS_POSSIBLE = ("tare", "rest", "ask")
 
 
 @dataclass(frozen=True)
 class Made:
-    """A step made ready: its action, and which step of the plan it is."""
+    """A step that is checked: its action, and its number in the plan."""
 
     step: Step
     action: Planned
@@ -39,7 +39,7 @@ class Made:
 
 @dataclass(frozen=True)
 class MadeBlock:
-    """A block made ready; its steps are planned anew for every repetition, ``stride`` steps apart."""
+    """A block that is checked; every repetition has its own ``stride`` steps in the plan."""
 
     block: Block
     items: tuple["Made | MadeBlock", ...]
@@ -59,7 +59,7 @@ class MadeBlock:
 
 
 def moved(item: Made | MadeBlock, steps: int) -> Made | MadeBlock:
-    """The same, so many steps further down the plan."""
+    """The same item, ``steps`` steps later in the plan."""
     if isinstance(item, Made):
         return replace(item, index=item.index + steps)
     return replace(item, items=tuple(moved(inner, steps) for inner in item.items))
@@ -67,7 +67,7 @@ def moved(item: Made | MadeBlock, steps: int) -> Made | MadeBlock:
 
 @dataclass
 class _Maker:
-    """Makes the items of one session ready, and plans them."""
+    """Checks the items of one session, and plans them."""
 
     session: Session
     rig: Rig
@@ -75,7 +75,7 @@ class _Maker:
     asked: set[str] = field(default_factory=set)
 
     def items(self, items: Sequence[Item], before: set[str], *, certain: bool = True) -> tuple[Made | MadeBlock, ...]:
-        """``before`` are the procedures that will certainly have run; those of ``items`` are added."""
+        """Check ``items``; ``before`` are procedures that certainly run before; those of ``items`` are added."""
         return tuple(self._item(item, before, certain) for item in items)
 
     def _item(self, item: Item, before: set[str], certain: bool) -> Made | MadeBlock:
@@ -119,12 +119,12 @@ class _Maker:
         return held
 
     def _check_duration(self, step: Step, action: Planned, duration_s: float) -> None:
-        """What is decided as it goes is made of shorter pieces."""
+        """Raises UsageError for a step that is too long; an adaptive one consists of shorter pieces."""
         if duration_s > MOST_STEP_S and not isinstance(action, Adaptive):
             where = f"[{step.where}]" if step.where else f"step '{step.do}'"
             raise UsageError(
-                f"{self.session.place}: {where}: takes {duration_s:.4g} s, and one step may take {MOST_STEP_S:g} s at "
-                "most: it is measured in one piece; make it shorter, or repeat it (repeat = 2)"
+                f"{self.session.place}: {where}: takes {duration_s:.4g} s; one step may take {MOST_STEP_S:g} s at "
+                "most; make it shorter, or repeat it (repeat = 2)"
             )
 
     def _check(self, condition: Condition | None, where: str) -> None:
@@ -132,20 +132,20 @@ class _Maker:
             return
         if condition.answer and condition.answer not in self.asked:
             raise UsageError(
-                f'{self.session.place}: [{where}]: nobody is asked "{condition.answer}" before it; '
+                f'{self.session.place}: [{where}]: no prompt "{condition.answer}" comes before it; '
                 'put a step do = "ask" with that name there'
             )
         check_unit(condition, self.rig, f"{self.session.place}: [{where}]")
 
 
 def _label(step: Step) -> str:
-    """With the modulations that it runs under."""
+    """The label of the step, with its modulations."""
     under = f"modulation {', '.join(step.modulations)}" if step.modulations else ""
     return ", ".join(filter(None, (step.label, under)))
 
 
 def _in_units(modulations: Sequence[str], rig: Rig, place: str) -> tuple[float, ...]:
-    """In the unit of the rig's modulator. Raises UsageError; one without a modulator is refused by the step itself."""
+    """Convert to the unit of the rig's modulator. Raises UsageError. Without a modulator the step itself is refused."""
     if rig.modulation is None:
         return ()
     try:
@@ -164,18 +164,18 @@ def _joined(label: str, turn: str) -> str:
 
 @dataclass(frozen=True)
 class Program:
-    """A session's items made ready, and the plan of all of them."""
+    """The checked items of a session, and the plan of all of them."""
 
     steps: tuple[Made | MadeBlock, ...]
     always: tuple[Made | MadeBlock, ...]
     plan: tuple[PlannedStep, ...]
 
     def every_turn(self) -> Iterator[Made]:
-        """Every step of the plan, in order: one in a repetition as often as it may come."""
+        """Every step of the plan, in order; a repeated step occurs as often as it may run."""
         return turns((*self.steps, *self.always))
 
     def script(self, so_far: SoFar) -> Script:
-        """One item after the other; at the end, however it comes, those that always run."""
+        """One item after the other; at the end, also after a failure, those that always run."""
         try:
             for item in self.steps:
                 yield from item.script(so_far)
@@ -200,14 +200,14 @@ def make_program(session: Session, rig: Rig) -> Program:
 
 
 def make_experiment(session: Session, rig: Rig) -> Experiment:
-    """The same as an experiment. Raises as :func:`make_program` does."""
+    """The session as an experiment. Raises as :func:`make_program` does."""
     program = make_program(session, rig)
     asks = [made.action for made in program.every_turn() if isinstance(made.action, Ask)]
     return Experiment(program.script, program.plan, tuple(dict.fromkeys(ask.prompt for ask in asks)))
 
 
 def of_procedures(procedures: Sequence[Procedure | Adaptive], rig: Rig) -> Experiment:
-    """One after the other."""
+    """An experiment of ``procedures``, one after the other."""
 
     def script(_so_far: SoFar) -> Script:
         yield from procedures
@@ -216,7 +216,7 @@ def of_procedures(procedures: Sequence[Procedure | Adaptive], rig: Rig) -> Exper
 
 
 def turns(items: Sequence[Made | MadeBlock]) -> Iterator[Made]:
-    """Every step, as often as it may come."""
+    """Every step, as often as it may run."""
     for item in items:
         if isinstance(item, Made):
             yield item
@@ -226,7 +226,7 @@ def turns(items: Sequence[Made | MadeBlock]) -> Iterator[Made]:
 
 
 def check_unit(condition: Condition, rig: Rig, place: str) -> None:
-    """Raises UsageError where the condition's value is no quantity in the parameter's unit."""
+    """Raises UsageError where the condition's value is not a quantity in the parameter's unit."""
     try:
         condition.check(rig.command.unit)
     except ValueError as error:
@@ -237,8 +237,8 @@ def _check_length(plan: Sequence[PlannedStep], place: str) -> None:
     whole_s = sum(step.duration_s for step in plan)
     if whole_s > MOST_SESSION_S:
         raise UsageError(
-            f"{place}: takes up to {whole_s:.4g} s in all, and a session may take {MOST_SESSION_S / 3600:g} h at most: "
-            "the fit holds all of it in memory; make several of it"
+            f"{place}: takes up to {whole_s:.4g} s in all; a session may take {MOST_SESSION_S / 3600:g} h at most: "
+            "the fit holds all data in memory; divide it into several sessions"
         )
 
 
@@ -246,6 +246,6 @@ def _check_always(session: Session) -> None:
     for step in flat(session.always):
         if step.do not in ALWAYS_POSSIBLE:
             raise UsageError(
-                f"{session.place}: [{step.where}]: builds on other steps, which may have failed by then; "
+                f"{session.place}: [{step.where}]: needs other steps, which may have failed by then; "
                 f"always = true is for {', '.join(ALWAYS_POSSIBLE)}"
             )

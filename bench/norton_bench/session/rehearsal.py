@@ -1,4 +1,4 @@
-"""The faults of a session: read before anything moves, and let happen when their step begins."""
+"""The faults of a session: checked before anything moves, and injected when their step begins."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,32 +12,31 @@ from norton_drivers.rehearsal import Rehearsal
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """``faults`` by the step they belong to, None for those of the whole session."""
+    """``faults`` by the step in which they happen; None for those of the whole session."""
 
     backend: Rehearsal | None = None
     faults: Mapping[str | None, tuple[Any, ...]] = field(default_factory=dict)
 
     def begin(self, step: str | None) -> None:
-        """Give the world what is to happen from now on: in that step, or with None in the session."""
+        """Inject the faults of ``step``, or those of the whole session (None)."""
         if self.backend is not None:
             self.backend.inject(*self.faults.get(step, ()))
 
     def happened(self) -> list[tuple[int, str]]:
-        """When each fault that has begun did [ns], and in words which it was; those of the rig file too."""
+        """Time [ns] and description of each fault that has begun, those of the rig file included."""
         injected = () if self.backend is None else self.backend.injected
         return [(fault.begun_ns, fault.said) for fault in injected if fault.begun_ns is not None]
 
 
 def rehearsed(session: Session, backend: Backend) -> Rehearsed:
-    """The session's faults, for a backend that can rehearse them.
+    """The faults of the session, for a backend that can inject them.
 
-    Raises UsageError where it has some and the backend is no simulation, WiringError, with place and mend, for wrong
-    ones.
+    Raises UsageError where there are faults and the backend is no simulation; WiringError for faults that are wrong.
     """
     if not isinstance(backend, Rehearsal):
         if session.faults:
             raise UsageError(
-                f"{session.place}: [[fault]] is for the simulated backend alone, and this run is not on it; "
+                f"{session.place}: [[fault]] is for the simulated backend only; "
                 "leave the section out, or add --backend simulated"
             )
         return Rehearsed()

@@ -33,13 +33,13 @@ PIECE_NS = 500_000_000
 
 
 class Replay:
-    """Stands at a moment of the recording, and moves on as time does. ``clock`` gives seconds, of any origin."""
+    """A recording, played back from the current time on. ``clock`` gives seconds, from any origin."""
 
     def __init__(self, recording: Recording, *, clock: Callable[[], float] = perf_counter) -> None:
         """Raises UsageError for a recording without a single tick."""
         self.measured, self._clock = recording.measured, clock
         if not len(self.measured.ticks):
-            raise UsageError("the recording holds no tick: nothing was measured, and there is nothing to replay")
+            raise UsageError("the recording holds no tick: nothing was measured, so there is nothing to replay")
         ticks = self.measured.ticks["tick_ns"]
         self._first_ns, self._last_ns = int(ticks[0]), int(ticks[-1])
         self._live = _changes(recording)
@@ -56,7 +56,7 @@ class Replay:
 
     @property
     def now_s(self) -> float:
-        """Where it stands, in bench time since the first tick."""
+        """The current time of the replay: bench time since the first tick [s]."""
         moved_s = 0.0 if self.paused else (self._clock() - self._since) * self.speed
         return min(max(self._from_s + moved_s, 0.0), self.duration_s)
 
@@ -69,27 +69,27 @@ class Replay:
         self.paused = True
 
     def resume(self) -> None:
-        """Go on from where it stands."""
+        """Continue after a pause."""
         self._stand_at(self.now_s)
         self.paused = False
 
     def set_speed(self, speed: float) -> None:
-        """Times bench time; greater than 0."""
+        """Set the speed as a multiple of bench time; greater than 0."""
         self._stand_at(self.now_s)
         self.speed = speed
 
     def faster(self, steps: int) -> None:
-        """So many of ``SPEEDS`` up, or down where negative."""
+        """Change the speed by so many steps of ``SPEEDS``; negative: slower."""
         place = min(range(len(SPEEDS)), key=lambda index: abs(SPEEDS[index] - self.speed))
         self.set_speed(SPEEDS[min(max(place + steps, 0), len(SPEEDS) - 1)])
 
     def seek(self, to_s: float) -> None:
-        """Stand at ``to_s``. Everything up to there comes again: for a watcher who has forgotten it."""
+        """Go to ``to_s``. All events up to there come again, so the watcher must start anew."""
         self._stand_at(min(max(to_s, 0.0), self.duration_s))
         self._emitted_ns, self._emitted_steps, self._emitted_end = 0, 0, False
 
     def events(self) -> Iterator[SessionEvent]:
-        """All that are new since this was last called, in order. Never waits."""
+        """The events since the last call, in order. Never waits."""
         until_ns = self._first_ns + round(self.now_s * 1e9) + 1
         if not self._emitted_ns:
             self._emitted_ns = self._first_ns
@@ -111,7 +111,7 @@ class Replay:
         return any(event.kind == STOP for event in self.measured.events)
 
     def _parts(self, until_ns: int) -> Iterator[PartMeasured]:
-        """The measurements up to there, in pieces, and each time what was known by then."""
+        """The measurements up to ``until_ns``, in pieces, each with the live estimates of that time."""
         for cut_ns in self._cuts[bisect_right(self._cuts, self._emitted_ns) : bisect_right(self._cuts, until_ns - 1)]:
             yield PartMeasured(self._piece(cut_ns + 1), self._known(cut_ns))
         if until_ns > self._emitted_ns:
@@ -122,7 +122,7 @@ class Replay:
         return self._live[known - 1] if known else LiveEstimate(0)
 
     def _piece(self, until_ns: int) -> Measured:
-        # What happened before the first tick comes with it.
+        # Events before the first tick come with the first piece.
         since_ns = 0 if self._emitted_ns == self._first_ns else self._emitted_ns
         piece = self.measured.between(since_ns, until_ns)
         self._emitted_ns = until_ns
@@ -142,7 +142,7 @@ def load_replay(path: Path) -> tuple[Replay, Recording]:
 
 
 def _steps(measured: Measured, last_ns: int) -> list[tuple[str, int, int]]:
-    """Name, begin and end of every procedure that was recorded; each ends where the next begins."""
+    """Name, begin and end of every recorded procedure; each ends where the next begins."""
     segments = sorted(measured.segments, key=lambda segment: segment.start_ns)
     begun = [(name, next(iter(group)).start_ns) for name, group in groupby(segments, lambda one: one.procedure)]
     ends = [start_ns for _, start_ns in begun[1:]] + [last_ns]
@@ -150,21 +150,21 @@ def _steps(measured: Measured, last_ns: int) -> list[tuple[str, int, int]]:
 
 
 def _changes(recording: Recording) -> list[LiveEstimate]:
-    """The live estimates wherever they say something new."""
-    found: list[LiveEstimate] = []
+    """The live estimates, without those that repeat the one before."""
+    changes: list[LiveEstimate] = []
     for state in recording.live:
-        if state.estimates and (not found or found[-1].estimates != state.estimates):
-            found.append(LiveEstimate(state.stamp_ns, state.estimates, None, state.samples))
-    return found
+        if state.estimates and (not changes or changes[-1].estimates != state.estimates):
+            changes.append(LiveEstimate(state.stamp_ns, state.estimates, None, state.samples))
+    return changes
 
 
 READING = "reading the recording"
 
 
 class Refit:
-    """The result of a recording, from a fit in a process of its own: it takes seconds, and nobody is to wait for it.
+    """The result of a recording, from a fit in a process of its own: it takes seconds, and must not hold up the screen.
 
-    Under way as soon as it is made. Network and report go beside the recording, as with ``norton-bench fit``.
+    The constructor starts it. Network and report are written beside the recording, as by ``norton-bench fit``.
     """
 
     def __init__(self, recording: Path) -> None:
@@ -177,7 +177,7 @@ class Refit:
         self._doing = READING
 
     def summary(self) -> Ended | None:
-        """What came of it, once it is known. Returns at once."""
+        """The result, None before it is known. Returns at once."""
         while self._summary is None and self._pipe.poll():
             try:
                 came: str | Ended = self._pipe.recv()
@@ -191,23 +191,23 @@ class Refit:
 
     @property
     def doing(self) -> str:
-        """What it is at, as last heard by :meth:`summary`."""
+        """The stage of the fit, as of the last call of :meth:`summary`."""
         return self._doing
 
     def close(self) -> None:
-        """Give it up where it still runs."""
+        """Abandon the fit if it still runs."""
         self._process.kill()
         self._process.join()
         self._pipe.close()
 
 
 def _refit(recording: Path, pipe: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the watcher's to interpret
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the watcher handles Ctrl-C
     from norton_bench.session.summary import ended, ended_by  # noqa: PLC0415  (its imports take seconds)
 
     try:
         from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
         pipe.send(ended(conclude_recording(recording, on_stage=pipe.send)))
-    except BaseException as error:  # told to whoever waits
+    except BaseException as error:  # sent to the watcher
         pipe.send(ended_by(error, [recording]))

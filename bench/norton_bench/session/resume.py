@@ -16,13 +16,13 @@ from norton_bench.records import NO_DEVICE_TIME, STREAMS, Event, Measured, Table
 from norton_bench.rig.rig import Rig
 from norton_bench.session.items import ASK
 
-# Kinds of events that a session leaves for the one that resumes it.
+# Kinds of events in the recording, for a session that resumes it.
 FINISHED, ANSWERED = "step", "answer"
 # The key of the metadata that names the recording which a session resumes.
 RESUMES = "resumes"
-# Between two recordings: long enough for nobody to take it for a missing reading.
+# The gap put between two recordings: too long to be taken for a missing reading.
 PAUSE_NS = 2_000_000_000
-# So many readings on either side tell how two clocks differ.
+# From so many readings on either side the difference of two clocks is computed.
 ABOUT_THE_PAUSE = 500
 
 
@@ -40,16 +40,17 @@ class EarlierSession:
 
     @property
     def left(self) -> bool:
-        """Whether some procedure is still to be taken from it."""
+        """Whether a finished procedure is left that was not taken yet."""
         return bool(self._finished)
 
     def check(self, plan: Sequence[PlannedStep]) -> None:
-        """Raises UsageError, before anything is opened, where a session of this plan cannot have finished all that.
+        """Raises UsageError, before anything is opened, where a session with this plan cannot have finished these
+        procedures.
 
-        A step that is decided as it goes finishes something under its own name as often as it pleases.
+        An adaptive step finishes any number of procedures, all under its own name.
         """
         steps = [step for step in plan if step.name != ASK]
-        places = {0}  # behind the step that finished last, for every way in which that may have come about
+        places = {0}  # the steps that may come next, for every path that conditions allow
         for name, _ in self._finished:
             following = {at for place in places for at in _possible(steps, place)}
             again = {place - 1 for place in places if place}
@@ -64,9 +65,9 @@ class EarlierSession:
         return UsageError(f"{self.place}: {how}; resume with the session that was recorded")
 
     def finished(self, name: str) -> Measured | None:
-        """What the next procedure has measured; None where nothing is left.
+        """The measurements of the next procedure; None where none is left.
 
-        Raises UsageError where the next one was another.
+        Raises UsageError where the next one has another name.
         """
         if not self._finished:
             return None
@@ -76,7 +77,9 @@ class EarlierSession:
         return record
 
     def answer(self, name: str) -> str | None:
-        """What was answered; None where it was not asked. Raises UsageError where something else was asked."""
+        """The answer given to prompt ``name``; None where none is left. Raises UsageError where another prompt came
+        next.
+        """
         if not self._answers:
             return None
         asked, answer = self._answers.popleft()
@@ -86,7 +89,7 @@ class EarlierSession:
 
 
 def _possible(steps: Sequence[PlannedStep], place: int) -> Iterator[int]:
-    """Which steps may come next: that at ``place``, and those behind it as long as what is before may be left out."""
+    """The steps that may come next: that at ``place``, and later ones as long as those before may be left out."""
     for at in range(place, len(steps)):
         yield at
         if steps[at].certain:
@@ -94,7 +97,7 @@ def _possible(steps: Sequence[PlannedStep], place: int) -> Iterator[int]:
 
 
 def read_earlier(path: Path, rig: Rig) -> EarlierSession:
-    """What the recording at ``path``, or the newest one in that folder, has finished; with those it resumed itself.
+    """The finished procedures of the recording at ``path``, or of the newest in that folder, and of those it resumed.
 
     Raises UsageError where it cannot be read, is of another rig, or has finished nothing.
     """
@@ -110,7 +113,8 @@ def read_earlier(path: Path, rig: Rig) -> EarlierSession:
 
 
 def finished_in_all(path: Path, recording: Recording) -> list[tuple[str, Measured]]:
-    """Name and record of every finished procedure, those of the recordings that it resumed first, on its own clock."""
+    """Name and measurements of every finished procedure, first those of the recordings that it resumed; on its
+    clock."""
     own = _finished_in(recording.measured)
     resumed = resumed_path(path, recording)
     if resumed is None:
@@ -130,7 +134,7 @@ def with_earlier(path: Path, recording: Recording) -> Measured:
 
 
 def resumed_path(path: Path, recording: Recording) -> Path | None:
-    """The recording that it resumes, if it does. Raises UsageError where that is gone."""
+    """The recording that it resumes, None if it resumes none. Raises UsageError where that file is missing."""
     written = recording.metadata.get(RESUMES)
     if not written:
         return None
@@ -159,7 +163,7 @@ def before(records: Sequence[Measured], later: Measured) -> list[Measured]:
     shift = _Shift(
         time_ns=time_ns,
         device_ns=_on_device(later, records, time_ns),
-        # One further: -1 stands for no segment at all.
+        # One more: -1 means no segment.
         segments=min((segment.index for segment in later.segments), default=0) - segments - 1,
         counted={each.name: _count(later, records, each.name) for each in STREAMS},
     )
@@ -168,7 +172,9 @@ def before(records: Sequence[Measured], later: Measured) -> list[Measured]:
 
 @dataclass(frozen=True)
 class _Shift:
-    """What is added to stamps, segments, and the numbers of readings; ``device_ns`` is None where no device stamps."""
+    """What is added to time stamps, segment numbers and numbers of readings; ``device_ns`` is None without device
+    stamps.
+    """
 
     time_ns: int
     device_ns: int | None
@@ -233,14 +239,14 @@ def _count(later: Measured, records: Sequence[Measured], stream: str) -> int:
 
 
 def _finished_in(measured: Measured) -> list[tuple[str, Measured]]:
-    found, since_ns = [], -(2**62)
+    finished, since_ns = [], -(2**62)
     for event in measured.events:
         if event.kind == FINISHED:
             record = _record(measured, event, since_ns)
             if record is not None:
-                found.append((event.text, record))
+                finished.append((event.text, record))
             since_ns = event.stamp_ns
-    return found
+    return finished
 
 
 def _record(measured: Measured, finished: Event, since_ns: int) -> Measured | None:
@@ -259,10 +265,10 @@ def _answer(event: Event) -> tuple[str, str]:
 
 
 def _newest(folder: Path) -> Path:
-    found = sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)
-    if not found:
+    recordings = sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)
+    if not recordings:
         raise UsageError(f"{folder}: holds no recording (.mcap); name the one to resume")
-    return found[-1]
+    return recordings[-1]
 
 
 def _check_rig(path: Path, recording: Recording, rig: Rig) -> None:

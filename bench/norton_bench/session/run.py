@@ -66,9 +66,9 @@ def guard_model_of(known: Knowledge) -> GuardModel:
 
 
 def _record(known: Knowledge, use: Use) -> Measured | None:
-    """The last procedure's that measured for ``use``."""
-    found = (record for record in reversed(known.records) if any(segment.use is use for segment in record.segments))
-    return next(found, None)
+    """The record of the last procedure with a segment of this ``use``; None where there is none."""
+    records = (record for record in reversed(known.records) if any(segment.use is use for segment in record.segments))
+    return next(records, None)
 
 
 def _stretch(record: Measured, name: str) -> Measured:
@@ -118,7 +118,7 @@ def with_last_on_disk(known: Knowledge, folder: Path) -> Knowledge:
 
 
 def _mapped(record: Measured, folder: Path) -> Measured:
-    """The same tables; those in memory where the disk has no room for them."""
+    """The same tables in a mapped file; in memory where the disk is full."""
     tables = {name: getattr(record, name) for name in _TABLES}
     if not any(map(len, tables.values())):
         return record
@@ -134,12 +134,12 @@ def _mapped(record: Measured, folder: Path) -> Measured:
 
 
 def _cut(content: "np.memmap[tuple[int], np.dtype[np.uint8]]", tables: dict[str, Table]) -> dict[str, Table]:
-    """The tables again, one after the other."""
-    found, start = {}, 0
+    """The tables in the mapped bytes, one after the other."""
+    mapped, start = {}, 0
     for name, table in tables.items():
-        found[name] = np.asarray(content[start : start + table.nbytes]).view(table.dtype)
+        mapped[name] = np.asarray(content[start : start + table.nbytes]).view(table.dtype)
         start += table.nbytes
-    return found
+    return mapped
 
 
 _TABLES = tuple(each.name for each in fields(Measured) if isinstance(getattr(Measured(), each.name), np.ndarray))
@@ -174,7 +174,7 @@ class Run:
     _live_ns: int = 0  # of the last live estimate that was recorded
 
     def take(self, part: Measured) -> None:
-        """One part from the loop: to the recorder first, then to the live identifier, then to whoever watches."""
+        """One part from the loop: to the recorder first, then to the live identifier, then to the watcher."""
         self.recorder.put(part)
         self.feed(part)
         if self.feed.latest.stamp_ns > self._live_ns:
@@ -187,7 +187,7 @@ class Run:
         self.orders.listen()
 
     def learn(self, known: Knowledge) -> None:
-        """Take it over, and pass it on to the loop."""
+        """Use ``known`` from now on, and give the loop what it needs of it."""
         self.so_far.known = known
         self.loop.learn(learned(known))
 
@@ -212,7 +212,7 @@ class Run:
         if isinstance(action, Remark):
             self.emit(Note(action.text))
         elif not isinstance(action, Ask):
-            self.emit(Note(f"left out '{action.name}': nothing moves any more"))
+            self.emit(Note(f"left out '{action.name}': after this end nothing may move"))
         elif isinstance(error, OperatorStopError):
             self.emit(Note(action.text))
         else:
@@ -319,11 +319,11 @@ class Run:
         tare, calibration = self.so_far.known.tare, self.so_far.known.calibration
         assert tare is not None
         self.emit(Note(f"tare: {tare.torque_bias_nm:+.3g} N*m at rest, noise {tare.torque_noise_nm:.2g} N*m"))
-        if calibration is not None:  # measured with the shaft moving: friction has no share in it
-            self.emit(Note(f"the bias found by 'calibrate', {calibration.torque_bias_nm:+.3g} N*m, stays in use"))
+        if calibration is not None:  # measured with the shaft moving: without the torque of static friction
+            self.emit(Note(f"the bias from 'calibrate', {calibration.torque_bias_nm:+.3g} N*m, stays in use"))
 
     def _skipped(self, index: int, action: Action) -> bool:
-        """Whether the operator wants the step left out, and nothing needs it."""
+        """Whether the operator ordered to leave out the step, and no other step needs it."""
         if not self.orders.wants_skip:
             return False
         why = self._why_needed(index, action)
@@ -350,5 +350,5 @@ class Run:
 
 
 def name_of(action: Action) -> str:
-    """What the plan calls it."""
+    """Its name in the plan."""
     return ASK if isinstance(action, Ask) else action.name

@@ -34,13 +34,13 @@ __all__ = [
     "standard_session",
 ]
 
-# Every procedure that measures something to fit a motor or to go by, and is not decided as it goes.
+# Every procedure that is not adaptive and measures what the fit of a motor needs.
 STANDARD = ("tare", "calibrate", "free", "blocked", "imposed", "validate")
-# And for an actuator without a model.
+# The same for an actuator without a model.
 TABLES = ("tare", "calibrate", "tabulate_source", "tabulate_impedance")
 # Run at several modulations where the rig has a modulator.
 MODULATED = ("tabulate_source", "tabulate_impedance")
-# Around a refinement, which does the rest: just enough for a first fit, and for commands to validate with.
+# Around a refinement: just enough for a first fit, and for the commands of `validate`.
 SHORT_FREE = FreeOptions(levels=5, dwell_s=0.3, duration_s=4.0)
 SHORT_IMPOSED = ImposedOptions(commands=1, duration_s=4.0)
 LEAST_REFINING_S = 10.0
@@ -62,7 +62,7 @@ class _File(BaseModel):
 def load_session(path: str | Path, given: Mapping[str, Any] | None = None) -> Session:
     """The session that the file describes; ``given`` are values for its parameters, instead of the file's.
 
-    Raises UsageError: one line a mistake, each with its place and the mend.
+    Raises UsageError: a line for each mistake, with its place and the remedy.
     """
     path = Path(path)
     return parse_session(read_text(path, "session file"), place=str(path), given=given)
@@ -118,7 +118,7 @@ def _expectation(table: object, where: str, values: Values, mistakes: Mistakes) 
 
 
 def _check_used(values: Values, mistakes: Mistakes) -> None:
-    """Only where all else is right: a mistake elsewhere may have kept a parameter from being met."""
+    """Report unused parameters; only in a file without other mistakes, which may hide their use."""
     if mistakes.sentences:
         return
     for name in values.given:
@@ -127,7 +127,7 @@ def _check_used(values: Values, mistakes: Mistakes) -> None:
 
 
 def _fault(table: object, where: str, steps: Sequence[str], mistakes: Mistakes) -> WrittenFault:
-    """What else stands in the table is for the simulator to read."""
+    """Read ``during``; all other keys are read by the simulator."""
     if not isinstance(table, dict):
         mistakes.add(f"[{where}]", f"is a section, not {toml(table)}; write [[fault]] on a line of its own")
         return WrittenFault({})
@@ -138,7 +138,7 @@ def _fault(table: object, where: str, steps: Sequence[str], mistakes: Mistakes) 
 
 
 def standard_session(rig: Rig | None = None) -> Session:
-    """The built-in session of ``identify``: everything that ``rig`` can perform, or everything there is."""
+    """The built-in session of ``identify``: every step that ``rig`` can perform; if it can perform none, all steps."""
     if rig is None:
         able = STANDARD
     else:
@@ -150,15 +150,15 @@ def standard_session(rig: Rig | None = None) -> Session:
 
 
 def _spread(modulation: Command) -> tuple[str, ...]:
-    """The lowest, the middle and the highest of what a modulator may be commanded."""
+    """The lowest, the middle and the highest command of a modulator."""
     least, greatest = modulation.span
     return tuple(f"{value:g} {modulation.unit}" for value in (least, (least + greatest) / 2, greatest))
 
 
 def refining_session(rig: Rig, until: float, at_most_s: float) -> Session:
-    """The built-in session of ``identify --until``: a short first pass, then rounds that choose themselves.
+    """The built-in session of ``identify --until``: a short first pass, then rounds of chosen excitations.
 
-    ``until`` is the half-width of the 95 % intervals asked for, relative; ``at_most_s`` the bench time of all together.
+    ``until`` is the relative half-width asked of all 95 % intervals; ``at_most_s`` is the bench time of the session.
     Raises RigError where the rig has no load drive, UsageError where there is no time for a round.
     """
     around: tuple[tuple[str, Options], ...] = (

@@ -1,4 +1,4 @@
-"""Experiments as generators: a script yields what is to be done next, and sees what is known by then.
+"""Experiments as generators: a script yields what to do next, and reads what is known by then.
 
 A session file becomes such a script (:mod:`norton_bench.session.program`), and a Python program may write its own:
 
@@ -11,8 +11,8 @@ A session file becomes such a script (:mod:`norton_bench.session.program`), and 
         finally:
             yield Ask("unclamped", "Take the clamp off.")
 
-What stands behind ``finally`` is done however the experiment ends. After a safety stop, a failed device or the
-operator's stop nothing moves any more: then only prompts are left of it.
+The block ``finally`` is carried out however the experiment ends. After a safety stop, a failed device or a stop by the
+operator nothing may move: then only its prompts are carried out.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -50,8 +50,8 @@ class Ask:
 
 @dataclass(frozen=True)
 class ByHand:
-    """Segments that somebody decides on, one after the other, for as long as they like. Nothing is concluded from them
-    or kept of them, but in the recording."""
+    """Segments that a person decides on, one after the other, for any time. They are recorded, and nothing is
+    fitted."""
 
     name: str
     plan: Callable[[Knowledge], Plan]
@@ -67,7 +67,7 @@ Action = Planned | ByHand
 
 @dataclass(frozen=True)
 class Turn:
-    """An action that is step ``index`` of what was planned."""
+    """An action that is step ``index`` of the plan."""
 
     index: int
     action: Planned
@@ -75,7 +75,7 @@ class Turn:
 
 @dataclass(frozen=True)
 class Remark:
-    """Something worth a line to whoever watches."""
+    """A line for the watcher."""
 
     text: str
 
@@ -85,9 +85,9 @@ Script = Generator[Action | Turn | Remark, None, None]
 
 @dataclass
 class SoFar:
-    """What a script may decide by: ``known``, the operator's ``answers``, and the fit of all that was recorded.
+    """What a script can decide by: the knowledge so far, the operator's ``answers``, and the fit of all recorded data.
 
-    ``devices`` is who the devices say to be: drives in the rig's order, then the torque sensor.
+    ``devices`` are the identities that the devices report: drives in the order of the rig, then the torque sensor.
 
     It changes while the script waits at a ``yield``.
     """
@@ -99,7 +99,7 @@ class SoFar:
     _fitted_records: int = field(default=0, init=False)
 
     def fit(self) -> FitResult:
-        """Of all that was recorded by now; takes seconds. Raises ExperimentError where that tells nothing yet."""
+        """The fit of all recorded data; takes seconds. Raises ExperimentError where nothing was measured yet."""
         records = self.known.records
         if self._fitted is None or self._fitted_records != len(records):
             if not records:
@@ -112,7 +112,7 @@ class SoFar:
         return self._fitted
 
     def parameter(self, name: str) -> ParameterResult:
-        """What is known of a parameter by now, also where that is nothing. Raises UsageError for an unknown name."""
+        """The estimate of a parameter so far, also where nothing is known. Raises UsageError for an unknown name."""
         return parameter_result(self._estimates(), name, self.known.rig.command.unit)
 
     def _estimates(self) -> tuple[Estimate, ...]:
@@ -124,39 +124,36 @@ class SoFar:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A script with what is known of it beforehand: its ``plan``, and its ``prompts``, None where nobody knows them."""
+    """A script with its ``plan`` and its ``prompts``; None where they are not known beforehand."""
 
     script: Callable[[SoFar], Script]
     plan: tuple[PlannedStep, ...] = ()
     prompts: tuple[Prompt, ...] | None = None
 
 
-# What a script may still want after its experiment was stopped; it could want things forever.
+# How many actions a script may yield after a stop; without a limit it could go on for ever.
 MOST_LAST_TURNS = 100
 
 Yielded = Action | Turn | Remark
 
 
 class Performer(Protocol):
-    """A script brought to its end: what it yields is carried out, and what fails is thrown back into it.
-
-    Carries out what a script yields.
-    """
+    """Carries out what a script yields. :func:`perform` throws what fails back into the script."""
 
     def turn(self, yielded: Yielded) -> None:
         """Raises what the action does."""
         ...
 
     def last_turn(self, yielded: Yielded, error: Exception) -> None:
-        """The same after ``error`` has stopped everything: nothing moves any more."""
+        """The same after ``error``, which was final: nothing may move."""
         ...
 
 
 def perform(script: Script, performer: Performer) -> None:
     """Until the script is done.
 
-    An ExperimentError may be caught by the script, which then goes on. Every other BenchError and DeviceError is final:
-    the script's ``finally`` blocks get their last turns, and it is raised whatever the script makes of it.
+    The script may catch an ExperimentError, and then continues. Every other BenchError and DeviceError is final: the
+    script's ``finally`` blocks are carried out, and the error is raised even if the script catches it.
     """
     with _closed(script):
         yielded = next(script, None)
@@ -178,13 +175,15 @@ def _closed(script: Script) -> Iterator[None]:
     try:
         yield
     finally:
-        # One that wants turns even now, when the program itself is ended, gets none.
+        # When the program itself is ended, the script gets no more turns.
         with suppress(RuntimeError):
             script.close()
 
 
 def _thrown_into(script: Script, error: Exception) -> Yielded | None:
-    """What the script yields next. Raises ``error`` where the script lets it through."""
+    """Throw ``error`` into the script; returns what it yields next. Raises ``error`` where the script does not catch
+    it.
+    """
     try:
         return script.throw(error)
     except StopIteration:

@@ -1,4 +1,4 @@
-"""What follows from several recordings of one actuator: each one's own result, and that of all together."""
+"""Several recordings of one actuator: the result of each, and the combined result."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ IN_WORDS = {"rig": "rig", "command_unit": "command unit", "tick_s": "tick [s]"}
 
 @dataclass(frozen=True)
 class OneOf:
-    """One of the recordings, and what follows from it alone."""
+    """One of the recordings, with its own result."""
 
     recording: Path
     metadata: Mapping[str, str]
@@ -42,10 +42,11 @@ class Several:
 
 
 def conclude_several(paths: Sequence[Path], out: Path | None, say: Callable[[str], None]) -> Several:
-    """Fit every recording on its own, then combine them; ``say`` hears which one is being fitted.
+    """Fit every recording on its own, then combine them; ``say`` is called with the one that is being fitted.
 
-    Each one's network and report go beside it, or into a folder of its own in ``out``; those of all together beside
-    the first, or into ``out``. Raises UsageError for recordings that cannot be read or do not belong together.
+    Network and report of each are written beside it, or into a folder of its own in ``out``; the combined ones beside
+    the first recording, or into ``out``. Raises UsageError for recordings that cannot be read or do not belong
+    together.
     """
     metadata = _belonging_together(paths)
     sessions: list[OneOf] = []
@@ -53,17 +54,17 @@ def conclude_several(paths: Sequence[Path], out: Path | None, say: Callable[[str
         say(f"fitting {path}")
         sessions.append(_one(path, own, None if out is None else out / f"{number}-{path.stem}"))
     common = {key: metadata[0][key] for key in NEEDED}
-    found = together([SessionFit(str(one.recording), one.fit) for one in sessions], common["command_unit"])
+    combined = together([SessionFit(str(one.recording), one.fit) for one in sessions], common["command_unit"])
     place = (out if out is not None else paths[0].parent) / f"{common['rig']}-{len(paths)}-sessions"
     network = None
-    if found.network is not None:
+    if combined.network is not None:
         network = place.with_name(f"{place.name}.network.json")
         provenance = {**common, "recordings": "; ".join(map(str, paths))}
-        found.network.with_provenance(provenance).save(network)
+        combined.network.with_provenance(provenance).save(network)
     rows = tuple(SessionRow(str(one.recording), one.metadata.get("started", ""), one.fit) for one in sessions)
-    data = SessionsData(common["rig"], rows, found)
+    data = SessionsData(common["rig"], rows, combined)
     report = write_sessions_report(place.with_name(f"{place.name}.report.html"), data)
-    return Several(tuple(sessions), found, network, report)
+    return Several(tuple(sessions), combined, network, report)
 
 
 def _belonging_together(paths: Sequence[Path]) -> list[Mapping[str, str]]:
@@ -73,7 +74,7 @@ def _belonging_together(paths: Sequence[Path]) -> list[Mapping[str, str]]:
     measured: dict[str, Path] = {}
     for number, path in enumerate(paths):
         if path.resolve() in {before.resolve() for before in paths[:number]}:
-            raise UsageError(f"{path}: is named twice; name every session once")
+            raise UsageError(f"{path}: is given twice; give every session once")
         recording = read_recording(path, raw_frames=False)
         metadata.append(recording.metadata)
         check_metadata(path, metadata[-1])
@@ -81,7 +82,7 @@ def _belonging_together(paths: Sequence[Path]) -> list[Mapping[str, str]]:
             if metadata[-1][key] != metadata[0][key]:
                 raise UsageError(
                     f"{path}: its {IN_WORDS[key]} is {metadata[-1][key]}, that of {paths[0]} is {metadata[0][key]}; "
-                    "only sessions of one rig can be combined, so fit it apart"
+                    "only sessions of one rig can be combined, so fit it alone"
                 )
         _check_fits(path, recording)
         other = measured.setdefault(sha256(recording.measured.ticks.tobytes()).hexdigest(), path)
@@ -91,7 +92,7 @@ def _belonging_together(paths: Sequence[Path]) -> list[Mapping[str, str]]:
 
 
 def _check_fits(path: Path, recording: Recording) -> None:
-    """Raises UsageError where no motor can be fitted; what a session has resumed is not looked into."""
+    """Raises UsageError where no motor can be fitted. Recordings that a session resumed are not checked."""
     if recording.metadata.get("model") == NO_MODEL:
         raise UsageError(f"{path}: {WITHOUT_MODEL}")
     uses = {segment.use for segment in recording.measured.segments}

@@ -1,4 +1,4 @@
-"""How a session ended, as the last of its events."""
+"""The last event of a session, from its result or from the error that ended it."""
 
 from collections.abc import Collection, Iterator, Sequence
 from math import isfinite
@@ -15,7 +15,7 @@ from norton_bench.result import Result
 
 
 def ended(result: Result) -> Ended:
-    """Of a session that came to its end."""
+    """The last event of a session that is complete."""
     fit, checked = result.fit, result.validation
     return Ended(
         result.exit_code,
@@ -34,7 +34,7 @@ def ended(result: Result) -> Ended:
 
 
 def of_trials(result: Result) -> Iterator[str]:
-    """What movements that were repeated came to, in sentences."""
+    """The results of repeated movements, in sentences."""
     if result.in_situ is not None and result.in_situ.trials:
         yield in_situ_sentence(result.in_situ)
     if result.trials:
@@ -42,7 +42,7 @@ def of_trials(result: Result) -> Iterator[str]:
 
 
 def tabulated(result: Result) -> tuple[Facts, ...]:
-    """What was tabulated, in short: without every single reading."""
+    """The tables of source and impedance, in short: without single readings."""
     tables = []
     if result.source is not None:
         tables.append(source_facts(result.source, result.units))
@@ -53,22 +53,22 @@ def tabulated(result: Result) -> tuple[Facts, ...]:
 
 
 def ended_by(error: BaseException, recordings: Collection[Path]) -> Ended:
-    """Of one that ``error`` ended; ``recordings`` are those that it left."""
+    """The last event of a session that ``error`` ended; ``recordings`` are those that it has written."""
     return Ended(exit_code_of(error), sentence_of(error), recording=max(recordings, default=None))
 
 
-def in_situ_sentence(found: InSituResult) -> str:
-    """The actuator in situ, trial by trial, in words."""
-    last = last_driven(found.trials)
-    end = "; ".join(found.reasons) or "what is left is what movements differ by anyway"
+def in_situ_sentence(result: InSituResult) -> str:
+    """The trials in situ, in one sentence."""
+    last = last_driven(result.trials)
+    end = "; ".join(result.reasons) or "what is left is no more than the scatter of movements"
     return (
-        f"In situ, {len(found.trials)} trials: the actuator exerted {1e3 * last.with_noise_nm:.2f} mN·m at last, at "
-        f"least {last.below_db(found.trials[0]):.0f} dB below the first; {end}."
+        f"In situ, {len(result.trials)} trials: in the last one the actuator exerted {1e3 * last.with_noise_nm:.2f} "
+        f"mN·m, at least {last.below_db(result.trials[0]):.0f} dB below the first; {end}."
     )
 
 
 def trials_sentence(trials: Sequence[TrialFigures]) -> str:
-    """Zero torque under a repeated command, in words."""
+    """The trials of zero torque under a repeated command, in one sentence."""
     last = trials[-1]
     end = "noise hides what is left" if settled(trials) else "not converged"
     return (

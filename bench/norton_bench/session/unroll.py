@@ -1,4 +1,5 @@
-"""The tables of a session file to its steps: parameters put in, sweeps and repetitions written out, groups nested."""
+"""From the tables of a session file to its steps: parameters replaced, sweeps and repetitions expanded, groups
+nested."""
 
 import re
 import tomllib
@@ -20,22 +21,23 @@ MOST_VALUES = 1000
 
 @dataclass
 class Values:
-    """Parameters of a session file: put in where they are named, set from outside, and swept.
+    """The parameters of a session file, by name: from the file, from ``--set``, and from sweeps.
 
-    Parameters by name; ``used`` collects the names that were met.
+    ``used`` collects the names that were replaced.
     """
 
     given: Mapping[str, Any]
     used: set[str] = field(default_factory=set)
 
     def with_(self, more: Mapping[str, Any]) -> "Values":
-        """For the inside of a sweep; what is met there is met here."""
+        """These and ``more``, for the inside of a sweep; both share ``used``."""
         return Values({**self.given, **more}, self.used)
 
     def put_in(self, written: Any) -> Any:
-        """``written`` with every ``$name`` replaced; a text that is nothing but one takes its value, of any kind.
+        """``written`` with every ``$name`` replaced. A text that is only ``$name`` becomes the value itself, of any
+        type.
 
-        Raises ValueError, in a sentence, for a name that nobody gave a value.
+        Raises ValueError for a name without a value.
         """
         if isinstance(written, dict):
             return {key: self.put_in(value) for key, value in written.items()}
@@ -60,7 +62,7 @@ class Values:
 def sweeps(written: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Every combination of the values that ``for`` gives its names, the last name changing fastest.
 
-    Raises ValueError, in a sentence, where a name or its values cannot be used.
+    Raises ValueError where a name or its values cannot be used.
     """
     for name in written:
         if not NAME.fullmatch(name):
@@ -84,16 +86,16 @@ def _values(name: str, written: Any) -> Sequence[Any]:
 def _ranged(written: str, first: float, step: float, last: float, unit: str) -> list[str]:
     count = (last - first) / step if step else -1.0
     if count >= MOST_VALUES:
-        raise ValueError(f'the range "{written}" has more than {MOST_VALUES} values; make its step greater')
+        raise ValueError(f'the range "{written}" has more than {MOST_VALUES} values; give it a larger step')
     if count < 0:
-        raise ValueError(f'the range "{written}" does not get from its first value to its last; write first:step:last')
+        raise ValueError(f'the step of the range "{written}" leads away from its last value; write first:step:last')
     return [f"{first + step * index:.12g} {unit}".strip() for index in range(int(count + 1e-9) + 1)]
 
 
 def parsed(assignments: Sequence[str]) -> dict[str, Any]:
-    """``["speed=40 rad/s", "levels=7"]`` by name: values as TOML reads them, else as text.
+    """Parse ``["speed=40 rad/s", "levels=7"]``; by name. A value is read as TOML if it is TOML, else it is a text.
 
-    Raises UsageError for one without a name, or given twice.
+    Raises UsageError for an assignment without a name, and for a name given twice.
     """
     given: dict[str, Any] = {}
     for assignment in assignments:
@@ -114,7 +116,7 @@ def _value(written: str) -> Any:
 
 
 def settled(declared: Mapping[str, Any], given: Mapping[str, Any], place: str) -> dict[str, Any]:
-    """The parameters of the file at ``place`` with what was given instead. Raises UsageError for an unknown name."""
+    """The parameters of the file at ``place``, with the ``given`` values. Raises UsageError for an unknown name."""
     for name, value in given.items():
         if name not in declared:
             raise UsageError(f"--set {name}={value}: {place} has no parameter {toml(name)}; {nearest(name, declared)}")
@@ -123,14 +125,14 @@ def settled(declared: Mapping[str, Any], given: Mapping[str, Any], place: str) -
 
 MOST_STEPS = 10_000
 KNOWN = (*MODELS, GROUP)
-# What any step but a prompt may have: under which modulations of the actuator's impedance it runs.
+# Every step but a prompt may have this key: the modulations of the impedance under which it runs.
 MODULATION = "modulation"
-MODULATION_MEND = 'write it like "2 N*m/rad", or a list of such'
+MODULATION_MEND = 'write it like "2 N*m/rad", or a list of such quantities'
 
 
 @dataclass
 class Unrolled:
-    """What was read: ``steps`` in order, and those that run at the end however it comes."""
+    """The ``steps`` in order, and those that ``always`` run at the end."""
 
     steps: list[Item] = field(default_factory=list)
     always: list[Item] = field(default_factory=list)
@@ -138,7 +140,7 @@ class Unrolled:
 
 @dataclass
 class Unroller:
-    """Reads the tables of one file, and notes its mistakes."""
+    """Reads the tables of one file, and collects its mistakes."""
 
     mistakes: Mistakes
     _count: int = field(default=0, init=False)
@@ -151,7 +153,7 @@ class Unroller:
             if always:
                 read.always += items
             elif read.always and items:
-                self.mistakes.add(f"[step {number}]", "comes after a step with always = true; those must be the last")
+                self.mistakes.add(f"[step {number}]", "comes after a step with always = true; these must be the last")
             else:
                 read.steps += items
         return read
@@ -194,7 +196,7 @@ class Unroller:
                 body = self._body(table, do, where, number, values.with_(combination), label)
                 items += _controlled(body, control, do, where)
                 self._count += len(body)
-                # The same mistake in every repetition is one mistake.
+                # A mistake that repeats in every repetition is reported once.
                 if len(self.mistakes.sentences) > before or self._too_many(where):
                     return items
         return items
@@ -220,10 +222,10 @@ class Unroller:
         return [Step(do, options, label=label, where=where, modulations=modulations)]
 
     def _modulations(self, written: object, where: str) -> tuple[str, ...]:
-        """Quantities whose unit only the rig knows."""
+        """Quantities; their unit depends on the rig, and is checked later."""
         quantities = written if isinstance(written, list) else [written]
         if not all(isinstance(each, str) for each in quantities):
-            self.mistakes.add(f"[{where}] {MODULATION}", f"{toml(written)} is no quantity; {MODULATION_MEND}")
+            self.mistakes.add(f"[{where}] {MODULATION}", f"{toml(written)} is not a quantity; {MODULATION_MEND}")
             return ()
         return tuple(quantities)
 
@@ -237,10 +239,10 @@ class Unroller:
             return []
         items: list[Item] = []
         for inner, table in enumerate(tables, 1):
-            found, always = self._read(table, f"{number}.{inner}", values)
+            inside, always = self._read(table, f"{number}.{inner}", values)
             if always:
                 self.mistakes.add(f"[step {number}.{inner}] always", "is for steps of the file itself, not of a group")
-            items += found
+            items += inside
         return [_labelled(item, label) for item in items]
 
     def _put_in(self, written: Mapping[str, Any], where: str, values: Values) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""Compiled code made ready before anything is opened: the first run compiles for seconds, later ones only load."""
+"""Compile all compiled code before anything is opened: the first run takes seconds for it, later ones only load it."""
 
 from functools import cache
 
@@ -22,7 +22,7 @@ from norton_bench.segments import Use
 TICK_S = 1e-3
 DURATION_S = 3.0
 COMMAND_UNIT = "N*m"
-# Any machine will do.
+# The values do not matter.
 NETWORK = NortonNetwork(1.0, 500.0, 1e-4, 1e-3, 0.02, 10.0, 0.01, command_unit=COMMAND_UNIT)
 SHAPE = Shape(500.0, 500.0, TICK_S, 0.0)
 FRICTION = ActuatorFriction(1e-3, 0.02, 10.0, 0.01)
@@ -31,9 +31,9 @@ LOAD = LoadCalibration(
 )
 
 
-@cache  # a process stays warm
+@cache  # once for each process
 def warm_up() -> None:
-    """Go once through all compiled code, with made-up readings whose results nobody looks at."""
+    """Call all compiled code once, with made-up readings; the results are not used."""
     measured = _made_up()
     _warm_fit(signals(measured, TICK_S, Use.CALIBRATE, Port.ACTUATOR))
     AdmittanceController(LOAD, TICK_S, torque_limit_nm=1.0)
@@ -43,7 +43,7 @@ def warm_up() -> None:
 
 
 def _warm_fit(stretches: tuple[Signals, ...]) -> None:
-    """What a fit asks for at every step of its search: once, for the search itself takes a second."""
+    """Call once what a fit computes in every step of its search; the search itself would take a second."""
     regression = Regression.of(stretches, FULL_BAND).recounted(SHAPE)
     columns, _ = regression.columns(SHAPE)
     regression.jacobian(SHAPE, columns, np.ones(len(columns)))
@@ -51,7 +51,7 @@ def _warm_fit(stretches: tuple[Signals, ...]) -> None:
 
 
 def _warm_friction() -> None:
-    """The operators of the ladder, and its sums."""
+    """The friction models of the comparison."""
     swing = np.sin(np.arange(20.0))
     path = Path(TICK_S, swing, swing, np.zeros(1, dtype=np.int64))
     for model in family_for(path):
@@ -60,7 +60,7 @@ def _warm_friction() -> None:
 
 
 def _made_up() -> Measured:
-    """Two sines, read as an encoder and a sensor would."""
+    """Two sines, as an encoder and a sensor would read them."""
     time_s = np.arange(round(DURATION_S / TICK_S)) * TICK_S
     position = np.sin(20 * time_s) + 0.1 * np.sin(90 * time_s)
     command = 0.1 * np.sin(50 * time_s)

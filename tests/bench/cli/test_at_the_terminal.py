@@ -138,12 +138,12 @@ def test_ctrl_c_pauses_enter_goes_on_and_ctrl_c_twice_stops(tmp_path: Path, term
     terminals.append(terminal)
     terminal.until("/501 tare")
     terminal.type("\x03")
-    terminal.until("pausing when this procedure is done; Ctrl-C again stops now")
-    terminal.until("Paused, the drives are idle. Enter goes on")
+    terminal.until("will pause after this procedure; Ctrl-C again stops now")
+    terminal.until("Paused; the drives are idle. Enter: resume")
     terminal.type("\n")
     terminal.until("going on")
     terminal.type("\x03")
-    terminal.until("pausing when this procedure is done")
+    terminal.until("will pause after this procedure")
     terminal.type("\x03")
     assert terminal.end() == ExitCode.INTERRUPTED
     assert "stopped by the operator: Ctrl-C" in terminal.said
@@ -169,7 +169,7 @@ def test_a_prompt_is_answered_with_a_line(tmp_path: Path, terminals: list[Termin
     terminals.append(terminal)
     terminal.until("Which fixture is mounted? [A/B]")
     terminal.type("C\n")
-    terminal.until('"C" is none of A, B')
+    terminal.until('"C" must be one of A, B')
     terminal.until("Which fixture is mounted? [A/B]")
     terminal.type("B\n")
     assert terminal.end() == ExitCode.OK

@@ -161,7 +161,7 @@ RIG_CASES = {
     "a network": rig_case("{}\n", "r.toml: is JSON, not TOML; is it a network file?", "network show"),
     "a percentage without its sign": Case(
         f"identify {RIG_FILE} --quiet --until 1",
-        ("--until 1: is a percentage of each value, more than 0 % and less than 100 %; write --until 1%",),
+        ("--until 1: is a percentage of each value, greater than 0 % and less than 100 %; write --until 1%",),
         {},
     ),
     "a bound of nothing": Case(
@@ -172,7 +172,7 @@ RIG_CASES = {
         f"identify {RIG_FILE} --quiet --backend=", ('Write "hardware" or "simulated", or leave it out',), {}
     ),
     "one argument too many": Case(
-        f"identify {RIG_FILE} more.toml --quiet", ("more.toml: is more than this command takes; leave it out",), {}
+        f"identify {RIG_FILE} more.toml --quiet", ("more.toml: is not an argument of this command; leave it out",), {}
     ),
     "no processes at all": Case(f"faults {RIG_FILE} --quiet --jobs -3", ("--jobs", "Give at least one"), {}),
     "no experiments at a time": Case("paper --quiet --jobs 0", ("--jobs", "Give at least one"), {}),
@@ -188,12 +188,12 @@ SESSION_CASES = {
     ),
     "out of order": session_case(
         steps(CALIBRATE, TARE),
-        "s.toml: [step 1, calibrate] 'calibrate' builds on 'tare'",
+        "s.toml: [step 1, calibrate] 'calibrate' needs 'tare'",
         'put a step do = "tare" before it',
     ),
     "validation of what was never tried": session_case(
         steps(TARE, CALIBRATE, 'do = "validate"'),
-        "s.toml: [step 3, validate] 'validate' builds on 'free'",
+        "s.toml: [step 3, validate] 'validate' needs 'free'",
         'do = "free"',
     ),
     "no load": session_case(
@@ -218,21 +218,21 @@ SESSION_CASES = {
     ),
     "longer than it can be fitted": session_case(
         steps(TARE + '\nduration = "1e9 s"'),
-        "s.toml: [step 1, tare]: takes 1e+09 s, and one step may take 3600 s at most",
+        "s.toml: [step 1, tare]: takes 1e+09 s; one step may take 3600 s at most",
         "repeat it",
         more="--dry-run",
     ),
     "longer than a day": session_case(
         steps(TARE + '\nduration = "3000 s"\nrepeat = 1000'),
-        "s.toml: takes up to 3.006e+06 s in all, and a session may take 24 h at most",
-        "make several of it",
+        "s.toml: takes up to 3.006e+06 s in all; a session may take 24 h at most",
+        "divide it into several sessions",
         more="--dry-run",
     ),
     "more levels than can be": session_case(
         steps(TARE, CALIBRATE, 'do = "free"\nlevels = 1000000000'), "[step 3, free] levels: 1000000000 must be at most"
     ),
     "an answer to nothing": session_case(
-        steps(TARE), "--answer fixture=A: s.toml asks nothing of that name", more="--answer fixture=A --dry-run"
+        steps(TARE), "--answer fixture=A: s.toml has no such prompt", more="--answer fixture=A --dry-run"
     ),
     "a prompt of a name that nothing can refer to": session_case(
         steps('do = "ask"\nname = "a b"\ntext = "Which?"'), "[step 1, ask] name: expected a plain name of letters"

@@ -16,7 +16,7 @@ from norton_bench.cli import app
 from norton_bench.cli.arguments import run_folder
 from norton_bench.cli.operator import operator_stop
 from norton_bench.cli.output import Output
-from norton_bench.cli.progress import Lines, showing_progress
+from norton_bench.cli.progress import LineProgress, showing_progress
 from norton_bench.errors import ExitCode, SafetyStopError
 from norton_bench.events import Note, PartMeasured, Planned, PlannedStep, StepBegun
 from norton_bench.identification.results import FitResult, LiveEstimate, Trace
@@ -221,7 +221,7 @@ def test_the_first_interrupt_asks_and_the_second_ends() -> None:
 
 
 def test_progress_says_how_long_it_takes(capsys: pytest.CaptureFixture[str]) -> None:
-    lines = Lines(Output())
+    lines = LineProgress(Output())
     lines(Planned((PlannedStep("tare", 2.0), PlannedStep("free", 10.0))))
     lines(StepBegun(1, "free"))
     assert capsys.readouterr().err.splitlines() == ["2 steps, about 12 s of bench time", "[2/2] free"]

@@ -29,7 +29,7 @@ def jog(tmp_path: Path, capsys: pytest.CaptureFixture[str], *arguments: str) -> 
 def test_values_are_held_and_everything_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, found, said = jog(tmp_path, capsys, "--actuator", "50 mN*m", "--load-torque=-0.01", "--duration", "1 s")
     assert code == ExitCode.OK
-    assert "moving: actuator +0.05 N*m, load -0.01 N*m, for 1 s; torques end at 40 rad/s" in said
+    assert "moving: actuator +0.05 N*m, load -0.01 N*m, for 1 s; torques are switched off at 40 rad/s" in said
     assert "device actuator: odrive, can0 node 1" in said
     assert found["setpoints"] == "actuator +0.05 N*m, load -0.01 N*m"
     assert found["cut_short"] is None

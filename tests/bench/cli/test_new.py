@@ -215,7 +215,7 @@ def test_checked_on_the_hardware_where_that_is_said(tmp_path: Path) -> None:
         (("r.toml", *ALONE, "--set", "node"), "write it like --set actuator.node=1"),
         (("nowhere/r.toml", *ALONE), "cannot be written (No such file or directory)"),
         (("r.toml", "--from", "none.toml"), "no such rig file"),
-        (("there.toml", *ALONE), "there.toml is there already; name another file, or add --force"),
+        (("there.toml", *ALONE), "there.toml exists already; name another file, or add --force"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(

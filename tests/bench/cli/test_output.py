@@ -103,7 +103,7 @@ def test_the_models_error_is_told_to_programs_and_people(fit: FitResult) -> None
     assert told["departures"][0]["periods_per_turn"] is None
     said = " ".join(shown(summary(found)).split())
     assert "right 95% of the time to: torque within 0.002 N*m rms; velocity -50 to 50 rad/s, command" in said
-    assert "free velocity to 0.2 rad/s rms (3.4% of it; readings alone are 0.05 rad/s apart" in said
+    assert "free velocity to 0.2 rad/s rms (3.4% of it; the noise of the readings is 0.05 rad/s" in said
 
 
 def test_json_of_a_session_that_told_nothing() -> None:
@@ -133,7 +133,7 @@ def test_an_assembled_actuator_has_its_trials_and_the_file_of_its_source() -> No
     assert data["below_first_db"] == pytest.approx(35.2, abs=0.1)
     assert data["reasons"] == ["after 3 trials there was still more"]
     assert (data["converged"], data["source"], data["source_scatter_rad_s"]) == (False, FILES[1], None)
-    assert "exerted 0.20 mN·m at last, at least 35 dB below the first; after 3" in in_situ_sentence(found)
+    assert "exerted 0.20 mN·m, at least 35 dB below the first; after 3" in in_situ_sentence(found)
 
 
 def test_the_summary_names_parameters_verdict_and_files(fit: FitResult) -> None:

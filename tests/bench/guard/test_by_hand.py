@@ -9,7 +9,7 @@ from norton_bench.guard.check import Check, Commands
 from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
 from norton_bench.guard.model import GuardModel, Machine, TorqueReadings, amperes_per_command
 from norton_bench.guard.motion_checks import EncoderAgreement, HeldShaft, Standstill
-from norton_bench.guard.torque_checks import FrozenTorque, Saturation, TorqueBalance, TorqueJump
+from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueBalance, TorqueJump
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.records import CURRENT, TICK
 from norton_bench.sample import Sample
@@ -203,7 +203,7 @@ def test_equal_readings_are_counted() -> None:
 
 @pytest.mark.parametrize(("torque_nm", "found"), [(1.98, True), (1.9799, False), (-1.98, True)])
 def test_the_end_of_the_range_begins_at_99_hundredths(torque_nm: float, found: bool) -> None:
-    assert bool(found_at(Saturation(2.0), torques(*[torque_nm] * 3))) is found
+    assert bool(found_at(SaturationCheck(2.0), torques(*[torque_nm] * 3))) is found
 
 
 # ---- Currents -----------------------------------------------------------------------------------------------
@@ -272,7 +272,7 @@ def all_checks() -> list[Check]:
         Standstill("N*m"),
         FrozenTorque(),
         TorqueJump(1.0, 1e-3),
-        Saturation(2.0),
+        SaturationCheck(2.0),
         TorqueBalance(1.0),
         HeldShaft(1.0, 1e-4),
     ]
@@ -288,7 +288,7 @@ def test_a_check_that_was_never_begun_nor_taught_is_quiet(check: Check) -> None:
     ("check", "wrong", "sent"),
     [
         (Coupling(0.25, 1.0, 0.0, 1e-3), lambda k: resting(k)._replace(position_rad=1.0 if k % 100 else 0.0), NOTHING),
-        (Saturation(2.0), lambda k: resting(k)._replace(torque_nm=1.99), NOTHING),
+        (SaturationCheck(2.0), lambda k: resting(k)._replace(torque_nm=1.99), NOTHING),
         (jump(), lambda k: resting(k)._replace(torque_nm=0.6 if k % 100 > 1 else 0.0), NOTHING),
         (
             CurrentAgreement("actuator", 0.5, "N*m", 20.0),

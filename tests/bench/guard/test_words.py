@@ -5,14 +5,13 @@ from dataclasses import replace
 from math import inf, nan
 
 import pytest
-from norton_bench.guard.checks import Fitted
 
 from norton_bench.errors import SafetyStopError, UsageError
 from norton_bench.guard.check import Commands
 from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
-from norton_bench.guard.guard import Guard, checks_for
+from norton_bench.guard.guard import Equipment, Guard, checks_for
 from norton_bench.guard.motion_checks import EncoderAgreement, HeldShaft, Standstill
-from norton_bench.guard.torque_checks import FrozenTorque, Saturation, TorqueBalance, TorqueJump
+from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueBalance, TorqueJump
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.rig.rig import Command
 from norton_bench.sample import Sample
@@ -329,7 +328,7 @@ def test_a_torque_sensor() -> None:
 
 # ---- What a rig's checks are made of ---------------------------------------------------------------------------------
 
-EVERYTHING = Fitted(
+EVERYTHING = Equipment(
     load=True,
     torque_sensor=True,
     range_nm=2.0,
@@ -344,7 +343,7 @@ def inside(checks: Iterable[object]) -> list[tuple[str, dict[str, object]]]:
     return [(type(check).__name__, {k: v for k, v in vars(check).items() if not callable(v)}) for check in checks]
 
 
-def made_for(command: Command, fitted: Fitted) -> list[tuple[str, dict[str, object]]]:
+def made_for(command: Command, fitted: Equipment) -> list[tuple[str, dict[str, object]]]:
     return inside(checks_for(replace(LIMITS, twist_rad=0.25), command, 1e-3, fitted))
 
 
@@ -359,13 +358,13 @@ def test_each_check_knows_its_own_limit_unit_and_resolution() -> None:
         CurrentAgreement("load", 0.8, "N*m"),
         FrozenTorque(),
         TorqueJump(1.0, 1e-3),
-        Saturation(2.0),
+        SaturationCheck(2.0),
         TorqueBalance(1.0),
         HeldShaft(1.0, 3e-4),
     ]
     assert made_for(Command("mA", 500.0), EVERYTHING) == inside(expected)
     alone = [EncoderAgreement("actuator encoder", 0.0), Standstill("N*m"), CurrentAgreement("actuator", 0.5, "N*m")]
-    assert made_for(Command("N*m", 0.5), Fitted(False, False, runs=True)) == inside(alone)
+    assert made_for(Command("N*m", 0.5), Equipment(False, False, runs=True)) == inside(alone)
 
 
 def test_a_shaft_that_swings_keeps_all_checks_quiet() -> None:

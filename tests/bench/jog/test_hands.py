@@ -110,7 +110,7 @@ def test_without_a_key_all_goes_back_to_zero_and_the_load_does_what_it_did(keys:
     keys.now_s += 0.2
     assert board.wanted(0.0) == Setpoints(0.0, LoadDoes.VELOCITY, 0.0)
     keys.listen(board)
-    assert keys.said == [f"no key for {DEAD_MAN_S:g} s: everything goes back to zero"]
+    assert keys.said == [f"no key for {DEAD_MAN_S:g} s: everything returns to zero"]
     board.wanted(0.0)
     keys.listen(board)
     assert len(keys.said) == 1
@@ -123,7 +123,7 @@ def test_a_bench_that_was_left_alone_is_idled(keys: Keys) -> None:
     board.wanted(0.0)
     keys.listen(board)
     assert board.leaves
-    assert "nobody is there" in keys.said[-1]
+    assert "the drives go idle" in keys.said[-1]
 
 
 def test_on_its_way_to_the_end_nothing_is_nudged_any_more(keys: Keys) -> None:

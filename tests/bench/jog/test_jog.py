@@ -91,7 +91,7 @@ def test_torques_end_at_the_speed_and_the_guard_has_nothing_to_stop(bench: Bench
     parts = jogged(bench, keys, {0.0: "actuator 0.8", 3.0: "end"})
     fastest = np.abs(velocity(parts)).max()
     assert 40.0 <= fastest < 60.0  # of 80, at which the guard stops
-    assert sum("torques end here" in text for text in keys.said) == 1
+    assert sum("torques are switched off" in text for text in keys.said) == 1
     assert parts[-1].ticks["command"][-1] == 0.0
 
 

@@ -125,7 +125,7 @@ def test_what_was_believed_of_the_load_is_overruled_by_the_twist(found: Found) -
     load = assembled_load(found)
     assert load.inertia_kgm2 == pytest.approx(TRUE_INERTIA_KGM2, rel=0.02)
     assert load.viscous_damping_nms_rad == VISCOUS_NMS_RAD
-    assert "+20 % off: overruled" in found.said[1]
+    assert "+20 %, and is ignored" in found.said[1]
 
 
 def test_some_trials_are_left_alone_and_tell_the_floor(found: Found) -> None:
@@ -160,7 +160,7 @@ def stiff(name: str) -> Rig:
 
 
 def test_a_load_that_cannot_be_told_from_the_actuator_is_refused() -> None:
-    with pytest.raises(ExperimentError, match="the load cannot be told from the actuator: what joins them twists too"):
+    with pytest.raises(ExperimentError, match="load and actuator cannot be separated: the coupling twists too"):
         carried_out(stiff("sim-in-situ"), OPTIONS)
 
 
@@ -170,7 +170,7 @@ def test_an_arm_on_the_load_is_found_and_named() -> None:
     place = "mounted = -1 "
     assert place in text
     rig = parse_rig(text.replace(place, f'gravity = {{ amplitude = "20 mN*m" }}\n{place}'), place="arm")
-    with pytest.raises(ExperimentError, match=r"an arm hangs on the load, of which up to 0\.021\d? N\*m go with"):
+    with pytest.raises(ExperimentError, match=r"an arm hangs on the load, with a torque of up to 0\.021\d? N\*m by"):
         carried_out(rig, OPTIONS)
 
 

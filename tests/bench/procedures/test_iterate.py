@@ -137,7 +137,7 @@ def test_it_ends_at_the_number_of_trials_and_says_so(iterated: Iterated) -> None
     assert decision.procedure is None
     assert decision.known.iteration is not None
     assert not decision.known.iteration.converged
-    assert "after 6 trials there was still more than noise" in decision.sentence
+    assert "after 6 trials more than noise is left" in decision.sentence
 
 
 def test_it_stops_where_it_does_not_converge(iterated: Iterated) -> None:

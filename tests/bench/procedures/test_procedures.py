@@ -75,13 +75,13 @@ def test_what_the_rig_can_do_is_accepted(procedure: Procedure, rig: Rig) -> None
 
 
 def test_steps_that_build_on_others_must_follow_them() -> None:
-    with pytest.raises(UsageError, match="step 1 'free' builds on 'calibrate'"):
+    with pytest.raises(UsageError, match="step 1 'free' needs 'calibrate'"):
         make_procedures([("free", FreeProcedure().options)], RIG, place="s.toml")
     first = [("tare", TareOptions()), ("calibrate", CalibrateProcedure().options)]
-    with pytest.raises(UsageError, match="step 3 'validate' builds on 'free'"):
+    with pytest.raises(UsageError, match="step 3 'validate' needs 'free'"):
         make_procedures([*first, ("validate", ValidateProcedure().options)], RIG, place="s.toml")
     alone = rig_without("load", "torque_sensor")
-    with pytest.raises(UsageError, match="step 1 'validate' builds on 'free'"):
+    with pytest.raises(UsageError, match="step 1 'validate' needs 'free'"):
         make_procedures([("validate", ValidateProcedure().options)], alone, place="s.toml")
     made = make_procedures([(name, entry.make().options) for name, entry in CATALOGUE.items()], RIG, place="s.toml")
     assert [procedure.name for procedure in made] == list(CATALOGUE)
@@ -172,7 +172,7 @@ def test_what_is_felt_of_a_push_has_an_honest_deviation(seed: int) -> None:
     assert abs(answer.torque_nm - felt_nm) < 3.5 * answer.deviation_nm
     assert answer.deviation_nm < 0.15 * noise_nm
     unfelt = replace(read(np.zeros(count), 2_000_000_000), ticks=push.ticks)
-    assert any("does not feel the push" in fault and "mN m a reading" in fault for fault in signs(unfelt, rest, 1))
+    assert any("does not measure the push" in fault and "mN m a reading" in fault for fault in signs(unfelt, rest, 1))
     assert list(signs(push, rest, 1)) == []
 
 

@@ -19,7 +19,7 @@ def interval(half: float, name: str = "inertia", of_noise: float = 0.001) -> Int
 
 
 def after_round(log: Refinement, before: float, foreseen: float, found: float) -> Refinement:
-    return replace(log, foreseen={"inertia": (before, foreseen)}).judged([interval(found)])
+    return replace(log, predicted={"inertia": (before, foreseen)}).judged([interval(found)])
 
 
 def test_half_an_interval_is_relative_to_the_value() -> None:
@@ -70,8 +70,8 @@ def test_where_little_was_foreseen_nothing_is_judged() -> None:
 
 def test_why_an_interval_stays_wide() -> None:
     assert why_wide(interval(0.04, "presliding_damping", 0.005)) == (
-        "the interval of presliding damping, ±4 %, is held up by model error, not by noise, "
-        "which alone would leave ±0.5 %"
+        "the interval of presliding damping, ±4 %, is limited by model error, not by noise, "
+        "which alone would give ±0.5 %"
     )
     assert "does not narrow as it should" in why_wide(interval(0.04, of_noise=0.035))
 

@@ -54,7 +54,7 @@ def test_without_a_file_all_is_as_usual(tmp_path: Path, monkeypatch: pytest.Monk
         ('keys = { paus = "f5" }', 'did you mean "pause"?'),
         ('keys = { pause = "space" }', "space always stops"),
         ('keys = { pause = "f5, space" }', "space always stops"),
-        ('keys = { pause = "" }', "names no key"),
+        ('keys = { pause = "" }', "is empty"),
         ('theme = "nrd"', 'did you mean "nord"?'),
         ("fps = 200", "must be at most 60"),
         ("colour = 1", "unknown key"),

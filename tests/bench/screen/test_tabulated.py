@@ -107,7 +107,7 @@ def test_without_a_torque_sensor_a_place_is_a_place_all_the_same(rig: Rig) -> No
 
 def test_before_anything_was_read_the_panels_say_what_will_be(rig: Rig) -> None:
     picture = shown(rig)
-    assert "source and exertion are tabulated" in " ".join(texts(table_rows(picture.tabulated, "rad", 46, 9))[1:])
+    assert "source and torques are tabulated" in " ".join(texts(table_rows(picture.tabulated, "rad", 46, 9))[1:])
     assert figures.source(picture).empty == "fills in while 'tabulate_source' runs"
 
 
@@ -132,7 +132,7 @@ def test_a_motor_with_gravity_is_drawn_as_places_once_it_is_tabulated(rig: Rig) 
 def test_the_result_shows_the_tables() -> None:
     facts = Facts(("port", "command [rad]", "rests at [rad]"), (("actuator", "0.1333", "0.1333 ± 0.0003"),))
     rows = texts(result_rows(Ended(ExitCode.OK, tables=(facts, facts)), 80))
-    assert rows[0] == "✓ Done; what was found stands below."
+    assert rows[0] == "✓ Done; the results are below."
     assert [row.split("─")[0].strip() for row in rows if row.startswith("Tables")] == ["Tables with 95 % intervals"]
     told = [row for row in rows if "0.1333 ± 0.0003" in row]
     assert len(told) == 2
@@ -175,7 +175,7 @@ def test_the_result_says_whether_the_port_tells() -> None:
 def test_the_result_says_what_trials_came_to() -> None:
     said = "In situ, 9 trials: the actuator exerted 0.11 mN·m at last, at least 39 dB below the first."
     rows = texts(result_rows(Ended(ExitCode.OK, trials=(said,)), 60))
-    assert rows[0] == "✓ Done; what was found stands below."
+    assert rows[0] == "✓ Done; the results are below."
     assert " ".join(rows[rows.index(next(row for row in rows if row.startswith("Trials"))) + 1 :]).strip() == said
 
 
@@ -192,7 +192,7 @@ def test_a_bench_without_a_torque_sensor_promises_nothing_that_needs_one() -> No
         picture.take(PartMeasured(part, LiveEstimate(0, ())))
     for made in (figures.torque(picture, 5.0), figures.torque_velocity(picture), figures.torque_position(picture)):
         assert (made.traces, made.empty) == ((), "no torque sensor on this bench")
-    assert figures.source(picture).empty == "found in situ, at the end"
+    assert figures.source(picture).empty == "identified in situ, at the end"
     assert picture.in_situ
 
 

@@ -174,7 +174,7 @@ def test_a_safety_stop_ends_the_program_with_its_code_and_keeps_the_recording(tm
         out, err = process.communicate(timeout=120)
     assert (process.returncode, out) == (ExitCode.SAFETY_STOP, "")
     *_, kept, why = err.splitlines()
-    assert kept == f"what was measured is kept in {tmp_path / 'out' / 'sim-odrive.mcap'}"
+    assert kept == f"the measurements are in {tmp_path / 'out' / 'sim-odrive.mcap'}"
     assert why.startswith("port power: ")
     assert "is outside [limits] power = 0.2 W; ask for less (" in why
     assert len(read_recording(tmp_path / "out" / "sim-odrive.mcap").measured.ticks) > 500
@@ -189,7 +189,7 @@ def test_an_interrupt_ends_the_program_with_its_code_and_keeps_the_recording(tmp
         out, err = process.communicate(timeout=120)
     assert (process.returncode, out) == (ExitCode.INTERRUPTED, "")
     kept, why = err.splitlines()
-    assert kept == f"what was measured is kept in {tmp_path / 'out' / 'sim-odrive.mcap'}"
+    assert kept == f"the measurements are in {tmp_path / 'out' / 'sim-odrive.mcap'}"
     assert "stopped by the operator" in why
     recording = read_recording(tmp_path / "out" / "sim-odrive.mcap")
     assert_ended_in_order(recording, "stopped by the operator")

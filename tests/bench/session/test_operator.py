@@ -142,7 +142,7 @@ def test_prompts_wait_for_an_answer_that_is_allowed(tmp_path: Path) -> None:
     attendant = Attendant(replies=deque(["C", " B ", "Ada"]))
     performed(asking, tmp_path, attendant)
     assert attendant.heard.count("Which fixture?") == 2
-    assert '"C" is none of A, B' in attendant.heard
+    assert '"C" must be one of A, B' in attendant.heard
     assert events(tmp_path, "answer", "step") == ["fixture: B", "rest", "name: Ada"]
     assert attendant.steps == [(0, "ask"), (1, "rest"), (2, "ask")]
     assert [len(plan) for plan in attendant.plans] == [0, 1, 2, 3]
@@ -160,10 +160,10 @@ def test_prompts_may_be_answered_beforehand(tmp_path: Path) -> None:
             Answers({"name": "Ada"}),
             r'test: asks "Which fixture\?", and nobody is there to answer; run it on a terminal',
         ),
-        (Answers({"fixture": "C"}, yes=True), "--answer fixture=C: is none of A, B"),
+        (Answers({"fixture": "C"}, yes=True), "--answer fixture=C: must be one of A, B"),
         (
             Answers({"fixtur": "A"}, yes=True),
-            r'--answer fixtur=A: test asks nothing of that name; did you mean "fixture"',
+            r'--answer fixtur=A: test has no such prompt; did you mean "fixture"',
         ),
     ],
 )
@@ -188,7 +188,7 @@ def test_a_stop_between_procedures_moves_nothing_more(tmp_path: Path) -> None:
     attendant.stop.say("space")
     with pytest.raises(OperatorStopError, match="stopped by the operator: space"):
         performed(cleared_up, tmp_path, attendant)
-    assert attendant.heard[-3:] == ["left out 'rest': nothing moves any more", "Take the clamp off.", "failed"]
+    assert attendant.heard[-3:] == ["left out 'rest': after this end nothing may move", "Take the clamp off.", "failed"]
     assert events(tmp_path, "stop", "step") == ["stopped by the operator: space"]
     assert attendant.summary is not None
     assert attendant.summary.failure == "stopped by the operator: space"
@@ -204,5 +204,5 @@ def test_after_a_safety_stop_prompts_are_asked_and_nothing_moves(tmp_path: Path)
         run_session(
             RIG, parse_session(text, place="test"), out=tmp_path, seed=1, on_event=attendant.watch, operator=attendant
         )
-    assert "left out 'rest': nothing moves any more" in attendant.heard
+    assert "left out 'rest': after this end nothing may move" in attendant.heard
     assert events(tmp_path, "answer", "step") == ["clamp: done"]

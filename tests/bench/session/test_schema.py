@@ -103,8 +103,8 @@ def test_a_modulation_may_be_swept() -> None:
 @pytest.mark.parametrize(
     ("rig", "text", "said"),
     [
-        (VARIABLE, "modulation = 2\n", "s.toml: [step 1, rest] modulation: 2 is no quantity; write it like"),
-        (VARIABLE, 'modulation = ["1 N*m/rad", 2]\n', 's.toml: [step 1, rest] modulation: ["1 N*m/rad", 2] is no quan'),
+        (VARIABLE, "modulation = 2\n", "s.toml: [step 1, rest] modulation: 2 is not a quantity; write it like"),
+        (VARIABLE, 'modulation = ["1 N*m/rad", 2]\n', 's.toml: [step 1, rest] modulation: ["1 N*m/rad", 2] is not a'),
         (VARIABLE, 'modulation = "2 rad"\n', 's.toml: [step 1, rest]: modulation: "2 rad" is not in N*m/rad'),
         (
             VARIABLE,
@@ -163,7 +163,7 @@ def test_the_standard_session_suits_every_rig(path: Path) -> None:
             '[[step]]\ndo = "blocked"\nlevels = 2.5\n',
             "s.toml: [step 1, blocked] levels: expected a whole number, not 2.5",
         ),
-        ('[[step]]\ndo = "imposed"\nvelocities = []\n', "s.toml: [step 1, imposed] velocities: names no velocity"),
+        ('[[step]]\ndo = "imposed"\nvelocities = []\n', "s.toml: [step 1, imposed] velocities: is empty"),
         (
             '[[step]]\ndo = "imposed"\nvelocities = "1:2"\n',
             "s.toml: [step 1, imposed] velocities: expected a range such",

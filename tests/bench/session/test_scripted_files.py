@@ -98,9 +98,9 @@ def test_the_plan_tells_what_is_certain() -> None:
 def test_what_a_condition_may_leave_out_cannot_be_built_on() -> None:
     text = IMPOSED.replace('do = "calibrate"\n', 'do = "calibrate"\nwhen = { answer = "x", is = "y" }\n')
     asked = '[[step]]\ndo = "ask"\nname = "x"\ntext = "?"\n' + text
-    with pytest.raises(UsageError, match=r"s.toml: \[step 4, imposed\] 'imposed' builds on 'calibrate'"):
+    with pytest.raises(UsageError, match=r"s.toml: \[step 4, imposed\] 'imposed' needs 'calibrate'"):
         make_experiment(read(asked), RIG)
-    with pytest.raises(UsageError, match=r's.toml: \[step 2, calibrate\]: nobody is asked "x" before it; put a step'):
+    with pytest.raises(UsageError, match=r's.toml: \[step 2, calibrate\]: no prompt "x" comes before it; put a step'):
         make_experiment(read(text), RIG)
 
 
@@ -109,7 +109,7 @@ def test_what_a_condition_may_leave_out_cannot_be_built_on() -> None:
     [
         (
             '[[step]]\ndo = "imposed"\nalways = true\n',
-            r"\[step 4, imposed\]: builds on other steps, which may have failed",
+            r"\[step 4, imposed\]: needs other steps, which may have failed",
         ),
         (
             '[[expect]]\nparameter = "inertia"\nvalue = "5 N*m"\nwithin = "1 %"\n',
@@ -149,11 +149,11 @@ def test_what_the_rig_cannot_do_is_told_with_its_place() -> None:
         ('[[step]]\ndo = "tare"\nrepeat = 0\n', "[step 1, tare] repeat: 0 must be at least 1"),
         ('[[step]]\ndo = "tare"\nrepeat = 1000000\n', "[step 1, tare] repeat: 1000000 must be at most 1000"),
         ('[[step]]\ndo = "tare"\nfor = { a = [] }\n', '[step 1, tare] for: a needs its values: write a = ["20 %"'),
-        ('[[step]]\ndo = "tare"\nfor = { a = "1:-1:5" }\n', '[step 1, tare] for: the range "1:-1:5" does not get'),
+        ('[[step]]\ndo = "tare"\nfor = { a = "1:-1:5" }\n', '[step 1, tare] for: the step of the range "1:-1:5"'),
         ('[[step]]\ndo = "tare"\nfor = { "a b" = [1] }\n', '[step 1, tare] for: "a b" cannot be named as $...'),
         (
             '[[step]]\ndo = "tare"\nwhen = { parameter = "inertia" }\n',
-            "[step 1, tare] when: asks for nothing; write {",
+            "[step 1, tare] when: is empty; write {",
         ),
         (
             '[[step]]\ndo = "tare"\nwhen = { parameter = "inertai", interval = "1 %" }\n',
@@ -165,7 +165,7 @@ def test_what_the_rig_cannot_do_is_told_with_its_place() -> None:
         ),
         (
             '[[step]]\ndo = "tare"\nwhen = { parameter = "inertia", value = "1 kg*m^2" }\n',
-            "[step 1, tare.when] value: '1 kg*m^2' compares nothing; write it like",
+            "[step 1, tare.when] value: '1 kg*m^2' is no comparison; write it like",
         ),
         (
             '[[step]]\ndo = "tare"\nwhen = { parameter = "inertia", status = "vald" }\n',
@@ -190,13 +190,13 @@ def test_what_the_rig_cannot_do_is_told_with_its_place() -> None:
         ),
         (
             '[[step]]\ndo = "rest"\nalways = true\n[[step]]\ndo = "tare"\n',
-            "[step 2]: comes after a step with always = true; those must be the last",
+            "[step 2]: comes after a step with always = true; these must be the last",
         ),
         ('[[step]]\ndo = "ask"\ntext = "?"\n', '[step 1, ask] name: is missing; add name = "fixture"'),
-        ('[[step]]\ndo = "tare"\n[[expect]]\n', "[expect 1] : expects nothing; write parameter ="),
+        ('[[step]]\ndo = "tare"\n[[expect]]\n', "[expect 1] : is empty; write parameter ="),
         (
             '[[step]]\ndo = "tare"\n[[expect]]\nparameter = "inertia"\nvalue = "5e-5 kg*m^2"\n',
-            "[expect 1]: '5e-5 kg*m^2' compares nothing; write it like",
+            "[expect 1]: '5e-5 kg*m^2' is no comparison; write it like",
         ),
         (
             '[[step]]\ndo = "tare"\n[[expect]]\nvalidation = "torque"\n',

@@ -144,6 +144,6 @@ def test_an_interrupt_at_the_terminal_ends_every_process_without_a_word_too_many
         out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (ExitCode.INTERRUPTED, "")
     kept, why = err.splitlines()
-    assert kept == "what was measured is kept in stopped/sim-odrive.mcap"
+    assert kept == "the measurements are in stopped/sim-odrive.mcap"
     assert "stopped by the operator" in why
     assert len(read_recording(folder / "stopped" / "sim-odrive.mcap").measured.ticks) > 100

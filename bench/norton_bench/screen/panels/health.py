@@ -1,4 +1,4 @@
-"""How devices, buses and the loop are, a row each."""
+"""The state of devices, buses and the loop, a row for each."""
 
 from itertools import groupby
 from math import isfinite
@@ -18,7 +18,7 @@ NAME, KIND, RATE, AGE, TEMPERATURE, LOST = 14, 14, 9, 9, 7, 10
 
 
 def health_rows(picture: Picture, width: int, height: int) -> list[Row]:
-    """Devices, buses, the loop; the last trouble of each where there is room for it."""
+    """Devices, buses, the loop; where there is room also the last trouble of each."""
     health = picture.health
     rows = [heading("Bench", "", in_short(health), width)]
     pulses = [*health.devices(), *health.buses()]
@@ -28,7 +28,7 @@ def health_rows(picture: Picture, width: int, height: int) -> list[Row]:
 
 
 def in_short(health: Health) -> str:
-    """What is not well, by name; empty where all is."""
+    """The names of those with trouble; empty where there is none."""
     bad = [pulse.name for pulse in (*health.devices(), *health.buses()) if pulse.state in ("silent", "trouble")]
     return f"look at {', '.join(bad)}" if bad else ""
 
@@ -44,7 +44,7 @@ def _pulse(pulse: Pulse, width: int) -> Row:
     numbers += _known(pulse.temperature_c, "{:.0f} °C").rjust(TEMPERATURE)
     if not numbers.strip():
         return [*left, (pulse.place, UNIT)]
-    return apart(left, [(numbers if pulse.state != "unheard" else "not heard yet", LABEL)], width)
+    return apart(left, [(numbers if pulse.state != "unheard" else "no data yet", LABEL)], width)
 
 
 def _known(value: float, form: str) -> str:
@@ -52,21 +52,21 @@ def _known(value: float, form: str) -> str:
 
 
 def _loop(picture: Picture, width: int) -> list[Row]:
-    """Lateness, work and stages of the last seconds; in lock step time waits for the loop, and nothing can be late."""
+    """Lateness, work and stages of the last seconds; in lock step nothing can be late."""
     tick_ns = picture.rig.tick_ns
-    found = loop_timing(picture.recent.rows()[-round(LOOKED_BACK_S * 1e9 / tick_ns) :])
+    timing = loop_timing(picture.recent.rows()[-round(LOOKED_BACK_S * 1e9 / tick_ns) :])
     rate = f"{1e9 / tick_ns:.0f} Hz"
-    if found is None:
+    if timing is None:
         return [[("○ ", LABEL), ("loop".ljust(NAME), TEXT), (rate, LABEL)]]
-    sign, style = SIGNS["trouble" if found.skipped else "ok"]
+    sign, style = SIGNS["trouble" if timing.skipped else "ok"]
     left: Row = [(f"{sign} ", style), ("loop".ljust(NAME), TEXT), (rate, LABEL)]
-    if found.in_lock_step:
+    if timing.in_lock_step:
         return [apart(left, [("lock step, never late", LABEL)], width)]
-    skipped = f"{found.skipped} of {found.ticks + found.skipped} skipped" if found.skipped else "no tick skipped"
+    skipped = f"{timing.skipped} of {timing.ticks + timing.skipped} skipped" if timing.skipped else "no tick skipped"
     return [
-        apart(left, [(skipped, WARNING if found.skipped else LABEL)], width),
+        apart(left, [(skipped, WARNING if timing.skipped else LABEL)], width),
         [("".ljust(STAGE), LABEL), ("   p50     p99    most  µs", UNIT)],
-        *(_spread(name, spread) for name, spread in (("late", found.lateness), ("work", found.work), *found.stages)),
+        *(_spread(name, spread) for name, spread in (("late", timing.lateness), ("work", timing.work), *timing.stages)),
     ]
 
 
@@ -76,16 +76,17 @@ def _spread(name: str, spread: Spread) -> Row:
 
 
 DEVICE, SIGNAL, NUMBER, UNIT_WIDTH, SIGNAL_AGE = 10, 15, 11, 7, 10
-# Decimals that are worth looking at while they change.
+# Decimals that can be read while they change.
 DECIMALS = {"°C": 1, "V": 2, "A": 3, "rad/s": 3, "W": 3}
 USUAL_DECIMALS = 4
-BEFORE = "as they were last"
+BEFORE = "last values"
 
 
 def signal_rows(seen: tuple[Seen, ...], stale_after_s: float, width: int, height: int, *, live: bool) -> list[Row]:
     """Every signal of the bench: now, how old, least and greatest since the start.
 
-    One row a signal; devices are set apart where there is room. An age beyond ``stale_after_s`` is marked.
+    A row for each signal; with an empty row between devices where there is room. An age above ``stale_after_s`` is
+    marked.
     """
     rows = [heading("Signals", "", "" if live else BEFORE, width), _names()]
     devices = [list(group) for _, group in groupby(seen, key=lambda each: each.device)]
@@ -115,9 +116,9 @@ def _row(seen: Seen, stale_after_s: float, *, first: bool) -> Row:
 
 
 def _number(value: float, unit: str) -> str:
-    """As many decimals whatever its size, as long as they say anything, so that it does not jump about."""
+    """A constant number of decimals where the value allows, so that the digits do not move."""
     if not isfinite(value):
         return "–".rjust(NUMBER)
     decimals = DECIMALS.get(unit, USUAL_DECIMALS)
-    said = f"{round(value, decimals) + 0.0:.{decimals}f}"  # no negative zero
-    return (said if len(said) < NUMBER else f"{value:.3e}").replace("-", "−").rjust(NUMBER)
+    text = f"{round(value, decimals) + 0.0:.{decimals}f}"  # no negative zero
+    return (text if len(text) < NUMBER else f"{value:.3e}").replace("-", "−").rjust(NUMBER)

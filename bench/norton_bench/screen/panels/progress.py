@@ -1,4 +1,4 @@
-"""How far the session has come: the bar, the steps, the event log, and what is tabulated reading by reading."""
+"""The progress of the session: title, steps, event log, and the readings of tables."""
 
 from norton_bench.events import SessionState
 from norton_bench.report.words import number, pretty_unit
@@ -20,7 +20,7 @@ BAR = 10
 def step_rows(steps: Steps, width: int, height: int) -> list[Row]:
     """The steps of the session, done and ahead.
 
-    One row a step; where there is no room for all, those about the running one.
+    A row for each step; where there is no room for all, those around the running one.
     """
     left = f"{clock(steps.left_s)} left" if steps.all and steps.left_s >= 1 else ""
     rows = [heading("Steps", "", left, width)]
@@ -37,13 +37,13 @@ def _row(step: StepState, width: int) -> Row:
     left: Row = [(f"{sign} ", style), (name, TEXT if step.state != "ahead" else LABEL)]
     if step.state == "running":
         full = round(step.share * BAR)
-        said = f" {step.took_s:3.0f} of ~{step.planned.duration_s:.0f} s"
-        return apart(left, [("━" * full, STRONG), ("─" * (BAR - full), GRID), (said, TEXT)], width)
+        time = f" {step.took_s:3.0f} of ~{step.planned.duration_s:.0f} s"
+        return apart(left, [("━" * full, STRONG), ("─" * (BAR - full), GRID), (time, TEXT)], width)
     if step.state == "ahead":
         sure = "~" if step.planned.certain else "if needed ~"
         return apart(left, [(f"{sure}{step.planned.duration_s:.0f} s", LABEL)], width)
-    said = "left out" if step.state == "left out" else f"{step.took_s:.0f} s"
-    return apart(left, [(said, LABEL)], width)
+    time = "left out" if step.state == "left out" else f"{step.took_s:.0f} s"
+    return apart(left, [(time, LABEL)], width)
 
 
 def clock(seconds: float) -> str:
@@ -69,21 +69,21 @@ WITH_SEGMENT = 100
 PACED = (SessionState.RUNNING, SessionState.PAUSING)
 
 
-def title_row(picture: Picture, what: str, said: str, width: int, badge: Badge) -> Row:
+def title_row(picture: Picture, what: str, message: str, width: int, badge: Badge) -> Row:
     """The two lines at the top: what runs, and how far it has come.
 
-    Rig and session; at the right ``said``, the pace, and the ``badge``.
+    Rig and session; at the right ``message``, the pace, and the ``badge``.
     """
     words, style = badge
     left: Row = [(f" {picture.rig.name}", STRONG), (f"  {what}", LABEL)]
     paced = badge not in (REPLAYING, HALTED) and picture.state in PACED and picture.pace > 0
     pace = f"{picture.pace:.1f}× " if paced and abs(picture.pace - 1) > 0.05 else ""
-    right: Row = [(f"{said}  " if said else "", TEXT), (f"{pace} ", UNIT), (f" {words} ", style)]
+    right: Row = [(f"{message}  " if message else "", TEXT), (f"{pace} ", UNIT), (f" {words} ", style)]
     return apart(left, right, width)
 
 
 def view_row(picture: Picture, views: list[str], chosen: int, width: int) -> Row:
-    """The views by number, and what runs now with its time."""
+    """The numbered views, and the running step with its time."""
     left: Row = [(" ", TEXT)]
     if picture.concluding:
         doing, time = picture.fitting, f"  {picture.fit_took_s} s"
@@ -112,11 +112,11 @@ KIND_STYLES = {"stop": BAD, "fault": WARNING, "bus": WARNING, "device": WARNING,
 def log_rows(log: Log, width: int, height: int, *, back: int = 0) -> list[Row]:
     """The event log.
 
-    The last lines, or those ``back`` lines before them; a line that is too long is cut.
+    The last lines, or those ``back`` lines earlier; a line that is too long is cut.
     """
     lines = list(log.lines)[: len(log.lines) - back] if back else list(log.lines)
-    said = f"{back} newer below" if back else ""
-    rows = [heading("Events", "", said, width)]
+    position = f"{back} newer below" if back else ""
+    rows = [heading("Events", "", position, width)]
     for line in lines[-max(height - 1, 0) :]:
         time = "" if line.time_s is None else f"{line.time_s:.1f} s".replace("-", "−")
         kind = "" if line.kind == "note" else line.kind
@@ -135,22 +135,19 @@ def log_rows(log: Log, width: int, height: int, *, back: int = 0) -> list[Row]:
 
 KIND, COLUMN, LEAST_COLUMN = 10, 12, 8
 WORDS = ("command", "position", "torque")
-SMALL = 1e-3  # below, a power of ten would be written
+SMALL = 1e-3  # smaller values would need a power of ten
 
 
 def table_rows(tabulated: Tabulated, command_unit: str, width: int, height: int) -> list[Row]:
-    """What is measured of an actuator without a model, reading by reading.
-
-    One row a reading, the newest last.
-    """
+    """The readings of an actuator without a model, a row for each, the newest last."""
     readings = list(tabulated.readings.values())
     count = f"{len(readings)} readings" if readings else ""
     rows = [heading("Tables", "", count, width)]
     if not readings:
         return [
             *rows,
-            [("no model is fitted: source and exertion", LABEL)],
-            [("are tabulated, and fill in here", LABEL)],
+            [("no model is fitted: source and torques", LABEL)],
+            [("are tabulated, and appear here", LABEL)],
         ]
     columns = _columns(width)
     rows += [_labels(words, columns) for words in (WORDS, (f"[{pretty_unit(command_unit)}]", "[rad]", "[N·m]"))]
@@ -159,7 +156,7 @@ def table_rows(tabulated: Tabulated, command_unit: str, width: int, height: int)
 
 
 def _columns(width: int) -> list[int]:
-    """How wide each is: as much as there is room for, within bounds."""
+    """The width of each column: what there is room for, within bounds."""
     least = [max(len(word) + 1, LEAST_COLUMN) for word in WORDS]
     spare = max(width - KIND - sum(least), 0) // len(WORDS)
     return [min(column + spare, COLUMN) for column in least]
@@ -179,6 +176,6 @@ def _reading_row(reading: Reading, columns: list[int]) -> Row:
 
 
 def _short(value: float) -> str:
-    """Ten thousandths are as much as can be read in passing."""
+    """Four decimals at most."""
     rounded = round(value, 4)
     return f"{rounded:.4f}".replace("-", "−") if 0.0 < abs(rounded) < SMALL else number(rounded, 3)

@@ -27,7 +27,7 @@ SIGNS = {
 BARS = "▁▂▃▄▅▆▇█"
 NARROWEST = 1e-4
 SYMBOL, VALUE, SHORT_VALUE, WIDTH, SHORT_WIDTH, UNIT_WIDTH, INTERVAL, NAME, LEAST_SPARK = 6, 12, 11, 9, 8, 9, 24, 22, 6
-# The sign, the word, and the spaces before both: no word is ever cut.
+# The sign, the word, and the spaces before both, so that no word is cut.
 STATUS = 3 + max(len(status.value) for status in Status)
 # What a table of so many columns has room for.
 LEAST = SYMBOL + SHORT_VALUE + SHORT_WIDTH + STATUS
@@ -36,14 +36,14 @@ WITH_INTERVAL, WITH_NAME = WITH_UNIT + INTERVAL, WITH_UNIT + INTERVAL + NAME
 LIVE, FINAL = "live 95 %", "final fit 95 %"
 
 
-LEARNT = "learnt once the shaft is moved"
-LEARNT_IN_SITU = "found in situ, at the end"
+LEARNT = "known once the shaft has moved"
+LEARNT_IN_SITU = "identified in situ, at the end"
 
 
 def parameter_rows(known: Known, width: int, height: int, *, before: str = LEARNT) -> list[Row]:
     """The table of parameters as it converges: values, intervals, status in a word and a sign.
 
-    One row a parameter; the wider, the more is said of each. ``before`` stands there until there are any.
+    A row for each parameter, with more columns where there is room. ``before`` is shown until there are estimates.
     """
     count = f"{known.valid} of {len(known.estimates)} known" if known.estimates else ""
     rows = [heading("Parameters", FINAL if known.final else LIVE, count, width)]
@@ -93,7 +93,7 @@ def _level(share: float) -> int:
 RESULT_VALUE, RESULT_UNIT, RESULT_INTERVAL = 11, 10, 26
 SIGNED_STATUS = 4 + max(len(status.value) for status in Status)
 RESULT_WIDTH = SYMBOL + NAME + RESULT_VALUE + 1 + RESULT_UNIT + RESULT_INTERVAL + SIGNED_STATUS
-# In two columns where the right one is left enough for sentences.
+# In two columns from this width on, so that the right one has room for sentences.
 BETWEEN, LEAST_SAID = 4, 50
 TWO_COLUMNS = RESULT_WIDTH + BETWEEN + LEAST_SAID
 FACT = 12
@@ -102,12 +102,12 @@ NAMING = ("port", "command", "modulation")  # columns that name a row
 
 
 def result_rows(summary: Ended, width: int) -> list[Row]:
-    """As many rows as it takes; where there is room, numbers at the left and sentences at the right."""
+    """All rows of the page; where there is room, numbers at the left and sentences at the right."""
     wide = width >= TWO_COLUMNS
     left, right = (RESULT_WIDTH, width - RESULT_WIDTH - BETWEEN) if wide else (width, width)
     numbers = _spaced([_parameters(summary.estimates, left), _trials(summary, left), _merit(summary, left)])
     tables = _spaced(_tables(summary.tables, width))
-    said = _spaced(
+    sentences = _spaced(
         [
             _listed("Conditions", "for a unique model", summary.conditions, right),
             _listed("Verdict", "", summary.verdict, right),
@@ -115,8 +115,8 @@ def result_rows(summary: Ended, width: int) -> list[Row]:
     )
     end, files = _spaced([_end(summary, width)]), _spaced([_files(summary, width)])
     if wide:
-        return [*end, *_beside(numbers, said, left, right), *tables, *files]
-    return [*end, *numbers, *tables, *said, *files]
+        return [*end, *_beside(numbers, sentences, left, right), *tables, *files]
+    return [*end, *numbers, *tables, *sentences, *files]
 
 
 def _spaced(sections: Iterable[list[Row]]) -> list[Row]:
@@ -131,18 +131,18 @@ def _beside(left: list[Row], right: list[Row], first: int, second: int) -> list[
 
 
 def _end(summary: Ended, width: int) -> list[Row]:
-    """In a line how it went; where it failed, why."""
+    """A line about the end; after a failure, its reason."""
     if summary.failure:
         return [
             [(line, BAD if not number_ else TEXT)] for number_, line in enumerate(wrap(f"■ {summary.failure}", width))
         ]
     known = sum(estimate.status is Status.VALID for estimate in summary.estimates)
     if summary.exit_code is not ExitCode.OK:
-        return [[("▲ No result: the verdict says why.", WARNING)]]
+        return [[("▲ No result: see the verdict.", WARNING)]]
     if not summary.estimates and (summary.tables or summary.trials):
-        return [[("✓ ", GOOD), ("Done; what was found stands below.", STRONG)]]
+        return [[("✓ ", GOOD), ("Done; the results are below.", STRONG)]]
     if not summary.estimates:
-        return [[("✓ ", GOOD), ("Done; nothing of it was meant for a fit.", STRONG)]]
+        return [[("✓ ", GOOD), ("Done; there was nothing to fit.", STRONG)]]
     return [[("✓ ", GOOD), (f"{known} of {len(summary.estimates)} parameters are known.", STRONG)]]
 
 
@@ -164,12 +164,12 @@ def _parameter(estimate: Estimate, width: int) -> Row:
 
 
 def _trials(summary: Ended, width: int) -> list[Row]:
-    lines = [line for said in summary.trials for line in wrap(said, width)]
+    lines = [line for sentence in summary.trials for line in wrap(sentence, width)]
     return [heading("Trials", "", "", width), *([(line, TEXT)] for line in lines)] if lines else []
 
 
 def _tables(tables: tuple[Facts, ...], width: int) -> Iterator[list[Row]]:
-    """Each as a section; the first says what they are."""
+    """A section for each table; the first heading explains the intervals."""
     parts = (part for facts in tables for part in _folded(facts, width))
     for number_, facts in enumerate(parts):
         columns = _widths(facts)
@@ -180,7 +180,7 @@ def _tables(tables: tuple[Facts, ...], width: int) -> Iterator[list[Row]]:
 
 
 def _folded(facts: Facts, width: int) -> Iterator[Facts]:
-    """The same table in parts that are no wider, each with the columns that name its rows."""
+    """The table in parts that fit into ``width``, each with the columns that name its rows."""
     columns = _widths(facts)
     naming = [place for place, text in enumerate(facts.head) if text.split(" ")[0] in NAMING]
     chosen = list(naming)
@@ -207,20 +207,24 @@ def _widths(facts: Facts) -> list[int]:
 
 def _listed(title: str, beside: str, sentences: tuple[str, ...], width: int) -> list[Row]:
     """Under a heading, each with a dot before it; nothing where there are none."""
-    lines = [line for said in sentences for line in wrap(said, width - 2, initial_indent="· ", subsequent_indent="  ")]
+    lines = [
+        line
+        for sentence in sentences
+        for line in wrap(sentence, width - 2, initial_indent="· ", subsequent_indent="  ")
+    ]
     return [heading(title, beside, "", width), *([(line, TEXT)] for line in lines)] if lines else []
 
 
 def _merit(summary: Ended, width: int) -> list[Row]:
-    """How well what no fit has seen was predicted, and whether what was expected came true."""
+    """The errors of prediction on data kept apart from the fit, and the expectations."""
     rows: list[Row] = []
     for what, share in (("torque", summary.torque_relative), ("velocity", summary.velocity_relative)):
         if share is not None:
-            said = ("  rms error on motion kept apart from the fit", LABEL)
-            rows.append([(what.ljust(FACT), LABEL), (f"{percent(share)} of it", STRONG), said])
-    for judged in summary.expectations:
-        sign = ("✓ ", GOOD) if judged.met else ("✗ ", BAD)
-        rows.append(fitted([sign, (judged.sentence, TEXT)], width))
+            explanation = ("  rms error on motion kept apart from the fit", LABEL)
+            rows.append([(what.ljust(FACT), LABEL), (f"{percent(share)} of it", STRONG), explanation])
+    for expectation in summary.expectations:
+        sign = ("✓ ", GOOD) if expectation.met else ("✗ ", BAD)
+        rows.append(fitted([sign, (expectation.sentence, TEXT)], width))
     return [heading("Figures of merit", "", "", width), *(fitted(row, width) for row in rows)] if rows else []
 
 
@@ -235,7 +239,7 @@ def _files(summary: Ended, width: int) -> list[Row]:
 
 
 def _file(name: str, path: str, width: int) -> list[Row]:
-    """Its path whole, in as many rows as it takes."""
+    """Its whole path, in as many rows as needed."""
     room = max(width - FACT, 1)
     pieces = [path[at : at + room] for at in range(0, len(path), room)]
     return [[((name if not number_ else "").ljust(FACT), LABEL), (piece, TEXT)] for number_, piece in enumerate(pieces)]

@@ -1,4 +1,4 @@
-"""Rows of characters with styles as a widget: drawn when the terminal is next written to, and at no other time."""
+"""A widget of rows of characters with styles; it is drawn only when the terminal is written to."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from norton_bench.screen.styles import STYLES, Row, fitted
 
 
 class Rows(Widget):
-    """What :meth:`draw` gives, line by line. Takes no focus and no keys."""
+    """Shows the rows of :meth:`draw`. Takes no focus and no keys."""
 
     can_focus = False
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"style--{style}" for style in STYLES}
@@ -29,7 +29,7 @@ class Rows(Widget):
         """At most ``height`` rows of at most ``width`` characters."""
 
     def changed(self) -> None:
-        """Draw anew with the next frame. What is hidden costs nothing."""
+        """Draw again with the next frame; nothing is done while hidden."""
         self._drawn = None
         if self.is_on_screen:
             self.refresh()
@@ -49,22 +49,19 @@ class Rows(Widget):
         return self._drawn[y] if y < len(self._drawn) else self._strip([], width)
 
     def _strip(self, row: Row, width: int) -> Strip:
-        """Every character of ours is one column wide, so nothing needs measuring."""
+        """The row as a strip; every character is one column wide, so that widths need not be measured."""
         segments = [Segment(text, self._style(style)) for text, style in fitted(row, width)]
         return Strip(segments, width)
 
     def _style(self, style: str) -> Style:
-        """Looked up once: textual works each of them out anew from all ancestors."""
+        """A style, looked up once: textual computes it from all ancestors each time."""
         if style not in self._styles:
             self._styles[style] = self.get_component_rich_style(f"style--{style}")
         return self._styles[style]
 
 
 class Panel(Rows):
-    """A table or a line about a session as a widget.
-
-    Shows what ``rows_of(width, height)`` gives, as it was when last told that something changed.
-    """
+    """A table or a line about a session: shows ``rows_of(width, height)`` as of the last :meth:`changed`."""
 
     def __init__(self, rows_of: Callable[[int, int], list[Row]], *, id: str) -> None:  # noqa: A002
         super().__init__(id=id)
@@ -75,10 +72,7 @@ class Panel(Rows):
 
 
 class Plot(Rows):
-    """A figure as a widget.
-
-    Shows the figure that it was given last.
-    """
+    """Shows the last figure given to it."""
 
     def __init__(self, *, id: str) -> None:  # noqa: A002  (textual's own name)
         super().__init__(id=id)
@@ -91,7 +85,7 @@ class Plot(Rows):
         self.changed()
 
     def forget(self) -> None:
-        """What comes next has nothing to do with what was shown."""
+        """Forget the ranges: the next figure is another one."""
         self._drawer.forget()
 
     def draw(self, width: int, height: int) -> list[Row]:

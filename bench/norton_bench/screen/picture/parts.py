@@ -1,4 +1,4 @@
-"""The parts of the picture: values of parameters, progress of the session, tabulated readings, and health."""
+"""The parts of the state: estimates of parameters, progress of the session, tabulated readings, and health."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -23,10 +23,7 @@ KEPT = 64
 
 
 def half_width(estimate: Estimate) -> float:
-    """What is known of the actuator by now, and how it came to be known: live estimates over time, then the final fit.
-
-    Half the 95 % interval over the value; NaN where there is neither.
-    """
+    """Half of the 95 % interval over the value; NaN where either is missing."""
     if not (isfinite(estimate.value) and isfinite(estimate.std)) or estimate.value == 0 or estimate.std <= 0:
         return float("nan")
     return WIDTH_95 * estimate.std / abs(estimate.value)
@@ -51,7 +48,7 @@ class Known:
         return sum(estimate.status is Status.VALID for estimate in self.estimates)
 
     def take(self, live: LiveEstimate) -> None:
-        """Learn what the identifier says now; an estimate that has not changed counts for nothing."""
+        """Take the newest estimates; one that has not changed is ignored."""
         if self.final or live.stamp_ns <= self._stamp_ns or not live.estimates:
             return
         self._stamp_ns = live.stamp_ns
@@ -63,13 +60,13 @@ class Known:
             self._remember()
 
     def settle(self, estimates: tuple[Estimate, ...]) -> None:
-        """The final fit takes the place of the live values; where there was none, these stay."""
+        """Take the estimates of the final fit; without any, the live ones stay."""
         if estimates:
             self.estimates, self.final = estimates, True
             self._remember()
 
     def network(self) -> dict[str, float] | None:
-        """The values by name once every one of them is valid, for the curve of the source."""
+        """The values by name once all are valid, for the curve of the source; else None."""
         if not self.estimates or self.valid < len(self.estimates):
             return None
         return {estimate.name: estimate.value for estimate in self.estimates}
@@ -84,10 +81,7 @@ class Known:
 
 @dataclass(frozen=True)
 class StepState:
-    """How far the session has come: its steps, and the time they take.
-
-    One step. ``share`` is 0 before it, 1 after it; ``took_s`` is bench time.
-    """
+    """One step and its progress. ``share`` is 0 before it, 1 after it; ``took_s`` is bench time."""
 
     planned: PlannedStep
     state: str = "ahead"  # "ahead", "running", "done", "left out", "stopped"
@@ -95,28 +89,28 @@ class StepState:
 
     @property
     def share(self) -> float:
-        """How much of it is over: never quite all as long as it runs, for durations are guesses."""
+        """The finished share; below 1 while it runs, because durations are estimates."""
         if self.state != "running":
             return 1.0 if self.state == "done" else 0.0
         return min(self.took_s / self.planned.duration_s, 0.99) if self.planned.duration_s > 0 else 0.0
 
     @property
     def left_s(self) -> float:
-        """Bench time it may still take."""
+        """Bench time that it may still take."""
         if self.state == "ahead":
             return self.planned.duration_s
         return max(self.planned.duration_s - self.took_s, 0.0) if self.state == "running" else 0.0
 
 
 class Steps:
-    """All steps, as they follow each other."""
+    """All steps, in order."""
 
     def __init__(self) -> None:
         self.all: tuple[StepState, ...] = ()
         self._begun_s = 0.0
 
     def plan(self, steps: Sequence[PlannedStep]) -> None:
-        """What is ahead; those that are there already stay as they are."""
+        """Take a plan; steps that are known already stay as they are."""
         self.all = tuple(
             replace(self.all[index], planned=step) if index < len(self.all) else StepState(step)
             for index, step in enumerate(steps)
@@ -128,7 +122,7 @@ class Steps:
 
     @property
     def number(self) -> int:
-        """That of the step which runs or ran last, from 1; 0 before the first."""
+        """The number of the step that runs or ran last, from 1; 0 before the first."""
         return max((number for number, step in enumerate(self.all, 1) if step.state != "ahead"), default=0)
 
     @property
@@ -167,11 +161,11 @@ SOURCE, EXTERNAL, HELD = "source", "external", "held"
 
 
 class Reading(NamedTuple):
-    """Source and impedance as they are tabulated: where the port was read, and what it exerted there.
+    """A reading for the tables of source and impedance: the position of the port, and its torque there.
 
-    ``what``: the source at the actuator's port, or at the external one, or the port held away from it.
+    ``what``: the source at the actuator's port, or at the external one, or the port held away from the source.
 
-    ``rising`` is the side from which command or place were come to.
+    ``rising``: whether command or position was approached from below.
     """
 
     what: str
@@ -183,18 +177,18 @@ class Reading(NamedTuple):
 
 @dataclass
 class Tabulated:
-    """``readings`` in the order in which they were made, by segment; the last one may still settle."""
+    """``readings`` in the order in which they were made, by segment; the last one may still change."""
 
     readings: dict[int, Reading] = field(default_factory=dict)
 
     @property
     def sources(self) -> list[Reading]:
-        """Those of the port whose source was read last."""
-        found = [each for each in self.readings.values() if each.what != HELD]
-        return [each for each in found if each.what == found[-1].what]
+        """The readings of the port whose source was read last."""
+        sources = [each for each in self.readings.values() if each.what != HELD]
+        return [each for each in sources if each.what == sources[-1].what]
 
     def take(self, part: Measured) -> None:
-        """What the newest ticks say of each reading under way."""
+        """Update the readings with the newest ticks."""
         for segment in part.segments:
             what = _what(segment)
             rows = part.ticks[part.ticks["segment"] == segment.index] if what else part.ticks[:0]
@@ -240,10 +234,7 @@ TROUBLES = ("bus", "device")
 
 @dataclass(frozen=True)
 class Pulse:
-    """Whether devices, buses and the loop are well, from what they send and from what is told of them.
-
-    One device or bus as it is now. ``state`` is "ok", "silent", "trouble" or "unheard"; NaN is not known.
-    """
+    """The state of one device or bus: "ok", "silent", "trouble" or "unheard"; NaN means unknown."""
 
     name: str
     kind: str
@@ -257,7 +248,7 @@ class Pulse:
 
 
 class Stream:
-    """The readings of one device: how many a second, how many lost."""
+    """The readings of one device: their rate, and how many were lost."""
 
     def __init__(self) -> None:
         self.lost = 0
@@ -283,7 +274,7 @@ class Stream:
 
     @property
     def rate_hz(self) -> float:
-        """NaN until there is a stretch to count in."""
+        """The rate; NaN until there are enough readings."""
         if len(self._counts) < 2:
             return nan
         span_ns = self._counts[-1][0] - self._counts[0][0]
@@ -352,6 +343,6 @@ class Health:
         return Pulse(**{**pulse.__dict__, "state": "trouble" if fresh else pulse.state, "said": said})
 
     def _state_of_bus(self, name: str) -> str:
-        """A bus is as well as what is on it."""
+        """The state of a bus is the worst of those of its devices."""
         states = {self._device(device).state for device in self._rig.wiring.devices() if device.bus == name}
         return next((state for state in ("silent", "unheard") if state in states), "ok")

@@ -1,4 +1,4 @@
-"""Everything that is known of a session by whoever watches it. It takes the session's events, and draws nothing."""
+"""The state of a session as a screen needs it. It takes the events of the session, and draws nothing."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -27,10 +27,7 @@ from norton_bench.screen.picture.parts import Health, Known, Steps, Tabulated
 
 
 class RecentTicks:
-    """The last stretch of the ticks, in columns that can be drawn without copying.
-
-    Keeps the last ``length`` rows; :meth:`rows` gives them as one piece.
-    """
+    """The last ``length`` ticks; :meth:`rows` gives them in one piece, without copying."""
 
     def __init__(self, length: int) -> None:
         self._length = length
@@ -38,7 +35,7 @@ class RecentTicks:
         self._end = 0
 
     def append(self, ticks: Table) -> None:
-        """Rows that follow; of more than there is room for, the last."""
+        """Append rows; of more than ``length`` the last ones."""
         ticks = ticks[-self._length :]
         if self._end + len(ticks) > len(self._rows):
             kept = self.rows()[-self._length :].copy()
@@ -48,7 +45,7 @@ class RecentTicks:
         self._end += len(ticks)
 
     def rows(self) -> Table:
-        """The rows kept, oldest first: a view, good until the next append."""
+        """The rows, oldest first: a view, valid until the next append."""
         return self._rows[max(0, self._end - self._length) : self._end]
 
     def since(self, stamp_ns: int) -> Table:
@@ -58,7 +55,7 @@ class RecentTicks:
 
 
 PROCEDURE, STAIRCASE, SWEEP = "free", "staircase", "search"
-# The velocity of a level is that of the end of its dwell.
+# The velocity of a level is taken at the end of its dwell.
 SETTLED_SHARE = 0.5
 SHORTEST_DWELL_TICKS = 20
 CLOUD_EVERY_TICKS = 10
@@ -67,7 +64,7 @@ LONGEST_CLOUD = 6000
 
 @dataclass
 class SourceSeen:
-    """The motion source as it fills in: velocity against command while zero torque is imposed.
+    """The measured motion source: velocity against command while zero torque is imposed.
 
     ``levels``: by staircase, the command and the settled velocity [rad/s] of each level, shape (levels, 2).
 
@@ -80,7 +77,7 @@ class SourceSeen:
     _stairs: dict[int, list[Table]] = field(default_factory=dict)
 
     def take(self, part: Measured) -> None:
-        """What the part adds: sweeps as they are, staircases level by level."""
+        """Add a part: sweeps point by point, staircases level by level."""
         for segment in part.segments:
             if segment.procedure == PROCEDURE and len(part.ticks):
                 rows = part.ticks[part.ticks["segment"] == segment.index]
@@ -91,8 +88,8 @@ class SourceSeen:
 
     def branch(self, *, rising: bool) -> FloatArray:
         """The levels approached from below, or from above."""
-        found = [self.levels[index] for index, up in self._rising.items() if up is rising and len(self.levels[index])]
-        return np.concatenate(found) if found else np.empty((0, 2))
+        levels = [self.levels[index] for index, up in self._rising.items() if up is rising and len(self.levels[index])]
+        return np.concatenate(levels) if levels else np.empty((0, 2))
 
     def _sweep(self, rows: Table) -> None:
         thin = rows[::CLOUD_EVERY_TICKS]
@@ -119,10 +116,7 @@ STEP = "step"
 
 @dataclass(frozen=True)
 class Line:
-    """What happened, line by line, the last of it last.
-
-    ``time_s`` is bench time, None before the first tick. ``kind`` as of an event, or "note".
-    """
+    """A line of the log. ``time_s`` is bench time, None before the first tick. ``kind`` as of an event, or "note"."""
 
     time_s: float | None
     kind: str
@@ -137,7 +131,7 @@ class Log:
         self.total = 0
 
     def add(self, line: Line) -> None:
-        """An event is often told a second time in words: once is enough. A step may come a second time."""
+        """Append a line, unless it repeats the text of an event; the name of a step may repeat."""
         if line.kind != STEP and any(line.text == before.text for before in list(self.lines)[-8:]):
             return
         self.lines.append(line)
@@ -146,7 +140,7 @@ class Log:
 
 RECENT_S = 40.0
 PACE_OVER_S = 2.0
-# What a recording says of a step that is done, for whoever resumes it; the steps show that already.
+# Kinds of events for a session that resumes this one; the list of steps shows the same.
 FINISHED_STEP = "step"
 OVER = (SessionState.DONE, SessionState.FAILED)
 # Drives may be enabled.
@@ -154,7 +148,7 @@ LIVE = (SessionState.RUNNING, SessionState.PAUSING)
 
 
 class Picture:
-    """A :class:`norton_bench.session.progress.Progress`. ``state`` is None until a session has begun."""
+    """The state of one session. ``state`` is None until it has begun; :meth:`take` gets its events."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
@@ -170,7 +164,7 @@ class Picture:
         self.segment: SegmentInfo | None = None
         self.prompt: Prompt | None = None
         self.summary: Ended | None = None
-        self.fitting = ""  # which part of the final fit goes on
+        self.fitting = ""  # the running stage of the final fit
         self.changes = 0  # grows with every event
         self._first_ns: int | None = None
         self._now_ns = 0
@@ -185,12 +179,12 @@ class Picture:
 
     @property
     def in_situ(self) -> bool:
-        """Whether nothing but the steps in situ can tell anything: there is a load, and nothing reads the torque."""
+        """Whether only the step in situ is possible: there is a load drive, but no torque sensor."""
         return self.rig.wiring.load is not None and self.rig.wiring.torque_sensor is None
 
     @property
     def concluding(self) -> bool:
-        """Whether the final fit goes on: the drives are idle for good, and there is nothing left to order."""
+        """Whether the final fit runs: the drives stay idle, and orders have no effect."""
         return self.state is SessionState.CONCLUDING
 
     @property
@@ -199,14 +193,14 @@ class Picture:
 
     @property
     def pace(self) -> float:
-        """Bench time over time, lately; 0 where nothing moves."""
+        """Bench time over wall time, lately; 0 while nothing runs."""
         if len(self._paces) < 2:
             return 0.0
         (began, began_s), (ended, ended_s) = self._paces[0], self._paces[-1]
         return (ended_s - began_s) / (ended - began) if ended > began else 0.0
 
     def take(self, event: SessionEvent) -> None:
-        """What happened last."""
+        """Take an event."""
         self.changes += 1
         match event:
             case Planned(steps):
@@ -261,7 +255,7 @@ class Picture:
             self.log.add(Line(self._log_s, "stop", summary.failure))
 
     def look_at_clock(self) -> None:
-        """Called with every frame, so that the pace is known, and how long the final fit has taken."""
+        """Update the pace and the duration of the final fit; called with every frame."""
         now = perf_counter()
         if self.concluding and int(now - self._fit_began) > self.fit_took_s:
             self.fit_took_s = int(now - self._fit_began)

@@ -1,4 +1,4 @@
-"""The bench moved by hand: every signal, and keys that nudge."""
+"""The screen of a bench that is moved by hand: every signal, and keys that nudge."""
 
 import time
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from norton_bench.screen.styles import Row
 SHARES = (0.005, 0.01, 0.02, 0.05, 0.1)
 USUAL_SHARE = 2
 WINDOW_S = 10.0
-# Numbers that change more often cannot be read.
+# Numbers that change more often are not readable.
 NUMBERS_EVERY_S = 0.2
 CALIBRATION = (
     "The load's controller is tuned from a calibration: both machines push, and shake the shaft for about 20 "
@@ -36,7 +36,7 @@ CALIBRATION = (
 
 
 class ByHandScreen(Screen[None]):
-    """Draws what is known of ``experiment``, in which ``jog`` moves the bench, and hands on every nudge."""
+    """Shows the state of ``experiment``, in which ``jog`` moves the bench, and sends the orders of its keys."""
 
     BINDINGS = keys.BY_HAND
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (130, "-wide")]  # noqa: RUF012  (textual declares it so)
@@ -77,7 +77,7 @@ class ByHandScreen(Screen[None]):
             self.draw_frame()
 
     def draw_frame(self, *, all_of_it: bool = False) -> None:
-        """Plots with every frame, numbers as often as they can be read."""
+        """Draw the plots with every frame, numbers less often."""
         self._frames += 1
         for plot in self.query(Plot):
             if plot.is_on_screen or all_of_it:
@@ -94,8 +94,8 @@ class ByHandScreen(Screen[None]):
 
     def _title(self, width: int, height: int) -> list[Row]:
         experiment = self.experiment
-        said = "stopping" if experiment.stopped and experiment.live else in_short(experiment.picture.health)
-        return [title_row(experiment.picture, experiment.what, said, width, badge_of(experiment))]
+        message = "stopping" if experiment.stopped and experiment.live else in_short(experiment.picture.health)
+        return [title_row(experiment.picture, experiment.what, message, width, badge_of(experiment))]
 
     def _asked(self, width: int, height: int) -> list[Row]:
         asking = Asking(SHARES[self._share], self._left_s)
@@ -115,7 +115,7 @@ class ByHandScreen(Screen[None]):
         return max(self._jog.dead_man_s - (time.monotonic() - self._touched_s), 0.0)
 
     def _attend(self) -> None:
-        """What cannot wait for a glance: that drives are enabled, and the end."""
+        """Show at once that drives are enabled, and the end."""
         state, summary = self.experiment.picture.state, self.experiment.summary
         if state is not self._told_state:
             self._told_state, self._touched_s = state, time.monotonic()
@@ -130,7 +130,7 @@ class ByHandScreen(Screen[None]):
                 self.notify(f"Done; recorded in {summary.recording}", timeout=10, markup=False)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Keys that would do nothing now are not there."""
+        """Hide keys that have no effect now."""
         live, load = self.experiment.live, self.experiment.rig.wiring.load is not None
         if action in ("order", "mark", "end"):
             return live

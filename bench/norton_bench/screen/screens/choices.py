@@ -1,6 +1,6 @@
-"""Which rig, and which session on it: lists with what stands in the file beside them.
+"""The choice of a rig, and of a session on it: a list, and beside it the description of each file.
 
-What cannot be chosen is in the list too, marked, and says why.
+Files that cannot be used are in the list, too, marked, with the reason.
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,11 @@ from norton_bench.screen.available import Choice
 from norton_bench.screen.screens import keys
 
 IMPOSSIBLE = "✗"
-BY_HAND = 1  # its place: behind the standard session
+BY_HAND = 1  # its place: after the standard session
 
 
 class ChoiceScreen(Screen[int | None]):
-    """Ends with the number of the choice, None where there is none."""
+    """Returns the number of the choice, None where the user leaves."""
 
     BINDINGS = keys.PICK
 
@@ -48,15 +48,15 @@ class ChoiceScreen(Screen[int | None]):
 
     def _say(self, number: int) -> None:
         choice = self._choices[number]
-        said = f"Cannot be chosen:\n{choice.mistake}" if choice.mistake else choice.said
-        self.query_one("#said", Static).update(said)
+        text = f"Cannot be chosen:\n{choice.mistake}" if choice.mistake else choice.description
+        self.query_one("#said", Static).update(text)
 
     def action_back(self) -> None:
         self.dismiss(None)
 
 
 class SessionChoice(ChoiceScreen):
-    """The same with a key for the one that is no session."""
+    """The choice of a session, with a key for moving the bench by hand."""
 
     BINDINGS = keys.BESIDE_SESSIONS
 

@@ -1,4 +1,4 @@
-"""The screen at which an engineer sits during the experiment."""
+"""The main screen, shown during the experiment."""
 
 from collections.abc import Callable
 from math import ceil
@@ -24,12 +24,12 @@ from norton_bench.screen.styles import Row
 VIEWS = ["Overview", "Loops", "Source", "Bench"]
 WINDOWS_S = (2.0, 5.0, 10.0, 20.0, 40.0)
 USUAL_WINDOW = 2
-# Tables change slowly: they are drawn with every so many frames.
+# Tables change slowly: they are drawn only with one frame of this number.
 TABLES_EVERY_S = 0.2
 
 
 class ExperimentScreen(Screen[None]):
-    """Draws what is known of ``experiment``, so many frames a second, and hands on what is asked of it."""
+    """Shows the state of ``experiment`` at ``fps`` frames a second, and sends the orders of its keys."""
 
     BINDINGS = keys.EXPERIMENT
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-medium"), (150, "-wide"), (190, "-widest")]  # noqa: RUF012  (textual declares it so)
@@ -60,7 +60,7 @@ class ExperimentScreen(Screen[None]):
                 yield Plot(id="torque-position")
                 yield Plot(id="source")
             with Container(id="tables"):
-                yield Panel(self._found, id="parameters")
+                yield Panel(self._results, id="parameters")
                 yield Panel(lambda w, h: step_rows(self.experiment.picture.steps, w, h), id="steps")
                 yield Panel(lambda w, h: health_rows(self.experiment.picture, w, h), id="health")
         yield Panel(lambda w, h: log_rows(self.experiment.picture.log, w, h, back=self._back), id="log")
@@ -78,7 +78,7 @@ class ExperimentScreen(Screen[None]):
             self.draw_frame()
 
     def draw_frame(self, *, all_of_it: bool = False) -> None:
-        """Have everything that changed drawn."""
+        """Draw everything that changed."""
         picture = self.experiment.picture
         if picture.changes == self._drawn_changes and not all_of_it:
             return
@@ -103,8 +103,8 @@ class ExperimentScreen(Screen[None]):
         planes = {"torque-velocity": figures.torque_velocity, "torque-position": figures.torque_position}
         return planes.get(name, figures.source)(picture)
 
-    def _found(self, width: int, height: int) -> list[Row]:
-        """What is known of the actuator by now: its parameters, or tables where none are fitted."""
+    def _results(self, width: int, height: int) -> list[Row]:
+        """The parameters so far, or the tables of an actuator without a model."""
         picture = self.experiment.picture
         if picture.rig.modelled:
             before = LEARNT_IN_SITU if picture.in_situ else LEARNT
@@ -113,19 +113,19 @@ class ExperimentScreen(Screen[None]):
 
     def _title(self, width: int, height: int) -> list[Row]:
         experiment = self.experiment
-        said = in_short(experiment.picture.health)
+        message = in_short(experiment.picture.health)
         if experiment.replay is not None:
             replay = experiment.replay.replay
-            said = f"{clock(replay.now_s)} of {clock(replay.duration_s)}, {replay.speed:g}×"
+            message = f"{clock(replay.now_s)} of {clock(replay.duration_s)}, {replay.speed:g}×"
         elif experiment.stopped and experiment.live:
-            said = "stopping"
-        return [title_row(experiment.picture, experiment.what, said, width, badge_of(experiment))]
+            message = "stopping"
+        return [title_row(experiment.picture, experiment.what, message, width, badge_of(experiment))]
 
     def _views(self, width: int, height: int) -> list[Row]:
         return [view_row(self.experiment.picture, VIEWS, self._view, width)]
 
     def _attend(self) -> None:
-        """What cannot wait for a glance: questions, and the end."""
+        """Show questions, and the end, at once."""
         self._tell_end()
         prompt = self.experiment.prompt
         if prompt is not None and prompt is not self._asked and self.app.screen is self:
@@ -138,17 +138,17 @@ class ExperimentScreen(Screen[None]):
             self.draw_frame(all_of_it=True)
 
     def _tell_end(self) -> None:
-        """Wherever the user looks, the end of a session is shown."""
+        """Show the end of a session, in whatever view."""
         summary = self.experiment.summary
         if summary is not None and summary is not self._told_end and self.experiment.replay is None:
             self._told_end = summary
             if summary.failure:
                 self.notify(summary.failure, title="Stopped", severity="error", timeout=10, markup=False)
             elif self.app.screen is self:
-                self.notify("Done; the results are under r.", timeout=10)
+                self.notify("Done; r shows the results.", timeout=10)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Keys that would do nothing now are not there."""
+        """Hide keys that have no effect now."""
         experiment = self.experiment
         replayed, state = experiment.replay is not None, experiment.picture.state
         waiting = state is SessionState.ASKING
@@ -175,7 +175,7 @@ class ExperimentScreen(Screen[None]):
         self.experiment.order("pause")
         self.refresh_bindings()
         if self.experiment.live:
-            self.notify("Pauses at the next checkpoint, with the drives idle.")
+            self.notify("Will pause at the next checkpoint, with the drives idle.")
 
     def action_resume(self) -> None:
         self.experiment.order("resume")
@@ -183,11 +183,11 @@ class ExperimentScreen(Screen[None]):
 
     def action_tare(self) -> None:
         self.experiment.order("tare")
-        self.notify("Tares at the next checkpoint.")
+        self.notify("Will tare at the next checkpoint.")
 
     def action_skip(self) -> None:
         self.experiment.order("skip")
-        self.notify("Leaves out the step that comes next.")
+        self.notify("The next step will be left out.")
 
     def action_mark(self) -> None:
         self.app.push_screen(Mark(), lambda text: self.experiment.order("mark", text) if text else None)
@@ -203,8 +203,8 @@ class ExperimentScreen(Screen[None]):
 
     def action_abort(self) -> None:
         if self.experiment.live:
-            said = "The drives stop at once." if self.experiment.moving else FIT_GIVEN_UP
-            self.app.push_screen(Confirm("Abort the experiment?", said, "Abort"), self._abort_if)
+            consequence = "The drives stop at once." if self.experiment.moving else FIT_GIVEN_UP
+            self.app.push_screen(Confirm("Abort the experiment?", consequence, "Abort"), self._abort_if)
         else:
             self._abort()
 

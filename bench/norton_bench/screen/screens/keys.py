@@ -1,4 +1,4 @@
-"""Every key in one place: its id, by which a keymap renames it, what it does, and what it says of itself."""
+"""All keys: the id, by which a keymap refers to it, the action, and the texts."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -32,8 +32,8 @@ def key(
     return Binding(keys, action, said, show=shown, tooltip=tooltip, id=name or action, group=group)
 
 
-STOP_SAID = "Stop at once, from anywhere: the drives go idle within a tick, the recording is finished"
-# On the app, so that every screen and every window has it.
+STOP_SAID = "Stop at once, on every screen: the drives go idle within a tick, the recording is closed"
+# A binding of the app, so that every screen and every window has it.
 STOP = Binding(SPACE, "app.stop", "Stop", priority=True, id=STOP_ID, tooltip=STOP_SAID)
 
 # As textual declares it.
@@ -49,15 +49,15 @@ APP: list[AnyBinding] = [
 ]
 EXPERIMENT: list[AnyBinding] = [
     STOP,  # once more, so that it is the first in the footer
-    key("s", "start", "Start", "Start the session; nothing moves before"),
+    key("s", "start", "Start", "Start the session; nothing moves before this"),
     key("p", "pause", "Pause", "Pause at the next checkpoint, between two procedures, with the drives idle"),
-    key("p", "resume", "Resume", "Go on after a pause"),
+    key("p", "resume", "Resume", "Resume after a pause"),
     key("enter", "answer", "Answer", "Answer what the session asks"),
     key("t", "tare", "Tare", "Measure bench and sensor at rest at the next checkpoint"),
-    key("m", "mark", "Mark", "Put a remark into the recording, at this moment"),
-    key("n", "skip", "Skip", "Leave out the step that comes next"),
+    key("m", "mark", "Mark", "Put a remark into the recording, with this time"),
+    key("n", "skip", "Skip", "Leave out the next step"),
     key("a", "abort", "Abort", "Stop, and go back; asks first", shown=False),
-    key("r", "results", "Results", "Parameters, verdict and figures of merit; of a replay they are fitted now"),
+    key("r", "results", "Results", "Parameters, verdict and figures of merit; a replay is fitted first"),
     key("1", "view(0)", "Overview", "Everything at a glance", shown=False, name="view_overview"),
     key("2", "view(1)", "Loops", "Torque against velocity and position, large", shown=False, name="view_loops"),
     key("3", "view(2)", "Source", "The motion source and the parameters, large", shown=False, name="view_source"),
@@ -67,9 +67,9 @@ EXPERIMENT: list[AnyBinding] = [
     key("pageup", "scroll_log(10)", "Older", "Earlier events", shown=False, name="log_older"),
     key("pagedown", "scroll_log(-10)", "Newer", "Later events", shown=False, name="log_newer"),
     key("left", "seek(-5)", "Back 5 s", "Replay: five seconds back", name="seek_back", group=SEEK),
-    key("right", "seek(5)", "On 5 s", "Replay: five seconds on", name="seek_on", group=SEEK),
+    key("right", "seek(5)", "Forward 5 s", "Replay: five seconds forward", name="seek_on", group=SEEK),
     key("shift+left", "seek(-30)", "Back 30 s", "Replay: half a minute back", shown=False, name="seek_far_back"),
-    key("shift+right", "seek(30)", "On 30 s", "Replay: half a minute on", shown=False, name="seek_far_on"),
+    key("shift+right", "seek(30)", "Forward 30 s", "Replay: half a minute forward", shown=False, name="seek_far_on"),
     key("home", "seek(-1000000)", "To the beginning", "Replay: from the beginning", shown=False, name="seek_begin"),
     key("end", "seek(1000000)", "To the end", "Replay: the end", shown=False, name="seek_end"),
     key("up", "speed(1)", "Faster", "Replay: faster", name="speed_up", group=SPEED),
@@ -79,12 +79,19 @@ NUDGE, NUDGE_LOAD = Binding.Group("Actuator", compact=True), Binding.Group("Load
 STEP = Binding.Group("Step", compact=True)
 BY_HAND: list[AnyBinding] = [
     STOP,
-    key("s", "start", "Start", "Enable the drives at zero; nothing moves before", name="by_hand_start"),
+    key("s", "start", "Start", "Enable the drives at zero; nothing moves before this", name="by_hand_start"),
     key("up", "nudge(1)", "Up", "The actuator's command a step up", name="nudge_up", group=NUDGE),
     key("down", "nudge(-1)", "Down", "The actuator's command a step down", name="nudge_down", group=NUDGE),
     key("right", "nudge_load(1)", "Up", "The load's torque or velocity a step up", name="load_up", group=NUDGE_LOAD),
-    key("left", "nudge_load(-1)", "Down", "The same a step down", name="load_down", group=NUDGE_LOAD),
-    key("0", "order('zero')", "Zero", "Everything back to zero, at the ramps' pace", name="back_to_zero"),
+    key(
+        "left",
+        "nudge_load(-1)",
+        "Down",
+        "The torque or velocity of the load a step down",
+        name="load_down",
+        group=NUDGE_LOAD,
+    ),
+    key("0", "order('zero')", "Zero", "Everything back to zero, along ramps", name="back_to_zero"),
     key("plus,equals_sign", "share(1)", "Larger", "Larger steps", name="larger_steps", group=STEP),
     key("minus", "share(-1)", "Smaller", "Smaller steps", name="smaller_steps", group=STEP),
     key("c", "load('coast')", "Coast", "The load coasts", shown=False, name="load_coasts"),
@@ -108,10 +115,10 @@ BY_HAND: list[AnyBinding] = [
         name="load_releases",
     ),
     key("k", "calibrate", "Calibrate", "Calibrate the load, for v and z; asks first", shown=False),
-    key("enter", "order('here')", "Here", "Somebody is there: nothing goes back to zero yet", shown=False, name="here"),
-    key("r", "extremes", "Extremes", "Least and greatest begin anew", shown=False, name="forget_extremes"),
+    key("enter", "order('here')", "Here", "You are present: nothing returns to zero yet", shown=False, name="here"),
+    key("r", "extremes", "Extremes", "Restart the least and greatest values", shown=False, name="forget_extremes"),
     key("d", "devices", "More", "Devices, buses and the loop, where there is no room beside the signals"),
-    key("m", "mark", "Mark", "Put a remark into the recording, at this moment", shown=False, name="by_hand_mark"),
+    key("m", "mark", "Mark", "Put a remark into the recording, with this time", shown=False, name="by_hand_mark"),
     key(
         "escape", "end", "End", "Back to zero, then the drives go idle and the recording is closed", name="by_hand_end"
     ),
@@ -134,10 +141,7 @@ KNOWN = frozenset(
 
 
 class KeyList(ModalScreen[None]):
-    """All keys, with what they do.
-
-    The help screen: ``sections`` are titles with keys, as the keymap has them, and what they do.
-    """
+    """The help screen: ``sections`` are titles with keys, as in the keymap, and their actions."""
 
     BINDINGS: ClassVar = [key("escape,question_mark,f1", "close", "Close", "Close this list", name="close_keys")]
 
@@ -159,7 +163,7 @@ class KeyList(ModalScreen[None]):
 
 
 def _table(described: Sequence[tuple[str, str]]) -> Table:
-    """Keys and what they do; a long line goes on below itself."""
+    """Keys and their actions; a long line is continued below."""
     table = Table.grid(padding=(0, 2), expand=True)
     table.add_column(no_wrap=True, min_width=12)
     table.add_column(ratio=1)

@@ -1,4 +1,4 @@
-"""Small windows that ask something. Space stops in them too, so words are joined by dashes."""
+"""Small windows with questions. Space is the stop key also here, so that words are joined by dashes."""
 
 from typing import ClassVar
 
@@ -10,12 +10,12 @@ from textual.widgets import Button, Input, Label
 from norton_bench.events import Prompt
 from norton_bench.screen.screens.keys import key
 
-FIT_GIVEN_UP = "The final fit is given up. The recording is whole: norton-bench fit RECORDING makes the fit again."
+FIT_GIVEN_UP = "The final fit is abandoned. The recording is complete: norton-bench fit RECORDING repeats the fit."
 SPACE_STOPS = "space stops: join words with -"
 
 
 class Mark(ModalScreen[str]):
-    """A remark for the recording; empty where none is wanted after all."""
+    """A remark for the recording; empty: none."""
 
     BINDINGS: ClassVar = [key("escape", "cancel", "Cancel", "Put no mark", name="cancel_mark")]
 
@@ -23,7 +23,7 @@ class Mark(ModalScreen[str]):
         with Vertical(classes="question"):
             yield Label("Mark this moment", classes="asked")
             yield Input(placeholder=SPACE_STOPS, id="answer")
-            yield Label("enter puts it into the recording · escape leaves it", classes="hint")
+            yield Label("enter puts it into the recording · escape cancels", classes="hint")
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         self.dismiss(event.value or "mark")
@@ -33,7 +33,7 @@ class Mark(ModalScreen[str]):
 
 
 class Ask(ModalScreen[str | None]):
-    """What a session asks: one of its choices, or any text. None where it is left for later."""
+    """The answer to a prompt: one of its choices, or any text. None where the user answers later."""
 
     BINDINGS: ClassVar = [key("escape", "later", "Later", "Answer later; the session waits", name="answer_later")]
 
@@ -50,7 +50,7 @@ class Ask(ModalScreen[str | None]):
                         yield Button(choice, id=f"choice-{number}")
             else:
                 yield Input(placeholder=SPACE_STOPS, id="answer")
-            yield Label("enter answers · escape leaves it for later · space stops", classes="hint")
+            yield Label("enter answers · escape: answer later · space stops", classes="hint")
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
         self.dismiss(self.prompt.choices[int((event.button.id or "choice-0").removeprefix("choice-"))])
@@ -63,7 +63,7 @@ class Ask(ModalScreen[str | None]):
 
 
 class Confirm(ModalScreen[bool]):
-    """Whether to do something that cannot be taken back."""
+    """A confirmation of an action that cannot be undone."""
 
     BINDINGS: ClassVar = [
         key("y", "yes", "Yes", "Do it", name="confirm_yes"),

@@ -1,4 +1,4 @@
-"""What came of an experiment."""
+"""The screen with the result of an experiment."""
 
 import os
 import sys
@@ -22,14 +22,14 @@ GRAPHICAL = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
 
 
 class Page(Panel):
-    """As high as its rows."""
+    """A page as high as its rows."""
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
         return max(len(self.draw(width, 0)), 1)
 
 
 class ResultsScreen(Screen[None]):
-    """Waits for the result where there is none yet."""
+    """Shows the result, and before it the stage of the fit."""
 
     BINDINGS = keys.RESULTS
 
@@ -54,15 +54,15 @@ class ResultsScreen(Screen[None]):
     def _rows(self, width: int, height: int) -> list[Row]:
         summary = self.experiment.summary
         if summary is None:
-            said = self.experiment.fitting
+            stage = self.experiment.fitting
             return [
-                [(f"◌ {said}", STRONG)],
-                [("It takes up to a minute, and the result comes here. Escape goes back.", LABEL)],
+                [(f"◌ {stage}", STRONG)],
+                [("It takes up to a minute; then the result is shown here. Escape goes back.", LABEL)],
             ]
         return result_rows(summary, width)
 
     def _look(self) -> None:
-        """Until the result is there, with what the fit is at."""
+        """Until the result is known, show the stage of the fit."""
         if self._shown:
             return
         self._shown = self.experiment.summary is not None
@@ -82,7 +82,7 @@ class ResultsScreen(Screen[None]):
         return None if summary is None else summary.report
 
     def action_open_report(self) -> None:
-        """In the browser, where there is one: over ssh a text browser would take the terminal."""
+        """Open it in a graphical browser; over ssh a text browser would take the terminal."""
         if self._report is None:
             return
         if sys.platform == "darwin" or any(os.environ.get(name) for name in GRAPHICAL):
