@@ -110,7 +110,7 @@ def test_identify_until_refines_and_says_how_far_it_came(
     ("options", "said"),
     [
         (["--until", "1 Hz"], "--until 1 Hz: is a percentage of each value"),
-        (["--until", "100%"], "--until 100%: is a percentage of each value, more than 0 % and less than 100 %"),
+        (["--until", "100%"], "--until 100%: is a percentage of each value, greater than 0 % and less than 100 %"),
         (["--until", "tight"], "--until tight: is a percentage of each value"),
         (["--until", "1%", "--at-most", "60"], '--at-most: "60" has no unit'),
         (["--until", "1%", "--at-most", "20 s"], "--at-most 20 s: the steps around the refinement take about"),

@@ -8,9 +8,8 @@ import pytest
 from norton_bench.guard.check import Check, Commands
 from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
 from norton_bench.guard.model import GuardModel, Machine, TorqueReadings, amperes_per_command
-from norton_bench.guard.motion_checks import EncoderAgreement, HeldShaft, Standstill
+from norton_bench.guard.motion_checks import CouplingCheck, EncoderAgreement, HeldShaft, Standstill
 from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueBalance, TorqueJump
-from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.records import CURRENT, TICK
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import NOTHING, START_NS, TICK_NS, resting, turning
@@ -50,7 +49,7 @@ def shafts(position_rad: float, age_ms: float, load_age_ms: float, count: int = 
 
 def test_the_twist_is_that_of_one_instant_and_so_is_what_it_may_be() -> None:
     # 1 + 10 · 2 ms − 20 · 5 ms = 0.92; 0.25 + 5 · 1e-4 + 20 · (3 ms + 2 · 7 ms) = 0.5905
-    words = said(Coupling(0.25, 1.0, 1e-4, 1e-3), shafts(1.0, 2.0, 5.0))[-1]
+    words = said(CouplingCheck(0.25, 1.0, 1e-4, 1e-3), shafts(1.0, 2.0, 5.0))[-1]
     assert words is not None
     assert "have turned +0.92 rad apart, where 0.59 rad is the most" in words
 
@@ -58,7 +57,7 @@ def test_the_twist_is_that_of_one_instant_and_so_is_what_it_may_be() -> None:
 @pytest.mark.parametrize(("position_rad", "found"), [(0.669, False), (0.672, True), (-0.509, False), (-0.512, True)])
 def test_a_twist_that_is_just_too_great(position_rad: float, found: bool) -> None:
     # |position + 0.02 − 0.1| may be 0.5905
-    assert bool(found_at(Coupling(0.25, 1.0, 1e-4, 1e-3), shafts(position_rad, 2.0, 5.0))) is found
+    assert bool(found_at(CouplingCheck(0.25, 1.0, 1e-4, 1e-3), shafts(position_rad, 2.0, 5.0))) is found
 
 
 def test_the_greatest_speed_of_either_is_remembered() -> None:
@@ -66,13 +65,13 @@ def test_the_greatest_speed_of_either_is_remembered() -> None:
     for fast in ("velocity_rad_s", "load_velocity_rad_s"):
         burst = resting(1)._replace(**{fast: 100.0}, position_rad=0.0)
         apart = [resting(k)._replace(position_rad=0.5) for k in range(2, 200)]
-        first = found_at(Coupling(0.25, 1.0, 0.0, 1e-3), [resting(0), burst, *apart])[0]
+        first = found_at(CouplingCheck(0.25, 1.0, 0.0, 1e-3), [resting(0), burst, *apart])[0]
         # 0.25 + 100 · kept · (3 ms + 2 · 0.8 ms) < 0.5 after ln(0.46 / 0.25) · 0.1 s, and three strikes.
         assert first == pytest.approx(1 + np.log(0.46 / 0.25) * 1e3 * FORGET_S, abs=3.0)
 
 
 def test_the_limit_of_torque_may_twist_it_by_four_times_what_it_should() -> None:
-    check = Coupling(0.25, 2.0, 1e-4, 1e-3)
+    check = CouplingCheck(0.25, 2.0, 1e-4, 1e-3)
     check.learn(GuardModel(sensor_stiffness_nm_rad=100.0))
     # 4 · 2 / 100 + 5 · 1e-4 = 0.0804
     steady = lambda rad: [resting(0), *(resting(k)._replace(position_rad=rad) for k in range(1, 9))]  # noqa: E731
@@ -85,7 +84,7 @@ def test_the_third_pair_of_new_readings_tells() -> None:
     apart = resting(0)._replace(position_rad=1.0, motion_new=False, load_motion_new=False)
     new = [(True, True), (True, False), (True, False), (False, True), (False, True), (False, False), (True, False)]
     samples = [apart._replace(motion_new=one, load_motion_new=other) for one, other in new]
-    assert found_at(Coupling(0.25, 1.0, 0.0, 1e-3), [resting(0), *samples]) == [7]
+    assert found_at(CouplingCheck(0.25, 1.0, 0.0, 1e-3), [resting(0), *samples]) == [7]
 
 
 # ---- One encoder: its position against its velocity -----------------------------------------------------------------
@@ -266,7 +265,7 @@ def test_a_swing_that_is_just_small_enough() -> None:
 def all_checks() -> list[Check]:
     return [
         EncoderAgreement("actuator encoder", 1e-4),
-        Coupling(0.25, 1.0, 1e-4, 1e-3),
+        CouplingCheck(0.25, 1.0, 1e-4, 1e-3),
         CurrentAgreement("actuator", 0.5, "N*m", 20.0),
         StuckModulator(4.0, "N*m/rad", 1e-4),
         Standstill("N*m"),
@@ -287,7 +286,11 @@ def test_a_check_that_was_never_begun_nor_taught_is_quiet(check: Check) -> None:
 @pytest.mark.parametrize(
     ("check", "wrong", "sent"),
     [
-        (Coupling(0.25, 1.0, 0.0, 1e-3), lambda k: resting(k)._replace(position_rad=1.0 if k % 100 else 0.0), NOTHING),
+        (
+            CouplingCheck(0.25, 1.0, 0.0, 1e-3),
+            lambda k: resting(k)._replace(position_rad=1.0 if k % 100 else 0.0),
+            NOTHING,
+        ),
         (SaturationCheck(2.0), lambda k: resting(k)._replace(torque_nm=1.99), NOTHING),
         (jump(), lambda k: resting(k)._replace(torque_nm=0.6 if k % 100 > 1 else 0.0), NOTHING),
         (

@@ -10,9 +10,8 @@ from norton_bench.errors import SafetyStopError, UsageError
 from norton_bench.guard.check import Commands
 from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
 from norton_bench.guard.guard import Equipment, Guard, checks_for
-from norton_bench.guard.motion_checks import EncoderAgreement, HeldShaft, Standstill
+from norton_bench.guard.motion_checks import CouplingCheck, EncoderAgreement, HeldShaft, Standstill
 from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueBalance, TorqueJump
-from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.rig.rig import Command
 from norton_bench.sample import Sample
 from norton_drivers.readings import DriveState
@@ -352,7 +351,7 @@ def test_each_check_knows_its_own_limit_unit_and_resolution() -> None:
     expected = [
         EncoderAgreement("actuator encoder", 3e-4),
         EncoderAgreement("load encoder", 1e-4),
-        Coupling(0.25, 1.0, 3e-4 + 1e-4, 1e-3),
+        CouplingCheck(0.25, 1.0, 3e-4 + 1e-4, 1e-3),
         StuckModulator(4.0, "N*m/rad", 5e-5),
         CurrentAgreement("actuator", 500.0, "mA", 1e-3),
         CurrentAgreement("load", 0.8, "N*m"),
