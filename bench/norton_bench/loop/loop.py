@@ -27,6 +27,7 @@ from norton_drivers.readings import DeviceIdentity, DriveState, DriveStatus
 HELD_S = 5.0
 AT_REST = Segment("wait", "rest", Use.PREPARE, np.zeros(1))
 NOT_THERE = DriveStatus(DriveState.UNKNOWN)
+Drives = tuple[DriveHealth, ...]
 
 
 def never_stop() -> str | None:
@@ -282,22 +283,14 @@ class Loop:
             )
         return missed
 
-    def _row(
-        self,
-        stages: Stages,
-        sample: Sample,
-        step: Step,
-        wish: Commands,
-        sent: Commands,
-        drives: tuple[DriveHealth, ...],
-    ) -> Tick:
+    def _row(self, at: Stages, sample: Sample, step: Step, wish: Commands, sent: Commands, drives: Drives) -> Tick:
         devices, actuator = self.devices, drives[0].status
         load = NOT_THERE if devices.load is None else drives[1].status
         modulator = NOT_THERE if devices.modulator is None else drives[-1].status
         return {
-            "tick_ns": stages.deadline_ns,
-            "lateness_ns": stages.begun_ns - stages.deadline_ns,
-            "work_ns": stages.sent_ns - stages.begun_ns,
+            "tick_ns": at.deadline_ns,
+            "lateness_ns": at.begun_ns - at.deadline_ns,
+            "work_ns": at.sent_ns - at.begun_ns,
             "segment": self._label,
             "command": sent.command,
             "wished_load_torque_nm": wish.load_torque_nm,
@@ -315,10 +308,10 @@ class Loop:
             "transistor_temperature_c": actuator.transistor_temperature_c,
             "load_transistor_temperature_c": load.transistor_temperature_c,
             "limited": sent.limited,
-            "receive_ns": max(stages.received_ns - stages.begun_ns, 0),
-            "control_ns": stages.controlled_ns - stages.received_ns,
-            "guard_ns": stages.guarded_ns - stages.controlled_ns,
-            "send_ns": stages.sent_ns - stages.guarded_ns,
+            "receive_ns": max(at.received_ns - at.begun_ns, 0),
+            "control_ns": at.controlled_ns - at.received_ns,
+            "guard_ns": at.guarded_ns - at.controlled_ns,
+            "send_ns": at.sent_ns - at.guarded_ns,
             "put_ns": self._put_ns,
             "modulation": sent.modulation,
             "modulator_position_rad": sample.modulator_position_rad,
