@@ -131,7 +131,8 @@ def test_the_load_alone_tells_a_torque_that_lies(lie) -> None:
     assert 1040 < verdict.tick < 1400
     assert "with the load's command and motion" in verdict.said
     assert verdict.said.endswith(
-        ": check the torque sensor's zero, sign and scale, the load drive, its direction, and that its shaft turns freely"
+        ": check the torque sensor's zero, sign and scale, the load drive, its direction, "
+        "and that its shaft turns freely"
     )
 
 
