@@ -108,8 +108,12 @@ def load(group: str, name: str, *, asked_by: str) -> Any:
     raise WiringError(f"{asked_by} = {name!r} is not installed; known: {', '.join(names(group)) or 'none'}")
 
 
-@cache  # 5 ms to read what all packages say, and a rig file asks a dozen times
 def _entries(group: str) -> tuple[EntryPoint, ...]:
+    return _read(group, tuple(sys.path))
+
+
+@cache  # 5 ms to read what all packages say, and a rig file asks a dozen times
+def _read(group: str, _found_along: tuple[str, ...]) -> tuple[EntryPoint, ...]:
     return tuple(entry_points(group=group))
 
 

@@ -262,8 +262,10 @@ def test_a_swing_that_is_just_small_enough() -> None:
 # ---- The beginning -----------------------------------------------------------------------------------------------
 
 
-def all_checks() -> list[Check]:
+def all_checks(factor: float = 1.0) -> list[Check]:
+    """One of each, its figures times ``factor``."""
     return [
+<<<<<<< HEAD
         EncoderAgreement("actuator encoder", 1e-4),
         CouplingCheck(0.25, 1.0, 1e-4, 1e-3),
         CurrentAgreement("actuator", 0.5, "N*m", 20.0),
@@ -274,7 +276,34 @@ def all_checks() -> list[Check]:
         SaturationCheck(2.0),
         TorqueBalance(1.0),
         HeldShaft(1.0, 1e-4),
+=======
+        EncoderAgreement("actuator encoder", 1e-4 * factor),
+        Coupling(0.25 * factor, 1.0 * factor, 1e-4 * factor, 1e-3 * factor),
+        CurrentAgreement("actuator", 0.5 * factor, "N*m", 20.0 * factor),
+        StuckModulator(4.0 * factor, "N*m/rad", 1e-4 * factor),
+        Standstill("N*m"),
+        FrozenTorque(),
+        TorqueJump(1.0 * factor, 1e-3 * factor),
+        Saturation(2.0 * factor),
+        TorqueBalance(1.0 * factor),
+        HeldShaft(1.0 * factor, 1e-4 * factor),
+>>>>>>> suite
     ]
+
+
+# What begins otherwise: not known yet, one reading a tick, and a sensor as quick as the common low-pass.
+OTHERWISE = {"_start_rad": None, "_load": None, "_actuator": None, "_usual": 1.0, "_low_pass_s": 0.02, "_old_ns": 2e7}
+
+
+@pytest.mark.parametrize("number", range(10))
+def test_a_new_check_has_seen_nothing(number: int) -> None:
+    """What it holds beside its own figures is zero, or without limit."""
+    held, other = vars(all_checks()[number]), vars(all_checks(2.0)[number])
+    own = {name: value for name, value in held.items() if value == other[name] and not callable(value)}
+    for name, value in own.items():
+        if not isinstance(value, str):
+            expected = OTHERWISE.get(name, np.inf if value == np.inf else 0.0)
+            assert value == expected or value in {NOTHING, (0.0, 0.0)}, name
 
 
 @pytest.mark.parametrize("check", all_checks(), ids=lambda check: f"{check.name} {type(check).__name__}")
