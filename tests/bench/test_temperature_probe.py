@@ -9,7 +9,7 @@ import pytest
 
 from norton_bench.check.check import check_rig
 from norton_bench.errors import RigError
-from norton_bench.jog.signals import Signals
+from norton_bench.jog.signals import BenchSignals
 from norton_bench.loop.process import LoopProcess
 from norton_bench.procedures.waves import coasting
 from norton_bench.recording.export import export
@@ -19,7 +19,7 @@ from norton_bench.records import Measured, join
 from norton_bench.report.streams import stream_qualities
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
-from norton_bench.screen.picture.parts import Health
+from norton_bench.screen.picture.parts import BenchHealth
 from norton_bench.segments import Segment, Use
 from norton_sim.firmware.celsius import ROOM_C, CelsiusProbe
 from tests.bench.bench_in_simulation import opened
@@ -72,7 +72,7 @@ def test_it_is_recorded_and_exported(parts: list[Measured], tmp_path: Path) -> N
 
 def test_it_is_shown_with_its_age_and_as_silent_once_it_is(parts: list[Measured]) -> None:
     rig = with_probe()
-    signals, health = Signals(rig), Health(rig)
+    signals, health = BenchSignals(rig), BenchHealth(rig)
     states = []
     for part in parts:
         signals.take(part)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from norton_bench.jog.hands import Bounds, Preset, Setpoints
-    from norton_bench.jog.signals import Held, Seen
+    from norton_bench.jog.signals import HeldSignals, SignalValue
     from norton_bench.rig.rig import Rig
 
 DURATION = "2 s"
@@ -137,11 +137,11 @@ def _to(
     from norton_bench.cli.operator import operator_stop  # noqa: PLC0415
     from norton_bench.jog.hands import Preset  # noqa: PLC0415
     from norton_bench.jog.script import JogScript  # noqa: PLC0415
-    from norton_bench.jog.signals import Held  # noqa: PLC0415
+    from norton_bench.jog.signals import HeldSignals  # noqa: PLC0415
     from norton_bench.session.engine import run_by_hand  # noqa: PLC0415
     from norton_bench.session.operator import Nobody  # noqa: PLC0415
 
-    held = Held(rig, setpoints.words(rig.command.unit), output.say)
+    held = HeldSignals(rig, setpoints.words(rig.command.unit), output.say)
     hand = Preset(setpoints, duration_s)
     output.say("preparing; the very first run compiles for a while")
     output.say(
@@ -154,7 +154,7 @@ def _to(
     return _show(hand, held, recording, output)
 
 
-def _show(hand: "Preset", held: "Held", recording: Path, output: Output) -> int:
+def _show(hand: "Preset", held: "HeldSignals", recording: Path, output: Output) -> int:
     signals = held.signals.seen()
     data: dict[str, Any] = {
         "setpoints": held.words,
@@ -168,7 +168,7 @@ def _show(hand: "Preset", held: "Held", recording: Path, output: Output) -> int:
     return ExitCode.EXPERIMENT_FAILED if hand.cut_short else ExitCode.OK
 
 
-def _table(signals: "tuple[Seen, ...]") -> "Table":
+def _table(signals: "tuple[SignalValue, ...]") -> "Table":
     table = plain_table()
     for name in ("device", "signal"):
         table.add_column(name)

@@ -20,7 +20,7 @@ from norton_bench.identification.statistics import sandwich
 from norton_bench.identification.validation import is_free, network_trace
 from norton_bench.models.network import NortonNetwork
 from norton_bench.records import Measured, SegmentInfo
-from norton_bench.report.figures_network import Loop, bench_time_s, presliding_loops, sliding_samples
+from norton_bench.report.figures_network import ImpedanceLoop, bench_time_s, presliding_loops, sliding_samples
 from norton_bench.segments import Use
 
 # A drive tells its temperature about so exactly; a span no wider says nothing of what warmth does.
@@ -45,7 +45,7 @@ class Sliding:
     """Steady velocities under one command: torque measured beside what the network makes of the motion."""
 
     command: float
-    samples: Loop
+    samples: ImpedanceLoop
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Evidence:
     orders: tuple[Order, ...] = ()
     folded: Folded | None = None
     order_nm: FloatArray = field(default_factory=lambda: np.empty(0))  # amplitude by whole periods a turn, from 1 on
-    loops: tuple[Loop, ...] = ()
+    loops: tuple[ImpedanceLoop, ...] = ()
     sliding: tuple[Sliding, ...] = ()
     gap: ZeroRange | None = None
     warming: Warming | None = None
@@ -193,7 +193,7 @@ def _settled(measured: Measured, segment: SegmentInfo) -> Iterator[SegmentInfo]:
             yield replace(segment, start_ns=start, end_ns=end)
 
 
-def _without_zero(loop: Loop, fit: FitResult) -> Loop:
+def _without_zero(loop: ImpedanceLoop, fit: FitResult) -> ImpedanceLoop:
     """Without what the sensor reads when nothing is at the port."""
     zero_nm = fit.torque_bias_nm
     return replace(loop, measured_nm=loop.measured_nm - zero_nm, predicted_nm=loop.predicted_nm - zero_nm)

@@ -14,7 +14,7 @@ from norton_bench.datasheet.data import Content, content_of
 from norton_bench.datasheet.pictures import Picture, drawings
 from norton_bench.datasheet.sheet import Sheet
 from norton_bench.errors import ExperimentError
-from norton_bench.report.svg import WIDTH_IN, Margins, Palette
+from norton_bench.report.svg import WIDTH_IN, FigureMargins, Palette
 from norton_bench.report.words import Facts
 
 PAGE_IN = (8.27, 11.69)  # A4
@@ -56,7 +56,7 @@ def pages(content: Content, sheets: Sequence[Sheet], palette: Palette) -> Iterat
 
 
 def _blank() -> Figure:
-    return Figure(figsize=PAGE_IN, layout=Margins())
+    return Figure(figsize=PAGE_IN, layout=FigureMargins())
 
 
 def _about(content: Content) -> dict[str, str | None]:

@@ -13,7 +13,7 @@ from norton_bench.rig.rig import Rig
 
 
 @dataclass(frozen=True)
-class Seen:
+class SignalValue:
     """One signal. NaN means unknown; ``age_s`` is NaN for a command, and for a reading without a time."""
 
     device: str
@@ -26,7 +26,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Source:
+class SignalSource:
     """Where a signal comes from: the ticks, whose column ``age`` says how old it is, or the readings of ``stream``.
 
     An ``optional`` one need not be measured.
@@ -41,12 +41,14 @@ class Source:
     stream: str = ""
 
 
-class Signals:
+class BenchSignals:
     """The signals of one rig; :meth:`take` gets the measurements, in order."""
 
     def __init__(self, rig: Rig) -> None:
         self._sources = tuple(_sources(rig))
-        self._seen = {(each.device, each.name): Seen(each.device, each.name, each.unit) for each in self._sources}
+        self._seen = {
+            (each.device, each.name): SignalValue(each.device, each.name, each.unit) for each in self._sources
+        }
         self._arrivals_ns: dict[str, int] = {}  # of the newest reading, by stream
 
     def take(self, part: Measured) -> None:
@@ -61,7 +63,7 @@ class Signals:
                 age_ns = int(last[each.age]) if each.age else -1
                 self._update(each, each.values(part.ticks), age_ns * 1e-9 if age_ns >= 0 else nan)
 
-    def seen(self) -> tuple[Seen, ...]:
+    def seen(self) -> tuple[SignalValue, ...]:
         """All signals; optional ones only if they have been measured."""
         return tuple(
             self._seen[each.device, each.name]
@@ -72,9 +74,11 @@ class Signals:
     def forget_extremes(self) -> None:
         """Restart the least and greatest values, at the present ones."""
         for key, seen in self._seen.items():
-            self._seen[key] = Seen(seen.device, seen.name, seen.unit, seen.value, seen.age_s, seen.value, seen.value)
+            self._seen[key] = SignalValue(
+                seen.device, seen.name, seen.unit, seen.value, seen.age_s, seen.value, seen.value
+            )
 
-    def _take_readings(self, source: Source, part: Measured, now_ns: int) -> None:
+    def _take_readings(self, source: SignalSource, part: Measured, now_ns: int) -> None:
         table: Table = getattr(part, source.stream)
         if len(table):
             self._arrivals_ns[source.stream] = int(table["arrival_ns"][-1])
@@ -82,9 +86,9 @@ class Signals:
         arrival_ns = self._arrivals_ns.get(source.stream)
         self._update(source, values, nan if arrival_ns is None else max(now_ns - arrival_ns, 0) * 1e-9)
 
-    def _update(self, source: Source, values: FloatArray, age_s: float) -> None:
+    def _update(self, source: SignalSource, values: FloatArray, age_s: float) -> None:
         before = self._seen[source.device, source.name]
-        self._seen[source.device, source.name] = Seen(
+        self._seen[source.device, source.name] = SignalValue(
             source.device,
             source.name,
             source.unit,
@@ -99,46 +103,48 @@ def _column(name: str) -> Callable[[Table], FloatArray]:
     return lambda table: table[name]
 
 
-def _sources(rig: Rig) -> Iterator[Source]:
+def _sources(rig: Rig) -> Iterator[SignalSource]:
     wiring = rig.wiring
-    yield Source("actuator", "command", rig.command.unit, _column("command"))
+    yield SignalSource("actuator", "command", rig.command.unit, _column("command"))
     yield from _machine("actuator", "")
     if wiring.load is not None:
-        yield Source("load", "torque command", "N*m", _column("load_torque_nm"))
+        yield SignalSource("load", "torque command", "N*m", _column("load_torque_nm"))
         yield from _machine("load", "load_")
     if wiring.torque_sensor is not None:
-        yield Source("port", "torque", "N*m", _column("torque_nm"), "torque_age_ns")
-        yield Source("port", "power", "W", lambda ticks: ticks["torque_nm"] * ticks["velocity_rad_s"], "torque_age_ns")
+        yield SignalSource("port", "torque", "N*m", _column("torque_nm"), "torque_age_ns")
+        yield SignalSource(
+            "port", "power", "W", lambda ticks: ticks["torque_nm"] * ticks["velocity_rad_s"], "torque_age_ns"
+        )
     if rig.modulation is not None:
-        yield Source("modulator", "command", rig.modulation.unit, _column("modulation"))
-        yield Source("modulator", "angle", "rad", _column("modulator_position_rad"), "modulator_motion_age_ns")
+        yield SignalSource("modulator", "command", rig.modulation.unit, _column("modulation"))
+        yield SignalSource("modulator", "angle", "rad", _column("modulator_position_rad"), "modulator_motion_age_ns")
         yield from _read("modulator")
         temperature = _column("modulator_transistor_temperature_c")
-        yield Source("modulator", "transistors", "°C", temperature, optional=True)
+        yield SignalSource("modulator", "transistors", "°C", temperature, optional=True)
     for sensor in wiring.sensors:
         yield from _read(sensor.role)
 
 
-def _machine(device: str, prefix: str) -> Iterator[Source]:
+def _machine(device: str, prefix: str) -> Iterator[SignalSource]:
     age = f"{prefix}motion_age_ns"
-    yield Source(device, "angle", "rad", _column(f"{prefix}position_rad"), age)
-    yield Source(device, "velocity", "rad/s", _column(f"{prefix}velocity_rad_s"), age)
+    yield SignalSource(device, "angle", "rad", _column(f"{prefix}position_rad"), age)
+    yield SignalSource(device, "velocity", "rad/s", _column(f"{prefix}velocity_rad_s"), age)
     yield from _read(device)
-    yield Source(device, "supply", "V", _column(f"{prefix}supply_v"), optional=True)
-    yield Source(device, "transistors", "°C", _column(f"{prefix}transistor_temperature_c"), optional=True)
-    yield Source(device, "motor", "°C", _column(f"{prefix}motor_temperature_c"), optional=True)
+    yield SignalSource(device, "supply", "V", _column(f"{prefix}supply_v"), optional=True)
+    yield SignalSource(device, "transistors", "°C", _column(f"{prefix}transistor_temperature_c"), optional=True)
+    yield SignalSource(device, "motor", "°C", _column(f"{prefix}motor_temperature_c"), optional=True)
 
 
-def _read(role: str) -> Iterator[Source]:
+def _read(role: str) -> Iterator[SignalSource]:
     """What the device measures and no tick repeats."""
     for stream in STREAMS:
         if stream.role == role and not stream.age:
             for each in stream.kind.quantities:
                 device, values = role.replace("_", " "), _column(each.column)
-                yield Source(device, each.name, each.unit, values, optional=True, stream=stream.name)
+                yield SignalSource(device, each.name, each.unit, values, optional=True, stream=stream.name)
 
 
-class Held:
+class HeldSignals:
     """A watcher of a bench that is moved to given values: the signals while these were held.
 
     ``words`` are the names of the segments to watch, upward ramps included; notes are passed to ``say``.
@@ -146,7 +152,7 @@ class Held:
 
     def __init__(self, rig: Rig, words: str, say: Callable[[str], None]) -> None:
         self.words = words
-        self.signals = Signals(rig)
+        self.signals = BenchSignals(rig)
         self._say = say
 
     def __call__(self, event: SessionEvent) -> None:

@@ -21,7 +21,7 @@ from norton_bench.rig.rig import Rig
 
 
 @dataclass(frozen=True)
-class Entry:
+class ProcedureEntry:
     """How a procedure is made from its options, and which must have run before it, with a load drive and without."""
 
     make: type[Any]
@@ -29,21 +29,21 @@ class Entry:
     after_alone: tuple[str, ...] = ()
 
 
-CATALOGUE: Mapping[str, Entry] = {
-    "tare": Entry(TareProcedure),
-    "calibrate": Entry(CalibrateProcedure, after=("tare",)),
-    "free": Entry(FreeProcedure, after=("calibrate",)),
-    "blocked": Entry(BlockedProcedure, after=("calibrate",)),
-    "imposed": Entry(ImposedProcedure, after=("calibrate",)),
+CATALOGUE: Mapping[str, ProcedureEntry] = {
+    "tare": ProcedureEntry(TareProcedure),
+    "calibrate": ProcedureEntry(CalibrateProcedure, after=("tare",)),
+    "free": ProcedureEntry(FreeProcedure, after=("calibrate",)),
+    "blocked": ProcedureEntry(BlockedProcedure, after=("calibrate",)),
+    "imposed": ProcedureEntry(ImposedProcedure, after=("calibrate",)),
     # Chosen from a first fit, which needs data.
-    "refine": Entry(RefineProcedure, after=("calibrate", "imposed")),
-    "iterate_zero_torque": Entry(IterateProcedure, after=("calibrate", "free")),
-    "in_situ": Entry(InSituProcedure, after=("tare",)),
-    "rest": Entry(RestProcedure),
-    "tabulate_source": Entry(TabulateSourceProcedure, after=("calibrate",)),
-    "tabulate_impedance": Entry(TabulateImpedanceProcedure, after=("calibrate",)),
+    "refine": ProcedureEntry(RefineProcedure, after=("calibrate", "imposed")),
+    "iterate_zero_torque": ProcedureEntry(IterateProcedure, after=("calibrate", "free")),
+    "in_situ": ProcedureEntry(InSituProcedure, after=("tare",)),
+    "rest": ProcedureEntry(RestProcedure),
+    "tabulate_source": ProcedureEntry(TabulateSourceProcedure, after=("calibrate",)),
+    "tabulate_impedance": ProcedureEntry(TabulateImpedanceProcedure, after=("calibrate",)),
     # Commands that were not tried on the free shaft may drive it beyond its limit.
-    "validate": Entry(ValidateProcedure, after=("calibrate", "free"), after_alone=("free",)),
+    "validate": ProcedureEntry(ValidateProcedure, after=("calibrate", "free"), after_alone=("free",)),
 }
 
 

@@ -68,7 +68,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Bounds:
+class PlanBounds:
     """The limits of the rig for a plan, computed with the network and the load as they are known.
 
     ``travel_rad`` is how far the shaft may move from its present position.
@@ -132,14 +132,14 @@ class Bounds:
         return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
 
 
-def candidates(bounds: Bounds, seed: int) -> tuple[Candidate, ...]:
+def candidates(bounds: PlanBounds, seed: int) -> tuple[Candidate, ...]:
     """All excitations within ``bounds``; another ``seed`` gives other multisines."""
     ideas = (*_still(bounds, seed), *_cruises(bounds, seed), *_loops(bounds), *_shaken(bounds, seed))
     fitted = (_fitted(idea, bounds) for idea in ideas)
     return tuple(candidate for candidate in fitted if candidate is not None)
 
 
-def _still(bounds: Bounds, seed: int) -> Iterator[Candidate]:
+def _still(bounds: PlanBounds, seed: int) -> Iterator[Candidate]:
     """The shaft held, with a large command: for gain, bandwidth of the amplifier, delay of the command."""
     ticks = len(hold(0.0, DURATION_S, bounds.rig.tick_s))
     for band_hz in _bands(bounds):
@@ -147,7 +147,7 @@ def _still(bounds: Bounds, seed: int) -> Iterator[Candidate]:
         yield Candidate(f"command to {band_hz[1]:.0f} Hz, held", command, _rest(ticks))
 
 
-def _cruises(bounds: Bounds, seed: int) -> Iterator[Candidate]:
+def _cruises(bounds: PlanBounds, seed: int) -> Iterator[Candidate]:
     """Steady turning both ways, without command and with one: viscous damping and Coulomb torque; and gain and
     bandwidth without the influence of a friction contact at rest."""
     tick_s = bounds.rig.tick_s
@@ -162,7 +162,7 @@ def _cruises(bounds: Bounds, seed: int) -> Iterator[Candidate]:
             yield Candidate(f"cruise at {share:.0%}, command to {band_hz[1]:.0f} Hz", command, motion)
 
 
-def _loops(bounds: Bounds) -> Iterator[Candidate]:
+def _loops(bounds: PlanBounds) -> Iterator[Candidate]:
     """Turning back and forth within a few presliding lengths: stiffness and damping of the friction contact."""
     length_rad = bounds.network.coulomb_torque_nm / bounds.network.presliding_stiffness_nm_rad
     for frequency_hz in LOOP_HZ:
@@ -173,7 +173,7 @@ def _loops(bounds: Bounds) -> Iterator[Candidate]:
             yield Candidate(name, np.zeros(len(motion.position_rad)), motion)
 
 
-def _shaken(bounds: Bounds, seed: int) -> Iterator[Candidate]:
+def _shaken(bounds: PlanBounds, seed: int) -> Iterator[Candidate]:
     """A multisine motion, wide and fast, alone and with a command: for inertia, and for all parameters together."""
     tick_s, greatest_rad_s = bounds.rig.tick_s, bounds.rig.limits.velocity_rad_s
     for low_hz, slope in ((0.5, -0.6), (3.0, 0.0), (15.0, 0.0)):
@@ -185,13 +185,13 @@ def _shaken(bounds: Bounds, seed: int) -> Iterator[Candidate]:
         yield Candidate(f"shaken from {low_hz:g} Hz, command to {COMMAND_BANDS_HZ[0][1]:.0f} Hz", command, motion)
 
 
-def _bands(bounds: Bounds) -> list[tuple[float, float]]:
+def _bands(bounds: PlanBounds) -> list[tuple[float, float]]:
     """The bands that are possible at the rate of the loop."""
     most_hz = highest_hz(bounds.rig.tick_s)
     return [(low, min(high, most_hz)) for low, high in COMMAND_BANDS_HZ if 2 * low < most_hz]
 
 
-def _command(bounds: Bounds, band_hz: tuple[float, float], duration_s: float, seed: int) -> FloatArray:
+def _command(bounds: PlanBounds, band_hz: tuple[float, float], duration_s: float, seed: int) -> FloatArray:
     low_hz, high_hz = band_hz
     wave = multisine(
         duration_s, bounds.rig.tick_s, low_hz=low_hz, high_hz=high_hz, seed=seed, lines=30, clippings=CLIPPINGS
@@ -210,7 +210,7 @@ def _lagged(values: FloatArray, bandwidth_rad_s: float, tick_s: float) -> FloatA
     return np.asarray(network_steps.lagged(np.ascontiguousarray(values), decay, 0.0))
 
 
-def _fitted(idea: Candidate, bounds: Bounds) -> Candidate | None:
+def _fitted(idea: Candidate, bounds: PlanBounds) -> Candidate | None:
     """``idea`` made smaller until it keeps to ``bounds``: first its motion alone, then the command with it."""
     nothing = np.zeros(idea.ticks)
     moves, commands = bool(np.any(idea.motion.position_rad)), bool(np.any(idea.command))
@@ -249,14 +249,16 @@ class Sized:
     share: float
 
 
-def bounds_of(known: Knowledge) -> Bounds | None:
+def bounds_of(known: Knowledge) -> PlanBounds | None:
     """The limits of the rig with the calibration and the first fit of the actuator; None where one is missing."""
     fit = known.actuator
     if known.calibration is None or fit is None or first_inertia_kgm2(fit) is None:
         return None
     if why_no_basis(replace(fit, converged=True), "the actuator") is not None:
         return None
-    return Bounds(known.rig, fit.network.dissipative(), known.calibration, travel_left_rad(known.records, known.rig))
+    return PlanBounds(
+        known.rig, fit.network.dissipative(), known.calibration, travel_left_rad(known.records, known.rig)
+    )
 
 
 def travel_left_rad(records: Sequence[Measured], rig: Rig) -> float:
@@ -269,7 +271,7 @@ def travel_left_rad(records: Sequence[Measured], rig: Rig) -> float:
     return limit_rad - abs(float(stood_rad[-1] - stood_rad[0]))
 
 
-def imposed_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -> Sized:
+def imposed_within(bounds: PlanBounds | None, command: FloatArray, motion: Motion) -> Sized:
     """Command and imposed motion, made smaller until the limits allow them."""
     share = 1.0
     while bounds is not None and share > LEAST and not bounds.allow(share * command, motion.scaled(share), SHARE):
@@ -277,7 +279,7 @@ def imposed_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -
     return Sized(share * command, motion.scaled(share), share)
 
 
-def held_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -> Sized:
+def held_within(bounds: PlanBounds | None, command: FloatArray, motion: Motion) -> Sized:
     """The same for a small motion: only the command is made smaller."""
     share = 1.0
     while bounds is not None and share > LEAST and not bounds.allow(share * command, motion, SHARE):
@@ -285,7 +287,7 @@ def held_within(bounds: Bounds | None, command: FloatArray, motion: Motion) -> S
     return Sized(share * command, motion, share)
 
 
-def free_within(bounds: Bounds | None, command: FloatArray) -> float:
+def free_within(bounds: PlanBounds | None, command: FloatArray) -> float:
     """The share of ``command`` (ticks,) for which the free motion, and the torque for the load to follow, stay
     inside."""
     share = 1.0

@@ -88,7 +88,7 @@ class Shake:
 
 
 @dataclass(frozen=True, eq=False)
-class Movement:
+class InSituTrial:
     """One trial; ``load_torque_nm`` (ticks,) is zero where the load is left alone."""
 
     number: int
@@ -167,7 +167,7 @@ def _next(known: Knowledge, state: InSitu) -> Decision:
         load_torque_nm = next_load_torque(models, state.command, state.corrections, 0.0, known.tick_s)
     how = "with the load driven" if driven else "with the load not driven"
     before = in_words(state) if state.trials else "; ".join(state.assembly.said)
-    return Decision(known, Movement(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")
+    return Decision(known, InSituTrial(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")
 
 
 def _done(known: Knowledge, state: InSitu) -> Decision:

@@ -30,7 +30,7 @@ LAST_RAD = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class MovementTrial:
     """One movement; ``load_torque_nm`` (ticks,) is what the load drive does meanwhile."""
 
     number: int
@@ -70,7 +70,7 @@ class IterateProcedure:
     """Repeats trials until only noise is left, until their number is reached, or until they do not converge."""
 
     options: IterateOptions = field(default_factory=IterateOptions)
-    name: ClassVar[str] = Trial.name
+    name: ClassVar[str] = MovementTrial.name
 
     def require(self, rig: Rig) -> None:
         require_model(rig, self.name)
@@ -119,7 +119,7 @@ def _next(known: Knowledge, so_far: Iteration) -> Decision:
     if so_far.trials:
         noise_nm = known.calibration.torque_noise_nm
         load_torque_nm = next_load_torque(models, so_far.command, so_far.corrections, noise_nm, known.tick_s)
-    trial = Trial(number, so_far.command, load_torque_nm, so_far.start_rad, models)
+    trial = MovementTrial(number, so_far.command, load_torque_nm, so_far.start_rad, models)
     return Decision(replace(known, iteration=so_far), trial, _sentence(so_far))
 
 

@@ -24,7 +24,7 @@ from norton_bench.identification.load import coupling_of
 from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import signals
-from norton_bench.procedures.excitations import Bounds, Candidate, candidates, travel_left_rad
+from norton_bench.procedures.excitations import Candidate, PlanBounds, candidates, travel_left_rad
 from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
 from norton_bench.procedures.options import RefineOptions
 from norton_bench.procedures.refinement import (
@@ -149,7 +149,7 @@ class _View:
     at: Linearised
     noise_nm: float
     resolution_rad: float
-    bounds: Bounds
+    bounds: PlanBounds
     recorded_s: float
 
     @classmethod
@@ -164,7 +164,7 @@ class _View:
             at=at,
             noise_nm=noise_nm,
             resolution_rad=resolution_rad(record.motion["position_rad"]),
-            bounds=Bounds(known.rig, result.network, known.calibration, travel_left_rad((record,), known.rig)),
+            bounds=PlanBounds(known.rig, result.network, known.calibration, travel_left_rad((record,), known.rig)),
             recorded_s=result.samples * known.tick_s,
         )
 

@@ -19,7 +19,7 @@ SIGNIFICANT = 5.0
 
 
 @dataclass(frozen=True)
-class Felt:
+class SensorResponse:
     """The response of the torque sensor to pushes, at the greatest of them, with its deviation; all in N m.
 
     ``noise_nm`` is that of one reading at rest.
@@ -35,7 +35,7 @@ class Felt:
         return abs(self.torque_nm) > SIGNIFICANT * self.deviation_nm
 
 
-def felt(pushes: Measured, rest: Measured) -> Felt:
+def sensor_response(pushes: Measured, rest: Measured) -> SensorResponse:
     """The change from ``rest`` in proportion to the command in ``pushes``: least squares over all readings."""
     still = rest.torque["torque_nm"][rest.torque["valid"]]
     readings = pushes.torque[pushes.torque["valid"]]
@@ -50,7 +50,7 @@ def felt(pushes: Measured, rest: Measured) -> Felt:
     power = max(float(share @ share), 1e-300)
     torque_nm = float(share @ (readings["torque_nm"] - np.mean(still))) / power
     deviation_nm = noise_nm * float(np.sqrt(1 / power + (np.sum(share) / power) ** 2 / still.size))
-    return Felt(torque_nm, deviation_nm, noise_nm)
+    return SensorResponse(torque_nm, deviation_nm, noise_nm)
 
 
 def load_push_faults(measured: Measured, push: Segment, moving_rad_s: float, rest: Measured) -> Iterator[str]:
@@ -87,7 +87,7 @@ def torque_sign_faults(measured: Measured, rest: Measured, expected: int) -> Ite
     """The torque sensor must measure the torque that moved the shaft, with its sign."""
     if not np.any(measured.torque["valid"]) or not np.any(rest.torque["valid"]):
         return
-    answer = felt(measured, rest)
+    answer = sensor_response(measured, rest)
     if not answer.tells:
         yield (
             f"the torque sensor does not measure the push: it changed by {1e3 * answer.torque_nm:.2g} mN m ± "
@@ -161,7 +161,7 @@ class TareProcedure:
         if not readable or not rig.modelled or turned(slow) < push.stop_at_velocity_rad_s:
             return measured
         for faster in FASTER:
-            if felt(measured, rest).tells:
+            if sensor_response(measured, rest).tells:
                 break
             yield back(self.name, "after a push", rig, last, REST_S)
             stop_rad_s = faster * push.stop_at_velocity_rad_s

@@ -27,8 +27,11 @@ _STEADY_SHARE = 1e-6  # greatest change of the reference velocity in a tick, as 
 
 # The impedance's samples: measured and predicted torque beside the motion that was imposed.
 @dataclass(frozen=True)
-class Loop:
-    """Arrays of shape (n,); position about its middle."""
+class ImpedanceLoop:
+    """The impedance's samples: measured and predicted torque beside the motion that was imposed.
+
+    Arrays of shape (n,); position about its middle.
+    """
 
     position_rad: FloatArray
     velocity_rad_s: FloatArray
@@ -36,19 +39,19 @@ class Loop:
     predicted_nm: FloatArray
 
 
-def presliding_loops(measured: Measured, trace: Trace, deflection_rad: float) -> list[Loop]:
+def presliding_loops(measured: Measured, trace: Trace, deflection_rad: float) -> list[ImpedanceLoop]:
     """The small loops, widest first, as far as they were fitted; ``deflection_rad`` is the contact's, τc/σ0."""
     loops = [_loop(measured, trace, segment) for segment in _segments(measured, _LOOP)]
     small = [loop for loop in loops if len(loop.position_rad) and _width(loop) <= _WIDEST_LOOP * deflection_rad]
     return sorted(small, key=_width, reverse=True)
 
 
-def sliding_samples(measured: Measured, trace: Trace) -> Loop | None:
+def sliding_samples(measured: Measured, trace: Trace) -> ImpedanceLoop | None:
     """The steady parts of the velocity grid; None without one."""
     loops = [_steady(measured, trace, segment) for segment in _segments(measured, _GRID)]
     if not any(len(loop.velocity_rad_s) for loop in loops):
         return None
-    return Loop(
+    return ImpedanceLoop(
         *(
             np.concatenate([getattr(loop, name) for loop in loops])
             for name in ("position_rad", "velocity_rad_s", "measured_nm", "predicted_nm")
@@ -68,20 +71,20 @@ def _segments(measured: Measured, kind: str) -> list[SegmentInfo]:
     ]
 
 
-def _width(loop: Loop) -> float:
+def _width(loop: ImpedanceLoop) -> float:
     return float(np.ptp(loop.position_rad))
 
 
-def _loop(measured: Measured, trace: Trace, segment: SegmentInfo) -> Loop:
+def _loop(measured: Measured, trace: Trace, segment: SegmentInfo) -> ImpedanceLoop:
     start_s, end_s = bench_time_s(measured, [segment.start_ns, segment.end_ns])
     known = np.isfinite(trace.measured) & np.isfinite(trace.predicted)
     chosen = np.flatnonzero(known & (trace.time_s >= start_s) & (trace.time_s < end_s))
     time_s = trace.time_s[chosen]
     if not len(chosen) or not len(measured.motion):
-        return Loop(*(np.empty(0),) * 4)
+        return ImpedanceLoop(*(np.empty(0),) * 4)
     motion_s = bench_time_s(measured, measured.motion["arrival_ns"])
     position = np.interp(time_s, motion_s, measured.motion["position_rad"])
-    return Loop(
+    return ImpedanceLoop(
         position_rad=position - (position.max() + position.min()) / 2,
         velocity_rad_s=np.interp(time_s, motion_s, measured.motion["velocity_rad_s"]),
         measured_nm=trace.measured[chosen],
@@ -89,7 +92,7 @@ def _loop(measured: Measured, trace: Trace, segment: SegmentInfo) -> Loop:
     )
 
 
-def _steady(measured: Measured, trace: Trace, segment: SegmentInfo) -> Loop:
+def _steady(measured: Measured, trace: Trace, segment: SegmentInfo) -> ImpedanceLoop:
     """The samples of a segment with constant reference velocity."""
     start_s, end_s = bench_time_s(measured, [segment.start_ns, segment.end_ns])
     ticks_s = bench_time_s(measured, measured.ticks["tick_ns"])
@@ -207,7 +210,7 @@ def _histories(blocked: BlockedMap) -> list[tuple[str, str, npt.NDArray[np.bool_
     return [each for each in every if each[2].any()]
 
 
-def impedance_figure(presliding: list[Loop], sliding: Loop | None) -> Figure:
+def impedance_figure(presliding: list[ImpedanceLoop], sliding: ImpedanceLoop | None) -> Figure:
     """Torque against position before sliding, and against velocity in sliding."""
     picture = figure(3.5)
     columns = int(bool(presliding)) + int(sliding is not None)
@@ -219,7 +222,7 @@ def impedance_figure(presliding: list[Loop], sliding: Loop | None) -> Figure:
     return picture
 
 
-def _presliding(axes: Axes, loops: list[Loop]) -> None:
+def _presliding(axes: Axes, loops: list[ImpedanceLoop]) -> None:
     for place, loop in enumerate(loops):
         chosen = thinned(len(loop.position_rad), 400)
         position_mrad = 1e3 * loop.position_rad[chosen]
@@ -240,7 +243,7 @@ def _presliding(axes: Axes, loops: list[Loop]) -> None:
     legend(axes)
 
 
-def _sliding(axes: Axes, loop: Loop) -> None:
+def _sliding(axes: Axes, loop: ImpedanceLoop) -> None:
     chosen = thinned(len(loop.velocity_rad_s), 500)
     for torque_nm, colour, label, marker, size in (
         (loop.measured_nm, MEASURED, "measured", "o", 3.0),

@@ -15,7 +15,7 @@ from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.without_model import StopOperator
 from norton_bench.models.network import NortonNetwork
-from norton_bench.report.figures_network import Loop, legend
+from norton_bench.report.figures_network import ImpedanceLoop, legend
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure, thinned
 from norton_bench.report.words import number, pretty_unit
 from norton_bench.units import Units
@@ -222,7 +222,9 @@ def _name_curve(axes: Axes, table: ImpedanceTable, row: int, text: str) -> None:
         axes.annotate(text, place, (7, 3), textcoords="offset points", fontsize=8.5, color=MUTED)
 
 
-def operator_figure(loops: list[tuple[Loop, Loop]], operator: StopOperator, deflection_rad: float) -> Figure:
+def operator_figure(
+    loops: list[tuple[ImpedanceLoop, ImpedanceLoop]], operator: StopOperator, deflection_rad: float
+) -> Figure:
     """Small loops as measured, by the network and by the operator; and at which displacements its elements yield."""
     picture = figure(3.5)
     panels = list(picture.subplots(1, 1 + bool(loops), squeeze=False, width_ratios=(1.35, 1)[-1 - bool(loops) :])[0])
@@ -232,7 +234,7 @@ def operator_figure(loops: list[tuple[Loop, Loop]], operator: StopOperator, defl
     return picture
 
 
-def _loops(axes: Axes, loops: list[tuple[Loop, Loop]]) -> None:
+def _loops(axes: Axes, loops: list[tuple[ImpedanceLoop, ImpedanceLoop]]) -> None:
     for place, (network, operator) in enumerate(loops):
         first = place == 0
         for loop, torque, colour, width, alpha, style, label in (

@@ -8,7 +8,7 @@ from norton_bench.identification.residual_tests import SIGNIFICANCE, Dependence,
 from norton_bench.identification.results import SourceMap
 from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.report.figures_fit import residual_tests_figure
-from norton_bench.report.figures_network import Loop, presliding_loops
+from norton_bench.report.figures_network import ImpedanceLoop, presliding_loops
 from norton_bench.report.figures_tables import impedance_table_figure, operator_figure
 from norton_bench.report.svg import picture
 from norton_bench.report.words import Facts, Section, number, percent, pretty_unit
@@ -101,7 +101,7 @@ def without_model_section(data: Result) -> Section | None:
     return Section("without-model", "The same without a motor model", tuple(sentences), tuple(figures), tables)
 
 
-def _loops(data: Result, deflection_rad: float) -> list[tuple[Loop, Loop]]:
+def _loops(data: Result, deflection_rad: float) -> list[tuple[ImpedanceLoop, ImpedanceLoop]]:
     if data.measured is None or data.fit is None or data.without_model is None or data.without_model.fitted is None:
         return []
     network = presliding_loops(data.measured, data.fit.trace, deflection_rad)

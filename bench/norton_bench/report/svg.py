@@ -31,7 +31,7 @@ LABEL_IN = 0.21
 TITLE_IN = 0.26
 
 
-class Margins(LayoutEngine):
+class FigureMargins(LayoutEngine):
     """Room around a figure's panels in inches, by the labels beside them, not by the width of their letters.
 
     Matplotlib's own layouts draw every label several times to find out, which took half of a report's time.
@@ -239,7 +239,7 @@ def standalone(markup: str) -> str:
 
 def figure(height_in: float) -> Figure:
     """An empty figure of the page's width, on the page's own background."""
-    new = Figure(figsize=(WIDTH_IN, height_in), layout=Margins())
+    new = Figure(figsize=(WIDTH_IN, height_in), layout=FigureMargins())
     new.patch.set_visible(False)
     return new
 

@@ -18,7 +18,7 @@ from norton_bench.session.replay import Refit, Replay, load_replay
 from norton_bench.session.schema import Session, load_session, standard_session
 
 
-class Source(Protocol):
+class EventSource(Protocol):
     """A source of events. No method waits, except :meth:`close`."""
 
     def events(self) -> Iterable[SessionEvent]:
@@ -110,7 +110,7 @@ class Experiment:
         self,
         rig: Rig,
         what: str,
-        begin: Callable[[], Source],
+        begin: Callable[[], EventSource],
         *,
         plan: Sequence[PlannedStep] = (),
         by_hand: Jog | None = None,
@@ -120,7 +120,7 @@ class Experiment:
         self.picture.take(Planned(tuple(plan)))
         self.stopped = False
         self._begin = begin
-        self.source: Source | None = None
+        self.source: EventSource | None = None
 
     @property
     def replay(self) -> Replayed | None:
@@ -260,7 +260,7 @@ class Opening:
 
         seed = session.seed if self.seed is None else self.seed
 
-        def begin() -> Source:
+        def begin() -> EventSource:
             return Running(rig, session, self.make_out(rig.name), seed)
 
         return Experiment(rig, session.place, begin, plan=make_experiment(session, rig).plan)

@@ -15,7 +15,7 @@ NOTHING_YET = "nothing measured yet"
 
 
 @dataclass(frozen=True)
-class Trace:
+class PlotTrace:
     """One curve or cloud, arrays of shape (n,), in SI units. ``style`` is 0 for the main one, 1 beside it, 2 faint."""
 
     x: FloatArray
@@ -36,7 +36,7 @@ class Markers:
 
 
 @dataclass(frozen=True)
-class Axis:
+class PlotAxis:
     """What an axis is called, its unit, and the least range that is worth looking at. ``span`` fixes the range."""
 
     name: str
@@ -46,13 +46,13 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Figure:
+class PlotFigure:
     """One plot. ``growing`` means that x is time. ``latest`` is written at the right of its heading."""
 
     title: str
-    x: Axis
-    y: Axis
-    traces: tuple[Trace, ...] = ()
+    x: PlotAxis
+    y: PlotAxis
+    traces: tuple[PlotTrace, ...] = ()
     markers: tuple[Markers, ...] = ()
     latest: str = ""
     legend: str = ""  # the meaning of the second style
@@ -234,7 +234,7 @@ class Drawer:
     x_range: Range | None = None
     y_range: Range | None = None
 
-    def draw(self, figure: Figure, width: int, height: int) -> list[Row]:
+    def draw(self, figure: PlotFigure, width: int, height: int) -> list[Row]:
         """``height`` rows of ``width`` characters: a heading, the plane, the numbers below it."""
         inner, rows = width - GUTTER - 1, height - 1 - figure.feet
         known = [trace for trace in figure.traces if len(trace.x)]
@@ -253,18 +253,18 @@ class Drawer:
         """Forget the ranges: the next figure is another one."""
         self.x_range = self.y_range = None
 
-    def _settle(self, figure: Figure) -> None:
+    def _settle(self, figure: PlotFigure) -> None:
         xs = [trace.x for trace in figure.traces] + [marks.x for marks in figure.markers]
         ys = [trace.y for trace in figure.traces] + [marks.y for marks in figure.markers]
         self.x_range = figure.x.span or settled(self.x_range, np.concatenate(xs), figure.x.least_span)
         self.y_range = figure.y.span or settled(self.y_range, np.concatenate(ys), figure.y.least_span)
 
 
-def _unit(axis: Axis, span: Range) -> str:
+def _unit(axis: PlotAxis, span: Range) -> str:
     return prefixed(max(abs(span[0]), abs(span[1])), axis.unit)[1]
 
 
-def _plane(view: View, figure: Figure, traces: list[Trace]) -> list[Row]:
+def _plane(view: View, figure: PlotFigure, traces: list[PlotTrace]) -> list[Row]:
     """The rows of the plane: dots, markers over them, and a line at zero beneath."""
     if traces:
         codes, owner = cells([_dots(view, trace, figure.growing) for trace in traces])
@@ -284,7 +284,7 @@ def _plane(view: View, figure: Figure, traces: list[Trace]) -> list[Row]:
     return [_runs(characters[row], styles[row]) for row in range(view.height)]
 
 
-def _dots(view: View, trace: Trace, growing: bool) -> Dots:
+def _dots(view: View, trace: PlotTrace, growing: bool) -> Dots:
     if trace.cloud:
         return points(view, trace.x, trace.y)
     x, y = envelope(trace.x, trace.y, view.width * COLUMNS) if growing else (trace.x, trace.y)
@@ -298,7 +298,7 @@ def _runs(characters: IntArray, styles: IntArray) -> Row:
     return [(text[first:last], name) for first, last, name in zip(edges, edges[1:], names, strict=False)]
 
 
-def _with_gutter(plane: list[Row], span: Range, axis: Axis, rows: int) -> list[Row]:
+def _with_gutter(plane: list[Row], span: Range, axis: PlotAxis, rows: int) -> list[Row]:
     factor, _ = prefixed(max(abs(span[0]), abs(span[1])), axis.unit)
     most = min(max(2, rows // ROWS_A_TICK), MOST_TICKS)
     places, step = ticks(span, most), tidy_step((span[1] - span[0]) / most) * factor
@@ -312,7 +312,7 @@ def _with_gutter(plane: list[Row], span: Range, axis: Axis, rows: int) -> list[R
     ]
 
 
-def _feet(span: Range, axis: Axis, inner: int) -> Row:
+def _feet(span: Range, axis: PlotAxis, inner: int) -> Row:
     """The numbers below, and the unit at the right end."""
     factor, unit = prefixed(max(abs(span[0]), abs(span[1])), axis.unit)
     room = [" "] * (GUTTER + 1 + inner)

@@ -54,7 +54,7 @@ class Settings:
     themes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-class _File(BaseModel):
+class _SettingsFile(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
 
     theme: str = Field("", examples=["nord"])
@@ -77,7 +77,7 @@ def load_settings(path: Path, known_keys: frozenset[str], known_themes: frozense
     if not path.exists() and PLACE not in os.environ:
         return Settings()
     mistakes = Mistakes(str(path))
-    read = mistakes.read(_File, parse_toml(read_text(path, "settings file"), str(path)), "")
+    read = mistakes.read(_SettingsFile, parse_toml(read_text(path, "settings file"), str(path)), "")
     if read is not None:
         _check_keys(read.keys, known_keys, mistakes)
         _check_themes(read, known_themes, mistakes)
@@ -97,7 +97,7 @@ def _check_keys(keys: Mapping[str, str], known: frozenset[str], mistakes: Mistak
             mistakes.add(f"[keys] {name}", "space always stops; choose another key")
 
 
-def _check_themes(read: _File, known: frozenset[str], mistakes: Mistakes) -> None:
+def _check_themes(read: _SettingsFile, known: frozenset[str], mistakes: Mistakes) -> None:
     for name, colours in read.themes.items():
         where = f"[themes.{name}]"
         if "primary" not in colours:

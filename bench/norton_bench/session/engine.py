@@ -31,7 +31,7 @@ from norton_bench.session.operator import NO_ANSWERS, Answers, Nobody, Operator,
 from norton_bench.session.program import make_experiment, of_procedures
 from norton_bench.session.rehearsal import Rehearsed, rehearsed
 from norton_bench.session.resume import RESUMES, EarlierSession, after, read_earlier
-from norton_bench.session.run import Run
+from norton_bench.session.run import SessionRun
 from norton_bench.session.schema import Session
 from norton_bench.session.script import Experiment, Script, SoFar, perform
 from norton_bench.session.summary import ended, ended_by
@@ -77,7 +77,7 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedSession:
     """What an experiment has measured, as read from its recording, before any fit."""
 
     recording: Path
@@ -88,7 +88,7 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class Terms:
+class RunTerms:
     """How to run a session: the folder of its files, its watcher, its operator, and what it resumes.
 
     ``resume`` is a recording, or the folder of one, whose finished steps are not done again. ``fits`` is False where no
@@ -121,7 +121,7 @@ def run_session(
     to its prompts. ``resume`` is a recording, or the folder of one: the session goes on after its last finished step.
     Raises as :func:`record_session` does, and ExperimentError for data that cannot be fitted.
     """
-    terms = Terms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
+    terms = RunTerms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
     return _carried_out(terms, rig, session, lambda: make_experiment(session, rig))
 
 
@@ -137,15 +137,15 @@ def run_script(
     resume: Path | None = None,
 ) -> Result:
     """As :func:`run_session`, for a script (:mod:`norton_bench.session.script`). Its name is recorded."""
-    terms = Terms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
+    terms = RunTerms(out, seed, on_event, operator, answers or NO_ANSWERS, resume)
     return _carried_out(terms, rig, _session_of(script), lambda: Experiment(script))
 
 
 def record_script(
     rig: Rig, script: Callable[[SoFar], Script], *, out: Path, seed: int | None = None, on_event: Watcher = ignore
-) -> Recorded:
+) -> RecordedSession:
     """The experiment alone, recorded into the folder ``out``. Raises as :func:`record_procedures` does."""
-    return _recorded(Terms(out, seed, on_event), rig, _session_of(script), Experiment(script))
+    return _recorded(RunTerms(out, seed, on_event), rig, _session_of(script), Experiment(script))
 
 
 def run_by_hand(
@@ -161,7 +161,7 @@ def run_by_hand(
 
     The last event is ``Ended``, however it ends. Raises as :func:`record_procedures` does.
     """
-    terms = Terms(out, seed, on_event, operator, fits=False)
+    terms = RunTerms(out, seed, on_event, operator, fits=False)
     return _reporting_its_end(
         terms,
         lambda: _performed(terms, rig, _session_of(script), Experiment(script)).recording,
@@ -173,11 +173,11 @@ def _session_of(script: Callable[[SoFar], Script]) -> Session:
     return Session((), getattr(script, "place", f"script {getattr(script, '__name__', type(script).__name__)}"))
 
 
-def _carried_out(terms: Terms, rig: Rig, session: Session, experiment: Callable[[], Experiment]) -> Result:
+def _carried_out(terms: RunTerms, rig: Rig, session: Session, experiment: Callable[[], Experiment]) -> Result:
     return _reporting_its_end(terms, lambda: _concluded(terms, rig, session, experiment()), ended)
 
 
-def _reporting_its_end(terms: Terms, perform: Callable[[], Value], end_of: Callable[[Value], Ended]) -> Value:
+def _reporting_its_end(terms: RunTerms, perform: Callable[[], Value], end_of: Callable[[Value], Ended]) -> Value:
     """Perform, and send the last event however that ends."""
     emit = terms.on_event
     earlier = set(terms.out.glob("*.mcap"))
@@ -192,7 +192,7 @@ def _reporting_its_end(terms: Terms, perform: Callable[[], Value], end_of: Calla
     return result
 
 
-def _concluded(terms: Terms, rig: Rig, session: Session, experiment: Experiment) -> Result:
+def _concluded(terms: RunTerms, rig: Rig, session: Session, experiment: Experiment) -> Result:
     done = _recorded(terms, rig, session, experiment)
     terms.on_event(StateChanged(SessionState.CONCLUDING))
     refined = done.knowledge.refinement
@@ -218,9 +218,9 @@ def record_session(
     seed: int | None = None,
     on_event: Watcher = ignore,
     operator: Operator | None = None,
-) -> Recorded:
+) -> RecordedSession:
     """The experiment alone, recorded into the folder ``out``. Raises as :func:`record_procedures` does."""
-    return _recorded(Terms(out, seed, on_event, operator), rig, session, make_experiment(session, rig))
+    return _recorded(RunTerms(out, seed, on_event, operator), rig, session, make_experiment(session, rig))
 
 
 def record_procedures(
@@ -234,28 +234,28 @@ def record_procedures(
     seed: int | None = None,
     on_event: Watcher = ignore,
     operator: Operator | None = None,
-) -> Recorded:
+) -> RecordedSession:
     """Carry out ``procedures`` as the steps of a session, on ``backend`` or on the rig's own; it is closed at the end.
 
     ``known`` is the knowledge from an earlier session on this bench. The recording lists injected faults.
     Raises RigError and UsageError before anything moves; DeviceError, SafetyStopError, OperatorStopError and
     ExperimentError afterwards, with the drives idle and all that was measured in the recording.
     """
-    terms = Terms(out, seed, on_event, operator)
+    terms = RunTerms(out, seed, on_event, operator)
     return _recorded(terms, rig, session, of_procedures(procedures, rig), backend, known)
 
 
 def _recorded(
-    terms: Terms,
+    terms: RunTerms,
     rig: Rig,
     session: Session,
     experiment: Experiment,
     backend: Backend | None = None,
     known: Knowledge | None = None,
-) -> Recorded:
+) -> RecordedSession:
     done = _performed(terms, rig, session, experiment, backend, known)
     found = read_recording(done.recording, raw_frames=False)
-    return Recorded(
+    return RecordedSession(
         done.recording, found.metadata, done.knowledge, after(done.earlier.records, found.measured), found.live
     )
 
@@ -270,7 +270,7 @@ class _Performed:
 
 
 def _performed(
-    terms: Terms,
+    terms: RunTerms,
     rig: Rig,
     session: Session,
     experiment: Experiment,
@@ -302,7 +302,7 @@ def _performed(
         feed = stack.enter_context(_feed(rig, emit, lock_step=lock_step)) if terms.fits else NoFeed()
         orders = OperatorOrders(operator, emit, loop.tell)
         plan = list(experiment.plan)
-        run = Run(rig, loop, feed, so_far, emit, recorder, orders, rehearsal, terms.answers, plan, earlier)
+        run = SessionRun(rig, loop, feed, so_far, emit, recorder, orders, rehearsal, terms.answers, plan, earlier)
         loop.subscribe(run.take)
         if known is not None:
             run.learn(known)
@@ -317,7 +317,7 @@ def _performed(
 
 @contextmanager
 def _warm_loop(
-    terms: Terms, rig: Rig, backend: Backend, operator: Operator, *, in_process: bool
+    terms: RunTerms, rig: Rig, backend: Backend, operator: Operator, *, in_process: bool
 ) -> Iterator[BenchLoop]:
     """Open the devices, and compile all code.
 
@@ -357,7 +357,7 @@ def _recorder(rig: Rig, out: Path, metadata: Mapping[str, str], planned_s: float
     )
 
 
-def _perform(run: Run, experiment: Experiment, then: str) -> None:
+def _perform(run: SessionRun, experiment: Experiment, then: str) -> None:
     begun_ns, begun_s = run.loop.now_ns, perf_counter()
     run.rehearsal.begin(None)
     run.emit(StateChanged(SessionState.RUNNING))

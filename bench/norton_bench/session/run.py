@@ -152,7 +152,7 @@ PLAN = "plan"
 
 
 @dataclass
-class Run:
+class SessionRun:
     """Performs a script (:class:`norton_bench.session.script.Performer`).
 
     ``earlier`` is the session that this one resumes; its finished procedures are not done again.

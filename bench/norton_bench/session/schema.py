@@ -46,7 +46,7 @@ SHORT_IMPOSED = ImposedOptions(commands=1, duration_s=4.0)
 LEAST_REFINING_S = 10.0
 
 
-class _File(BaseModel):
+class _SessionFile(BaseModel):
     """The file's own keys."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
@@ -77,7 +77,7 @@ def parse_session(text: str, *, place: str, given: Mapping[str, Any] | None = No
     if not isinstance(steps, list) or not steps:
         mistakes.add("[[step]]", 'there is no step; add a section [[step]], in double brackets, with do = "tare"')
         steps = []
-    head = mistakes.read(_File, {**written, "step": steps}, "")
+    head = mistakes.read(_SessionFile, {**written, "step": steps}, "")
     values = Values(settled(head.parameters if head else {}, given or {}, place))
     read = Unroller(mistakes).read(steps, values)
     names = sorted({step.do for step in flat((*read.steps, *read.always))})
@@ -99,7 +99,7 @@ def parse_session(text: str, *, place: str, given: Mapping[str, Any] | None = No
 
 
 def _head_tables(
-    head: _File | None, names: Sequence[str], values: Values, mistakes: Mistakes
+    head: _SessionFile | None, names: Sequence[str], values: Values, mistakes: Mistakes
 ) -> tuple[tuple[WrittenFault, ...], tuple[Expectation, ...]]:
     if head is None:
         return (), ()

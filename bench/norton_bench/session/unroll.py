@@ -131,7 +131,7 @@ MODULATION_MEND = 'write it like "2 N*m/rad", or a list of such quantities'
 
 
 @dataclass
-class Unrolled:
+class ReadSteps:
     """The ``steps`` in order, and those that ``always`` run at the end."""
 
     steps: list[Item] = field(default_factory=list)
@@ -145,9 +145,9 @@ class Unroller:
     mistakes: Mistakes
     _count: int = field(default=0, init=False)
 
-    def read(self, tables: Sequence[object], values: Values) -> Unrolled:
+    def read(self, tables: Sequence[object], values: Values) -> ReadSteps:
         """All steps of the file."""
-        read = Unrolled()
+        read = ReadSteps()
         for number, table in enumerate(tables, 1):
             items, always = self._read(table, str(number), values)
             if always:

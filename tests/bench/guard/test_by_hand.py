@@ -265,29 +265,16 @@ def test_a_swing_that_is_just_small_enough() -> None:
 def all_checks(factor: float = 1.0) -> list[Check]:
     """One of each, its figures times ``factor``."""
     return [
-<<<<<<< HEAD
-        EncoderAgreement("actuator encoder", 1e-4),
-        CouplingCheck(0.25, 1.0, 1e-4, 1e-3),
-        CurrentAgreement("actuator", 0.5, "N*m", 20.0),
-        StuckModulator(4.0, "N*m/rad", 1e-4),
-        Standstill("N*m"),
-        FrozenTorque(),
-        TorqueJump(1.0, 1e-3),
-        SaturationCheck(2.0),
-        TorqueBalance(1.0),
-        HeldShaft(1.0, 1e-4),
-=======
         EncoderAgreement("actuator encoder", 1e-4 * factor),
-        Coupling(0.25 * factor, 1.0 * factor, 1e-4 * factor, 1e-3 * factor),
+        CouplingCheck(0.25 * factor, 1.0 * factor, 1e-4 * factor, 1e-3 * factor),
         CurrentAgreement("actuator", 0.5 * factor, "N*m", 20.0 * factor),
         StuckModulator(4.0 * factor, "N*m/rad", 1e-4 * factor),
         Standstill("N*m"),
         FrozenTorque(),
         TorqueJump(1.0 * factor, 1e-3 * factor),
-        Saturation(2.0 * factor),
+        SaturationCheck(2.0 * factor),
         TorqueBalance(1.0 * factor),
         HeldShaft(1.0 * factor, 1e-4 * factor),
->>>>>>> suite
     ]
 
 

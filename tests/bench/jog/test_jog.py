@@ -10,7 +10,7 @@ import pytest
 from norton_bench.errors import OperatorStopError, SafetyStopError
 from norton_bench.jog.hands import Board, Setpoints, bounds_of
 from norton_bench.jog.script import JogScript, Pace, introductions
-from norton_bench.jog.signals import Signals
+from norton_bench.jog.signals import BenchSignals
 from norton_bench.procedures.knowledge import Knowledge, follow
 from norton_bench.records import Measured
 from norton_bench.rig.load import load_rig
@@ -114,7 +114,7 @@ def test_the_guard_watches_as_ever(bench: Bench) -> None:
 
 
 def test_every_signal_is_seen_with_its_extremes(bench: Bench) -> None:
-    keys, signals = Keys(), Signals(RIG)
+    keys, signals = Keys(), BenchSignals(RIG)
     for part in jogged(bench, keys, {0.0: "actuator 0.1", 1.0: "end"}):
         signals.take(part)
     seen = {(each.device, each.name): each for each in signals.seen()}

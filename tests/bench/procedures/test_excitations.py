@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.identification.expansion import KNOWN, Linearised, information_of_plan
 from norton_bench.models.network import NortonNetwork
-from norton_bench.procedures.excitations import Bounds, Candidate, candidates
+from norton_bench.procedures.excitations import Candidate, PlanBounds, candidates
 from norton_bench.procedures.refinement import Option, select
 from norton_bench.procedures.waves import multisine
 from norton_bench.rig.load import load_rig
@@ -68,7 +68,7 @@ def test_every_candidate_keeps_to_every_limit(
         power_w=power,
         load_torque_nm=load,
     )
-    for candidate in candidates(Bounds(rig, NETWORK, LOAD, travel), seed=1)[::4]:
+    for candidate in candidates(PlanBounds(rig, NETWORK, LOAD, travel), seed=1)[::4]:
         motion, port_nm = candidate.motion, port_torque_nm(candidate)
         needed_nm = np.abs(LOAD.inertia_kgm2 * motion.acceleration_rad_s2 - port_nm) + LOAD.coulomb_torque_nm
         for values, limit in (
@@ -84,7 +84,7 @@ def test_every_candidate_keeps_to_every_limit(
 
 
 def test_candidates_follow_each_other_in_any_order() -> None:
-    offered = candidates(Bounds(RIG, NETWORK, LOAD, inf), seed=1)
+    offered = candidates(PlanBounds(RIG, NETWORK, LOAD, inf), seed=1)
     for candidate in offered:
         motion = candidate.motion
         assert len(motion.position_rad) == candidate.ticks
@@ -98,11 +98,11 @@ def test_candidates_follow_each_other_in_any_order() -> None:
 def test_what_does_not_fit_at_all_is_not_offered() -> None:
     # A load that cannot overcome its own friction imposes nothing.
     rig = limited(load_torque_nm=0.9 * LOAD.coulomb_torque_nm)
-    assert candidates(Bounds(rig, NETWORK, LOAD, inf), seed=1) == ()
+    assert candidates(PlanBounds(rig, NETWORK, LOAD, inf), seed=1) == ()
 
 
 def test_another_seed_gives_other_multisines_of_the_same_names() -> None:
-    bounds = Bounds(RIG, NETWORK, LOAD, inf)
+    bounds = PlanBounds(RIG, NETWORK, LOAD, inf)
     first, second = candidates(bounds, seed=1), candidates(bounds, seed=2)
     assert [each.name for each in first] == [each.name for each in second]
     assert not np.array_equal(first[0].command, second[0].command)
@@ -120,7 +120,7 @@ def test_another_seed_gives_other_multisines_of_the_same_names() -> None:
 )
 def test_what_is_widest_is_what_the_choice_excites(wide: str, suits: str) -> None:
     """Everything is known to a tenth of a per cent but one parameter."""
-    bounds = Bounds(RIG, NETWORK, LOAD, inf)
+    bounds = PlanBounds(RIG, NETWORK, LOAD, inf)
     offered, at = candidates(bounds, seed=1), Linearised(NETWORK, 1.5e-3, -0.5e-3)
     options = [
         Option(each.ticks * RIG.tick_s, information_of_plan(bounds.excitation(each), at, 1e-3)) for each in offered
@@ -133,7 +133,7 @@ def test_what_is_widest_is_what_the_choice_excites(wide: str, suits: str) -> Non
 def test_a_held_shaft_swings_as_the_two_inertias_do() -> None:
     frequency_hz = 80.0
     command = 0.1 * np.sin(2 * np.pi * frequency_hz * np.arange(1000) * RIG.tick_s)
-    swing = Bounds(RIG, NETWORK, LOAD, inf).swing_rad_s(command)[500:]
+    swing = PlanBounds(RIG, NETWORK, LOAD, inf).swing_rad_s(command)[500:]
     omega = 2 * np.pi * frequency_hz
     free = 0.9 * 0.1 / np.hypot(1, omega / 600.0) / (omega * (5e-5 + 1.2e-4))
     assert np.max(np.abs(swing)) == pytest.approx(free, rel=0.1)

@@ -19,7 +19,7 @@ from norton_bench.procedures.free import FreeProcedure
 from norton_bench.procedures.imposed import ImposedProcedure
 from norton_bench.procedures.knowledge import Knowledge, Procedure, Tare, carry_out
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
-from norton_bench.procedures.tare import TareProcedure, felt
+from norton_bench.procedures.tare import TareProcedure, sensor_response
 from norton_bench.procedures.tare import torque_sign_faults as signs
 from norton_bench.procedures.validate import ValidateProcedure
 from norton_bench.records import TICK, TORQUE, Measured
@@ -167,7 +167,7 @@ def test_what_is_felt_of_a_push_has_an_honest_deviation(seed: int) -> None:
         return Measured(ticks=ticks, torque=readings)
 
     rest, push = read(np.zeros(count), 0), read(np.geomspace(0.01, 1.0, count), 2_000_000_000)
-    answer = felt(push, rest)
+    answer = sensor_response(push, rest)
     assert answer.tells
     assert abs(answer.torque_nm - felt_nm) < 3.5 * answer.deviation_nm
     assert answer.deviation_nm < 0.15 * noise_nm

@@ -14,7 +14,7 @@ from norton_bench.identification.results import FitResult, Trace
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.blocked import BlockedProcedure
-from norton_bench.procedures.excitations import LEAST, SHARE, Bounds, bounds_of, words_for
+from norton_bench.procedures.excitations import LEAST, SHARE, PlanBounds, bounds_of, words_for
 from norton_bench.procedures.free import TOO_FAST, FreeProcedure
 from norton_bench.procedures.imposed import ImposedProcedure
 from norton_bench.procedures.knowledge import Knowledge, Plan, Procedure, Reducing, Tare
@@ -51,7 +51,7 @@ def known_of(network: NortonNetwork, rig: Rig = RIG, span: tuple[float, float] =
     return Knowledge(rig, calibration=LOAD, actuator=fit_of(network), command_span=span)
 
 
-def within(segment: Segment, bounds: Bounds) -> bool:
+def within(segment: Segment, bounds: PlanBounds) -> bool:
     motion = Motion(segment.position_rad, segment.velocity_rad_s, segment.acceleration_rad_s2)
     return bounds.allow(segment.command, motion, SHARE)
 

@@ -12,7 +12,7 @@ from norton_bench.events import Ended, Note, SessionEvent, SessionState, StateCh
 from norton_bench.jog.by_hand import Jog
 from norton_bench.jog.hands import LoadDoes, Preset, Setpoints, bounds_of
 from norton_bench.jog.script import JogScript
-from norton_bench.jog.signals import Seen
+from norton_bench.jog.signals import SignalValue
 from norton_bench.rig.load import load_rig
 from norton_bench.screen.app import BenchApp
 from norton_bench.screen.experiment import Experiment, Opening
@@ -184,9 +184,9 @@ async def test_it_is_chosen_beside_the_sessions(tmp_path: Path) -> None:
 
 def test_a_row_has_value_unit_age_and_extremes() -> None:
     seen = (
-        Seen("actuator", "velocity", "rad/s", -12.3456, 0.25, -20.0, 1e9),
-        Seen("actuator", "supply", "V", 24.0),
-        Seen("port", "torque", "N*m", -1e-9, 1e-3, 0.0, 0.5),
+        SignalValue("actuator", "velocity", "rad/s", -12.3456, 0.25, -20.0, 1e9),
+        SignalValue("actuator", "supply", "V", 24.0),
+        SignalValue("port", "torque", "N*m", -1e-9, 1e-3, 0.0, 0.5),
     )
     rows = signal_rows(seen, 0.2, 78, 20, live=True)
     text = ["".join(run for run, _ in row).split() for row in rows]

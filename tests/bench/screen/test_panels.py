@@ -20,7 +20,7 @@ from norton_bench.screen.panels import result
 from norton_bench.screen.panels.health import health_rows
 from norton_bench.screen.panels.progress import clock, log_rows, step_rows, title_row, view_row
 from norton_bench.screen.panels.result import SIGNS, parameter_rows, result_rows, sparkline
-from norton_bench.screen.picture.parts import Known
+from norton_bench.screen.picture.parts import EstimateHistory
 from norton_bench.screen.picture.picture import Picture
 from norton_bench.screen.styles import Row, apart, fitted, heading, length
 
@@ -73,7 +73,7 @@ def test_every_status_has_a_sign_of_its_own() -> None:
     signs = [SIGNS[status][0] for status in Status]
     assert len(set(signs)) == len(list(Status))
     estimates = tuple(Estimate("inertia", 1e-5, 1e-7, "kg*m^2", status) for status in Status)
-    for status, row in zip(Status, texts(parameter_rows(Known(estimates), 60, 20))[1:], strict=True):
+    for status, row in zip(Status, texts(parameter_rows(EstimateHistory(estimates), 60, 20))[1:], strict=True):
         assert f"{SIGNS[status][0]} {status.value}" in row
 
 
@@ -84,7 +84,7 @@ def test_no_word_of_a_status_is_cut_where_the_panel_is_shown() -> None:
     assert len(widths) == 4
     estimates = tuple(Estimate("viscous_damping", -9.9994e-4, 1e-8, "N*m*s/rad", status) for status in Status)
     for width in widths:
-        rows = texts([fitted(row, width) for row in parameter_rows(Known(estimates), width, 20)])
+        rows = texts([fitted(row, width) for row in parameter_rows(EstimateHistory(estimates), width, 20)])
         for status, row in zip(Status, rows[1:], strict=True):
             assert status.value in row
             assert "−9.999" in row

@@ -12,9 +12,9 @@ from norton_bench.records import TICK, Event, Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.screen import figures
 from norton_bench.screen.experiment import Experiment
-from norton_bench.screen.picture.parts import Steps, half_width
-from norton_bench.screen.picture.picture import Line, Log, Picture, RecentTicks
-from norton_bench.screen.plots import Figure
+from norton_bench.screen.picture.parts import StepList, half_width
+from norton_bench.screen.picture.picture import EventLog, LogLine, Picture, RecentTicks
+from norton_bench.screen.plots import PlotFigure
 
 NAMES = ["tare", "calibrate", "free", "imposed", "validate"]
 
@@ -115,7 +115,7 @@ def test_a_hysteresis_loop_is_closed(replayed: Experiment) -> None:
 @pytest.mark.parametrize("make", [figures.torque, figures.velocity, figures.command])
 def test_traces_end_now(replayed: Experiment, make) -> None:
     picture = during(replayed, "free")
-    shown: Figure = make(picture, 5.0)
+    shown: PlotFigure = make(picture, 5.0)
     assert shown.x.span == pytest.approx((picture.now_s - 5.0, picture.now_s))
     assert shown.traces[0].x[-1] == pytest.approx(picture.now_s)
     assert len(shown.traces[0].x) == pytest.approx(5000, abs=2 + 300)  # between procedures nothing is recorded
@@ -168,7 +168,7 @@ def test_a_tape_keeps_the_last_and_in_order() -> None:
 
 
 def test_steps_left_out_and_stopped_say_so() -> None:
-    steps = Steps()
+    steps = StepList()
     steps.plan([PlannedStep(name, 10.0) for name in "abc"])
     steps.begin(0, 0.0)
     steps.begin(2, 5.0)
@@ -181,9 +181,9 @@ def test_steps_left_out_and_stopped_say_so() -> None:
 
 
 def test_the_log_says_a_thing_once() -> None:
-    log = Log()
+    log = EventLog()
     for text in ("verified", "verified", "stopped"):
-        log.add(Line(0.0, "note", text))
+        log.add(LogLine(0.0, "note", text))
     assert [line.text for line in log.lines] == ["verified", "stopped"]
 
 

@@ -8,7 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_bench.screen import plots as braille
-from norton_bench.screen.plots import GUTTER, Axis, Drawer, Figure, Markers, Trace, label, prefixed, settled, ticks
+from norton_bench.screen.plots import (
+    GUTTER,
+    Drawer,
+    Markers,
+    PlotAxis,
+    PlotFigure,
+    PlotTrace,
+    label,
+    prefixed,
+    settled,
+    ticks,
+)
 from norton_bench.screen.styles import length
 
 VIEW = braille.View(0.0, 7.0, 0.0, 7.0, 4, 2)  # 8 by 8 dots, a dot a unit
@@ -20,11 +31,11 @@ def characters(*dots: braille.Dots) -> list[str]:
     return ["".join(chr(braille.BLANK + int(code)) for code in row) for row in codes]
 
 
-def figure(*traces: Trace, markers: tuple[Markers, ...] = (), growing: bool = False) -> Figure:
-    return Figure("Torque", Axis("x", "s", 1.0), Axis("y", "N*m", 1e-3), traces, markers, growing=growing)
+def figure(*traces: PlotTrace, markers: tuple[Markers, ...] = (), growing: bool = False) -> PlotFigure:
+    return PlotFigure("Torque", PlotAxis("x", "s", 1.0), PlotAxis("y", "N*m", 1e-3), traces, markers, growing=growing)
 
 
-def text(drawer: Drawer, shown: Figure, width: int = 60, height: int = 12) -> list[str]:
+def text(drawer: Drawer, shown: PlotFigure, width: int = 60, height: int = 12) -> list[str]:
     return ["".join(piece for piece, _ in row) for row in drawer.draw(shown, width, height)]
 
 
@@ -127,13 +138,13 @@ def test_numbers_are_said_with_prefix_and_sign() -> None:
 @pytest.mark.parametrize(("width", "height"), [(36, 6), (44, 8), (60, 12), (120, 40), (9, 3), (3, 1)])
 def test_a_plot_fills_its_place_and_no_more(width: int, height: int) -> None:
     y = 0.02 * np.sin(TIME_S)
-    drawn = Drawer().draw(figure(Trace(TIME_S, y), growing=True), width, height)
+    drawn = Drawer().draw(figure(PlotTrace(TIME_S, y), growing=True), width, height)
     assert len(drawn) <= max(height, 2)
     assert all(length(row) <= max(width, 0) for row in drawn)
 
 
 def test_heading_has_the_unit_and_the_gutter_lines_up() -> None:
-    rows = text(Drawer(), figure(Trace(TIME_S, 0.02 * np.sin(TIME_S)), growing=True))
+    rows = text(Drawer(), figure(PlotTrace(TIME_S, 0.02 * np.sin(TIME_S)), growing=True))
     assert rows[0].startswith("Torque mN·m ─")
     assert {row[GUTTER] for row in rows[1:-1]} <= {"│", "┤"}
     assert any(row[:GUTTER].strip() == "−20" for row in rows)
@@ -141,20 +152,20 @@ def test_heading_has_the_unit_and_the_gutter_lines_up() -> None:
 
 
 def test_markers_are_drawn_over_everything() -> None:
-    marked = figure(Trace(TIME_S, TIME_S), markers=(Markers(np.array([5.0]), np.array([5.0]), "▴"),))
+    marked = figure(PlotTrace(TIME_S, TIME_S), markers=(Markers(np.array([5.0]), np.array([5.0]), "▴"),))
     assert sum(row.count("▴") for row in text(Drawer(), marked)) == 1
 
 
 def test_nothing_to_show_is_said() -> None:
     assert any("nothing measured yet" in row for row in text(Drawer(), figure()))
     unknown = np.full(5, np.nan)
-    assert len(text(Drawer(), figure(Trace(np.arange(5.0), unknown)))) == 12
+    assert len(text(Drawer(), figure(PlotTrace(np.arange(5.0), unknown)))) == 12
 
 
 def test_a_plot_is_cheap() -> None:
     """Three traces of two thousand points on 128 by 43 cells. Public widgets take 50 to 150 ms for it."""
     x = np.linspace(0.0, 10.0, 2000)
-    shown = figure(*(Trace(x, np.sin(x + k), k) for k in range(3)), growing=True)
+    shown = figure(*(PlotTrace(x, np.sin(x + k), k) for k in range(3)), growing=True)
     drawer = Drawer()
     drawer.draw(shown, 128, 43)
     begun = process_time()

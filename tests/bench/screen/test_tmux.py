@@ -102,7 +102,7 @@ def test_the_drives_are_idle_at_once(rig: Path, witness: Path, terminal: Termina
     terminal.press("s")
 
     def moving() -> bool:
-        if by_hand and "asked for" in terminal.shown() and "+0.05 N·m" not in terminal.shown():
+        if by_hand and "setpoints" in terminal.shown() and "+0.05 N·m" not in terminal.shown():
             terminal.press("Up")
         state = last_state(witness)
         return state is not None and abs(state.velocity_rad_s) > 0.1 and len(state.armed) == 2

@@ -64,12 +64,12 @@ def asked_rows(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, 
     if segment is None:
         return [apart([(OPENING, TEXT)], [(f"{step} ", LABEL)], width)]
     doing = segment.name.replace("*", "·") if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
-    rows = [apart([(" asked for  ", UNIT), (doing, STRONG)], [(f"{step} ", LABEL)], width)]
-    end = f" torques end at {bounds.speed_rad_s:.4g} rad/s"
+    rows = [apart([(" setpoints  ", UNIT), (doing, STRONG)], [(f"{step} ", LABEL)], width)]
+    end = f" torques off at {bounds.speed_rad_s:.4g} rad/s"
     if asking.left_s is None:
         return [*rows, [(end + (LOAD_KEYS if picture.rig.wiring.load is not None else ""), LABEL)]]
     style = WARNING if asking.left_s < BEFORE_ZERO_S else LABEL
-    return [*rows, [(f"{end}; without a key all goes back to zero in ", LABEL), (f"{asking.left_s:.0f} s", style)]]
+    return [*rows, [(f"{end}; without a key all returns to zero in ", LABEL), (f"{asking.left_s:.0f} s", style)]]
 
 
 def _sizes(picture: Picture, bounds: Bounds, share: float) -> str:

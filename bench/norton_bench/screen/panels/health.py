@@ -3,10 +3,10 @@
 from itertools import groupby
 from math import isfinite
 
-from norton_bench.jog.signals import Seen
+from norton_bench.jog.signals import SignalValue
 from norton_bench.loop.timing import Spread, loop_timing
 from norton_bench.report.words import pretty_unit
-from norton_bench.screen.picture.parts import Health, Pulse
+from norton_bench.screen.picture.parts import BenchHealth, DeviceState
 from norton_bench.screen.picture.picture import Picture
 from norton_bench.screen.styles import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
 
@@ -27,13 +27,13 @@ def health_rows(picture: Picture, width: int, height: int) -> list[Row]:
     return [fitted(row, width) for row in (*rows, *troubles)][:height]
 
 
-def in_short(health: Health) -> str:
+def in_short(health: BenchHealth) -> str:
     """The names of those with trouble; empty where there is none."""
     bad = [pulse.name for pulse in (*health.devices(), *health.buses()) if pulse.state in ("silent", "trouble")]
     return f"look at {', '.join(bad)}" if bad else ""
 
 
-def _pulse(pulse: Pulse, width: int) -> Row:
+def _pulse(pulse: DeviceState, width: int) -> Row:
     sign, style = SIGNS[pulse.state]
     left: Row = [(f"{sign} ", style), (pulse.name.ljust(NAME), TEXT)]
     if width >= WITH_PLACE:
@@ -82,7 +82,9 @@ USUAL_DECIMALS = 4
 BEFORE = "last values"
 
 
-def signal_rows(seen: tuple[Seen, ...], stale_after_s: float, width: int, height: int, *, live: bool) -> list[Row]:
+def signal_rows(
+    seen: tuple[SignalValue, ...], stale_after_s: float, width: int, height: int, *, live: bool
+) -> list[Row]:
     """Every signal of the bench: now, how old, least and greatest since the start.
 
     A row for each signal; with an empty row between devices where there is room. An age above ``stale_after_s`` is
@@ -103,7 +105,7 @@ def _names() -> Row:
     return [(names + f"{'least':>{NUMBER}}{'greatest':>{NUMBER}}", UNIT)]
 
 
-def _row(seen: Seen, stale_after_s: float, *, first: bool) -> Row:
+def _row(seen: SignalValue, stale_after_s: float, *, first: bool) -> Row:
     age = f"{seen.age_s * 1e3:.1f} ms" if isfinite(seen.age_s) else ""
     return [
         (f"{seen.device if first else '':<{DEVICE}}", STRONG),

@@ -3,8 +3,8 @@
 from norton_bench.events import SessionState
 from norton_bench.report.words import number, pretty_unit
 from norton_bench.screen.figures import FALLING, RISING
-from norton_bench.screen.picture.parts import Reading, Steps, StepState, Tabulated
-from norton_bench.screen.picture.picture import Log, Picture
+from norton_bench.screen.picture.parts import Reading, StepList, StepState, Tabulated
+from norton_bench.screen.picture.picture import EventLog, Picture
 from norton_bench.screen.styles import BAD, GOOD, GRID, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
 
 SIGNS = {
@@ -17,7 +17,7 @@ SIGNS = {
 BAR = 10
 
 
-def step_rows(steps: Steps, width: int, height: int) -> list[Row]:
+def step_rows(steps: StepList, width: int, height: int) -> list[Row]:
     """The steps of the session, done and ahead.
 
     A row for each step; where there is no room for all, those around the running one.
@@ -109,7 +109,7 @@ EVENT_KIND, TIME = 9, 8
 KIND_STYLES = {"stop": BAD, "fault": WARNING, "bus": WARNING, "device": WARNING, "drive": WARNING, "operator": TEXT}
 
 
-def log_rows(log: Log, width: int, height: int, *, back: int = 0) -> list[Row]:
+def log_rows(log: EventLog, width: int, height: int, *, back: int = 0) -> list[Row]:
     """The event log.
 
     The last lines, or those ``back`` lines earlier; a line that is too long is cut.

@@ -10,7 +10,7 @@ from norton_bench.errors import ExitCode
 from norton_bench.events import Ended
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.report.words import Facts, interval, number, percent, pretty_unit, symbol
-from norton_bench.screen.picture.parts import Known, half_width
+from norton_bench.screen.picture.parts import EstimateHistory, half_width
 from norton_bench.screen.styles import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
 
 SIGNS = {
@@ -40,7 +40,7 @@ LEARNT = "known once the shaft has moved"
 LEARNT_IN_SITU = "identified in situ, at the end"
 
 
-def parameter_rows(known: Known, width: int, height: int, *, before: str = LEARNT) -> list[Row]:
+def parameter_rows(known: EstimateHistory, width: int, height: int, *, before: str = LEARNT) -> list[Row]:
     """The table of parameters as it converges: values, intervals, status in a word and a sign.
 
     A row for each parameter, with more columns where there is room. ``before`` is shown until there are estimates.

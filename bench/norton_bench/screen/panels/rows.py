@@ -9,7 +9,7 @@ from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 
-from norton_bench.screen.plots import Drawer, Figure
+from norton_bench.screen.plots import Drawer, PlotFigure
 from norton_bench.screen.styles import STYLES, Row, fitted
 
 
@@ -76,10 +76,10 @@ class Plot(Rows):
 
     def __init__(self, *, id: str) -> None:  # noqa: A002  (textual's own name)
         super().__init__(id=id)
-        self._figure: Figure | None = None
+        self._figure: PlotFigure | None = None
         self._drawer = Drawer()
 
-    def show(self, figure: Figure) -> None:
+    def show(self, figure: PlotFigure) -> None:
         """Draw ``figure`` from the next frame on."""
         self._figure = figure
         self.changed()

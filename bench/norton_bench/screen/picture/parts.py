@@ -30,7 +30,7 @@ def half_width(estimate: Estimate) -> float:
 
 
 @dataclass
-class Known:
+class EstimateHistory:
     """The newest estimates, and for each parameter its relative half-widths so far, oldest first.
 
     ``final`` once they are those of the final fit.
@@ -102,7 +102,7 @@ class StepState:
         return max(self.planned.duration_s - self.took_s, 0.0) if self.state == "running" else 0.0
 
 
-class Steps:
+class StepList:
     """All steps, in order."""
 
     def __init__(self) -> None:
@@ -233,7 +233,7 @@ TROUBLES = ("bus", "device")
 
 
 @dataclass(frozen=True)
-class Pulse:
+class DeviceState:
     """The state of one device or bus: "ok", "silent", "trouble" or "unheard"; NaN means unknown."""
 
     name: str
@@ -247,7 +247,7 @@ class Pulse:
     said: str = ""  # the last trouble
 
 
-class Stream:
+class DeviceStream:
     """The readings of one device: their rate, and how many were lost."""
 
     def __init__(self) -> None:
@@ -281,12 +281,12 @@ class Stream:
         return 1e9 * sum(count for _, count in list(self._counts)[1:]) / span_ns if span_ns > 0 else nan
 
 
-class Health:
+class BenchHealth:
     """All devices and buses of a rig."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
-        self._streams = {device.role: Stream() for device in rig.wiring.devices()}
+        self._streams = {device.role: DeviceStream() for device in rig.wiring.devices()}
         self._main = {each.role: each for each in reversed(STREAMS)}  # the first stream of each device
         self._last: Table | None = None
         self._troubles: dict[str, Event] = {}
@@ -302,27 +302,29 @@ class Health:
         for role, stream in self._streams.items():
             stream.take(getattr(part, self._main[role].name), self._now_ns)
 
-    def devices(self) -> list[Pulse]:
+    def devices(self) -> list[DeviceState]:
         """One for each device, in the order of the rig file."""
         return [self._device(device) for device in self._rig.wiring.devices()]
 
-    def buses(self) -> list[Pulse]:
+    def buses(self) -> list[DeviceState]:
         """One for each bus."""
         return [
-            self._troubled(Pulse(bus.name, bus.interface, bus.channel, self._state_of_bus(bus.name)), f"bus {bus.name}")
+            self._troubled(
+                DeviceState(bus.name, bus.interface, bus.channel, self._state_of_bus(bus.name)), f"bus {bus.name}"
+            )
             for bus in self._rig.wiring.buses
         ]
 
-    def _device(self, device: DeviceSettings) -> Pulse:
+    def _device(self, device: DeviceSettings) -> DeviceState:
         place = device.bus or device.port or ""
         name = device.role.replace("_", " ")
         if self._last is None:
-            return Pulse(name, device.driver, place, "unheard")
+            return DeviceState(name, device.driver, place, "unheard")
         stream, temperature = self._streams[device.role], TEMPERATURES.get(device.role)
         age_ns, most_ns = stream.age_ns(self._now_ns), SLOW_NS
         if self._main[device.role].age:
             age_ns, most_ns = int(self._last[self._main[device.role].age][0]), self._rig.limits.stale_after_ns
-        pulse = Pulse(
+        pulse = DeviceState(
             name,
             device.driver,
             place,
@@ -334,13 +336,13 @@ class Health:
         )
         return self._troubled(pulse, device.role)
 
-    def _troubled(self, pulse: Pulse, key: str) -> Pulse:
+    def _troubled(self, pulse: DeviceState, key: str) -> DeviceState:
         event = self._troubles.get(key)
         if event is None:
             return pulse
         fresh = self._now_ns - event.stamp_ns < TROUBLE_FOR_NS and pulse.state == "ok"
         said = event.text.partition(": ")[2]
-        return Pulse(**{**pulse.__dict__, "state": "trouble" if fresh else pulse.state, "said": said})
+        return DeviceState(**{**pulse.__dict__, "state": "trouble" if fresh else pulse.state, "said": said})
 
     def _state_of_bus(self, name: str) -> str:
         """The state of a bus is the worst of those of its devices."""

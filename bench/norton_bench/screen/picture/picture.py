@@ -20,10 +20,10 @@ from norton_bench.events import (
     StepBegun,
 )
 from norton_bench.identification.results import LiveEstimate
-from norton_bench.jog.signals import Signals
+from norton_bench.jog.signals import BenchSignals
 from norton_bench.records import FOR_PROGRAMS, TICK, Measured, SegmentInfo, Table
 from norton_bench.rig.rig import Rig
-from norton_bench.screen.picture.parts import Health, Known, Steps, Tabulated
+from norton_bench.screen.picture.parts import BenchHealth, EstimateHistory, StepList, Tabulated
 
 
 class RecentTicks:
@@ -115,7 +115,7 @@ STEP = "step"
 
 
 @dataclass(frozen=True)
-class Line:
+class LogLine:
     """A line of the log. ``time_s`` is bench time, None before the first tick. ``kind`` as of an event, or "note"."""
 
     time_s: float | None
@@ -123,14 +123,14 @@ class Line:
     text: str
 
 
-class Log:
+class EventLog:
     """The last lines; ``total`` counts all there ever were."""
 
     def __init__(self) -> None:
-        self.lines: deque[Line] = deque(maxlen=KEPT)
+        self.lines: deque[LogLine] = deque(maxlen=KEPT)
         self.total = 0
 
-    def add(self, line: Line) -> None:
+    def add(self, line: LogLine) -> None:
         """Append a line, unless it repeats the text of an event; the name of a step may repeat."""
         if line.kind != STEP and any(line.text == before.text for before in list(self.lines)[-8:]):
             return
@@ -153,14 +153,14 @@ class Picture:
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
         self.state: SessionState | None = None
-        self.steps = Steps()
+        self.steps = StepList()
         self.recent = RecentTicks(round(RECENT_S / rig.tick_s))
         self.source = SourceSeen()
         self.tabulated = Tabulated()
-        self.known = Known()
-        self.health = Health(rig)
-        self.signals = Signals(rig)
-        self.log = Log()
+        self.known = EstimateHistory()
+        self.health = BenchHealth(rig)
+        self.signals = BenchSignals(rig)
+        self.log = EventLog()
         self.segment: SegmentInfo | None = None
         self.prompt: Prompt | None = None
         self.summary: Ended | None = None
@@ -207,12 +207,12 @@ class Picture:
                 self.steps.plan(steps)
             case StepBegun(index, name):
                 self.steps.begin(index, self.now_s)
-                self.log.add(Line(self._log_s, STEP, f"{name} begins"))
+                self.log.add(LogLine(self._log_s, STEP, f"{name} begins"))
             case PartMeasured(measured, live):
                 self._take_part(measured, live)
             case Note(text):
                 self.fitting = text if self.concluding else self.fitting
-                self.log.add(Line(self._log_s, "note", text))
+                self.log.add(LogLine(self._log_s, "note", text))
             case StateChanged(state):
                 self._take_state(state)
             case Question(prompt):
@@ -237,7 +237,7 @@ class Picture:
             if event.kind in (FINISHED_STEP, *FOR_PROGRAMS):
                 continue
             stamp_s = None if self._first_ns is None else (event.stamp_ns - self._first_ns) * 1e-9
-            self.log.add(Line(stamp_s, event.kind, event.text))
+            self.log.add(LogLine(stamp_s, event.kind, event.text))
 
     def _take_state(self, state: SessionState) -> None:
         self.state = state
@@ -252,7 +252,7 @@ class Picture:
         self.summary = summary
         self.known.settle(summary.estimates)
         if summary.failure:
-            self.log.add(Line(self._log_s, "stop", summary.failure))
+            self.log.add(LogLine(self._log_s, "stop", summary.failure))
 
     def look_at_clock(self) -> None:
         """Update the pace and the duration of the final fit; called with every frame."""

@@ -19,7 +19,7 @@ from norton_bench.screen.panels.by_hand import Asking, asked_rows, device_rows, 
 from norton_bench.screen.panels.health import in_short, signal_rows
 from norton_bench.screen.panels.progress import log_rows, title_row
 from norton_bench.screen.panels.rows import Panel, Plot
-from norton_bench.screen.plots import Figure
+from norton_bench.screen.plots import PlotFigure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import Confirm, Mark
 from norton_bench.screen.styles import Row
@@ -86,7 +86,7 @@ class ByHandScreen(Screen[None]):
             for panel in self.query(Panel):
                 panel.changed()
 
-    def _figure(self, name: str | None) -> Figure:
+    def _figure(self, name: str | None) -> PlotFigure:
         picture = self.experiment.picture
         if name == "velocity":
             return figures.velocity(picture, WINDOW_S, imposed=imposes(picture))

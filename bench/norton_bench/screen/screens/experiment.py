@@ -16,7 +16,7 @@ from norton_bench.screen.panels.health import health_rows, in_short
 from norton_bench.screen.panels.progress import clock, log_rows, step_rows, table_rows, title_row, view_row
 from norton_bench.screen.panels.result import LEARNT, LEARNT_IN_SITU, parameter_rows
 from norton_bench.screen.panels.rows import Panel, Plot
-from norton_bench.screen.plots import Figure
+from norton_bench.screen.plots import PlotFigure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Ask, Confirm, Mark
 from norton_bench.screen.styles import Row
@@ -95,7 +95,7 @@ class ExperimentScreen(Screen[None]):
             for panel in self.query(Panel):
                 panel.changed()
 
-    def _figure(self, name: str) -> Figure:
+    def _figure(self, name: str) -> PlotFigure:
         picture, window_s = self.experiment.picture, WINDOWS_S[self._window]
         over_time = {"torque": figures.torque, "velocity": figures.velocity, "command": figures.command}
         if name in over_time:
