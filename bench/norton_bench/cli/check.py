@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from norton_bench.cli.arguments import Backend, Json, RigFile, Seed
-from norton_bench.cli.operator import operator_stop
 from norton_bench.cli.output import Output, plain_table
 from norton_bench.errors import ExitCode, exit_code_of
+from norton_bench.loop.stop_word import operator_stop
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

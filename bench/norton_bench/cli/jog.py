@@ -134,10 +134,10 @@ def _to(
     seed: int | None,
     output: Output,
 ) -> int:
-    from norton_bench.cli.operator import operator_stop  # noqa: PLC0415
     from norton_bench.jog.hands import Preset  # noqa: PLC0415
     from norton_bench.jog.script import JogScript  # noqa: PLC0415
     from norton_bench.jog.signals import HeldSignals  # noqa: PLC0415
+    from norton_bench.loop.stop_word import operator_stop  # noqa: PLC0415
     from norton_bench.session.engine import run_by_hand  # noqa: PLC0415
     from norton_bench.session.operator import Nobody  # noqa: PLC0415
 

@@ -12,25 +12,6 @@ from norton_bench.events import Prompt, Question, SessionEvent, SessionState, St
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.session.operator import Order
 
-
-@contextmanager
-def operator_stop() -> Iterator[StopWord]:
-    """Inside, Ctrl-C and SIGTERM stop the session in order; a second one raises KeyboardInterrupt."""
-    stop = StopWord()
-
-    def ask(number: int, _frame: FrameType | None) -> None:
-        if stop.heard() is not None:
-            raise KeyboardInterrupt
-        stop.say("Ctrl-C" if number == signal.SIGINT else "asked to end")
-
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 PAUSED = "Paused; the drives are idle. Enter: resume, t: tare, s: leave out the next step, a: abort."
 WORDS = {"": "resume", "r": "resume", "t": "tare", "s": "skip", "a": "abort"}
 

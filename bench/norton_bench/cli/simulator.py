@@ -6,8 +6,8 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from norton_bench.cli.arguments import Json, Quiet, RigFile, Seed
-from norton_bench.cli.operator import operator_stop
 from norton_bench.cli.output import Output, plain_table
+from norton_bench.loop.stop_word import operator_stop
 
 Witness = Annotated[Path | None, Parameter(help="A CSV file for the true values, with a line for every millisecond.")]
 

@@ -1,7 +1,11 @@
 """The operator's stop, in memory that all of our processes share: any of them sets it, the loop looks every tick."""
 
 import multiprocessing
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing.sharedctypes import RawArray
+from types import FrameType
 
 UNSAID = b"\0"
 SAID = b"\1"
@@ -39,3 +43,21 @@ def _cut(reason: str) -> bytes:
     """As UTF-8, without half a letter at the end, and up to the first NUL."""
     text = reason.partition("\0")[0].encode(errors="replace")[:LONGEST_REASON_BYTES]
     return text.decode(errors="ignore").encode()
+
+
+@contextmanager
+def operator_stop() -> Iterator[StopWord]:
+    """Inside, Ctrl-C and SIGTERM stop the session in order; a second one raises KeyboardInterrupt."""
+    stop = StopWord()
+
+    def ask(number: int, _frame: FrameType | None) -> None:
+        if stop.heard() is not None:
+            raise KeyboardInterrupt
+        stop.say("Ctrl-C" if number == signal.SIGINT else "asked to end")
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -107,7 +107,7 @@ def test_output_that_cannot_be_written_is_told(arguments: list[str]) -> None:
             check=False,
         )
     assert done.returncode == ExitCode.USAGE
-    assert done.stderr == "the output cannot be written (No space left on device); send it elsewhere\n"
+    assert done.stderr == "the output cannot be written (No space left on device); send it to another file\n"
 
 
 @pytest.mark.parametrize(("shell", "begins"), [("bash", "# Bash completion"), ("zsh", "#compdef"), ("fish", "# Fish")])

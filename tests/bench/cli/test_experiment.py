@@ -14,12 +14,12 @@ import pytest
 
 from norton_bench.cli import app
 from norton_bench.cli.arguments import run_folder
-from norton_bench.cli.operator import operator_stop
 from norton_bench.cli.output import Output
 from norton_bench.cli.progress import LineProgress, showing_progress
 from norton_bench.errors import ExitCode, SafetyStopError
 from norton_bench.events import Note, PartMeasured, Planned, PlannedStep, StepBegun
 from norton_bench.identification.results import FitResult, LiveEstimate, Trace
+from norton_bench.loop.stop_word import operator_stop
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.knowledge import Knowledge

@@ -12,7 +12,7 @@ for name in ("norton_bench.cli.app", "norton_bench.cli.experiment", "norton_benc
              "norton_bench.cli.screen", "norton_bench.session.engine", "norton_bench.session.hosted",
              "norton_bench.session.replay", "norton_bench.session.replay", "norton_bench.report.render",
              "norton_bench.screen.figures", "norton_bench.screen.picture.picture", "norton_bench.screen.plots",
-             "norton_bench.screen.panels.result", "norton_bench.screen.settings", "norton_bench.screen.experiment"):
+             "norton_bench.screen.panels.result", "norton_bench.screen.experiment"):
     import_module(name)
     assert not [module for module in sys.modules if module.split(".")[0] == "textual"], name
 """

@@ -27,7 +27,7 @@ FREE = load_rig(RIGS / "sim-free-shaft.toml")
 TARE = Step("tare", TareOptions(duration_s=0.5))
 
 
-def recorded(rig: Rig, out: Path, *steps: Step, on_event: Watcher = ignore) -> engine.Recorded:
+def recorded(rig: Rig, out: Path, *steps: Step, on_event: Watcher = ignore) -> engine.RecordedSession:
     return engine.record_session(rig, Session(steps, place="test"), out=out, seed=1, on_event=on_event)
 
 
