@@ -3,6 +3,11 @@
 Run with ``make mutants`` or ``python benchmarks/mutants.py [part ...]``; without a part, all of them are looked at. It
 needs mutmut, which wants the packages beside the tests: they are copied so into a folder, which stays for
 ``mutmut show`` to be run in (it is printed). Code that numba compiles is not changed, nor is what has a decorator.
+
+The guard: 1,539 of 1,619 are noticed. Of the 80 that are not, some half change nothing that could be seen: a comparison
+of floats at equality (``<`` or ``<=``), 1e6 or 1000001 before three digits are printed, values that are written again
+before they are read (a side of the balance before it has settled, a unit beside a number that is none), ``|=`` or ``=``
+on what is zero.
 """
 
 import argparse

@@ -214,12 +214,12 @@ def _exerted(measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: 
 
 
 def why_not_settled(found: Sequence[TrialFigures]) -> tuple[str, ...]:
-    """Sentences; none where what is left is what movements differ by anyway."""
+    """Sentences; none where what is left is no more than the scatter of movements."""
     if settled(found):
         return ()
     if diverge(found):
         return ("it does not converge: two trials in a row were worse than one before them",)
-    return (f"after {len(found)} trials there was still more than movements differ by",)
+    return (f"after {len(found)} trials more than the scatter of movements is left",)
 
 
 def figures(trials: Sequence[Exerted]) -> tuple[TrialFigures, ...]:

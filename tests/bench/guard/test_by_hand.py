@@ -48,7 +48,7 @@ def shafts(position_rad: float, age_ms: float, load_age_ms: float, count: int = 
 
 
 def test_the_twist_is_that_of_one_instant_and_so_is_what_it_may_be() -> None:
-    # 1 + 10 · 2 ms − 20 · 5 ms = 0.92; 0.25 + 5 · 1e-4 + 20 · (3 ms + 2 · 7 ms) = 0.5905
+    # 1 + 10 · 2 ms − 20 · 5 ms = 0.92; 0.25 + 4 · 1e-4 + 20 · (3 ms + 2 · 7 ms) = 0.5904
     words = said(CouplingCheck(0.25, 1.0, 1e-4, 1e-3), shafts(1.0, 2.0, 5.0))[-1]
     assert words is not None
     assert "have turned +0.92 rad apart, where 0.59 rad is the most" in words
@@ -56,7 +56,7 @@ def test_the_twist_is_that_of_one_instant_and_so_is_what_it_may_be() -> None:
 
 @pytest.mark.parametrize(("position_rad", "found"), [(0.669, False), (0.672, True), (-0.509, False), (-0.512, True)])
 def test_a_twist_that_is_just_too_great(position_rad: float, found: bool) -> None:
-    # |position + 0.02 − 0.1| may be 0.5905
+    # |position + 0.02 − 0.1| may be 0.5904
     assert bool(found_at(CouplingCheck(0.25, 1.0, 1e-4, 1e-3), shafts(position_rad, 2.0, 5.0))) is found
 
 
@@ -73,7 +73,7 @@ def test_the_greatest_speed_of_either_is_remembered() -> None:
 def test_the_limit_of_torque_may_twist_it_by_four_times_what_it_should() -> None:
     check = CouplingCheck(0.25, 2.0, 1e-4, 1e-3)
     check.learn(GuardModel(sensor_stiffness_nm_rad=100.0))
-    # 4 · 2 / 100 + 5 · 1e-4 = 0.0804
+    # 4 · 2 / 100 + 4 · 1e-4 = 0.0804
     steady = lambda rad: [resting(0), *(resting(k)._replace(position_rad=rad) for k in range(1, 9))]  # noqa: E731
     assert not found_at(check, steady(0.0803))
     assert found_at(check, steady(0.0806))
@@ -243,7 +243,7 @@ def test_a_slope_is_seen_where_it_is_ten_of_its_own_deviations(noise_a: float, s
 
 
 def test_a_modulator_that_moved_is_watched_from_there_on() -> None:
-    """It moves by more than five counts at tick 50: what counts is the command since then."""
+    """It moves by more than four counts at tick 50: what counts is the command since then."""
     check = StuckModulator(4.0, "N*m/rad", 1e-4)
     samples = [resting(k)._replace(modulator_position_rad=5.1e-4 if k >= 50 else 0.0) for k in range(300)]
     sent: Sent = lambda k: Commands(0.0, 0.0, modulation=2.0 + 0.01 * k)  # noqa: E731
@@ -300,26 +300,65 @@ def test_a_check_that_was_never_begun_nor_taught_is_quiet(check: Check) -> None:
 
 
 @pytest.mark.parametrize(
-    ("check", "wrong", "sent"),
+    ("check", "wrong", "sent", "first"),
     [
         (
             CouplingCheck(0.25, 1.0, 0.0, 1e-3),
             lambda k: resting(k)._replace(position_rad=1.0 if k % 100 else 0.0),
             NOTHING,
+            3,
         ),
-        (SaturationCheck(2.0), lambda k: resting(k)._replace(torque_nm=1.99), NOTHING),
-        (jump(), lambda k: resting(k)._replace(torque_nm=0.6 if k % 100 > 1 else 0.0), NOTHING),
+        (SaturationCheck(2.0), lambda k: resting(k)._replace(torque_nm=1.99), NOTHING, 2),
+        (jump(), lambda k: resting(k)._replace(torque_nm=0.6 if k % 100 > 1 else 0.0), NOTHING, 4),
         (
             CurrentAgreement("actuator", 0.5, "N*m", 20.0),
             lambda k: resting(k)._replace(current_a=9.0),
             Commands(0.1, 0.0),
+            2,
         ),
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_strikes_are_counted_afresh(check: Check, wrong: Callable[[int], Sample], sent: Commands) -> None:
+def test_strikes_are_counted_afresh(check: Check, wrong: Callable[[int], Sample], sent: Commands, first: int) -> None:
     """One less than it takes to tell, and the drives are enabled anew, as often as one likes."""
-    first = found_at(check, [wrong(k) for k in range(100)], lambda _: sent)[0]
-    for time in range(1, 4):
+    for time in range(4):
         assert not found_at(check, [wrong(100 * time + k) for k in range(first)], lambda _: sent)
         assert found_at(check, [wrong(100 * time + k) for k in range(first + 1)], lambda _: sent) == [first]
+
+
+def test_equal_readings_are_counted_from_the_beginning() -> None:
+    """The first of them differs from nothing: fifty may be equal, and the one after tells."""
+    check = FrozenTorque()
+    check.learn(HABITS)
+    for _ in range(2):
+        assert found_at(check, torques(*[0.25] * 51)) == [50]
+        assert found_at(check, torques(*[0.5] * 3)) == []
+
+
+def test_figures_that_follow_from_the_limits() -> None:
+    """With a limit of 2 N m: half of it for a jump, a tenth for a held shaft; and a coarse pair of encoders."""
+    wide = TorqueJump(2.0, 1e-3)
+    wide.learn(HABITS)
+    assert not found_at(wide, torques(0.0, 0.0, 0.99, 0.99, 0.99))
+    assert found_at(wide, torques(0.0, 0.0, 1.01, 1.01, 1.01)) == [4]
+    held = HeldShaft(2.0, 0.0)
+    held.learn(GuardModel(sensor_stiffness_nm_rad=200.0, still_swing_nm=0.0))
+    for swing_nm, found in ((0.19, False), (0.21, True)):
+        assert bool(found_at(held, torques(*([0.0] * 50 + [swing_nm] * 100)))) is found
+    for twist_rad, found in ((0.64, False), (0.66, True)):  # 0.25 + 4 · 0.1
+        apart = [resting(k)._replace(position_rad=twist_rad) for k in range(1, 9)]
+        assert bool(found_at(CouplingCheck(0.25, 1.0, 0.1, 1e-3), [resting(0), *apart])) is found
+
+
+def test_a_free_shaft_may_stand_at_first() -> None:
+    check = Standstill("N*m")
+    check.learn(GuardModel(moving_command=0.02))
+    assert found_at(check, [resting(k) for k in range(300)], lambda _: Commands(0.5, 0.0))[0] > 90
+
+
+def test_what_was_asked_for_is_told_in_amperes() -> None:
+    check = CurrentAgreement("actuator", 0.5, "N*m", 20.0)
+    samples = [resting(k)._replace(current_a=9.0) for k in range(20)]
+    words = said(check, samples, lambda k: Commands(-0.1 if k < 5 else 0.2, 0.0))[-1]
+    assert words is not None
+    assert "(-0.1 to 0.2 N*m) ask for -2 to 4 A" in words

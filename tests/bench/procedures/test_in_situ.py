@@ -227,7 +227,7 @@ def test_it_ends_and_says_so_where_more_is_left_than_movements_differ_by(found: 
     state = replace(found.known.in_situ, trials=trials, finished=False)
     decision = InSituProcedure(OPTIONS).following(replace(found.known, in_situ=state))
     assert decision.procedure is None
-    assert "after 7 trials there was still more than movements differ by" in decision.sentence
+    assert "after 7 trials more than the scatter of movements is left" in decision.sentence
     assert not settled(figures(trials))
 
 
