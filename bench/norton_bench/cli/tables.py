@@ -9,7 +9,7 @@ from rich.table import Table
 from norton_bench.cli.output import plain_table
 from norton_bench.identification.averages import Branch, Mean, Setting
 from norton_bench.identification.branches import TAILS, DeadZone, Hysteresis
-from norton_bench.identification.exertion_table import ExertionTable
+from norton_bench.identification.exertion_table import ExertionTable, Shaken
 from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces, modulated
 from norton_bench.identification.residual_tests import ResidualTests
@@ -101,17 +101,18 @@ def _exertion(table: ExertionTable) -> dict[str, Any]:
             }
             for way in table.swept
         ],
-        "shaken": [
-            {
-                **_setting(row.setting),
-                "displacement_rad": row.displacement_rad,
-                "frequency_hz": row.frequency_hz,
-                "real_nm_rad": row.stiffness_nm_rad.real,
-                "imaginary_nm_rad": row.stiffness_nm_rad.imag,
-                "half_width_nm_rad": row.half_width_nm_rad,
-            }
-            for row in table.shaken
-        ],
+        "shaken": [_shaken(row) for row in table.shaken],
+    }
+
+
+def _shaken(row: Shaken) -> dict[str, Any]:
+    return {
+        **_setting(row.setting),
+        "displacement_rad": row.displacement_rad,
+        "frequency_hz": row.frequency_hz,
+        "real_nm_rad": row.stiffness_nm_rad.real,
+        "imaginary_nm_rad": row.stiffness_nm_rad.imag,
+        "half_width_nm_rad": row.half_width_nm_rad,
     }
 
 

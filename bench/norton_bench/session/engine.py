@@ -278,11 +278,7 @@ def _performed(
     known: Knowledge | None = None,
 ) -> _Performed:
     emit, operator = terms.on_event, terms.operator or Nobody()
-    if experiment.prompts is not None:
-        terms.answers.check(experiment.prompts, session.place, somebody=operator.answers)
-    earlier = EarlierSession() if terms.resume is None else read_earlier(terms.resume, rig)
-    if experiment.prompts is not None:
-        earlier.check(experiment.plan)
+    earlier = _checked_earlier(terms, rig, session, experiment, operator)
     emit(Planned(experiment.plan))
     emit(StateChanged(SessionState.PREPARING))
     own_backend = backend is None
@@ -313,6 +309,18 @@ def _performed(
         lost = recorder.dropped_parts
         emit(Note(f"{lost} parts were not recorded, because the disk was too slow; the fit does not have them"))
     return _Performed(recorder.path, so_far.known, earlier)
+
+
+def _checked_earlier(
+    terms: RunTerms, rig: Rig, session: Session, experiment: Experiment, operator: Operator
+) -> EarlierSession:
+    """The session to resume. Raises UsageError, before anything is opened, for what cannot be answered or resumed."""
+    if experiment.prompts is not None:
+        terms.answers.check(experiment.prompts, session.place, somebody=operator.answers)
+    earlier = EarlierSession() if terms.resume is None else read_earlier(terms.resume, rig)
+    if experiment.prompts is not None:
+        earlier.check(experiment.plan)
+    return earlier
 
 
 @contextmanager
