@@ -70,7 +70,7 @@ def test_all_faults_of_the_rig_are_tried_and_told(tried: Tried, capsys: pytest.C
     assert trial.count >= 40
     assert [case.table["kind"] for case in trial.losses] == ["host-killed", "host-stopped"]
     assert f"{trial.count} of {trial.count} faults end safely." in streams.out
-    assert "odrive (sim-odrive): a drive may go on for 302 ms" in streams.out
+    assert "odrive (sim-odrive): a drive may run on for 302 ms" in streams.out
     (row,) = [line for line in streams.out.splitlines() if line.startswith(f"  {'silent':<34}torque_sensor")]
     assert " ".join(row.split()) == "silent torque_sensor stopped 62 ms 62 ms 0.21 N*m 18 rad/s idle"
     assert "      torque sensor: silent for 61.0 ms" in streams.out
@@ -123,4 +123,4 @@ def test_without_a_rig_those_of_the_families_are_tried(
 def test_what_no_fault_is_called_is_refused(tried: Tried, capsys: pytest.CaptureFixture[str]) -> None:
     assert app.main(["faults", str(RIG), "--only", "earthquake"]) == ExitCode.USAGE
     (said,) = capsys.readouterr().err.splitlines()
-    assert said.startswith('--only "earthquake": no fault has that')
+    assert said.startswith('--only "earthquake": no fault has this text')

@@ -71,7 +71,7 @@ def test_a_value_that_cannot_be_held_is_a_failure(tmp_path: Path, capsys: pytest
         ([ODRIVE, "--actuator", "0.1", "--duration", "0"], "more than 0 s"),
         ([ODRIVE, "--actuator", "0.1", "--dead-man", "1 s"], "--dead-man is for the screen"),
         ([ODRIVE, "--actuator", "0.1", "--speed", "80"], "90% of [limits] velocity"),
-        ([ODRIVE, "--json"], "give values"),
+        ([ODRIVE, "--json"], "need values, such as --actuator 0.02"),
         ([ODRIVE], "needs a terminal"),
         ([str(RIGS / "sim-free-shaft.toml"), "--load-torque", "0.1"], "this rig has none"),
         ([str(RIGS / "sim-in-situ.toml"), "--zero-torque"], "needs a torque sensor"),

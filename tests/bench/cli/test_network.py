@@ -78,7 +78,7 @@ def test_what_cannot_be_done_is_one_sentence(files: Path, capsys: pytest.Capture
     assert said.startswith(f"{files / 'muscle.network.json'}: a nonlinear network obeys no superposition")
     assert "cannot be read" in refused(capsys, "show", files / "none.json")
     assert "--settle" in refused(capsys, "show", files / "arm.network.json", "--settle", "3 rad")
-    assert "no time to come to rest" in refused(capsys, "show", files / "arm.network.json", "--settle", "0 s")
+    assert "must be greater than zero" in refused(capsys, "show", files / "arm.network.json", "--settle", "0 s")
     assert "shows nothing" in refused(capsys, "plot", files / "arm.network.json", "--span", "0")
     assert "name it" in refused(capsys, "plot", files / "arm.network.json", "--out", files / "x.doc")
 

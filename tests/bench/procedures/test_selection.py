@@ -42,7 +42,7 @@ def test_it_ends_when_all_is_narrow_and_foresees_how_narrow() -> None:
     options = [telling(index, 100.0) for index in range(3)]
     chosen = select(options, KNOWN, as_they_are, target=0.071, time_s=100.0)
     assert sorted(chosen.picks) == [0, 1, 2]
-    assert chosen.foreseen == pytest.approx(np.full(3, 200**-0.5))
+    assert chosen.predicted == pytest.approx(np.full(3, 200**-0.5))
 
 
 def test_time_is_kept_to() -> None:
@@ -53,7 +53,7 @@ def test_time_is_kept_to() -> None:
 def test_nothing_is_picked_where_nothing_helps() -> None:
     chosen = select([telling(0, 1e6), telling(1, 1e6)], KNOWN, as_they_are, target=0.01, time_s=100.0)
     assert 2 not in chosen.picks
-    assert chosen.foreseen[2] == pytest.approx(0.1)
+    assert chosen.predicted[2] == pytest.approx(0.1)
     assert select([], KNOWN, as_they_are, target=0.01, time_s=100.0).picks == ()
 
 

@@ -82,7 +82,7 @@ def test_the_usual_plan_would_have_gone_beyond_the_power_limit_and_says_what_les
     assert isinstance(procedure, Reducing)
     sentences = procedure.reductions(known)
     assert sentences
-    assert all("times less finely" in sentence for sentence in sentences)
+    assert all("times wider" in sentence for sentence in sentences)
 
 
 @pytest.mark.parametrize("procedure", STEPS, ids=lambda procedure: procedure.name)
@@ -192,4 +192,4 @@ def test_words_only_where_something_was_made_smaller() -> None:
     assert words_for("imposed:", 1.0) == ()
     (sentence,) = words_for("imposed:", 0.5)
     assert sentence.startswith("imposed: at 50% of its usual size")
-    assert "2.0 times less finely" in sentence
+    assert "2.0 times wider" in sentence

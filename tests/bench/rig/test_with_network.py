@@ -125,8 +125,8 @@ def test_a_rig_without_a_simulated_actuator_takes_none(tmp_path):
 @pytest.mark.parametrize(
     ("network", "arguments", "sentence"),
     [
-        (NETWORK, [], "does not say which rig it is from"),
-        (NETWORK.with_provenance({"scale": "ratios"}), [], "knows only ratios"),
+        (NETWORK, [], "does not name the rig that it comes from"),
+        (NETWORK.with_provenance({"scale": "ratios"}), [], "holds only ratios"),
     ],
 )
 def test_the_command_says_what_it_lacks(network, arguments, sentence, tmp_path, capsys):

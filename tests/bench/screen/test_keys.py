@@ -308,10 +308,10 @@ async def test_the_driver_hears_the_stop_before_the_event_loop(live: Experiment,
     """What the key thread calls says the stop itself: nothing of the event loop is waited for."""
     async with running(live, Settings(keys={"stop": "space,f12"})) as (app, pilot):
         await started(live, app, pilot)
-        app._heed("x")
+        app._key_pressed("x")
         assert not session.stops
-        app._heed("space")
-        app._heed("f12")
+        app._key_pressed("space")
+        app._key_pressed("f12")
         assert len(session.stops) == 2
 
 
@@ -397,7 +397,7 @@ async def test_leaving_while_it_is_fitted_says_what_is_given_up(live: Experiment
         await frame(app, pilot)
         await pilot.press("q")
         assert isinstance(app.screen, Confirm)
-        assert "recording is whole" in app.screen._consequence
+        assert "recording is complete" in app.screen._consequence
         await pilot.press("y")
         await until(pilot, lambda: session.closed)
 

@@ -52,7 +52,7 @@ def test_a_fault_of_the_whole_session_counts_from_its_beginning(tmp_path: Path) 
 def test_on_hardware_it_is_refused() -> None:
     session = parse_session(HEAD + '[[fault]]\nkind = "drop"\non = "can0"\n', place="faulty.toml")
     with pytest.raises(
-        UsageError, match=r"faulty.toml: \[\[fault\]\] is for the simulated backend alone.*--backend sim"
+        UsageError, match=r"faulty.toml: \[\[fault\]\] is for the simulated backend only.*--backend sim"
     ):
         rehearsed(session, HardwareBackend())
     assert rehearsed(replace(session, faults=()), HardwareBackend()).happened() == []

@@ -177,7 +177,7 @@ def test_a_recording_tells_the_same_again_and_the_report_shows_it(tmp_path):
     again = conclude_recording(result.recording, tmp_path)
     assert again.source == result.source
     assert again.fit is None
-    page = again.report.read_text()
+    page = again.report_file.read_text()
     assert "The motion source, tabulated" in page
     assert "The impedance, tabulated" in page
     assert "No model was fitted" in page

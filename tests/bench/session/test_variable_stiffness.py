@@ -110,10 +110,10 @@ def test_a_recording_tells_the_same_again_and_the_report_says_it(tmp_path):
     again = conclude_recording(result().recording, tmp_path)
     assert again.source == result().source
     assert again.exertion == result().exertion
-    page = again.report.read_text()
+    page = again.report_file.read_text()
     assert "What the modulation changes" in page
     assert "The modulation changes the impedance: from 0 to 4.00 N·m/rad the stiffness at the source goes from" in page
-    assert "The modulation leaves the source alone, which moves the most" in page
+    assert "The modulation does not move the source: the largest difference" in page
     assert "modulation [N·m/rad]" in page
     assert "modulator motion" in page
 
@@ -126,7 +126,7 @@ def test_its_second_drive_went_where_it_was_sent_and_the_result_says_so():
     for stood in found.stood:
         assert len(stood.places_rad) >= 2
         assert stood.places_rad == pytest.approx([travel(stood.modulation)] * len(stood.places_rad), abs=2e-3)
-    assert "went where it was sent: under each modulation to one place" in result().report_file.read_text()
+    assert "reached its commanded positions: one for each modulation" in result().report_file.read_text()
 
 
 def test_one_that_slips_on_its_way_is_named():
@@ -140,4 +140,4 @@ def test_one_that_slips_on_its_way_is_named():
     assert found.stray.modulation == 1.0
     assert found.stray.apart_rad == pytest.approx(0.1, abs=5e-3)
     said = modulator_sentence(found, Units("rad", "N*m/rad"))
-    assert said.startswith("The modulator did not go where it was sent: under 1.00 N·m/rad it was at 0.25")
+    assert said.startswith("The modulator did not reach its commanded position: at 1.00 N·m/rad it was at 0.25")

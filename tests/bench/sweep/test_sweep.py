@@ -173,9 +173,9 @@ def test_a_recording_that_cannot_be_read_is_told_beside_the_others(swept, capsys
     ("arguments", "sentence"),
     [
         ([RIG], "--seeds is missing"),
-        ([RIG, "a.mcap", "--seeds", "1"], "is no recording"),
+        ([RIG, "a.mcap", "--seeds", "1"], "is not a recording"),
         ([RIG, RIG, "--seeds", "1"], "a sweep is of one rig"),
-        (["a.mcap", "--seeds", "1"], "recordings are as they are"),
+        (["a.mcap", "--seeds", "1"], "leave them out with recordings"),
         ([RIG, "--seeds", "1", "--jobs", "0"], 'Invalid value "0" for --jobs. Give at least one.'),
     ],
 )

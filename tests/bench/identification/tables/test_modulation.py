@@ -48,7 +48,7 @@ def test_stiffness_is_told_by_modulation_and_what_commands_differ_by_is_in_its_i
         "The modulation changes the impedance: from 0 to 4.00 N·m/rad the stiffness at the source goes from "
         "1.05 ± 0.05 to 5.05 ± 0.05 N·m/rad."
     )
-    assert stays.startswith("The modulation leaves the source alone")
+    assert stays.startswith("The modulation does not move the source")
 
 
 def test_a_source_that_moves_further_than_its_intervals_is_told():
@@ -61,8 +61,8 @@ def test_a_source_that_moves_further_than_its_intervals_is_told():
     assert found.shift.shift.half_width == pytest.approx(2e-3)
     (said,) = modulation_sentences(found, UNITS)
     assert said == (
-        "The modulation does not leave the source alone, which moves the most at a command of 0.100 rad by 4 ± 2 mrad, "
-        "from 0 to 4.00 N·m/rad: the two are coupled."
+        "The modulation also moves the source, most at a command of 0.100 rad by 4 ± 2 mrad, "
+        "from 0 to 4.00 N·m/rad: modulation and source are coupled."
     )
 
 
@@ -70,7 +70,7 @@ def test_a_stiffness_that_stays_is_not_called_changed():
     found = modulated(None, exertion({0.0: 2.0, 4.0: 2.02}))
     assert found is not None
     assert not found.stiffens
-    assert modulation_sentences(found, UNITS)[0].startswith("The modulation does not show in the impedance")
+    assert modulation_sentences(found, UNITS)[0].startswith("The modulation does not change the impedance")
 
 
 @pytest.mark.parametrize(
