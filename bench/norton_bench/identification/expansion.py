@@ -5,7 +5,7 @@ lacks something, and what that does to each value, is then linear algebra on sum
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -56,17 +56,25 @@ class Linearised:
     motion_delay_s: float
     band: Kernel = FULL_BAND
     cogging: tuple[float, ...] = ()
+    zero_nm: float = 0.0  # of the torque sensor
 
     @classmethod
     def at(cls, result: FitResult) -> "Linearised":
         waves = tuple(wave.periods_per_turn for wave in result.cogging)
-        return cls(result.network, result.command_delay_s, result.motion_delay_s, result.band, waves)
+        delays_s = (result.command_delay_s, result.motion_delay_s)
+        return cls(result.network, *delays_s, result.band, waves, result.torque_bias_nm)
 
     @property
     def shape(self) -> Shape:
         network = self.network
         s_per_rad = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
-        return Shape(network.amplifier_bandwidth_rad_s, s_per_rad, self.command_delay_s, self.motion_delay_s)
+        delays_s = (self.command_delay_s, self.motion_delay_s)
+        return Shape(network.amplifier_bandwidth_rad_s, s_per_rad, *delays_s, network.relative_terms)
+
+    def regression(self, stretches: Sequence[Signals]) -> Regression:
+        """Of these stretches, in this band, with this cogging and these terms."""
+        regression = Regression.of(tuple(stretches), self.band, cogging=self.cogging)
+        return regression.with_terms(self.network.terms, self.zero_nm)
 
     @property
     def linear(self) -> FloatArray:
@@ -88,7 +96,7 @@ def noise_density_nm(result: FitResult) -> float:
 class Slopes:
     """Change of the torque with every unknown, at every sample that is used.
 
-    ``wanted`` (9, samples) in the order of KNOWN; ``others`` (k, samples), of cogging and of the sensor's zero;
+    ``wanted`` (9, samples) in the order of KNOWN; ``others`` (k, samples), of cogging, the sensor's zero and terms;
     ``memory``, of the friction after each rest; ``errors`` (9,), what readings' own errors add to the squares of
     ``wanted``. ``regression`` says which samples those are.
     """
@@ -101,10 +109,11 @@ class Slopes:
 
     @classmethod
     def of(cls, stretches: tuple[Signals, ...], at: Linearised) -> "Slopes":
-        regression = replace(Regression.of(stretches, at.band), cogging=at.cogging)
+        regression = at.regression(stretches)
         shape, linear = at.shape, at.linear
         columns, memory = regression.columns(shape)
-        slope_bandwidth, slope_s, slope_command, slope_motion = regression.jacobian(shape, columns, linear)
+        slopes = regression.jacobian(shape, columns, linear)
+        (slope_bandwidth, slope_s, slope_command, slope_motion), of_terms = slopes[:4], slopes[4:]
         scale = np.maximum(np.abs(linear), LEAST)
         own = columns[:5] * scale[:, None]
         # s is σ0/τc: with σ0 held, a greater τc makes the contact softer relative to its strength.
@@ -116,7 +125,7 @@ class Slopes:
         contamination = regression.contamination() * scale**2
         for row, column in ((KNOWN.index("inertia"), INERTIA), (KNOWN.index("viscous_damping"), VISCOUS)):
             errors[row] = contamination[column]
-        return cls(regression, wanted, columns[5:], memory, errors)
+        return cls(regression, wanted, np.concatenate([columns[5:], of_terms]), memory, errors)
 
     @cached_property
     def products(self) -> FloatArray:
@@ -202,13 +211,14 @@ class Expansion:
     """Arrays over the samples used, (n,), in order of time, first of what was fitted, then of what no fit has seen.
 
     ``residual`` [N m] still has the sensor's zero in it. ``jacobian`` (unknowns, n) has the five linear unknowns, two
-    for each wave of cogging, the zero's ``basis`` functions, and log β, log s and two delays. What a friction's state
-    after a rest may have made is taken off both (``memory`` does it to others).
+    for each wave of cogging, the zero's ``basis`` functions, log β, log s, two delays and the terms' parameters. What
+    a friction's state after a rest may have made is taken off both (``memory`` does it to others).
     """
 
     residual: FloatArray
     jacobian: FloatArray
     linear: FloatArray  # the network's own, shape (5,)
+    terms: tuple[str, ...]  # that the network has
     basis: slice
     memory: Memory
     motor_nm: FloatArray  # behind the amplifier's lag
@@ -228,7 +238,7 @@ class Expansion:
     def of(cls, result: FitResult, fitted: Sequence[Signals], unseen: Sequence[Signals]) -> "Expansion":
         """Of all stretches, in the fit's own band. They must have measured the torque."""
         at = Linearised.at(result)
-        regression = Regression.of((*fitted, *unseen), at.band, cogging=at.cogging)
+        regression = at.regression((*fitted, *unseen))
         columns, memory = regression.columns(at.shape)
         slopes = regression.jacobian(at.shape, columns, at.linear)
         first = 5 + 2 * len(at.cogging)
@@ -245,6 +255,7 @@ class Expansion:
             residual=memory.taken_off(regression.target() - predicted),
             jacobian=memory.taken_off(np.concatenate([columns, slopes])),
             linear=at.linear,
+            terms=tuple(term.name for term in at.network.terms),
             basis=slice(first, len(columns)),
             memory=memory,
             motor_nm=at.linear[GAIN] * columns[GAIN],
@@ -258,7 +269,7 @@ class Expansion:
             fitted=np.arange(predicted.size) < count,
             knots_s=knots_s,
             noise_nm2=float(np.average(noise, axis=0, weights=weights) @ carried),
-            unknown_nm2=_unknown(slopes[-2:], fitted[0].tick_s, at.band)
+            unknown_nm2=_unknown(slopes[2:4], fitted[0].tick_s, at.band)
             + _within_counts(at, -columns[COULOMB], -columns[VISCOUS], max(each.count_rad for each in fitted)),
         )
 

@@ -25,12 +25,13 @@ from norton_bench.identification.results import (
 )
 from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
 from norton_bench.identification.sanity_checks import FailedCheck, failed_checks, status_of
-from norton_bench.identification.separable import Solution, limits, linear_solution, solve
+from norton_bench.identification.separable import Solution, limits, linear_solution, solve, solve_with_terms
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.models.terms import NetworkTerm
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -43,6 +44,8 @@ PHYSICAL = (
     "presliding_stiffness",
     "presliding_damping",
 )
+# The linear unknowns that parameters of terms are relative to.
+TERM_BASE = {"coulomb_torque": COULOMB, "viscous_damping": VISCOUS}
 # What free motion tells only as a ratio to the torque gain.
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 # The command must explain this many times what nothing explains, or the port's torque sets no scale: errors in what
@@ -121,6 +124,21 @@ def solution_of(
     return solution
 
 
+def fit_with_terms(
+    before: FitResult, terms: Sequence[NetworkTerm], *, command_unit: str, findings: Findings = NOTHING_FOUND
+) -> FitResult:
+    """The fit ``before``, whose deviations were simulated, with ``terms`` more: relative values, from which to begin.
+
+    The terms that it has already go on from where they are. Raises ValueError where nothing was simulated.
+    """
+    if before.simulated is None:
+        raise ValueError("terms are added to a fit whose deviations come from simulated records")
+    bench = before.simulated.bench
+    stretches = tuple(truth.stretch for truth in bench.truths)
+    solution = solve_with_terms(bench.solution, (*bench.solution.shape.terms, *terms), before.torque_bias_nm)
+    return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=bench.readings)
+
+
 def scale_evidence(solution: Solution) -> float:
     """What only the command explains of the torque, over what nothing explains, both rms.
 
@@ -176,7 +194,7 @@ def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
 def physical(
     solution: Solution, time_s: FloatArray, covariance: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Values in the order of PHYSICAL, then the two delays, and their covariance: (9,), (9, 9).
+    """Values in the order of PHYSICAL, then the two delays and the terms' parameters; and their covariance.
 
     From free motion they are per unit of torque gain, whose own value is then 1. ``covariance`` is that of the
     solution's unknowns, linear ones first; as the residual gives it where it is not told.
@@ -191,15 +209,33 @@ def physical(
          shape.command_delay_s, shape.motion_delay_s]
     )  # fmt: skip
     # The gradient of each over (linear, then those of log β, log s, d_c, d_m that were free).
-    gradient = np.zeros((9, columns + len(solution.free)))
+    terms, to_terms = _terms_in_torque(solution, linear)
+    gradient = np.zeros((9 + len(terms), columns + len(solution.free)))
     for row, column in ((0, GAIN), (2, INERTIA), (3, VISCOUS), (4, COULOMB), (6, DAMPING)):
         gradient[row, :5] = to_linear[column]
     gradient[5, :5] = shape.s_per_rad * to_linear[COULOMB]
     slopes = {0: (1, shape.bandwidth_rad_s), 1: (5, stiffness), 2: (7, 1.0), 3: (8, 1.0)}
+    for term, (base, of_base, of_relative) in enumerate(to_terms):
+        gradient[9 + term, :5] = of_base * to_linear[base]
+        slopes[4 + term] = (9 + term, of_relative)
     for position, unknown in enumerate(solution.free):
         row, slope = slopes[unknown]
         gradient[row, columns + position] = slope
-    return ordered, gradient @ covariance @ gradient.T
+    return np.concatenate([ordered, terms]), gradient @ covariance @ gradient.T
+
+
+def _terms_in_torque(solution: Solution, linear: FloatArray) -> tuple[FloatArray, list[tuple[int, float, float]]]:
+    """The terms' parameters (parameters,), and of each which linear unknown its value goes with, its slope with that
+    unknown, and its slope with the unknown of the shape."""
+    values, slopes = list[float](), list[tuple[int, float, float]]()
+    for each in solution.shape.terms:
+        for parameter, relative in zip(each.term.parameters, each.values, strict=True):
+            base = TERM_BASE.get(parameter.over)
+            size = 1.0 if base is None else float(linear[base])
+            values.append(relative * size)
+            own = relative * size if parameter.logarithmic else size
+            slopes.append((GAIN if base is None else base, 0.0 if base is None else relative, own))
+    return np.array(values), slopes
 
 
 def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
@@ -319,7 +355,9 @@ def _in_terms_of_network(
     current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
     if current is not None:
         estimates += current.estimates(command_unit, statuses[0])
-    network = network_of(estimates, command_unit, covariance[:7, :7])
+    terms = _terms(solution, values, deviations, command_unit)
+    estimates += [estimate for _, own in terms for estimate in own]
+    network = network_of(estimates, command_unit, covariance, tuple(term for term, _ in terms))
     ratios: tuple[Estimate, ...] = ()
     if solution.free_motion:
         ratios = tuple(estimate for estimate in estimates if estimate.name in PER_GAIN and not failed_checks)
@@ -385,16 +423,49 @@ def _status(solution: Solution, at_bound: set[str], name: str, value: float, dev
 
 def _at_bound(solution: Solution, tick_s: float) -> set[str]:
     low, high = limits(tick_s)
-    at, width = solution.shape.as_array(), high - low
+    at, width = solution.shape.as_array()[: low.size], high - low
     held = (at - low < 1e-3 * width) | (high - at < 1e-3 * width)
     return {name for name, hit in zip(("amplifier_bandwidth", "presliding_stiffness"), held, strict=False) if hit}
 
 
-def network_of(estimates: Sequence[Estimate], command_unit: str, covariance: FloatArray | None = None) -> NortonNetwork:
-    """The network with these values; ``covariance`` is that of PHYSICAL."""
+def _terms(
+    solution: Solution, values: FloatArray, deviations: FloatArray, command_unit: str
+) -> list[tuple[NetworkTerm, list[Estimate]]]:
+    """Each of the solution's terms in units of its own, and its estimates. Cosine and sine are as well known as both
+    together: one of them may be nothing."""
+    result, place = [], 9
+    for each in solution.shape.terms:
+        count = len(each.values)
+        own, stds = values[place : place + count].tolist(), deviations[place : place + count].tolist()
+        sizes = [float(np.hypot(*own))] * count if each.term.periodic else [abs(value) for value in own]
+        estimates = [
+            Estimate(parameter.name, value, std, parameter.unit_for(command_unit), _term_status(solution, size, std))
+            for parameter, value, std, size in zip(each.term.parameters, own, stds, sizes, strict=True)
+        ]
+        result.append((replace(each, values=tuple(own)), estimates))
+        place += count
+    return result
+
+
+def _term_status(solution: Solution, size: float, std: float) -> Status:
+    if not solution.converged:
+        return Status.NOT_CONVERGED
+    return Status.VALID if std <= LOOSE_BEYOND * size else Status.UNEXCITED
+
+
+def network_of(
+    estimates: Sequence[Estimate],
+    command_unit: str,
+    covariance: FloatArray | None = None,
+    terms: tuple[NetworkTerm, ...] = (),
+) -> NortonNetwork:
+    """The network with these values; ``covariance`` is that of PHYSICAL, or as :func:`physical` has it."""
+    more = [parameter.name for each in terms for parameter in each.term.parameters]
+    kept = [*range(len(PHYSICAL)), *range(9, 9 + len(more))]
     return NortonNetwork.of_parameters(
         {estimate.name: estimate.value for estimate in estimates},
         command_unit,
-        covariance_names=() if covariance is None else PHYSICAL,
-        covariance=() if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance),
+        covariance_names=() if covariance is None else (*PHYSICAL, *more),
+        covariance=() if covariance is None else tuple(tuple(row[kept].tolist()) for row in covariance[kept]),
+        terms=terms,
     )

@@ -262,6 +262,22 @@ def judged(result: FitResult, error: ModelError | None) -> FitResult:
     return replace(told, estimates=estimates, network=network, verdict=(*texts, *told.verdict))
 
 
+def with_terms_named(result: FitResult, error: ModelError | None, plain: ModelError | None) -> FitResult:
+    """The same with a sentence on each term that its network has beside the paper's motor; ``plain`` is the ``error``
+    of the network without any."""
+    if not result.network.terms or error is None or plain is None:
+        return result
+    texts = [
+        f"Beside the paper's motor the network has a term, because {term.term.meaning}: {term.term.equation}."
+        for term in result.network.terms
+    ]
+    texts.append(
+        f"The paper's motor alone leaves {_milli(plain.rms_nm)} rms of the torque that is not noise, the network with "
+        f"{'this term' if len(texts) == 1 else 'these terms'} {_milli(error.rms_nm)}."
+    )
+    return replace(result, verdict=(*texts, *result.verdict))
+
+
 def widened(result: FitResult, estimates: Sequence[Estimate]) -> NortonNetwork:
     """The network with the deviations of ``estimates``, correlated as they were."""
     network = result.network

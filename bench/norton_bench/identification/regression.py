@@ -7,8 +7,8 @@ looks like it is taken off every term. The same low-pass stands before every ter
 by itself has filtered its torque once more, and so every other term is averaged over as long here.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,6 +25,7 @@ from norton_bench.identification.rows import (
     GAIN,
     INERTIA,
     LINEAR,
+    MOTION_DELAY,
     SMALL,
     SMALL_S,
     STILL,
@@ -33,6 +34,7 @@ from norton_bench.identification.rows import (
     Shape,
 )
 from norton_bench.identification.signals import FINE, Signals
+from norton_bench.models.terms import DRAG, LOAD, SATURATION, Factor, NetworkTerm, TermParameter
 
 # The torque sensor's zero may wander this slowly.
 DRIFT_KNOT_S = 60.0
@@ -162,6 +164,7 @@ class Regression:
     free_motion: bool = False
     cogging: tuple[float, ...] = ()  # periods a turn of torques that go with the position
     whitening: Whitening | None = None  # of the rows, where turns have been counted
+    scales: FloatArray = field(default_factory=lambda: np.empty(0))  # of the terms' parameters, relative as in Shape
 
     @classmethod
     def of(
@@ -174,6 +177,36 @@ class Regression:
         cogging: tuple[float, ...] = (),
     ) -> "Regression":
         return cls(tuple(Rows(stretch, kernel, stride) for stretch in stretches), free_motion, cogging)
+
+    def with_terms(self, terms: Sequence[NetworkTerm], zero_nm: float) -> "Regression":
+        """The same for shapes with such terms; ``zero_nm`` is that of the torque sensor."""
+        rows = tuple(replace(each, zero_nm=zero_nm) for each in self.rows)
+        sizes = np.array([self._size(parameter) for each in terms for parameter in each.term.parameters])
+        return replace(self, rows=rows, scales=sizes)
+
+    def terms_of(self, other: "Regression") -> "Regression":
+        """``other`` for shapes with the terms that this one is for."""
+        rows = tuple(replace(each, zero_nm=self.rows[0].zero_nm) for each in other.rows)
+        return replace(other, rows=rows, scales=self.scales)
+
+    @cached_property
+    def rms_velocity(self) -> float:
+        """Of all that is fitted [rad/s]."""
+        return float(np.sqrt(np.mean(self._speed**2)))
+
+    def _size(self, parameter: TermParameter) -> float:
+        """Of a term's parameter: at this value its factor differs from one by about one, somewhere."""
+        signals = {LOAD: self._target, DRAG: self._speed, SATURATION: self._command**2}
+        greatest = float(np.max(np.abs(signals.get(parameter.column, np.ones(1)))))
+        return 1.0 / greatest if greatest > 0.0 else 1.0
+
+    @property
+    def _speed(self) -> FloatArray:
+        return self.chosen([rows.kinematics(STILL)[0] for rows in self.rows])
+
+    @property
+    def _command(self) -> FloatArray:
+        return np.concatenate([rows.signals.command for rows in self.rows])
 
     def recounted(self, shape: Shape) -> "Regression":
         """The same, corrected for what counts do to the friction on average."""
@@ -203,9 +236,10 @@ class Regression:
 
     @property
     def free(self) -> tuple[int, ...]:
-        """Which of (log β, log s, d_c, d_m) can be estimated: without torque only one delay has a meaning."""
+        """Which of Shape's unknowns can be estimated: without torque only one delay has a meaning."""
         measured = all(rows.signals.torque_nm is not None for rows in self.rows)
-        return (0, 1, 2, 3) if measured else (0, 1, 2)
+        terms = range(MOTION_DELAY + 1, MOTION_DELAY + 1 + self.scales.size)
+        return (0, 1, 2, 3, *terms) if measured else (0, 1, 2, *terms)
 
     @property
     def alike(self) -> float:
@@ -307,7 +341,7 @@ class Regression:
         memory: Memory | None = None,
         states: FloatArray | None = None,
     ) -> FloatArray:
-        """Change of the prediction with (log β, log s, d_c, d_m), shape (4, samples).
+        """Change of the prediction with (log β, log s, d_c, d_m) and the terms' parameters, (4 + parameters, samples).
 
         What is left of the friction's ``states`` (samples,) after rests changes with the shape, too (Golub and Pereyra
         1973); without them that is left out.
@@ -327,8 +361,32 @@ class Regression:
                 (linear[[COULOMB, DAMPING]] @ friction[:2] + held * friction[2]) / SMALL,
                 -linear[GAIN] * lag_rate,
                 self._motion_slope(shape, linear, held),
+                *self._term_slopes(at, columns, linear, held, now[2]),
             ]
         )
+
+    def _term_slopes(
+        self, shape: Shape, columns: FloatArray, linear: FloatArray, states: FloatArray, left: FloatArray
+    ) -> Iterator[FloatArray]:
+        """Change of the prediction with each of the terms' parameters, (samples,) each; ``left`` as in Memory."""
+        at = shape.as_array()
+        factors = [each.term.factor for each in shape.terms for _ in each.values]
+        for unknown, factor in enumerate(factors, MOTION_DELAY + 1):
+            step = SMALL * self.scales[unknown - MOTION_DELAY - 1]
+            moved = at.copy()
+            moved[unknown] += step
+            other = shape.at(moved)
+            match factor:
+                case Factor.GAIN:
+                    lag = self.chosen([rows.lag(other) for rows in self.rows])
+                    yield linear[GAIN] * (lag - columns[GAIN]) / step
+                case Factor.DAMPING:
+                    damped = self.chosen([rows.damped(other) for rows in self.rows])
+                    yield -linear[VISCOUS] * (damped + columns[VISCOUS]) / step
+                case Factor.STRENGTH:
+                    friction = -self.chosen([rows.friction(other) for rows in self.rows])
+                    change = friction - np.stack([columns[COULOMB], columns[DAMPING], left])
+                    yield (linear[[COULOMB, DAMPING]] @ change[:2] + states * change[2]) / step
 
     def _motion_slope(self, shape: Shape, linear: FloatArray, states: FloatArray) -> FloatArray:
         """Change of the prediction with d_m, shape (samples,)."""

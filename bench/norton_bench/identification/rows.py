@@ -5,7 +5,7 @@ more, and so every other term is averaged over as long here. :class:`Aligned` is
 whatever is to be made of them.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -17,6 +17,8 @@ from norton_bench.identification import loops
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import REACH, unquantised
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
+from norton_bench.models import term_factors
+from norton_bench.models.terms import DRAG, Factor, NetworkTerm, row_of
 
 LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
@@ -34,16 +36,41 @@ class Shape:
     s_per_rad: float
     command_delay_s: float
     motion_delay_s: float
+    terms: tuple[NetworkTerm, ...] = ()  # their values are relative: over those of the table's ``over``
 
     def as_array(self) -> FloatArray:
-        """(log β, log s, d_c, d_m)."""
+        """(log β, log s, d_c, d_m), then the parameters of the terms."""
+        terms = [
+            np.log(value) if parameter.logarithmic else value
+            for each in self.terms
+            for parameter, value in zip(each.term.parameters, each.values, strict=True)
+        ]
         return np.array(
-            [np.log(self.bandwidth_rad_s), np.log(self.s_per_rad), self.command_delay_s, self.motion_delay_s]
+            [np.log(self.bandwidth_rad_s), np.log(self.s_per_rad), self.command_delay_s, self.motion_delay_s, *terms]
         )
 
     @classmethod
     def of(cls, array: FloatArray) -> "Shape":
-        return cls(float(np.exp(array[0])), float(np.exp(array[1])), float(array[2]), float(array[3]))
+        """Without terms, from the first four of them."""
+        return cls(1.0, 1.0, 0.0, 0.0).at(array)
+
+    def at(self, array: FloatArray) -> "Shape":
+        """The same terms with other values, in the order of :meth:`as_array`."""
+        rest, terms = iter(array[4:].tolist()), list[NetworkTerm]()
+        for each in self.terms:
+            values = (float(np.exp(next(rest))) if one.logarithmic else next(rest) for one in each.term.parameters)
+            terms.append(replace(each, values=tuple(values)))
+        bandwidth, s = np.exp(array[:2]).tolist()
+        return Shape(bandwidth, s, float(array[2]), float(array[3]), tuple(terms))
+
+    @property
+    def row(self) -> FloatArray:
+        """What the terms' factors are computed from."""
+        return row_of(self.terms)
+
+    def changes(self, factor: Factor) -> bool:
+        """Whether one of the terms does."""
+        return any(each.term.factor is factor for each in self.terms)
 
 
 MOST_RECENT = 6
@@ -52,10 +79,10 @@ MOST_RECENT = 6
 STILL = Shape(1.0, 1.0, 0.0, 0.0)
 
 
-class _Recent(dict[tuple[str, float], FloatArray]):
+class _Recent(dict[tuple[Hashable, ...], FloatArray]):
     """The few paths worked out last: differences that stand for derivatives ask for each again and again."""
 
-    def once(self, key: tuple[str, float], make: Callable[[], FloatArray]) -> FloatArray:
+    def once(self, key: tuple[Hashable, ...], make: Callable[[], FloatArray]) -> FloatArray:
         if key not in self:
             while len(self) >= MOST_RECENT:
                 del self[next(iter(self))]
@@ -109,6 +136,7 @@ class Rows:
     kernel: Kernel
     stride: int = 1
     friction_error: FloatArray | None = None  # of h along the path, what is known of it
+    zero_nm: float = 0.0  # of the torque sensor, where friction depends on the load
     _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
     _waves: dict[float, tuple[FloatArray, FloatArray]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -171,6 +199,10 @@ class Rows:
                 signals.released_at_zero,
             ),
         )
+        if shape.changes(Factor.GAIN):
+            # The command that was sent at an instant acts later, and the motion then is read later still.
+            cells = (shape.command_delay_s + shape.motion_delay_s) / fine_s
+            lag = lag * term_factors.gains(shape.row, lag, loops.later(self._grid(signals.path_rad), cells))
         return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
 
     def kinematics(self, shape: Shape) -> FloatArray:
@@ -186,17 +218,45 @@ class Rows:
 
     def friction(self, shape: Shape) -> FloatArray:
         """h, ḣ/s and E, shape (3, count)."""
-        path = self._friction_path(shape.s_per_rad)
+        path = self._friction_path(shape)
         sliding = self.of_fine_signal(self._corrected(path[0]), (0, 1), shape.motion_delay_s, of_means=True)
         left = self.of_fine_signal(path[1], (0,), shape.motion_delay_s, of_means=True)
         return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
 
-    def _friction_path(self, s_per_rad: float) -> FloatArray:
+    def _friction_path(self, shape: Shape) -> FloatArray:
         """h and what is left of an unknown state along the path, shape (2, ...)."""
-        path, rests = self.signals.path_rad, self.signals.rests
+        path, rests, s_per_rad = self.signals.path_rad, self.signals.rests, shape.s_per_rad
+        if not shape.changes(Factor.STRENGTH):
+            return self._recent.once(
+                ("friction", s_per_rad), lambda: loops.friction_path(self._grid(path), s_per_rad, rests * self.fine)
+            )
         return self._recent.once(
-            ("friction", s_per_rad), lambda: loops.friction_path(self._grid(path), s_per_rad, rests * self.fine)
+            ("friction", s_per_rad, shape.motion_delay_s, shape.row.tobytes()),
+            lambda: loops.friction_path_of(self._grid(path), s_per_rad, rests * self.fine, self._strengths(shape)),
         )
+
+    def _strengths(self, shape: Shape) -> FloatArray:
+        """γ along the path, shape (...,)."""
+        port_nm = loops.later(self._port_nm, -shape.motion_delay_s / self.signals.tick_s * self.fine)
+        return np.asarray(term_factors.strengths(shape.row, self._velocity, self._grid(self.signals.path_rad), port_nm))
+
+    @cached_property
+    def _velocity(self) -> FloatArray:
+        """Of the path, through the low-pass, at the motion's instants."""
+        path = self._grid(self.signals.path_rad)
+        taps = _fine_taps(FULL_BAND, (1,), 0.0, self.signals.tick_s, self.fine, of_means=False)
+        return np.asarray(loops.filter_at(path, taps, -(taps.shape[1] // 2), 1, path.size)[0])
+
+    @cached_property
+    def _port_nm(self) -> FloatArray:
+        """The torque at the port, through the low-pass, at the motion's instants; zero where nothing measures it."""
+        signals = self.signals
+        if signals.torque_nm is None:
+            return np.zeros(self._grid(signals.path_rad).size)
+        taps = _fine_taps(FULL_BAND, (0,), 0.0, signals.tick_s, 1, of_means=False)
+        count = signals.torque_nm.size
+        smooth = loops.filter_at(signals.torque_nm - self.zero_nm, taps, -(taps.shape[1] // 2), 1, count)[0]
+        return np.asarray(np.interp(np.arange(count * self.fine) / self.fine, np.arange(count), smooth))
 
     def _corrected(self, h: FloatArray) -> FloatArray:
         """Without what counts do to it on average, as far as that is known."""
@@ -206,7 +266,8 @@ class Rows:
         """Change in time of all that moves: columns from INERTIA to DAMPING, each wave of cogging's two, and E, shape
         (5 + 2 · waves, count)."""
         motion = self.of_fine_signal(self._grid(self.signals.position_rad), (2, 3), shape.motion_delay_s)
-        path = self._friction_path(shape.s_per_rad)
+        path = self._friction_path(shape)
+        motion[0] *= 1.0 + 2.0 * shape.row[DRAG] * np.abs(self.kinematics(shape)[0])
         sliding = self.of_fine_signal(self._corrected(path[0]), (1, 2), shape.motion_delay_s, of_means=True)
         left = self.of_fine_signal(path[1], (1,), shape.motion_delay_s, of_means=True)
         waves = [self.cogging(shape, periods, 1) for periods in cogging]
@@ -246,9 +307,13 @@ class Rows:
 
     def columns(self, shape: Shape) -> FloatArray:
         """The five physical columns in the order of LINEAR, then E: shape (6, count)."""
-        velocity, acceleration = self.kinematics(shape)
         h, rate, left = self.friction(shape)
-        return np.stack([self.lag(shape), -acceleration, -velocity, -h, -rate, -left])
+        return np.stack([self.lag(shape), -self.kinematics(shape)[1], -self.damped(shape), -h, -rate, -left])
+
+    def damped(self, shape: Shape) -> FloatArray:
+        """b·ω, shape (count,)."""
+        velocity = self.kinematics(shape)[0]
+        return np.asarray(velocity * (1.0 + shape.row[DRAG] * np.abs(velocity)))
 
     def of_fine_signal(
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False

@@ -1,14 +1,14 @@
 """How well a network predicts what no fit has seen: the torque under a measured motion, and the free motion itself."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.expansion import Linearised
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult, SensorZero, Trace, Validation, trace
 from norton_bench.identification.rows import INERTIA, Rows, Shape
 from norton_bench.identification.separable import LOW_BAND, linear_solution
@@ -67,21 +67,11 @@ def network_trace(
     know only ratios.
     """
     network = result.network
-    regression = Regression.of(stretches, FULL_BAND if zero is None else result.band, free_motion=free_motion)
-    s = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
+    at = replace(Linearised.at(result), cogging=(), band=FULL_BAND if zero is None else result.band)
+    regression = replace(at.regression(stretches), free_motion=free_motion)
     command_delay_s = result.command_delay_s + (result.motion_delay_s if free_motion else 0.0)
-    columns, memory = regression.columns(
-        Shape(network.amplifier_bandwidth_rad_s, s, command_delay_s, result.motion_delay_s)
-    )
-    known = np.array(
-        [
-            network.torque_gain,
-            network.inertia_kgm2,
-            network.viscous_damping_nms_rad,
-            network.coulomb_torque_nm,
-            network.presliding_damping_nms_rad,
-        ]
-    )
+    columns, memory = regression.columns(replace(at.shape, command_delay_s=command_delay_s))
+    known = at.linear
     unknown, to_torque = columns[5:], 1.0
     if free_motion:
         # Solved for the acceleration: all over the inertia, and what torque there is at the port counts for itself.
@@ -160,7 +150,8 @@ def _free_run(result: FitResult, stretch: Signals, segment: SegmentInfo, zero: S
     index = np.clip(np.searchsorted(stretch.sent_s, sent_s, side="right") - 1, 0, stretch.command.size - 1)
     shift_s = float(np.median(sent_s - stretch.sent_s[index]))
     rows = Rows(stretch, LOW_BAND)
-    measured = rows.kinematics(Shape(1.0, 1.0, 0.0, result.motion_delay_s))[0]
+    shape = Shape(1.0, 1.0, 0.0, result.motion_delay_s)
+    measured, place = rows.kinematics(shape)[0], rows.position(shape)[0]
     start = float(measured[first])
     taps = LOW_BAND.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
 
@@ -169,6 +160,7 @@ def _free_run(result: FitResult, stretch: Signals, segment: SegmentInfo, zero: S
             stretch.command[index],
             tick_s,
             port_torque_nm=port_nm,
+            position_rad=float(place[first]),
             velocity_rad_s=start,
             motor_torque_nm=network.torque_gain * stretch.command[index[0]],
             friction_torque_nm=network.coulomb_torque_nm * float(np.sign(start)),

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from norton_bench.arrays import FloatArray
+from norton_bench.models.term_factors import damping, gain, strength
 
 NEWTON_STEPS = 30
 # A root is good enough when the mean velocity of a step is known to this [rad/s].
@@ -76,19 +77,20 @@ def free_motion(
     port: FloatArray,
     tick_s: float,
     substeps: int,
-    gain: float,
+    torque_gain: float,
     bandwidth: float,
     inertia: float,
     viscous: float,
     s: float,
     sigma_0: float,
     sigma_1: float,
+    row: FloatArray,
     start: FloatArray,
 ) -> FloatArray:
     """Position, velocity and acceleration at every tick, shape (3, n), while the shaft exerts ``port`` (n,).
 
-    Command and port torque are held from tick to tick. ``start`` is position, velocity, motor torque and Dahl state
-    before the first command acts.
+    Command and port torque are held from tick to tick. ``row`` is that of the network's terms, whose factors hold
+    through a step. ``start`` is position, velocity, motor torque and Dahl state before the first command acts.
     """
     step_s = tick_s / substeps
     decay = exp(-bandwidth * step_s)
@@ -96,15 +98,21 @@ def free_motion(
     position, velocity, motor, phi = start
     motion = np.empty((3, command.size))
     for k in range(command.size):
-        asked = gain * command[k]
-        friction = sigma_0 * phi + sigma_1 * (velocity - s * abs(velocity) * phi)
+        asked = torque_gain * command[k]
+        slope = s / strength(row, velocity, position, port[k])
+        friction = sigma_0 * phi + sigma_1 * (velocity - slope * abs(velocity) * phi)
+        drag = viscous * damping(row, velocity)
         motion[0, k] = position
         motion[1, k] = velocity
-        motion[2, k] = (motor - port[k] - friction - viscous * velocity) / inertia
+        exerted = gain(row, motor / torque_gain, position) * motor
+        motion[2, k] = (exerted - port[k] - friction - drag * velocity) / inertia
         for _ in range(substeps):
-            torque = asked + (motor - asked) * mean_decay - port[k]
-            mean = mean_velocity(torque, velocity, phi, step_s, inertia, viscous, s, sigma_0, sigma_1)
-            phi = dahl_flow(phi, mean * step_s, s)
+            mean_motor = asked + (motor - asked) * mean_decay
+            torque = gain(row, mean_motor / torque_gain, position) * mean_motor - port[k]
+            slope = s / strength(row, velocity, position, port[k])
+            drag = viscous * damping(row, velocity)
+            mean = mean_velocity(torque, velocity, phi, step_s, inertia, drag, slope, sigma_0, sigma_1)
+            phi = dahl_flow(phi, mean * step_s, slope)
             position += mean * step_s
             velocity = 2.0 * mean - velocity
             motor = asked + (motor - asked) * decay
@@ -123,12 +131,12 @@ def lagged(command: FloatArray, decay: float, start: float) -> FloatArray:
 
 
 @njit(cache=True, nogil=True)
-def dahl_path(position: FloatArray, s: float, start: float) -> FloatArray:
-    """The Dahl state [rad] along sampled positions taken as monotone between samples."""
+def dahl_path(position: FloatArray, s: float, strengths: FloatArray, start: float) -> FloatArray:
+    """The Dahl state [rad] along sampled positions taken as monotone between samples; ``strengths`` (n,) is γ."""
     state = np.empty(position.size)
     phi = start
     state[0] = phi
     for k in range(1, position.size):
-        phi = dahl_flow(phi, position[k] - position[k - 1], s)
+        phi = dahl_flow(phi, position[k] - position[k - 1], s / strengths[k])
         state[k] = phi
     return state
