@@ -22,6 +22,7 @@ from norton_bench.identification.results import FitResult, SensorZero
 from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Shape
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import waves_of
 
 # The order of rows and columns. The parameters count relative to themselves, the delays in seconds.
 KNOWN = (*PHYSICAL, "command_delay", "motion_delay")
@@ -74,7 +75,13 @@ class Linearised:
     def regression(self, stretches: Sequence[Signals]) -> Regression:
         """Of these stretches, in this band, with this cogging and these terms."""
         regression = Regression.of(tuple(stretches), self.band, cogging=self.cogging)
-        return regression.with_terms(self.network.terms, self.zero_nm)
+        return regression.with_terms(self.network.relative_terms, self.zero_nm)
+
+    @property
+    def waves(self) -> FloatArray:
+        """Of each wave of ``cogging``, what goes with cosine and sine, as the network has them: (2 · waves,) [N m]."""
+        waves = waves_of(self.network.terms)
+        return np.asarray(waves[np.isin(waves[:, 0], self.cogging), 1:].ravel())
 
     @property
     def linear(self) -> FloatArray:
@@ -242,7 +249,7 @@ class Expansion:
         columns, memory = regression.columns(at.shape)
         slopes = regression.jacobian(at.shape, columns, at.linear)
         first = 5 + 2 * len(at.cogging)
-        predicted = at.linear @ columns[:5]
+        predicted = np.concatenate([at.linear, at.waves]) @ columns[:first]
         count = sum(rows.usable.size for rows in regression.rows[: len(fitted)])
         time_s = regression.time_s()
         knots_s = np.linspace(np.min(time_s[:count]), np.max(time_s[:count]), len(columns) - first)

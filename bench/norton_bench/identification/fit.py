@@ -305,7 +305,10 @@ def result_of(
         motion_delay_std_s=float(deviations[8]),
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
         band=regression.rows[0].kernel,
-        cogging=_cogging(solution, to_torque),
+        cogging=tuple(
+            Cogging(each.periods_per_turn, float(np.hypot(each.values[0], each.values[1])))
+            for each in _waves(solution, to_torque)
+        ),
         torque_bias_nm=_bias(solution),
         torque_zero=_zero(solution, of_unknowns),
         simulated=simulated,
@@ -358,6 +361,8 @@ def _in_terms_of_network(
     terms = _terms(solution, values, deviations, command_unit)
     estimates += [estimate for _, own in terms for estimate in own]
     network = network_of(estimates, command_unit, covariance, tuple(term for term, _ in terms))
+    waves = _waves(solution, float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0)
+    network = replace(network, terms=(*network.terms, *waves))
     ratios: tuple[Estimate, ...] = ()
     if solution.free_motion:
         ratios = tuple(estimate for estimate in estimates if estimate.name in PER_GAIN and not failed_checks)
@@ -367,12 +372,11 @@ def _in_terms_of_network(
     return _NetworkTerms(judged, network, ratios, current is not None)
 
 
-def _cogging(solution: Solution, to_torque: float) -> tuple[Cogging, ...]:
-    """The waves found, from the pairs that follow the five linear unknowns."""
+def _waves(solution: Solution, to_torque: float) -> tuple[NetworkTerm, ...]:
+    """The torques found that go with the position, from the pairs that follow the five linear unknowns."""
     periods = solution.regression.cogging
-    pairs = solution.linear[5 : 5 + 2 * len(periods)].reshape(-1, 2)
-    amplitudes = np.hypot(pairs[:, 0], pairs[:, 1]) * to_torque
-    return tuple(Cogging(period, float(amplitude)) for period, amplitude in zip(periods, amplitudes, strict=True))
+    pairs = solution.linear[5 : 5 + 2 * len(periods)].reshape(-1, 2) * to_torque
+    return tuple(NetworkTerm("cogging", tuple(pair.tolist()), each) for each, pair in zip(periods, pairs, strict=True))
 
 
 def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) -> FloatArray:

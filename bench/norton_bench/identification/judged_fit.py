@@ -201,7 +201,7 @@ def with_what_moved(result: FitResult, fit: FitResult, live: Sequence[Estimate])
     from it by the distance to either end over the square root of 3. Live values are those of the paper's motor: beside
     a network with other terms they tell nothing.
     """
-    if result.network.terms:
+    if result.network.relative_terms:
         return result
     moved = {change.final.name: change for change in changes(live, fit) if change.significant}
     if not moved:

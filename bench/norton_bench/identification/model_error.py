@@ -265,11 +265,11 @@ def judged(result: FitResult, error: ModelError | None) -> FitResult:
 def with_terms_named(result: FitResult, error: ModelError | None, plain: ModelError | None) -> FitResult:
     """The same with a sentence on each term that its network has beside the paper's motor; ``plain`` is the ``error``
     of the network without any."""
-    if not result.network.terms or error is None or plain is None:
+    terms = [each.term for each in result.network.relative_terms]
+    if not terms or error is None or plain is None:
         return result
     texts = [
-        f"Beside the paper's motor the network has a term, because {term.term.meaning}: {term.term.equation}."
-        for term in result.network.terms
+        f"Beside the paper's motor the network has a term, because {term.meaning}: {term.equation}." for term in terms
     ]
     texts.append(
         f"The paper's motor alone leaves {_milli(plain.rms_nm)} rms of the torque that is not noise, the network with "

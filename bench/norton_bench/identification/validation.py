@@ -59,20 +59,23 @@ def is_free(segment: SegmentInfo) -> bool:
 def network_trace(
     result: FitResult, stretches: tuple[Signals, ...], *, zero: SensorZero | None = None, free_motion: bool = False
 ) -> Trace:
-    """Torque under the measured motion by the network alone: whatever else a fit found (cogging, say) stays in between.
+    """Torque under the measured motion by the network's parameters alone: cogging stays in between, to be looked at.
 
     The friction's state after a rest is not predicted, nor is the sensor's slow zero, unless it is given: then it is
-    taken off the torque, nothing is fitted here but that state, and all is seen in the band of the fit. ``free_motion``
+    taken off the torque, nothing is fitted here but that state, the network's cogging is in the prediction, and all is
+    seen in the band of the fit. ``free_motion``
     compares what the network makes of the acceleration instead, as a torque per unit of torque gain: for networks that
     know only ratios.
     """
     network = result.network
-    at = replace(Linearised.at(result), cogging=(), band=FULL_BAND if zero is None else result.band)
+    at = Linearised.at(result)
+    if zero is None:
+        at = replace(at, cogging=(), band=FULL_BAND)
     regression = replace(at.regression(stretches), free_motion=free_motion)
     command_delay_s = result.command_delay_s + (result.motion_delay_s if free_motion else 0.0)
     columns, memory = regression.columns(replace(at.shape, command_delay_s=command_delay_s))
-    known = at.linear
-    unknown, to_torque = columns[5:], 1.0
+    known, first = np.concatenate([at.linear, at.waves]), 5 + len(at.waves)
+    unknown, to_torque = columns[first:], 1.0
     if free_motion:
         # Solved for the acceleration: all over the inertia, and what torque there is at the port counts for itself.
         to_torque = network.inertia_kgm2
@@ -83,7 +86,7 @@ def network_trace(
     if zero is not None:
         target = target - zero.at(regression.time_s())
         unknown = unknown[:0]
-    rest, seen = memory.taken_off(target - known @ columns[:5]), memory.taken_off(unknown)
+    rest, seen = memory.taken_off(target - known @ columns[:first]), memory.taken_off(unknown)
     predicted = target - rest + (linear_solution(seen, rest) @ seen if len(seen) else 0.0)
     return trace(stretches, target * to_torque, predicted * to_torque)
 

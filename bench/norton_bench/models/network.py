@@ -29,7 +29,9 @@ from norton_bench.models.terms import (
     STRIBECK_VELOCITY,
     TERM_BY_NAME,
     NetworkTerm,
+    factors_of,
     row_of,
+    waves_of,
 )
 
 FORMAT = "norton-network"
@@ -189,6 +191,7 @@ class NortonNetwork:
             self.presliding_stiffness_nm_rad,
             self.presliding_damping_nms_rad,
             self.row,
+            waves_of(self.terms),
             np.array([position_rad, velocity_rad_s, motor_torque_nm, min(max(phi, -1 / s), 1 / s)]),
         )
         return motion[0], motion[1], motion[2]
@@ -217,6 +220,8 @@ class NortonNetwork:
         known = self.torque_gain * term_factors.gains(row, lagged, position) * lagged
         known -= self.inertia_kgm2 * _second_difference(position, tick_s)
         known -= self.viscous_damping_nms_rad * (1.0 + row[DRAG] * np.abs(velocity)) * velocity
+        for periods, cosine, sine in waves_of(self.terms):
+            known += cosine * np.cos(periods * position) + sine * np.sin(periods * position)
         torque, start = known, friction_torque_nm / self.presliding_stiffness_nm_rad
         for _ in range(LOAD_ITERATIONS if row[LOAD] else 1):
             strengths = term_factors.strengths(row, velocity, position, torque)
@@ -227,9 +232,9 @@ class NortonNetwork:
 
     @property
     def relative_terms(self) -> tuple[NetworkTerm, ...]:
-        """Its terms with values over those that they are relative to."""
+        """Its factors with values over those that they are relative to."""
         own = {name: getattr(self, field) for field, name in PARAMETER_OF_FIELD.items()}
-        return tuple(term.relative_to(own) for term in self.terms)
+        return tuple(term.relative_to(own) for term in factors_of(self.terms))
 
     @property
     def row(self) -> FloatArray:
@@ -361,8 +366,8 @@ def _read_term(path: Path | str, content: dict[str, Any]) -> NetworkTerm:
             raise UsageError(f'{path}: term {name}: {each.name} needs a finite number under "value", not {value!r}')
         values.append(float(value))
     periods = content.get("periods_per_turn", 0)
-    if not isinstance(periods, int) or (periods > 0) is not term.periodic:
-        wanted = "a whole number of periods_per_turn above zero" if term.periodic else "no periods_per_turn"
+    if not isinstance(periods, (int, float)) or (periods > 0) is not term.periodic:
+        wanted = "periods_per_turn above zero" if term.periodic else "no periods_per_turn"
         raise UsageError(f"{path}: term {name} needs {wanted}, not {periods!r}")
     return NetworkTerm(name, tuple(values), periods)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from norton_bench.arrays import FloatArray
-from norton_bench.models.term_factors import damping, gain, strength
+from norton_bench.models.term_factors import damping, gain, position_torque, strength
 
 NEWTON_STEPS = 30
 # A root is good enough when the mean velocity of a step is known to this [rad/s].
@@ -85,12 +85,14 @@ def free_motion(
     sigma_0: float,
     sigma_1: float,
     row: FloatArray,
+    waves: FloatArray,
     start: FloatArray,
 ) -> FloatArray:
     """Position, velocity and acceleration at every tick, shape (3, n), while the shaft exerts ``port`` (n,).
 
-    Command and port torque are held from tick to tick. ``row`` is that of the network's terms, whose factors hold
-    through a step. ``start`` is position, velocity, motor torque and Dahl state before the first command acts.
+    Command and port torque are held from tick to tick. ``row`` and ``waves`` are those of the network's terms, whose
+    factors and torque hold through a step. ``start`` is position, velocity, motor torque and Dahl state before the
+    first command acts.
     """
     step_s = tick_s / substeps
     decay = exp(-bandwidth * step_s)
@@ -104,11 +106,12 @@ def free_motion(
         drag = viscous * damping(row, velocity)
         motion[0, k] = position
         motion[1, k] = velocity
-        exerted = gain(row, motor / torque_gain, position) * motor
+        exerted = gain(row, motor / torque_gain, position) * motor + position_torque(waves, position)
         motion[2, k] = (exerted - port[k] - friction - drag * velocity) / inertia
         for _ in range(substeps):
             mean_motor = asked + (motor - asked) * mean_decay
             torque = gain(row, mean_motor / torque_gain, position) * mean_motor - port[k]
+            torque += position_torque(waves, position)
             slope = s / strength(row, velocity, position, port[k])
             drag = viscous * damping(row, velocity)
             mean = mean_velocity(torque, velocity, phi, step_s, inertia, drag, slope, sigma_0, sigma_1)

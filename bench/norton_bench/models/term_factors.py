@@ -1,4 +1,4 @@
-"""The three factors of :mod:`norton_bench.models.terms`, compiled: of gain, damping and friction's strength."""
+"""What the terms of :mod:`norton_bench.models.terms` do there and then, compiled: three factors and a torque."""
 
 from math import cos, exp, sin
 
@@ -56,6 +56,16 @@ def gain(row: FloatArray, lagged: float, angle: float) -> float:
 def damping(row: FloatArray, velocity: float) -> float:
     """b, of the viscous damping."""
     return float(1.0 + row[DRAG] * abs(velocity))
+
+
+@njit(cache=True, nogil=True)
+def position_torque(waves: FloatArray, angle: float) -> float:
+    """τ(θ) [N m] of ``waves`` (waves, 3)."""
+    value = 0.0
+    for k in range(waves.shape[0]):
+        phase = waves[k, 0] * angle
+        value += waves[k, 1] * cos(phase) + waves[k, 2] * sin(phase)
+    return value
 
 
 @njit(cache=True, nogil=True)

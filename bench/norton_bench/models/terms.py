@@ -1,11 +1,11 @@
-"""The terms that a network may have beside the paper's motor; each is a factor on one of the motor's parameters.
+"""The terms that a network may have beside the paper's motor: factors on the motor's parameters, and a torque.
 
-    τ = g·Km·Ka·lag(c) − Im·ω̇ − b·B·ω − σ0·φ − σ1·φ̇,     φ̇ = ω − σ0/(γ·τc)·|ω|·φ
+    τ = g·Km·Ka·lag(c) − Im·ω̇ − b·B·ω − σ0·φ − σ1·φ̇ + τ(θ),     φ̇ = ω − σ0/(γ·τc)·|ω|·φ
 
-The factors g, b and γ are 1 for the paper's motor (section IV.D). A term changes one of them; the friction contact
-keeps its stiffness σ0, and slides towards the strength γ·τc that it has there and then. The table below is the only
-list of terms: the fit, the network file, its prediction, the report and the documents follow from it. The three
-factors are computed in :mod:`norton_bench.models.term_factors`.
+The factors g, b and γ are 1 for the paper's motor (section IV.D), and τ(θ) is none. A term changes one of them; the
+friction contact keeps its stiffness σ0, and slides towards the strength γ·τc that it has there and then. The table
+below is the only list of terms: the fit, the network file, its prediction, the report and the documents follow from
+it. What the terms do there and then is computed in :mod:`norton_bench.models.term_factors`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,11 +20,12 @@ from norton_bench.models.parameters import Parameter
 
 
 class Factor(Enum):
-    """What a term multiplies."""
+    """What a term changes."""
 
     GAIN = "gain"  # g, of the torque gain
     DAMPING = "damping"  # b, of the viscous damping
     STRENGTH = "strength"  # γ, of the Coulomb torque
+    TORQUE = "torque"  # τ(θ): added, not multiplied
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class TermParameter(Parameter):
 
 @dataclass(frozen=True)
 class Term:
-    """One line of the table. ``equation`` is for readers; ``periodic`` terms repeat so many times a turn.
+    """One line of the table. ``equation`` is for readers; ``periodic`` terms repeat p times a turn.
 
     ``excitation`` says what motion or command tells its parameters.
     """
@@ -141,6 +142,18 @@ TERMS = (
         (TermParameter("quadratic_drag", "D", "N*m*s^2/rad^2", "torque per square of the velocity", DRAG,
                        "viscous_damping"),),
     ),
+    Term(
+        "cogging",
+        Factor.TORQUE,
+        "τ(θ) = a·cos(pθ) + b·sin(pθ)",
+        "a torque acts that depends on the position",
+        "slow motion over whole turns",
+        (
+            TermParameter("cogging_cosine", "a", "N*m", "torque that goes with cos(pθ)"),
+            TermParameter("cogging_sine", "b", "N*m", "torque that goes with sin(pθ)"),
+        ),
+        periodic=True,
+    ),
 )  # fmt: skip
 TERM_BY_NAME = {term.name: term for term in TERMS}
 TERM_PARAMETERS = {parameter.name: parameter for term in TERMS for parameter in term.parameters}
@@ -148,11 +161,14 @@ TERM_PARAMETERS = {parameter.name: parameter for term in TERMS for parameter in 
 
 @dataclass(frozen=True)
 class NetworkTerm:
-    """A term with its values, in the order and the units of the table; ``periods_per_turn`` is 0 where it has none."""
+    """A term with its values, in the order and the units of the table; ``periods_per_turn`` is 0 where it has none.
+
+    A network may have several of cogging, whose periods a turn need not be whole, and one of each other term.
+    """
 
     name: str
     values: tuple[float, ...]
-    periods_per_turn: int = 0
+    periods_per_turn: float = 0
 
     @property
     def term(self) -> Term:
@@ -169,11 +185,22 @@ class NetworkTerm:
         return replace(self, values=tuple(value / motor[each.over] if each.over else value for each, value in pairs))
 
 
+def factors_of(terms: Sequence[NetworkTerm]) -> tuple[NetworkTerm, ...]:
+    """Those that are factors."""
+    return tuple(each for each in terms if each.term.factor is not Factor.TORQUE)
+
+
+def waves_of(terms: Sequence[NetworkTerm]) -> FloatArray:
+    """Those that are torques, shape (waves, 3): periods a turn, and the torques [N m] that go with cosine and sine."""
+    waves = [(each.periods_per_turn, *each.values) for each in terms if each.term.factor is Factor.TORQUE]
+    return np.array(waves, dtype=float).reshape(-1, 3)
+
+
 def row_of(terms: Sequence[NetworkTerm]) -> FloatArray:
     """The row that the factors are computed from, shape (COLUMNS,), of terms with relative values."""
     row = np.zeros(COLUMNS)
     row[STRIBECK_VELOCITY] = 1.0
-    for each in terms:
+    for each in factors_of(terms):
         for parameter, value in zip(each.term.parameters, each.values, strict=True):
             row[parameter.column] = value
         if each.term.periodic:
