@@ -5,7 +5,7 @@ lacks something, and what that does to each value, is then linear algebra on sum
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -58,12 +58,13 @@ class Linearised:
     band: Kernel = FULL_BAND
     cogging: tuple[float, ...] = ()
     zero_nm: float = 0.0  # of the torque sensor
+    middle_s: float = 0.0  # of the session
 
     @classmethod
     def at(cls, result: FitResult) -> "Linearised":
         waves = tuple(wave.periods_per_turn for wave in result.cogging)
         delays_s = (result.command_delay_s, result.motion_delay_s)
-        return cls(result.network, *delays_s, result.band, waves, result.torque_bias_nm)
+        return cls(result.network, *delays_s, result.band, waves, result.torque_bias_nm, result.middle_s)
 
     @property
     def shape(self) -> Shape:
@@ -75,7 +76,7 @@ class Linearised:
     def regression(self, stretches: Sequence[Signals]) -> Regression:
         """Of these stretches, in this band, with this cogging and these terms."""
         regression = Regression.of(tuple(stretches), self.band, cogging=self.cogging)
-        return regression.with_terms(self.network.relative_terms, self.zero_nm)
+        return regression.with_terms(self.network.relative_terms, self.zero_nm, self.middle_s)
 
     @property
     def waves(self) -> FloatArray:
@@ -237,6 +238,7 @@ class Expansion:
     time_s: FloatArray
     segment: IntArray
     fitted: npt.NDArray[np.bool_]
+    drifted_nm: FloatArray  # what of the prediction is due to changes in time, which the network does not foresee
     knots_s: FloatArray  # of the basis functions
     noise_nm2: float  # variance that the readings' own errors leave in the residual
     unknown_nm2: float  # and that instants known to within a tick, and places known to within a count, may leave
@@ -274,6 +276,7 @@ class Expansion:
             time_s=time_s,
             segment=regression.segment(),
             fitted=np.arange(predicted.size) < count,
+            drifted_nm=predicted - _without_drift(regression, at, predicted),
             knots_s=knots_s,
             noise_nm2=float(np.average(noise, axis=0, weights=weights) @ carried),
             unknown_nm2=_unknown(slopes[2:4], fitted[0].tick_s, at.band)
@@ -323,6 +326,15 @@ class Expansion:
             "presliding_damping": relative[DAMPING],
         }
         return np.array([by_name[name] for name in PHYSICAL])
+
+
+def _without_drift(regression: Regression, at: Linearised, predicted: FloatArray) -> FloatArray:
+    """The prediction (n,) with everything as it was in the middle of the session."""
+    lasting = tuple(each for each in at.shape.terms if not each.term.in_time)
+    if len(lasting) == len(at.shape.terms):
+        return predicted
+    known = np.concatenate([at.linear, at.waves])
+    return np.asarray(known @ regression.columns(replace(at.shape, terms=lasting))[0][: known.size])
 
 
 def _unknown(slopes: FloatArray, tick_s: float, band: Kernel) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from norton_bench.arrays import FloatArray
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
@@ -31,7 +31,7 @@ from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.models.terms import NetworkTerm
+from norton_bench.models.terms import NetworkTerm, Term
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -305,11 +305,9 @@ def result_of(
         motion_delay_std_s=float(deviations[8]),
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
         band=regression.rows[0].kernel,
-        cogging=tuple(
-            Cogging(each.periods_per_turn, float(np.hypot(each.values[0], each.values[1])))
-            for each in _waves(solution, to_torque)
-        ),
+        cogging=tuple(_amplitude(each) for each in _waves(solution, to_torque)),
         torque_bias_nm=_bias(solution),
+        middle_s=regression.middle_s,
         torque_zero=_zero(solution, of_unknowns),
         simulated=simulated,
         verdict=(*(each.sentence for each in failed), *terms.verdict(solution, values, covariance), *findings.remarks),
@@ -358,7 +356,7 @@ def _in_terms_of_network(
     current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
     if current is not None:
         estimates += current.estimates(command_unit, statuses[0])
-    terms = _terms(solution, values, deviations, command_unit)
+    terms = _terms(solution, values, covariance, command_unit)
     estimates += [estimate for _, own in terms for estimate in own]
     network = network_of(estimates, command_unit, covariance, tuple(term for term, _ in terms))
     waves = _waves(solution, float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0)
@@ -370,6 +368,10 @@ def _in_terms_of_network(
         estimates = [_without_scale(estimate) for estimate in estimates]
     judged = tuple(replace(each, status=status_of(each.status, each.name, failed_checks)) for each in estimates)
     return _NetworkTerms(judged, network, ratios, current is not None)
+
+
+def _amplitude(wave: NetworkTerm) -> Cogging:
+    return Cogging(wave.periods_per_turn, float(np.hypot(wave.values[0], wave.values[1])))
 
 
 def _waves(solution: Solution, to_torque: float) -> tuple[NetworkTerm, ...]:
@@ -433,28 +435,42 @@ def _at_bound(solution: Solution, tick_s: float) -> set[str]:
 
 
 def _terms(
-    solution: Solution, values: FloatArray, deviations: FloatArray, command_unit: str
+    solution: Solution, values: FloatArray, covariance: FloatArray, command_unit: str
 ) -> list[tuple[NetworkTerm, list[Estimate]]]:
-    """Each of the solution's terms in units of its own, and its estimates. Cosine and sine are as well known as both
-    together: one of them may be nothing."""
+    """Each of the solution's terms in units of its own, and its estimates."""
     result, place = [], 9
     for each in solution.shape.terms:
-        count = len(each.values)
-        own, stds = values[place : place + count].tolist(), deviations[place : place + count].tolist()
-        sizes = [float(np.hypot(*own))] * count if each.term.periodic else [abs(value) for value in own]
+        own = slice(place, place + len(each.values))
+        known = _term_known(each.term, values[own], covariance[own, own])
+        statuses = [_term_status(solution, bool(one)) for one in known]
+        numbers = zip(each.term.parameters, values[own], np.sqrt(np.diag(covariance)[own]), statuses, strict=True)
         estimates = [
-            Estimate(parameter.name, value, std, parameter.unit_for(command_unit), _term_status(solution, size, std))
-            for parameter, value, std, size in zip(each.term.parameters, own, stds, sizes, strict=True)
+            Estimate(one.name, float(value), float(std), one.unit_for(command_unit), status)
+            for one, value, std, status in numbers
         ]
-        result.append((replace(each, values=tuple(own)), estimates))
-        place += count
+        result.append((replace(each, values=tuple(values[own].tolist())), estimates))
+        place = own.stop
     return result
 
 
-def _term_status(solution: Solution, size: float, std: float) -> Status:
+def _term_known(term: Term, values: FloatArray, covariance: FloatArray) -> BoolArray:
+    """Of each of a term's parameters, whether it is known to within LOOSE_BEYOND of its size.
+
+    What cannot be nothing is asked alone. All others are asked together, by their mean square in deviations (Wald):
+    of a cosine and a sine, or of a drift and its rate, one may be nothing.
+    """
+    alone = np.array([each.logarithmic for each in term.parameters])
+    together = ~alone
+    score = values[together] @ np.linalg.solve(covariance[np.ix_(together, together)], values[together])
+    known = np.sqrt(np.diag(covariance)) <= LOOSE_BEYOND * np.abs(values)
+    known[together] = score >= np.count_nonzero(together) / LOOSE_BEYOND**2
+    return np.asarray(known)
+
+
+def _term_status(solution: Solution, known: bool) -> Status:
     if not solution.converged:
         return Status.NOT_CONVERGED
-    return Status.VALID if std <= LOOSE_BEYOND * size else Status.UNEXCITED
+    return Status.VALID if known else Status.UNEXCITED
 
 
 def network_of(

@@ -95,7 +95,7 @@ def fit_judged(cleaned: Cleaned, *, command_unit: str, tick_s: float) -> JudgedF
     fitted = possible(fit_signals(stretches, command_unit=command_unit, findings=findings, readings=readings))
     plain = _looked_at(fitted, stretches, unseen, measured)
     best = _composed(plain, measured, command_unit=command_unit, findings=findings)
-    return replace(best, result=with_terms_named(judged(best.fitted, best.error), best.error, plain.error))
+    return replace(best, result=with_terms_named(judged(best.fitted, best.error), plain.fitted))
 
 
 def _looked_at(
@@ -138,11 +138,11 @@ def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
 
 def _better(after: JudgedFit, before: JudgedFit, name: str) -> bool:
     """Whether the fit ``after`` with the term ``name`` is to be preferred."""
-    if not after.fitted.converged or after.fitted.doubtful or after.error is None or before.error is None:
+    if not after.fitted.converged or after.fitted.doubtful or after.error is None:
         return False
     term = next(each for each in after.fitted.network.terms if each.name == name)
     known = all(after.fitted.estimate(parameter).status is Status.VALID for parameter in term.named())
-    return known and after.error.rms_nm < before.error.rms_nm
+    return known and after.fitted.torque_rms_nm < before.fitted.torque_rms_nm
 
 
 def _findings(cleaned: Cleaned, unseen: tuple[Signals, ...]) -> Findings:

@@ -262,19 +262,22 @@ def judged(result: FitResult, error: ModelError | None) -> FitResult:
     return replace(told, estimates=estimates, network=network, verdict=(*texts, *told.verdict))
 
 
-def with_terms_named(result: FitResult, error: ModelError | None, plain: ModelError | None) -> FitResult:
-    """The same with a sentence on each term that its network has beside the paper's motor; ``plain`` is the ``error``
-    of the network without any."""
+def with_terms_named(result: FitResult, plain: FitResult) -> FitResult:
+    """The same with a sentence on each factor that its network has; ``plain`` is the fit of the paper's motor alone."""
     terms = [each.term for each in result.network.relative_terms]
-    if not terms or error is None or plain is None:
+    if not terms:
         return result
     texts = [
-        f"Beside the paper's motor the network has a term, because {term.meaning}: {term.equation}." for term in terms
+        f"Beside the paper's motor the network has a term, because {each.meaning}: {each.equation}." for each in terms
     ]
     texts.append(
-        f"The paper's motor alone leaves {_milli(plain.rms_nm)} rms of the torque that is not noise, the network with "
-        f"{'this term' if len(texts) == 1 else 'these terms'} {_milli(error.rms_nm)}."
+        f"The paper's motor alone leaves {_milli(plain.torque_rms_nm)} rms of the torque, noise included; with "
+        f"{'this term' if len(terms) == 1 else 'these terms'} {_milli(result.torque_rms_nm)} are left."
     )
+    if any(each.in_time for each in terms):
+        texts.append(
+            "What changed with time has its values in the middle of the session (t = 0); predictions are for then."
+        )
     return replace(result, verdict=(*texts, *result.verdict))
 
 
@@ -347,7 +350,7 @@ def _mean_squares(at: Expansion, zero: Zero) -> tuple[FloatArray, float]:
     values = []
     for part in range(int(at.part.max()) + 1):
         inside = np.flatnonzero(at.part == part)
-        error = left[inside]
+        error = left[inside] + at.drifted_nm[inside]
         if at.fitted[inside[0]]:
             shift = (sums.solved(every, part) - whole) / sums.scale
             shift[at.basis] = 0.0

@@ -34,7 +34,20 @@ from norton_bench.identification.rows import (
     Shape,
 )
 from norton_bench.identification.signals import FINE, Signals
-from norton_bench.models.terms import DRAG, LOAD, SATURATION, Factor, NetworkTerm, TermParameter
+from norton_bench.models.terms import (
+    DAMPING_BEND,
+    DAMPING_DRIFT,
+    DRAG,
+    FRICTION_BEND,
+    FRICTION_DRIFT,
+    GAIN_BEND,
+    GAIN_DRIFT,
+    LOAD,
+    SATURATION,
+    Factor,
+    NetworkTerm,
+    TermParameter,
+)
 
 # The torque sensor's zero may wander this slowly.
 DRIFT_KNOT_S = 60.0
@@ -178,15 +191,22 @@ class Regression:
     ) -> "Regression":
         return cls(tuple(Rows(stretch, kernel, stride) for stretch in stretches), free_motion, cogging)
 
-    def with_terms(self, terms: Sequence[NetworkTerm], zero_nm: float) -> "Regression":
-        """The same for shapes with such terms; ``zero_nm`` is that of the torque sensor."""
-        rows = tuple(replace(each, zero_nm=zero_nm) for each in self.rows)
+    def with_terms(self, terms: Sequence[NetworkTerm], zero_nm: float, middle_s: float) -> "Regression":
+        """The same for shapes with such terms; ``zero_nm`` is that of the torque sensor, ``middle_s`` the session's."""
+        rows = tuple(replace(each, zero_nm=zero_nm, middle_s=middle_s) for each in self.rows)
         sizes = np.array([self._size(parameter) for each in terms for parameter in each.term.parameters])
         return replace(self, rows=rows, scales=sizes)
 
+    @property
+    def middle_s(self) -> float:
+        """Of the time that all stretches span."""
+        times_s = [rows.signals.time_s[[0, -1]] for rows in self.rows]
+        return 0.5 * float(np.min(times_s) + np.max(times_s))
+
     def terms_of(self, other: "Regression") -> "Regression":
         """``other`` for shapes with the terms that this one is for."""
-        rows = tuple(replace(each, zero_nm=self.rows[0].zero_nm) for each in other.rows)
+        own = self.rows[0]
+        rows = tuple(replace(each, zero_nm=own.zero_nm, middle_s=own.middle_s) for each in other.rows)
         return replace(other, rows=rows, scales=self.scales)
 
     @cached_property
@@ -196,7 +216,10 @@ class Regression:
 
     def _size(self, parameter: TermParameter) -> float:
         """Of a term's parameter: at this value its factor differs from one by about one, somewhere."""
+        time_s = self.time_s() - self.rows[0].middle_s
         signals = {LOAD: self._target, DRAG: self._speed, SATURATION: self._command**2}
+        signals |= dict.fromkeys((GAIN_DRIFT, DAMPING_DRIFT, FRICTION_DRIFT), time_s)
+        signals |= dict.fromkeys((GAIN_BEND, DAMPING_BEND, FRICTION_BEND), time_s**2)
         greatest = float(np.max(np.abs(signals.get(parameter.column, np.ones(1)))))
         return 1.0 / greatest if greatest > 0.0 else 1.0
 

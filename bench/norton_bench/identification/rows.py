@@ -18,7 +18,7 @@ from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import REACH, unquantised
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
 from norton_bench.models import term_factors
-from norton_bench.models.terms import DRAG, Factor, NetworkTerm, row_of
+from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor, NetworkTerm, row_of
 
 LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
@@ -71,6 +71,11 @@ class Shape:
     def changes(self, factor: Factor) -> bool:
         """Whether one of the terms does."""
         return any(each.term.factor is factor for each in self.terms)
+
+
+def drifted(row: FloatArray, column: int, time_s: FloatArray) -> FloatArray:
+    """The factor of what changes with time, (n,); ``column`` is that of its first parameter."""
+    return np.asarray(1.0 + row[column] * time_s + row[column + 1] * time_s**2)
 
 
 MOST_RECENT = 6
@@ -137,6 +142,7 @@ class Rows:
     stride: int = 1
     friction_error: FloatArray | None = None  # of h along the path, what is known of it
     zero_nm: float = 0.0  # of the torque sensor, where friction depends on the load
+    middle_s: float = 0.0  # of the session, for what changes with time
     _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
     _waves: dict[float, tuple[FloatArray, FloatArray]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -203,6 +209,7 @@ class Rows:
             # The command that was sent at an instant acts later, and the motion then is read later still.
             cells = (shape.command_delay_s + shape.motion_delay_s) / fine_s
             lag = lag * term_factors.gains(shape.row, lag, loops.later(self._grid(signals.path_rad), cells))
+            lag = lag * drifted(shape.row, GAIN_DRIFT, self._time_s)
         return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
 
     def kinematics(self, shape: Shape) -> FloatArray:
@@ -238,7 +245,15 @@ class Rows:
     def _strengths(self, shape: Shape) -> FloatArray:
         """γ along the path, shape (...,)."""
         port_nm = loops.later(self._port_nm, -shape.motion_delay_s / self.signals.tick_s * self.fine)
-        return np.asarray(term_factors.strengths(shape.row, self._velocity, self._grid(self.signals.path_rad), port_nm))
+        strengths = term_factors.strengths(shape.row, self._velocity, self._grid(self.signals.path_rad), port_nm)
+        return np.asarray(strengths * drifted(shape.row, FRICTION_DRIFT, self._time_s))
+
+    @cached_property
+    def _time_s(self) -> FloatArray:
+        """At the motion's instants, from the middle of the session on."""
+        signals = self.signals
+        step_s = signals.tick_s / self.fine
+        return np.asarray(signals.time_s[0] + np.arange(signals.time_s.size * self.fine) * step_s - self.middle_s)
 
     @cached_property
     def _velocity(self) -> FloatArray:
@@ -267,7 +282,8 @@ class Rows:
         (5 + 2 · waves, count)."""
         motion = self.of_fine_signal(self._grid(self.signals.position_rad), (2, 3), shape.motion_delay_s)
         path = self._friction_path(shape)
-        motion[0] *= 1.0 + 2.0 * shape.row[DRAG] * np.abs(self.kinematics(shape)[0])
+        time_s = self.signals.time_s[:: self.stride] - self.middle_s
+        motion[0] *= self._damping(shape, 2.0 * self.kinematics(shape)[0], time_s)
         sliding = self.of_fine_signal(self._corrected(path[0]), (1, 2), shape.motion_delay_s, of_means=True)
         left = self.of_fine_signal(path[1], (1,), shape.motion_delay_s, of_means=True)
         waves = [self.cogging(shape, periods, 1) for periods in cogging]
@@ -313,7 +329,13 @@ class Rows:
     def damped(self, shape: Shape) -> FloatArray:
         """b·ω, shape (count,)."""
         velocity = self.kinematics(shape)[0]
-        return np.asarray(velocity * (1.0 + shape.row[DRAG] * np.abs(velocity)))
+        time_s = self.signals.time_s[:: self.stride] - self.middle_s
+        return np.asarray(velocity * self._damping(shape, velocity, time_s))
+
+    @staticmethod
+    def _damping(shape: Shape, velocity: FloatArray, time_s: FloatArray) -> FloatArray:
+        """b, at each instant (n,)."""
+        return np.asarray(drifted(shape.row, DAMPING_DRIFT, time_s) + shape.row[DRAG] * np.abs(velocity))
 
     def of_fine_signal(
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False

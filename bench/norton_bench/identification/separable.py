@@ -164,7 +164,9 @@ def solve_with_terms(near: Solution, terms: Sequence[NetworkTerm], zero_nm: floa
     """
     shape = replace(near.shape, terms=tuple(terms))
     # What looked like cogging may have been what the terms explain.
-    regression = replace(near.regression, whitening=None, cogging=()).with_terms(terms, zero_nm)
+    regression = replace(near.regression, whitening=None, cogging=()).with_terms(
+        terms, zero_nm, near.regression.middle_s
+    )
     starts = (_At.of(regression, start) for start in _term_starts(regression, shape))
     best = min((_descend(start, most_steps=1, within=ROUGH_STEP)[0] for start in starts), key=lambda at: at.cost)
     rough = _with_cogging(_iterated(best, within=ROUGH_STEP), within=ROUGH_STEP)

@@ -47,7 +47,8 @@ class TermParameter(Parameter):
 class Term:
     """One line of the table. ``equation`` is for readers; ``periodic`` terms repeat p times a turn.
 
-    ``excitation`` says what motion or command tells its parameters.
+    ``excitation`` says what motion or command tells its parameters. A term ``in_time`` is of the session that was
+    fitted, with t = 0 in its middle: predictions are for then.
     """
 
     name: str
@@ -57,12 +58,14 @@ class Term:
     excitation: str
     parameters: tuple[TermParameter, ...]
     periodic: bool = False
+    in_time: bool = False
 
 
 # Columns of a row of factors. The periods have a column of their own beside the cosine's and the sine's.
 STRIBECK, STRIBECK_VELOCITY, ASYMMETRY, LOAD, SATURATION, DRAG = range(6)
 FRICTION_COSINE, FRICTION_SINE, FRICTION_PERIODS, RIPPLE_COSINE, RIPPLE_SINE, RIPPLE_PERIODS = range(6, 12)
-COLUMNS = 12
+GAIN_DRIFT, GAIN_BEND, DAMPING_DRIFT, DAMPING_BEND, FRICTION_DRIFT, FRICTION_BEND = range(12, 18)
+COLUMNS = 18
 PERIODS = {"friction_by_position": FRICTION_PERIODS, "ripple": RIPPLE_PERIODS}
 
 TERMS = (
@@ -141,6 +144,27 @@ TERMS = (
         "motion at high speed",
         (TermParameter("quadratic_drag", "D", "N*m*s^2/rad^2", "torque per square of the velocity", DRAG,
                        "viscous_damping"),),
+    ),
+    *(
+        Term(
+            f"{name}_drift",
+            factor,
+            f"{symbol} = 1 + d·t + e·t²",
+            f"{what} changed during the session",
+            "the same motion early and late",
+            (
+                TermParameter(f"{name}_drift", "d", "1/s", f"share of {what} that it gains in a second, in the middle "
+                              "of the session", column),
+                TermParameter(f"{name}_drift_rate", "e", "1/s^2", f"half of the change of {name}_drift in a second",
+                              column + 1),
+            ),
+            in_time=True,
+        )
+        for name, factor, symbol, what, column in (
+            ("gain", Factor.GAIN, "g", "the torque gain", GAIN_DRIFT),
+            ("damping", Factor.DAMPING, "b", "the viscous damping", DAMPING_DRIFT),
+            ("friction", Factor.STRENGTH, "γ", "the Coulomb torque", FRICTION_DRIFT),
+        )
     ),
     Term(
         "cogging",
