@@ -66,7 +66,7 @@ def _bounded(estimate: Estimate) -> Estimate:
 
 
 MOST_TERMS = 3
-# Where the search for a share begins: its sign is not known, and of nothing the slope with a Stribeck velocity is none.
+# The search begins at nothing, but beside a Stribeck velocity: where no friction fades, it has no slope.
 START_SHARE = 0.05
 NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
 
@@ -132,8 +132,10 @@ def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     first = error.departures[0]
     if first.kind.name not in TERM_BY_NAME:
         return None
-    values = (1.0 if each.logarithmic else START_SHARE for each in TERM_BY_NAME[first.kind.name].parameters)
-    return NetworkTerm(first.kind.name, tuple(values), first.periods_per_turn)
+    parameters = TERM_BY_NAME[first.kind.name].parameters
+    begin = START_SHARE if any(each.logarithmic for each in parameters) else 0.0
+    values = tuple(1.0 if each.logarithmic else begin for each in parameters)
+    return NetworkTerm(first.kind.name, values, first.periods_per_turn)
 
 
 def _better(after: JudgedFit, before: JudgedFit, name: str) -> bool:
