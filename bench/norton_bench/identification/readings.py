@@ -44,11 +44,12 @@ SIGNIFICANT = 8.0
 # was sent: the sensor's own stamps are put on the host's clock by the highest line below all arrivals (Moon, Skelly and
 # Towsley 1999, "Estimation and removal of clock skew from network delay measurements"), and the least delay stays in.
 def nominal_period_s(arrival_ns: IntArray) -> float:
-    """The time between two readings [s]: the mean of the usual ones, for arrivals may be bunched."""
+    """The time between two readings [s]: the median over blocks of their mean step, for arrivals may be bunched."""
     steps = np.diff(arrival_ns) * 1e-9
     if not steps.size:
         return float("nan")
-    span = _usual_span(arrival_ns)
+    block = min(64, steps.size)
+    span = np.median((arrival_ns[block:] - arrival_ns[:-block]) * 1e-9 / block)
     return float(span if span > 0 else np.median(steps))
 
 
@@ -104,18 +105,10 @@ def taken_late_s(time_s: FloatArray, late_s: FloatArray, value: FloatArray) -> F
 
 
 def _usual(late_s: FloatArray) -> FloatArray:
-    """The same without what is later or earlier than nearly all: a stalled host hands over late what was taken in
-    time."""
+    """The same without what is later or earlier than nearly all: what a stalled host handed over was taken in time."""
     middle = np.median(late_s)
     deviation = NORMAL_OF_MEDIAN_DEVIATION * np.median(np.abs(late_s - middle))
     return np.where(np.abs(late_s - middle) <= TRIMMED_AT * deviation, late_s, 0.0)
-
-
-def _usual_span(arrival_ns: IntArray) -> float:
-    """The period from blocks of readings without a loss: the median over blocks of their mean step [s]."""
-    block = min(64, arrival_ns.size - 1)
-    spans = (arrival_ns[block:] - arrival_ns[:-block]) * 1e-9 / block
-    return float(np.median(spans))
 
 
 def count_readings(arrival_s: FloatArray, period_s: float) -> FloatArray:
@@ -165,15 +158,21 @@ def _waits(late_s: FloatArray) -> bool:
 
 
 def _line_below(x: FloatArray, y: FloatArray) -> FloatArray:
-    """The line below all points whose mean is the highest, at all points: a linear program of each block's lowest."""
+    """The line below all points whose mean is the highest, at all points: a linear program of each block's lowest.
+
+    No wait is longer than a tick: a block in which one reading is a whole period earlier than most has wrong stamps.
+    """
     from scipy.optimize import linprog  # noqa: PLC0415  (slow to import)
 
-    lowest = [start + int(np.argmin(y[start : start + DELAY_BLOCK])) for start in range(0, x.size, DELAY_BLOCK)]
+    blocks = np.pad(y, (0, -y.size % DELAY_BLOCK), mode="edge").reshape(-1, DELAY_BLOCK)
+    sound = np.min(blocks, axis=1) > np.median(blocks, axis=1) - np.median(np.diff(x))
+    chosen = np.flatnonzero(sound if np.count_nonzero(sound) > FEW_READINGS else sound | True)
+    lowest = np.minimum(chosen * DELAY_BLOCK + np.argmin(blocks[chosen], axis=1), y.size - 1)
     basis, reference = _linear_basis(x, KNOT_BELOW_S), float(np.min(y))
     hats = np.stack([basis.at(heights)[lowest] for heights in np.eye(basis.knots)], axis=1)
     # In microseconds, for the solver's tolerance is absolute.
     found = linprog(-hats.mean(axis=0), A_ub=hats, b_ub=1e6 * (y[lowest] - reference), bounds=(None, None))
-    return basis.at(1e-6 * found.x, reference)
+    return basis.at(1e-6 * np.asarray(found.x, dtype=np.float64), reference)
 
 
 @dataclass(frozen=True)
@@ -207,7 +206,7 @@ def _piecewise_line(basis: _LinearBasis, y: FloatArray, chosen: npt.NDArray[np.b
         right[at + offset] += np.bincount(left, weight * target, count)
         matrix[at + offset, at + offset] += np.bincount(left, weight * weight, count)
     matrix[at, at + 1] = matrix[at + 1, at] = np.bincount(left, (1 - rest) * rest, count)
-    heights = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    heights = np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0], dtype=np.float64)
     return basis.at(heights, reference)
 
 

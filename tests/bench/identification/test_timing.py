@@ -77,6 +77,16 @@ def test_stamps_tell_instants_however_long_readings_waited_for_the_loop(seed, dr
     assert np.max(np.abs(found_s - taken_ns * 1e-9 - 4e-4)) < 1e-4
 
 
+def test_stamps_that_are_far_too_early_bend_no_clock():
+    """Of readings piled up behind each other whose bytes came faster than the rig file's baud rate says."""
+    rng = np.random.default_rng(5)
+    taken_ns = np.arange(60_000) * 1_000_000
+    arrival_ns = looked_at(taken_ns + 400_000, rng)
+    arrival_ns[40_000:40_018] = arrival_ns[39_999]
+    found_s = sampled_at_s(arrival_ns, taken_ns, 0)
+    assert np.max(np.abs(found_s - taken_ns * 1e-9 - 4e-4)) < 1e-4
+
+
 def answered(rng, share, count=20_000, jitter_s=1e-4, count_rad=4e-4):
     """Even instants, how much longer each answer travelled, what was read, and by how much it was taken late."""
     even_s = np.arange(count) * 1e-3
