@@ -79,12 +79,6 @@ def _sampled_at_s(arrival: bytes, own: bytes | None, origin_ns: int) -> FloatArr
     return times_s
 
 
-def travel_s(arrival_ns: IntArray) -> FloatArray:
-    """How much longer than on average each reading travelled [s], shape (n,), as its arrival tells."""
-    arrival_s = np.asarray((arrival_ns - arrival_ns[0]) * 1e-9, dtype=np.float64)
-    return arrival_s - sampled_at_s(arrival_ns, None, int(arrival_ns[0]))
-
-
 def taken_late_s(time_s: FloatArray, late_s: FloatArray, value: FloatArray) -> FloatArray:
     """How much later than at even instants readings were taken, as far as their arrivals tell [s], shape (n,).
 
