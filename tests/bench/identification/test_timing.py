@@ -5,6 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from norton_bench.identification.readings import sampled_at_s, taken_late_s
+from norton_bench.identification.redundancy import jumps
+from norton_bench.records import TORQUE
 from tests.bench.identification.synthetic import looked_at
 
 
@@ -85,6 +87,15 @@ def test_stamps_that_are_far_too_early_bend_no_clock():
     arrival_ns[40_000:40_018] = arrival_ns[39_999]
     found_s = sampled_at_s(arrival_ns, taken_ns, 0)
     assert np.max(np.abs(found_s - taken_ns * 1e-9 - 4e-4)) < 1e-4
+
+
+def test_readings_that_wait_for_a_slow_loop_are_no_jump_of_a_clock():
+    for seed in range(5):
+        taken_ns = np.arange(20_000) * 5_000_000
+        table = np.zeros(taken_ns.size, TORQUE)
+        table["arrival_ns"] = looked_at(taken_ns + 400_000, np.random.default_rng(seed), tick_ns=5_000_000)
+        table["device_ns"] = taken_ns + 77
+        assert not jumps(table, "arrival_ns", int(table["arrival_ns"][-1])).size
 
 
 def answered(rng, share, count=20_000, jitter_s=1e-4, count_rad=4e-4):
