@@ -13,6 +13,11 @@ from norton_bench.records import Table
 
 # Two clocks drift apart by parts in a million, and the drift itself changes over tens of seconds.
 KNOT_S = 20.0
+# A line below all arrivals must be long enough to meet early ones. A crystal that warms changes its rate by some 0.8
+# parts in a million within two minutes: that moves a clock by 12 µs aside of a straight line.
+KNOT_BELOW_S = 120.0
+# Delays are compared between blocks of so many readings: a quarter of a second at 1 kHz.
+DELAY_BLOCK = 256
 # After a silence longer than this many periods, the count of readings cannot be trusted and starts anew.
 LONGEST_COUNTED_GAP = 50
 # A stalled host hands over at most so many readings at once; later than that they were lost.
@@ -32,19 +37,27 @@ SIGNIFICANT = 8.0
 # by a robust fit of a slowly bending line of arrival against the device's own stamps, or, where it sends none,
 # against a count of its readings in which losses are seen as gaps. The mean transport delay stays in: it is the same
 # for all readings of a stream, and the fit estimates it.
+#
+# Bytes on a serial line bear no stamp: they arrive when the loop looks, up to a tick after they came. That wait stays
+# the same for long where sensor and loop are about as fast, and then leaps by any part of a tick: the loop paused, or
+# the phases have passed each other. No mean tells such a delay. But clocks do not leap, and nothing arrives before it
+# was sent: the sensor's own stamps are put on the host's clock by the highest line below all arrivals (Moon, Skelly and
+# Towsley 1999, "Estimation and removal of clock skew from network delay measurements"), and the least delay stays in.
 def nominal_period_s(arrival_ns: IntArray) -> float:
-    """The time between two readings [s]: the mean of the usual ones, for arrivals may be bunched."""
+    """The time between two readings [s]: the median over blocks of their mean step, for arrivals may be bunched."""
     steps = np.diff(arrival_ns) * 1e-9
     if not steps.size:
         return float("nan")
-    span = _usual_span(arrival_ns)
+    block = min(64, steps.size)
+    span = np.median((arrival_ns[block:] - arrival_ns[:-block]) * 1e-9 / block)
     return float(span if span > 0 else np.median(steps))
 
 
 def sampled_at_s(arrival_ns: IntArray, device_ns: IntArray | None, origin_ns: int) -> FloatArray:
     """When each reading was taken plus the stream's mean delay [s since ``origin_ns``], shape (n,).
 
-    ``device_ns`` are the device's own stamps, or None where it sends none.
+    ``device_ns`` are the device's own stamps, or None where it sends none. Where those readings waited for the loop, it
+    is the least delay.
     """
     own = None if device_ns is None else np.asarray(device_ns, dtype=np.int64).tobytes()
     return _sampled_at_s(np.asarray(arrival_ns, dtype=np.int64).tobytes(), own, origin_ns).copy()
@@ -56,7 +69,7 @@ def _sampled_at_s(arrival: bytes, own: bytes | None, origin_ns: int) -> FloatArr
     arrival_s = np.asarray((arrival_ns - origin_ns) * 1e-9, dtype=np.float64)
     if own is not None:
         device_ns: IntArray = np.frombuffer(own, dtype=np.int64)
-        return _on_host_clock(np.asarray((device_ns - device_ns[0]) * 1e-9, dtype=np.float64), arrival_s)
+        return _by_own_clock(np.asarray((device_ns - device_ns[0]) * 1e-9, dtype=np.float64), arrival_s)
     period_s = nominal_period_s(arrival_ns)
     times_s = np.empty_like(arrival_s)
     starts = np.flatnonzero(np.diff(arrival_s) > LONGEST_COUNTED_GAP * period_s) + 1
@@ -64,12 +77,6 @@ def _sampled_at_s(arrival: bytes, own: bytes | None, origin_ns: int) -> FloatArr
         ticks = count_readings(arrival_s[part], period_s)
         times_s[part] = _on_host_clock(ticks * period_s, arrival_s[part])
     return times_s
-
-
-def travel_s(arrival_ns: IntArray) -> FloatArray:
-    """How much longer than on average each reading travelled [s], shape (n,), as its arrival tells."""
-    arrival_s = np.asarray((arrival_ns - arrival_ns[0]) * 1e-9, dtype=np.float64)
-    return arrival_s - sampled_at_s(arrival_ns, None, int(arrival_ns[0]))
 
 
 def taken_late_s(time_s: FloatArray, late_s: FloatArray, value: FloatArray) -> FloatArray:
@@ -92,18 +99,10 @@ def taken_late_s(time_s: FloatArray, late_s: FloatArray, value: FloatArray) -> F
 
 
 def _usual(late_s: FloatArray) -> FloatArray:
-    """The same without what is later or earlier than nearly all: a stalled host hands over late what was taken in
-    time."""
+    """The same without what is later or earlier than nearly all: what a stalled host handed over was taken in time."""
     middle = np.median(late_s)
     deviation = NORMAL_OF_MEDIAN_DEVIATION * np.median(np.abs(late_s - middle))
     return np.where(np.abs(late_s - middle) <= TRIMMED_AT * deviation, late_s, 0.0)
-
-
-def _usual_span(arrival_ns: IntArray) -> float:
-    """The period from blocks of readings without a loss: the median over blocks of their mean step [s]."""
-    block = min(64, arrival_ns.size - 1)
-    spans = (arrival_ns[block:] - arrival_ns[:-block]) * 1e-9 / block
-    return float(np.median(spans))
 
 
 def count_readings(arrival_s: FloatArray, period_s: float) -> FloatArray:
@@ -135,6 +134,41 @@ def _on_host_clock(device_s: FloatArray, arrival_s: FloatArray) -> FloatArray:
     return np.asarray(device_s + fitted)
 
 
+def _by_own_clock(device_s: FloatArray, arrival_s: FloatArray) -> FloatArray:
+    """The time of a device that has a clock, on the host's, however long its readings waited for the loop."""
+    time_s = _on_host_clock(device_s, arrival_s)
+    return device_s + _line_below(device_s, arrival_s - device_s) if _waits(arrival_s - time_s) else time_s
+
+
+def _waits(late_s: FloatArray) -> bool:
+    """Whether delays (n,) differ more from block to block than within blocks."""
+    count = late_s.size // DELAY_BLOCK
+    if count < FEW_READINGS:
+        return False
+    blocks = late_s[: count * DELAY_BLOCK].reshape(count, DELAY_BLOCK)
+    medians = np.median(blocks, axis=1)
+    within = NORMAL_OF_MEDIAN_DEVIATION * float(np.median(np.abs(blocks - medians[:, None])))
+    return float(np.std(medians)) > within
+
+
+def _line_below(x: FloatArray, y: FloatArray) -> FloatArray:
+    """The line below all points whose mean is the highest, at all points: a linear program of each block's lowest.
+
+    No wait is longer than a tick: a block in which one reading is a whole period earlier than most has wrong stamps.
+    """
+    from scipy.optimize import linprog  # noqa: PLC0415  (slow to import)
+
+    blocks = np.pad(y, (0, -y.size % DELAY_BLOCK), mode="edge").reshape(-1, DELAY_BLOCK)
+    sound = np.min(blocks, axis=1) > np.median(blocks, axis=1) - np.median(np.diff(x))
+    chosen = np.flatnonzero(sound if np.count_nonzero(sound) > FEW_READINGS else sound | True)
+    lowest = np.minimum(chosen * DELAY_BLOCK + np.argmin(blocks[chosen], axis=1), y.size - 1)
+    basis, reference = _linear_basis(x, KNOT_BELOW_S), float(np.min(y))
+    hats = np.stack([basis.at(heights)[lowest] for heights in np.eye(basis.knots)], axis=1)
+    # In microseconds, for the solver's tolerance is absolute.
+    found = linprog(-hats.mean(axis=0), A_ub=hats, b_ub=1e6 * (y[lowest] - reference), bounds=(None, None))
+    return basis.at(1e-6 * np.asarray(found.x, dtype=np.float64), reference)
+
+
 @dataclass(frozen=True)
 class _LinearBasis:
     """Hats over equally spaced knots: each instant lies behind knot ``index``, at ``share`` of the way to the next."""
@@ -143,9 +177,13 @@ class _LinearBasis:
     share: FloatArray
     knots: int
 
+    def at(self, heights: FloatArray, reference: float = 0.0) -> FloatArray:
+        """The line of these ``heights`` (knots,) above ``reference``, at all instants."""
+        return np.asarray(reference + heights[self.index] * (1 - self.share) + heights[self.index + 1] * self.share)
 
-def _linear_basis(x: FloatArray) -> _LinearBasis:
-    knots = np.linspace(x[0], x[-1], max(2, round((x[-1] - x[0]) / KNOT_S) + 1))
+
+def _linear_basis(x: FloatArray, knot_s: float = KNOT_S) -> _LinearBasis:
+    knots = np.linspace(x[0], x[-1], max(2, round((x[-1] - x[0]) / knot_s) + 1))
     index = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
     return _LinearBasis(index, (x - knots[index]) / (knots[index + 1] - knots[index]), len(knots))
 
@@ -162,8 +200,8 @@ def _piecewise_line(basis: _LinearBasis, y: FloatArray, chosen: npt.NDArray[np.b
         right[at + offset] += np.bincount(left, weight * target, count)
         matrix[at + offset, at + offset] += np.bincount(left, weight * weight, count)
     matrix[at, at + 1] = matrix[at + 1, at] = np.bincount(left, (1 - rest) * rest, count)
-    heights = np.linalg.lstsq(matrix, right, rcond=None)[0]
-    return np.asarray(reference + heights[basis.index] * (1 - basis.share) + heights[basis.index + 1] * basis.share)
+    heights = np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0], dtype=np.float64)
+    return basis.at(heights, reference)
 
 
 def one_a_period(table: Table) -> Table:

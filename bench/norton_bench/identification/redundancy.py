@@ -238,7 +238,9 @@ def jumps(table: Table, stamp: str, others_end_ns: int) -> IntArray:
     if steps.size and overrun > OVERRUN_NS and abs(int(steps[widest]) - overrun) < LIKE_GAP * overrun:
         result = np.append(result, widest + 1)
     if has_device_clock(table):
-        result = np.append(result, _partings((stamps - table["device_ns"]).astype(np.float64)))
+        # What a loop as slow as the sensor reads of a serial line has waited for it, for up to a period.
+        least_ns = max(PARTED_NS, float(np.median(steps)) if steps.size else 0.0)
+        result = np.append(result, _partings((stamps - table["device_ns"]).astype(np.float64), least_ns))
     return np.unique(result)
 
 
@@ -261,8 +263,8 @@ def longest(count: int, breaks: IntArray) -> slice:
     return slice(int(edges[part]), int(edges[part + 1]))
 
 
-def _partings(difference: FloatArray) -> IntArray:
-    """Where the difference of two clocks changes for good; late readings come and go."""
+def _partings(difference: FloatArray, least_ns: float) -> IntArray:
+    """Where the difference of two clocks changes for good by more than ``least_ns``; late readings come and go."""
     blocks = len(difference) // BLOCK
     if blocks < 2 * AROUND:
         return np.empty(0, dtype=np.int64)
@@ -271,7 +273,7 @@ def _partings(difference: FloatArray) -> IntArray:
     level = np.median(around, axis=1)
     change = np.abs(level[AROUND:] - level[:-AROUND])
     result = []
-    while change.size and change.max() > PARTED_NS:
+    while change.size and change.max() > least_ns:
         at = int(np.argmax(change))
         first, last = at * BLOCK, (at + 2 * AROUND) * BLOCK
         result.append(first + 1 + int(np.argmax(np.abs(np.diff(difference[first:last])))))

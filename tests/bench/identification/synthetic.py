@@ -5,6 +5,7 @@ contact by its exponential, devices sampling at phases of their own, delays and 
 """
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -211,6 +212,22 @@ def imposed_parts(plan, truth, rng, multisine_s=20.0, speed=36.0):
     command = 0.95 * top * multisine(rng, multisine_s, 0.2, 200, -0.25)
     plan.add("imposed", "multisine", Use.IDENTIFY, command, IMPOSED, None, motion)
     return plan.add("imposed", "rest", Use.PREPARE, np.zeros(300), IMPOSED)
+
+
+def looked_at(came_ns, rng, pauses=6, busy=0.003, tick_ns=1_000_000):
+    """When a loop sees what came on a line that bears no stamps, shape of ``came_ns``: at its next tick.
+
+    Each pause leaves the ticks in another phase. A busy computer wakes the loop late now and then, and once leaves
+    it standing for 18 ms.
+    """
+    edges = np.sort(rng.integers(came_ns[0], came_ns[-1], pauses))
+    edges = np.concatenate([[came_ns[0]], edges, [came_ns[-1] + 3 * tick_ns]])
+    looks = [np.arange(a + rng.integers(tick_ns), b, tick_ns) for a, b in pairwise(edges)]
+    looks = np.concatenate([*looks, edges[-1:]])
+    looks += np.where(rng.random(looks.size) < busy, rng.integers(0, tick_ns, looks.size), 0)
+    stands_ns = rng.integers(came_ns[0], came_ns[-1])
+    looks = np.sort(looks[(looks < stands_ns) | (looks > stands_ns + 18_000_000)])
+    return looks[np.searchsorted(looks, came_ns)]
 
 
 def calibration(seed=0, truth=None, bench=None, duration_s=8.0, share=0.5):

@@ -61,6 +61,20 @@ def test_simulated_torque_is_as_rough_as_the_readings_whatever_made_them_so() ->
     assert ReadingErrors.of(replace(bench.torque, value=simulated), 0.0).noise == pytest.approx(seen, rel=0.06)
 
 
+def test_commands_do_not_travel_like_readings_of_an_adapter_that_stood_still() -> None:
+    """For 18 ms every 5 s: its readings come all at once then."""
+    measured = synthetic.experiment(4, free=False, blocked=False)
+    motion = measured.motion.copy()
+    for first in range(2000, len(motion) - 18, 5000):
+        motion["arrival_ns"][first : first + 18] = motion["arrival_ns"][first + 18]
+    stretches = signals(measured, TICK_S, Use.IDENTIFY)
+    usual, held_up = (
+        Simulation.of(Readings(record, TICK_S, Use.IDENTIFY), stretches, solve(stretches)).travel_s
+        for record in (measured, replace(measured, motion=motion))
+    )
+    assert np.std(held_up) == pytest.approx(np.std(usual), rel=0.1)
+
+
 def test_without_errors_of_readings_the_fit_gives_back_what_was_put_in() -> None:
     """What is left is the fit's own numerics: far less than noise makes of it."""
     measured = synthetic.experiment(4, free=False)

@@ -62,6 +62,15 @@ def test_nothing_is_said_of_the_papers_motor(result, error):
     assert told.network.prediction == error.prediction
 
 
+def test_torque_that_waited_for_the_loop_is_no_change_of_the_motor(experiment):
+    """On a serial line: the wait differs from pause to pause, by up to a tick."""
+    torque = experiment.torque.copy()
+    torque["arrival_ns"] = synthetic.looked_at(torque["arrival_ns"], np.random.default_rng(1))
+    found = fit_judged(clean(replace(experiment, torque=torque)), command_unit="N*m", tick_s=TICK_S)
+    assert found.error.departures == ()
+    assert all(each.status is Status.VALID for each in found.result.estimates), found.result.verdict
+
+
 def test_the_stated_error_holds_what_was_not_modelled(error):
     """0.3 mN·m of cogging are in no network: 0.21 mN·m rms."""
     assert 0.15e-3 < error.rms_nm < 0.27e-3

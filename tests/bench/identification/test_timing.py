@@ -5,6 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from norton_bench.identification.readings import sampled_at_s, taken_late_s
+from norton_bench.identification.redundancy import jumps
+from norton_bench.records import TORQUE
+from tests.bench.identification.synthetic import looked_at
 
 
 def arrivals(taken_s, rng, delay_s=4e-4, jitter_s=1e-4):
@@ -63,6 +66,36 @@ def test_a_lonely_reading_after_a_pause_keeps_its_arrival():
     arrival_ns = np.concatenate([np.arange(2000), [12_000]]) * 1_000_000
     found_s = sampled_at_s(arrival_ns, None, 0)
     assert found_s[-1] == 12.0
+
+
+@given(st.integers(0, 10_000), st.floats(-50e-6, 50e-6))
+@settings(max_examples=20)
+def test_stamps_tell_instants_however_long_readings_waited_for_the_loop(seed, drift):
+    rng = np.random.default_rng(seed)
+    taken_ns = np.round(np.arange(120_000) * (1 + drift) * 1e6).astype(np.int64)
+    own_ns = np.arange(120_000) * 1_000_000
+    found_s = sampled_at_s(looked_at(taken_ns + 400_000, rng), own_ns, 0)
+    # Waits leap by any part of a tick: a line through them is up to 0.3 to 1.1 ms off.
+    assert np.max(np.abs(found_s - taken_ns * 1e-9 - 4e-4)) < 1e-4
+
+
+def test_stamps_that_are_far_too_early_bend_no_clock():
+    """Of readings piled up behind each other whose bytes came faster than the rig file's baud rate says."""
+    rng = np.random.default_rng(5)
+    taken_ns = np.arange(60_000) * 1_000_000
+    arrival_ns = looked_at(taken_ns + 400_000, rng)
+    arrival_ns[40_000:40_018] = arrival_ns[39_999]
+    found_s = sampled_at_s(arrival_ns, taken_ns, 0)
+    assert np.max(np.abs(found_s - taken_ns * 1e-9 - 4e-4)) < 1e-4
+
+
+def test_readings_that_wait_for_a_slow_loop_are_no_jump_of_a_clock():
+    for seed in range(5):
+        taken_ns = np.arange(20_000) * 5_000_000
+        table = np.zeros(taken_ns.size, TORQUE)
+        table["arrival_ns"] = looked_at(taken_ns + 400_000, np.random.default_rng(seed), tick_ns=5_000_000)
+        table["device_ns"] = taken_ns + 77
+        assert not jumps(table, "arrival_ns", int(table["arrival_ns"][-1])).size
 
 
 def answered(rng, share, count=20_000, jitter_s=1e-4, count_rad=4e-4):
