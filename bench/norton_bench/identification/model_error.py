@@ -294,8 +294,9 @@ def _judged(estimate: Estimate, error: ModelError, *, undoubted: bool) -> Estima
     status = Status.VALID if undoubted and estimate.status is Status.DOUBTFUL else estimate.status
     # Torque constant and amplifier gain are shares of the torque gain, and move as it does.
     name = "torque_gain" if estimate.name in ("torque_constant", "amplifier_gain") else estimate.name
-    at = PHYSICAL.index(name)
-    moved, spread = (float(relative[at]) * abs(estimate.value) for relative in (np.abs(error.change), error.spread))
+    # How far terms that are missing move the terms that are there is not worked out.
+    at = [PHYSICAL.index(name)] if name in PHYSICAL else []
+    moved, spread = (float(np.sum(share[at])) * abs(estimate.value) for share in (np.abs(error.change), error.spread))
     if status is Status.VALID and (error.unexplained or moved > estimate.std):
         status = Status.INADEQUATE
     return replace(estimate, std=max(estimate.std, float(np.hypot(moved, spread))), status=status)
