@@ -2,17 +2,19 @@
 
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.errors import RigError
 from norton_bench.identification.results import FitResult
 from norton_bench.loop.bench_loop import Runner
-from norton_bench.procedures.learning import InSitu, Iteration
-from norton_bench.procedures.refinement import Refinement
 from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
+
+if TYPE_CHECKING:
+    from norton_bench.procedures.learning import InSitu, Iteration
+    from norton_bench.procedures.refinement import Refinement
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,9 @@ class Knowledge:
     actuator: FitResult | None = None
     command_span: tuple[float, float] | None = None
     records: tuple[Measured, ...] = ()
-    refinement: Refinement | None = None
-    iteration: Iteration | None = None
-    in_situ: InSitu | None = None
+    refinement: "Refinement | None" = None
+    iteration: "Iteration | None" = None
+    in_situ: "InSitu | None" = None
 
     @property
     def tick_s(self) -> float:

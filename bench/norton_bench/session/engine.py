@@ -14,7 +14,7 @@ from norton_bench.errors import ExitCode, UsageError
 from norton_bench.events import Ended, Note, Planned, SessionState, StateChanged, Watcher, ignore
 from norton_bench.loop.bench_loop import BenchLoop
 from norton_bench.loop.in_process import loop_in_process
-from norton_bench.loop.process import LoopProcess
+from norton_bench.on_demand import deferred
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure
 from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.recording.disk import Need
@@ -40,6 +40,8 @@ from norton_drivers.ports import Backend
 from norton_drivers.readings import DeviceIdentity
 from norton_drivers.real_time import frozen_garbage
 from norton_drivers.registry import load_backend
+
+LoopProcess = deferred("norton_bench.loop.process:LoopProcess")  # for hardware: a simulation does without
 
 PACKAGES = ("norton-bench", "numpy", "scipy", "numba", "filterpy", "python-can", "pyserial")
 

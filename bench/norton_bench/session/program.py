@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 
 from norton_bench.errors import UsageError
 from norton_bench.events import PlannedStep
+from norton_bench.on_demand import deferred
 from norton_bench.procedures.catalogue import make_procedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
-from norton_bench.procedures.modulated import modulated
 from norton_bench.rig.rig import Rig
 from norton_bench.session.items import AskOptions, Block, Condition, Item, Session, Step, check_expectation, flat
 from norton_bench.session.script import Ask, Experiment, Planned, Remark, Script, SoFar, Turn
@@ -20,6 +20,7 @@ MOST_STEP_S = 3600.0
 MOST_SESSION_S = 24 * 3600.0
 # These need no earlier step: they are possible at the end, however far the session came.
 ALWAYS_POSSIBLE = ("tare", "rest", "ask")
+modulated = deferred("norton_bench.procedures.modulated:modulated")
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ class _Maker:
         action = make_procedure(step.do, step.options, self.rig, before, place=place)
         if not step.modulations:
             return action
-        held = modulated(action, _in_units(step.modulations, self.rig, place))
+        held: Procedure | Adaptive = modulated(action, _in_units(step.modulations, self.rig, place))
         held.require(self.rig)
         return held
 

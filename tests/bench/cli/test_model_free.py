@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from norton_bench.cli.output import to_json
-from norton_bench.cli.tables import model_free, residual_figures
+from norton_bench.cli.results import model_free, residual_figures
 from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.residual_tests import Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import SourceMap
