@@ -5,8 +5,8 @@ here blocks: ``poll`` takes what the transport already holds.
 """
 
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import can
 
@@ -297,3 +297,58 @@ class BackendFactory(Protocol):
     """
 
     def __call__(self, wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | None, place: str) -> Backend: ...
+
+
+class TrueState(NamedTuple):
+    """A simulated bench at one instant, whatever its devices say of it; signs are the bench's.
+
+    ``driving`` are the roles of the drives whose amplifiers head for a current other than zero, ``armed`` of those
+    whose firmware has its loop closed.
+    """
+
+    stamp_ns: int
+    torque_nm: float  # at the port
+    velocity_rad_s: float  # of the actuator
+    load_velocity_rad_s: float
+    driving: tuple[str, ...]
+    armed: tuple[str, ...]
+
+
+class InjectedFault(Protocol):
+    """What became of a fault; None for what has not happened yet."""
+
+    @property
+    def begun_ns(self) -> int | None: ...
+    @property
+    def ended_ns(self) -> int | None: ...
+    @property
+    def hits(self) -> int:
+        """Frames or writes that it lost, held up or changed, where it is a fault of those."""
+        ...
+
+    @property
+    def said(self) -> str:
+        """What it is, in words."""
+        ...
+
+
+@runtime_checkable
+class Rehearsal(Backend, Protocol):
+    """A backend whose world can be made to fail."""
+
+    def read_faults(self, tables: object, *, place: str) -> tuple[Any, ...]:
+        """The faults written as ``[[fault]]`` tables in the file ``place``. Raises WiringError with place and mend."""
+        ...
+
+    def inject(self, *faults: Any) -> tuple[InjectedFault, ...]:
+        """Let them happen, their times counted from now. Raises WiringError for what this bench has no place for."""
+        ...
+
+    @property
+    def injected(self) -> Sequence[InjectedFault]:
+        """Every fault so far, those of the rig file first."""
+        ...
+
+    def watch(self) -> Sequence[TrueState]:
+        """From now on note what is true, four times a millisecond; the sequence grows as time passes."""
+        ...

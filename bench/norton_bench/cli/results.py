@@ -24,7 +24,7 @@ from norton_bench.on_demand import deferred
 from norton_bench.records import FOR_PROGRAMS, Measured
 from norton_bench.report.figures_network import bench_time_s
 from norton_bench.result import Result
-from norton_bench.session.summary import of_trials
+from norton_bench.session.conclusion import of_trials
 
 # Of steps that few sessions have.
 tables_data = deferred("norton_bench.cli.tables:tables_data")

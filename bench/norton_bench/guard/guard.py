@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from math import inf, isfinite
 
 from norton_bench.errors import SafetyStopError, UsageError
-from norton_bench.guard.check import NOTHING, Check, Commands, DriveHealth, Limited
+from norton_bench.guard.check import NOTHING, Check, Commands, DriveHealth, GuardModel, Limited
 from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
-from norton_bench.guard.model import GuardModel
 from norton_bench.guard.motion_checks import CouplingCheck, EncoderAgreement, HeldShaft, Standstill
 from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueBalance, TorqueJump
 from norton_bench.rig.rig import Command, Limits

@@ -1,14 +1,16 @@
-"""From a recording to its result: the fit, its validation, the tables, the network file and the report."""
+"""From a recording to its result (fit, validation, tables, files), and to the last event of its session."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.errors import ExperimentError, UsageError, exit_code_of, sentence_of
+from norton_bench.events import Ended
 from norton_bench.identification.cleaning import Cleaned, clean
 from norton_bench.identification.conditions import conditions, evidence_of
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, with_what_moved
@@ -43,6 +45,8 @@ modulator_places = deferred("norton_bench.identification.modulation:modulator_pl
 tabulated_conditions = deferred("norton_bench.identification.table_conditions:tabulated_conditions")
 trials = deferred("norton_bench.identification.trials:trials")
 in_situ_result = deferred("norton_bench.identification.in_situ:in_situ_result")
+of_trials = deferred("norton_bench.report.facts_tables:of_trials")
+tabulated = deferred("norton_bench.report.facts_tables:tabulated")
 ITERATED = "iterate_zero_torque"
 # Reported while it goes on: it takes seconds, most of them for the parameters.
 PARAMETERS = "final fit 1/4: parameters"
@@ -212,3 +216,31 @@ def conclude_recording(path: Path, out: Path | None = None, on_stage: OnStage = 
     if result.empty:
         raise UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")
     return result
+
+
+def ended(result: Result) -> Ended:
+    """The last event of a session that is complete."""
+    fit, checked = result.fit, result.validation
+    return Ended(
+        result.exit_code,
+        recording=result.recording,
+        report=result.report_file,
+        network=result.network_file,
+        estimates=fit.estimates if fit else (),
+        verdict=fit.verdict if fit else (),
+        torque_relative=None if checked is None else _finite(checked.torque_relative),
+        velocity_relative=None if checked is None else _finite(checked.velocity_relative),
+        expectations=tuple(result.expectations),
+        trials=tuple(of_trials(result)) if result.repeated else (),
+        tables=tabulated(result) if result.tabulated else (),
+        conditions=tuple(map(str, result.conditions)),
+    )
+
+
+def ended_by(error: BaseException, recordings: Collection[Path]) -> Ended:
+    """The last event of a session that ``error`` ended; ``recordings`` are those that it has written."""
+    return Ended(exit_code_of(error), sentence_of(error), recording=max(recordings, default=None))
+
+
+def _finite(number: float) -> float | None:
+    return float(number) if isfinite(number) else None

@@ -24,17 +24,15 @@ from norton_bench.records import Measured
 from norton_bench.result import Result
 from norton_bench.rig.files import toml
 from norton_bench.rig.rig import Rig
-from norton_bench.session.conclusion import conclude
+from norton_bench.session.conclusion import conclude, ended, ended_by
 from norton_bench.session.items import judge
 from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
 from norton_bench.session.operator import NO_ANSWERS, Answers, Nobody, Operator, OperatorOrders
-from norton_bench.session.program import make_experiment, of_procedures
-from norton_bench.session.rehearsal import Rehearsed, rehearsed
+from norton_bench.session.program import Rehearsed, make_experiment, of_procedures, rehearsed
 from norton_bench.session.resume import RESUMES, EarlierSession, after, read_earlier
 from norton_bench.session.run import SessionRun
 from norton_bench.session.schema import Session
 from norton_bench.session.script import Experiment, Script, SoFar, perform
-from norton_bench.session.summary import ended, ended_by
 from norton_bench.session.warm_up import warm_up
 from norton_drivers.ports import Backend
 from norton_drivers.readings import DeviceIdentity

@@ -16,11 +16,11 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from norton_drivers.can_drive import CanDrive, FedWatchdog
 from norton_drivers.codecs import odrive as protocol
-from norton_drivers.codecs import odrive_sdo
+from norton_drivers.codecs import odrive_06
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.odrive import MessageId
 from norton_drivers.codecs.odrive_05 import Command05, EncoderCount
-from norton_drivers.codecs.odrive_words import describe_axis_state
+from norton_drivers.codecs.odrive_06 import describe_axis_state
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, Questions, wait_until
 from norton_drivers.odrive.firmwares import Dialect, Drive, Firmware05, Firmware06, Handler, HeartbeatState, Message
@@ -99,10 +99,10 @@ class ODriveOptions(DeviceOptions):
     )
     ask: bool = Field(False, description="whether currents must be asked for, as before firmware 0.5.6")
     watchdog_timeout_endpoint: int = Field(
-        odrive_sdo.ENDPOINT_WATCHDOG_TIMEOUT, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
+        odrive_06.ENDPOINT_WATCHDOG_TIMEOUT, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
     enable_watchdog_endpoint: int = Field(
-        odrive_sdo.ENDPOINT_ENABLE_WATCHDOG, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
+        odrive_06.ENDPOINT_ENABLE_WATCHDOG, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
 
     @field_validator("firmware")
