@@ -19,16 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tare:
-    """The bench at rest. Ages are of the newest reading when a tick sees it, medians.
+    """The bench at rest.
 
     ``moving_command`` and ``moving_load_nm`` are what set the shaft in motion, each by itself, if anything did.
     """
 
     torque_bias_nm: float
     torque_noise_nm: float
-    torque_age_s: float
-    motion_age_s: float
-    load_motion_age_s: float
     moving_command: float | None = None
     moving_load_nm: float | None = None
 

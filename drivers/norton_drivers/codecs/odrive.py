@@ -197,20 +197,6 @@ class Heartbeat:
 
 
 @dataclass(frozen=True, slots=True)
-class Estop:
-    """Disarm at once, with an error (command 02)."""
-
-    COMMAND: ClassVar[MessageId] = MessageId.ESTOP
-
-    def encode(self) -> bytes:
-        return b""
-
-    @classmethod
-    def decode(cls, data: bytes | bytearray) -> Self:  # noqa: ARG003  (carries nothing)
-        return cls()
-
-
-@dataclass(frozen=True, slots=True)
 class GetError:
     """Active errors, and why the drive was disarmed last (command 03)."""
 

@@ -21,7 +21,6 @@ TABLE = [
     (odrive.Version(2, (4, 4, 58), (0, 6, 10), 0), "02 04 04 3A 00 06 0A 00"),
     (odrive.Heartbeat(0, 1, 0, True), "00 00 00 00 01 00 01 00"),
     (odrive.Heartbeat(0x01000000, 8, 3), "00 00 00 01 08 03 00 00"),
-    (odrive.Estop(), ""),
     (odrive.GetError(0x200, 0x01000000), "00 02 00 00 00 00 00 01"),
     (odrive_06.RxSdo(1, 0x00C8, odrive_06.f32_value(0.5)), "01 C8 00 00 00 00 00 3F"),
     (odrive_06.RxSdo(0, 0x01C9), "00 C9 01 00 00 00 00 00"),
@@ -53,7 +52,7 @@ def test_padding_to_eight_bytes_changes_nothing(message, payload):
 
 
 FOUR_ARE_ENOUGH = (odrive.SetAxisState, odrive.SetInputTorque)
-LENIENT = (odrive.Estop, odrive.ClearErrors, odrive_06.RxSdo, odrive_06.TxSdo)
+LENIENT = (odrive.ClearErrors, odrive_06.RxSdo, odrive_06.TxSdo)
 
 
 @pytest.mark.parametrize("message", [message for message, _ in TABLE if type(message) not in LENIENT], ids=repr)
