@@ -2,7 +2,8 @@
 
 Counted are the three packages. ``identify`` is run on the simulated backend with every process noting which files of
 ours it has imported; the simulator's are left out. One tick of imposed motion is traced, from the end of the one
-before it to its own: its calls, functions, files and greatest depth, the simulator's and the libraries' left out.
+before it to its own: its calls, functions, files and greatest depth, the simulator's (and what it calls of ours) and
+the libraries' left out. A comprehension is no call.
 
     python benchmarks/code_size.py [--static]
 """
@@ -40,15 +41,17 @@ import sys
 from collections import Counter
 from norton_bench.loop.loop import Loop
 
-calls, depth, state = Counter(), [0, 0], {{"ticks": 0}}
+calls, depth, state, simulated = Counter(), [0, 0], {{"ticks": 0}}, [0]
 inner = Loop._tick
 
 def ours(frame):
     name = frame.f_code.co_filename
-    return "norton_bench" in name or "norton_drivers" in name
+    return ("norton_bench" in name or "norton_drivers" in name) and not frame.f_code.co_name.endswith("comp>")
 
 def profile(frame, event, argument):
-    if not ours(frame):
+    if "norton_sim" in frame.f_code.co_filename:
+        simulated[0] += (event == "call") - (event == "return")
+    if simulated[0] or not ours(frame):
         return
     if event == "call":
         depth[0] += 1

@@ -3,18 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from norton_bench.errors import ExitCode
 from norton_bench.identification.conditions import Condition
-from norton_bench.identification.exertion_table import ExertionTable
-from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.model_error import ModelError
-from norton_bench.identification.modulation import ModulatorPlaces
 from norton_bench.identification.residual_tests import ResidualTests
 from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
-from norton_bench.identification.source_table import SourceTable
-from norton_bench.identification.trials import TrialFigures
 from norton_bench.identification.without_model import WithoutModel
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameter_result import ExpectationResult, ParameterResult, parameter_result
@@ -22,6 +18,13 @@ from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.records import Measured
 from norton_bench.units import Units
+
+if TYPE_CHECKING:  # of steps that few sessions have
+    from norton_bench.identification.exertion_table import ExertionTable
+    from norton_bench.identification.in_situ import InSituResult
+    from norton_bench.identification.modulation import ModulatorPlaces
+    from norton_bench.identification.source_table import SourceTable
+    from norton_bench.identification.trials import TrialFigures
 
 
 @dataclass(frozen=True)
@@ -47,15 +50,15 @@ class Result:
     model_error: ModelError | None = None
     source_map: SourceMap | None = None
     blocked_map: BlockedMap | None = None
-    source: SourceTable | None = None
-    exertion: ExertionTable | None = None
-    modulator: ModulatorPlaces | None = None
+    source: "SourceTable | None" = None
+    exertion: "ExertionTable | None" = None
+    modulator: "ModulatorPlaces | None" = None
     without_model: WithoutModel | None = None
     residuals: ResidualTests | None = None
     conditions: Sequence[Condition] = ()
     ladder: Sequence[Rung] = ()
-    trials: Sequence[TrialFigures] = ()
-    in_situ: InSituResult | None = None
+    trials: "Sequence[TrialFigures]" = ()
+    in_situ: "InSituResult | None" = None
     expectations: Sequence[ExpectationResult] = ()
     network_file: Path | None = None
     report_file: Path | None = None
@@ -72,6 +75,16 @@ class Result:
     @property
     def network(self) -> NortonNetwork | None:
         return self.fit.network if self.fit is not None else None
+
+    @property
+    def tabulated(self) -> bool:
+        """Whether it has tables of source or impedance, or the positions of a modulator."""
+        return any(part is not None for part in (self.source, self.exertion, self.modulator))
+
+    @property
+    def repeated(self) -> bool:
+        """Whether it has the trials of a repeated movement."""
+        return bool(self.trials) or self.in_situ is not None
 
     @property
     def empty(self) -> bool:

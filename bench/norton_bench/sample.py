@@ -12,7 +12,7 @@ NO_MOTION, NO_CURRENT, NO_TORQUE = MotionReading(-1, 0, NAN, NAN), CurrentReadin
 
 
 class Sample(NamedTuple):
-    """The newest value of every signal at ``tick_ns``; NaN and an age of -1 where nothing has arrived yet.
+    """The newest value of every signal at ``tick_ns``, and its age where that is used; NaN and -1 before it arrives.
 
     ``torque_nm`` is what the actuator exerts on the load, tared. ``*_new`` says whether a reading arrived since the
     last tick: a repeat is not a measurement. ``*_count`` says how many did: where many come at once, they were held up
@@ -33,10 +33,8 @@ class Sample(NamedTuple):
     load_motion_age_ns: int = -1
     load_motion_new: bool = False
     current_a: float = NAN
-    current_age_ns: int = -1
     current_new: bool = False
     load_current_a: float = NAN
-    load_current_age_ns: int = -1
     load_current_new: bool = False
     torque_count: int = 0
     motion_count: int = 0
@@ -99,10 +97,8 @@ class Alignment:
             -1 if load is NO_MOTION else max(0, tick_ns - load.arrival_ns),
             "load_motion" in arrivals,
             current.current_a,
-            -1 if current is NO_CURRENT else max(0, tick_ns - current.arrival_ns),
             "current" in arrivals,
             load_current.current_a,
-            -1 if load_current is NO_CURRENT else max(0, tick_ns - load_current.arrival_ns),
             "load_current" in arrivals,
             len(new("torque", ())),
             len(new("motion", ())),

@@ -89,7 +89,7 @@ class AsciiSensor(SerialSensor):
     def __init__(self, settings: DeviceSettings, options: AsciiOptions, port: SerialPort, link: Link) -> None:
         super().__init__(settings, options, port, link, options.scale)
         self._baud = options.baud
-        self.lines = NumberLines(port, options.number_format, options.baud, self._readings.put)
+        self.lines = NumberLines(port, options.number_format, options.baud, self._put)
 
     @property
     def malformed(self) -> int:

@@ -12,14 +12,14 @@ from norton_drivers.codecs.bota import BAUD, FRAME_LENGTH, BotaFrame, BotaStream
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
 from norton_drivers.ports import SerialPort
-from norton_drivers.readings import DeviceIdentity
+from norton_drivers.readings import DeviceIdentity, Unwrapped
 from norton_drivers.serial_sensor import SerialSensor
 from norton_drivers.wiring import DeviceSettings, TorqueSensorOptions, parse_options
 
 CONNECTION = "serial"
 OPTION_UNITS = {"range": "N*m", "averaging": "s"}
 
-_CLOCK_WRAP_US = 1 << 32
+_CLOCK_WRAP_US = 1 << 32  # after 72 minutes
 
 
 class BotaOptions(TorqueSensorOptions):
@@ -45,7 +45,7 @@ class BotaSensor(SerialSensor):
         self._baud = options.baud
         self._status = 0  # of the last frame
         self._field = BotaFrame._fields.index(f"torque_{options.axis}_nm")
-        self._clock = _UnwrappedClock()
+        self._clock_us = Unwrapped(_CLOCK_WRAP_US)
         port.subscribe(self._on_bytes)
 
     @property
@@ -69,24 +69,9 @@ class BotaSensor(SerialSensor):
 
     def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
         frames = self.stream.feed(data)
+        if not frames:
+            return
         for frame, complete_ns in self._stamps.each(frames, FRAME_LENGTH, arrival_ns, self.stream.pending_bytes):
             self._status = frame.status
-            clock_ns = self._clock.unwrap_ns(frame.timestamp_us)
-            self._readings.put(frame[self._field], complete_ns, clock_ns, sound=not frame.status and frame.finite)
-
-
-class _UnwrappedClock:
-    """The sensor's 32-bit microseconds, which wrap after 72 minutes, as nanoseconds that go on."""
-
-    def __init__(self) -> None:
-        self._last_us: int | None = None
-        self._total_us = 0
-
-    def unwrap_ns(self, timestamp_us: int) -> int:
-        if self._last_us is None:
-            self._total_us = timestamp_us
-        else:
-            half = _CLOCK_WRAP_US // 2
-            self._total_us += (timestamp_us - self._last_us + half) % _CLOCK_WRAP_US - half
-        self._last_us = timestamp_us
-        return self._total_us * 1000
+            clock_ns = 1000 * self._clock_us.follow(frame.timestamp_us)
+            self._put(frame[self._field], complete_ns, clock_ns, sound=not frame.status and frame.finite)

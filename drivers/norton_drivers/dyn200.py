@@ -107,7 +107,7 @@ class PushingDyn200(SerialSensor):
     def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
         frames = self.stream.feed(data)
         for frame, complete_ns in self._stamps.each(frames, FRAME_LENGTH, arrival_ns, self.stream.pending_bytes):
-            self._readings.put(frame.torque_digits, complete_ns)
+            self._put(frame.torque_digits, complete_ns)
 
 
 class PolledDyn200(SerialSensor):
@@ -192,6 +192,6 @@ class PolledDyn200(SerialSensor):
             self.refusals += 1
             self._last_refusal = answer
         elif asked is self._torque:
-            self._readings.put(number_of(answer.data), complete_ns, asked_ns)
+            self._put(number_of(answer.data), complete_ns, asked_ns)
         else:
             self._other_answer = number_of(answer.data[: 2 * NUMBER_REGISTERS])

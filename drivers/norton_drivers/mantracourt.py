@@ -127,4 +127,4 @@ class MantracourtSensor(SerialSensor):
             return  # the answer may still be on its way behind it
         asked_ns = self.questions.answered(complete_ns)
         if asked_ns is not None and self.numbers.believed:
-            self._readings.put(number, complete_ns, asked_ns)
+            self._put(number, complete_ns, asked_ns)

@@ -5,8 +5,8 @@ here blocks: ``poll`` takes what the transport already holds.
 """
 
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import can
 
@@ -111,11 +111,20 @@ class CanPort:
         self._linux_error_frames = linux_error_frames
         self._errors: dict[str, int] = {}
         self._off_bus = False
-        self._handlers: list[FrameHandler] = []
+        self._subscribed: list[tuple[FrameHandler, Collection[int] | None]] = []
+        self._handlers: dict[int, list[FrameHandler]] = {}  # by the identifiers that some of them named
+        self._of_others: list[FrameHandler] = []  # of all other identifiers
 
-    def subscribe(self, handler: FrameHandler) -> None:
-        """Call ``handler(message, arrival_ns)`` for every data or remote frame received."""
-        self._handlers.append(handler)
+    def subscribe(self, handler: FrameHandler, identifiers: Collection[int] | None = None) -> None:
+        """Call ``handler(message, arrival_ns)`` for every data or remote frame received, or for those with one of
+        ``identifiers``, standard or extended."""
+        self._subscribed.append((handler, identifiers))
+        named = {identifier for _, each in self._subscribed for identifier in each or ()}
+        self._handlers = {identifier: self._listening_to(identifier) for identifier in named}
+        self._of_others = [each for each, its in self._subscribed if its is None]
+
+    def _listening_to(self, identifier: int) -> list[FrameHandler]:
+        return [each for each, its in self._subscribed if its is None or identifier in its]
 
     def send(self, arbitration_id: int, data: bytes, *, extended: bool = False, remote: bool = False) -> None:
         """Put one frame on the bus. Raises ConnectionFailedError where the transport refuses it."""
@@ -146,7 +155,17 @@ class CanPort:
             if message is None:
                 break
             count += 1
-            self._hand_on(message)
+            if message.is_error_frame:
+                self._note_error(message)
+            elif self._marks_own_frames and not message.is_rx:
+                self.own_frames += 1
+            else:
+                arrival_ns, identifier = self._arrival_ns(message), message.arbitration_id
+                if self.tap is not None:
+                    data, extended, remote = bytes(message.data), message.is_extended_id, message.is_remote_frame
+                    self.tap(RawFrame(arrival_ns, self.name, False, data, identifier, extended, remote))
+                for handler in self._handlers.get(identifier, self._of_others):
+                    handler(message, arrival_ns)
         if self._off_bus:
             raise self._bus_off("an error frame says so")
         return count
@@ -185,29 +204,6 @@ class CanPort:
         for each in words:
             self._errors[each] = self._errors.get(each, 0) + 1
 
-    def _hand_on(self, message: can.Message) -> None:
-        if message.is_error_frame:
-            self._note_error(message)
-            return
-        if self._marks_own_frames and not message.is_rx:
-            self.own_frames += 1
-            return
-        arrival_ns = self._arrival_ns(message)
-        if self.tap is not None:
-            self.tap(
-                RawFrame(
-                    arrival_ns,
-                    self.name,
-                    False,
-                    bytes(message.data),
-                    message.arbitration_id,
-                    message.is_extended_id,
-                    message.is_remote_frame,
-                )
-            )
-        for handler in self._handlers:
-            handler(message, arrival_ns)
-
     def close(self) -> None:
         """Release the bus."""
         self.bus.shutdown()
@@ -243,21 +239,20 @@ class SerialPort:
         """Hand on the bytes that have arrived; returns how many. Raises ConnectionFailedError for a lost port."""
         total = 0
         # A line that knows when its bytes came hands them out burst by burst, each with its own arrival.
-        while data := self._read():
+        while True:
+            try:
+                waiting = self.line.in_waiting
+                data = self.line.read(waiting) if waiting else b""
+            except OSError as error:
+                raise ConnectionFailedError(f"port {self.name}: lost ({reason_of(error)}); check the cable") from error
+            if not data:
+                return total
             total += len(data)
             arrival_ns = self._arrival_ns()
             if self.tap is not None:
                 self.tap(RawFrame(arrival_ns, self.name, False, data))
             if self._handler is not None:
                 self._handler(data, arrival_ns)
-        return total
-
-    def _read(self) -> bytes:
-        try:
-            waiting = self.line.in_waiting
-            return self.line.read(waiting) if waiting else b""
-        except OSError as error:
-            raise ConnectionFailedError(f"port {self.name}: lost ({reason_of(error)}); check the cable") from error
 
     def close(self) -> None:
         """Release the line."""
@@ -297,3 +292,58 @@ class BackendFactory(Protocol):
     """
 
     def __call__(self, wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | None, place: str) -> Backend: ...
+
+
+class TrueState(NamedTuple):
+    """A simulated bench at one instant, whatever its devices say of it; signs are the bench's.
+
+    ``driving`` are the roles of the drives whose amplifiers head for a current other than zero, ``armed`` of those
+    whose firmware has its loop closed.
+    """
+
+    stamp_ns: int
+    torque_nm: float  # at the port
+    velocity_rad_s: float  # of the actuator
+    load_velocity_rad_s: float
+    driving: tuple[str, ...]
+    armed: tuple[str, ...]
+
+
+class InjectedFault(Protocol):
+    """What became of a fault; None for what has not happened yet."""
+
+    @property
+    def begun_ns(self) -> int | None: ...
+    @property
+    def ended_ns(self) -> int | None: ...
+    @property
+    def hits(self) -> int:
+        """Frames or writes that it lost, held up or changed, where it is a fault of those."""
+        ...
+
+    @property
+    def said(self) -> str:
+        """What it is, in words."""
+        ...
+
+
+@runtime_checkable
+class Rehearsal(Backend, Protocol):
+    """A backend whose world can be made to fail."""
+
+    def read_faults(self, tables: object, *, place: str) -> tuple[Any, ...]:
+        """The faults written as ``[[fault]]`` tables in the file ``place``. Raises WiringError with place and mend."""
+        ...
+
+    def inject(self, *faults: Any) -> tuple[InjectedFault, ...]:
+        """Let them happen, their times counted from now. Raises WiringError for what this bench has no place for."""
+        ...
+
+    @property
+    def injected(self) -> Sequence[InjectedFault]:
+        """Every fault so far, those of the rig file first."""
+        ...
+
+    def watch(self) -> Sequence[TrueState]:
+        """From now on note what is true, four times a millisecond; the sequence grows as time passes."""
+        ...

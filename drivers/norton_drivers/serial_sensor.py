@@ -1,6 +1,6 @@
 """What the drivers of serial torque sensors share."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from typing import Protocol, TypeVar
 
@@ -33,39 +33,12 @@ class ByteStamps:
 
     def each(
         self, messages: Sequence[Message], length: int, arrival_ns: int, later_bytes: int
-    ) -> Iterator[tuple[Message, int]]:
+    ) -> list[tuple[Message, int]]:
         """Messages of ``length`` bytes that stood one behind the other, each with when it was complete."""
-        later_bytes += length * len(messages)
-        for message in messages:
-            later_bytes -= length
-            yield message, self.complete_ns(arrival_ns, later_bytes)
-
-
-class TorqueReadings:
-    """Turns a sensor's numbers into torque readings, as all drivers of serial torque sensors need it.
-
-    Readings that wait to be taken. ``nm_per_unit`` turns the sensor's number and its sign into the bench's.
-    """
-
-    def __init__(self, nm_per_unit: float, range_nm: float) -> None:
-        self.range_nm = range_nm
-        self._nm_per_unit = nm_per_unit
-        self._inbox: Inbox[TorqueReading] = Inbox()
-
-    @property
-    def count(self) -> int:
-        """How many there ever were."""
-        return self._inbox.count
-
-    def put(self, number: float, arrival_ns: int, device_ns: int | None = None, *, sound: bool = True) -> None:
-        """A number that the sensor sent, ``sound`` by its own word; beyond its range it measured nothing."""
-        torque_nm = self._nm_per_unit * number
-        valid = sound and isfinite(torque_nm) and abs(torque_nm) <= self.range_nm
-        self._inbox.put(TorqueReading(self._inbox.count, arrival_ns, torque_nm, device_ns, valid))
-
-    def take(self) -> list[TorqueReading]:
-        """Those since the last call."""
-        return self._inbox.take()
+        stamped: list[tuple[Message, int]] = []
+        for later, message in zip(range(len(messages) - 1, -1, -1), messages, strict=True):
+            stamped.append((message, self.complete_ns(arrival_ns, later_bytes + later * length)))
+        return stamped
 
 
 class SerialOptions(Protocol):
@@ -78,7 +51,10 @@ class SerialOptions(Protocol):
 
 
 class SerialSensor:
-    """A sensor on a line of its own: a driver hands on the bytes that come, and puts readings."""
+    """A sensor on a line of its own: a driver hands on the bytes that come, and puts readings.
+
+    ``nm_per_unit`` turns the sensor's number into newton metres.
+    """
 
     def __init__(
         self, settings: DeviceSettings, options: SerialOptions, port: SerialPort, link: Link, nm_per_unit: float
@@ -87,16 +63,24 @@ class SerialSensor:
         self._port = port
         self._link = link
         self._stamps = ByteStamps(options.baud)
-        self._readings = TorqueReadings(settings.direction * nm_per_unit, options.range_nm)
+        self._inbox: Inbox[TorqueReading] = Inbox()
+        self._nm_per_unit = settings.direction * nm_per_unit
+        self._range_nm = options.range_nm
 
     @property
     def range_nm(self) -> float:
-        return self._readings.range_nm
+        return self._range_nm
 
     def take_torque(self) -> list[TorqueReading]:
-        return self._readings.take()
+        return self._inbox.take()
+
+    def _put(self, number: float, arrival_ns: int, device_ns: int | None = None, *, sound: bool = True) -> None:
+        """A number that the sensor sent, ``sound`` by its own word; beyond its range it measured nothing."""
+        torque_nm = self._nm_per_unit * number
+        valid = sound and isfinite(torque_nm) and abs(torque_nm) <= self._range_nm
+        self._inbox.put(TorqueReading(self._inbox.count, arrival_ns, torque_nm, device_ns, valid))
 
     def _comes(self, timeout_s: float) -> bool:
         """Whether a reading comes of a sensor that streams by itself."""
-        before = self._readings.count
-        return wait_until(lambda: self._readings.count > before, self._link, timeout_s)
+        before = self._inbox.count
+        return wait_until(lambda: self._inbox.count > before, self._link, timeout_s)

@@ -7,8 +7,7 @@ from typing import Any
 import can
 
 from norton_drivers.errors import ConnectionFailedError
-from norton_drivers.ports import CanPort, SerialPort
-from norton_drivers.rehearsal import TrueState
+from norton_drivers.ports import CanPort, SerialPort, TrueState
 from norton_drivers.wiring import CanBusSettings, Wiring
 from norton_sim.assembly import build_world, mount
 from norton_sim.buses import SimulatedBus, SimulatedCanWire, SimulatedLine, SimulatedSerialWire
@@ -43,7 +42,7 @@ class SimulatedClock:
 
 
 class SimulatedBackend:
-    """See :class:`norton_drivers.rehearsal.Rehearsal`. ``world`` is for tests and benchmarks that know the truth."""
+    """See :class:`norton_drivers.ports.Rehearsal`. ``world`` is for tests and benchmarks that know the truth."""
 
     lock_step = True
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from norton_drivers.rehearsal import TrueState
+from norton_drivers.ports import TrueState
 from norton_sim.plant import Machine
 from norton_sim.world import World
 

@@ -42,14 +42,9 @@ def test_currents_of_both_drives() -> None:
     arrived = {"current": [CurrentReading(1, 400, 1.5)], "load_current": [CurrentReading(1, 600, -2.0)]}
     first = alignment.update(1_000, 1_000, arrived)
     second = alignment.update(2_000, 2_000, {})
-    assert (first.current_a, first.current_age_ns, first.current_new) == (1.5, 600, True)
-    assert (first.load_current_a, first.load_current_age_ns, first.load_current_new) == (-2.0, 400, True)
-    assert (second.current_a, second.current_age_ns, second.current_new, second.load_current_new) == (
-        1.5,
-        1_600,
-        False,
-        False,
-    )
+    assert (first.current_a, first.current_new) == (1.5, True)
+    assert (first.load_current_a, first.load_current_new) == (-2.0, True)
+    assert (second.current_a, second.current_new, second.load_current_new) == (1.5, False, False)
 
 
 def reading(message: str, place: int) -> Any:
@@ -78,10 +73,8 @@ def test_every_signal_of_a_sample_is_a_stream_of_the_table_and_stands_in_its_fie
         "load_motion_age_ns": 800,
         "load_motion_new": True,
         "current_a": 40.0,
-        "current_age_ns": 600,
         "current_new": True,
         "load_current_a": 50.0,
-        "load_current_age_ns": 500,
         "load_current_new": True,
         "torque_count": 3,
         "motion_count": 1,

@@ -21,7 +21,7 @@ from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.picture.parts import BenchHealth
 from norton_bench.segments import Segment, Use
-from norton_sim.firmware.celsius import ROOM_C, CelsiusProbe
+from norton_sim.firmware.serial_sensors import ROOM_C, CelsiusProbe
 from tests.bench.bench_in_simulation import opened
 from tests.bench.served import RIG_FILE, rig_of_its_own, served
 

@@ -43,6 +43,17 @@ def test_every_listener_gets_every_frame(world, link, can_port):
     assert can_port.poll() == 0
 
 
+def test_a_listener_may_name_the_identifiers_that_it_wants(world, can_port):
+    heard = []
+    can_port.subscribe(lambda message, _arrival_ns: heard.append(("all", message.arbitration_id)))
+    can_port.subscribe(lambda message, _arrival_ns: heard.append(("some", message.arbitration_id)), {2, 3})
+    can_port.subscribe(lambda message, _arrival_ns: heard.append(("last", message.arbitration_id)))
+    for identifier in (1, 2, 4):
+        world.bus.arrive(identifier, b"")
+    assert can_port.poll() == 3
+    assert heard == [("all", 1), ("last", 1), ("all", 2), ("some", 2), ("last", 2), ("all", 4), ("last", 4)]
+
+
 def test_the_tap_sees_both_ways(world, link, can_port, serial_port):
     seen: list[RawFrame] = []
     link.set_tap(seen.append)

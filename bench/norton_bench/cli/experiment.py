@@ -219,15 +219,7 @@ def _name_recordings(folder: Path, before: set[Path], output: Output) -> None:
 
 
 def _show(result: "Result", output: Output) -> int:
-    from norton_bench.cli.results import (  # noqa: PLC0415
-        events,
-        expectation_figures,
-        expected,
-        identification,
-        summary,
-        until_figures,
-        until_sentences,
-    )
+    from norton_bench.cli.results import events, expectation_figures, expected, identification, summary  # noqa: PLC0415
 
     assert result.measured is not None
     assert result.knowledge is not None
@@ -235,6 +227,8 @@ def _show(result: "Result", output: Output) -> int:
     view = [summary(result)]
     refined = result.knowledge.refinement
     if refined is not None and result.fit is not None:
+        from norton_bench.cli.tables import until_figures, until_sentences  # noqa: PLC0415
+
         until = until_figures(refined, result.fit, len(result.measured.ticks) * result.knowledge.tick_s)
         data["until"] = until
         view.append(until_sentences(until))

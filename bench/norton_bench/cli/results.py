@@ -1,28 +1,37 @@
 """The result of an identification, as JSON and for a terminal."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from math import floor, isfinite, isnan, log10
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
 
 from norton_bench.cli.output import plain_table
-from norton_bench.cli.tables import model_free, residual_figures, tables_data, tables_view
+from norton_bench.identification.branches import TAILS, DeadZone, Hysteresis
 from norton_bench.identification.conditions import Condition
-from norton_bench.identification.in_situ import InSituResult
+from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.model_error import ModelError
-from norton_bench.identification.results import FitResult, Validation
-from norton_bench.identification.trials import TrialFigures, last_driven, settled
+from norton_bench.identification.residual_tests import ResidualTests
+from norton_bench.identification.results import BlockedMap, SourceMap, Validation
+from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.models.parameter_result import ExpectationResult
 from norton_bench.models.parameters import BY_NAME, UNITS, Estimate, PredictionError
-from norton_bench.procedures.refinement import Refinement, in_percent, widest_of, words
+from norton_bench.on_demand import deferred
 from norton_bench.records import FOR_PROGRAMS, Measured
 from norton_bench.report.figures_network import bench_time_s
 from norton_bench.result import Result
-from norton_bench.session.summary import of_trials
+from norton_bench.session.conclusion import of_trials
+
+# Of steps that few sessions have.
+tables_data = deferred("norton_bench.cli.tables:tables_data")
+tables_view = deferred("norton_bench.cli.tables:tables_view")
+trials_figures = deferred("norton_bench.cli.tables:trials_figures")
+in_situ_figures = deferred("norton_bench.cli.tables:in_situ_figures")
+NO_TABLES: dict[str, Any] = {"source": None, "exertion": None, "two_ports": [], "modulation": None, "modulator": None}
 
 
 def identification(result: Result) -> dict[str, Any]:
@@ -35,10 +44,13 @@ def identification(result: Result) -> dict[str, Any]:
         "without_model": model_free(result.source_map, result.without_model),
         "residuals": residual_figures(result.residuals),
         "conditions": [condition_figures(condition) for condition in result.conditions],
-        "tables": tables_data(result),
+        "tables": {
+            **(tables_data(result) if result.tabulated else NO_TABLES),
+            "blocked": None if result.blocked_map is None else _blocked(result.blocked_map),
+        },
         "ladder": [rung_figures(rung) for rung in result.ladder],
-        "trials": trials_figures(result.trials),
-        "in_situ": in_situ_figures(result.in_situ, result.motion_file),
+        "trials": trials_figures(result.trials) if result.trials else None,
+        "in_situ": None if result.in_situ is None else in_situ_figures(result.in_situ, result.motion_file),
         "verdict": list(fit.verdict) if fit else [],
         "converged": bool(fit and fit.converged),
         "recording": result.recording,
@@ -78,34 +90,6 @@ def rung_figures(rung: Rung) -> dict[str, Any]:
         "held_out_relative": rung.held_out_relative,
         "held_out_std": rung.held_out_std / rung.target_rms,
         "selected": rung.selected,
-    }
-
-
-def trials_figures(trials: Sequence[TrialFigures]) -> dict[str, Any] | None:
-    """A repeated movement, trial by trial."""
-    if not trials:
-        return None
-    return {
-        "converged": settled(trials),
-        "below_first_db": last_driven(trials).below_db(trials[0]),
-        "torque_nm": [trial.torque_nm for trial in trials],
-        "with_noise_nm": [trial.with_noise_nm for trial in trials],
-        "noise_nm": [trial.noise_nm for trial in trials],
-    }
-
-
-def in_situ_figures(result: InSituResult | None, source: Path | None) -> dict[str, Any] | None:
-    """The actuator in situ: its trials, and where its motion source lies."""
-    if result is None or not result.trials:
-        return None
-    scatter = None if result.source is None else result.source.scatter_rad_s
-    return {
-        **(trials_figures(result.trials) or {}),
-        "driven": [trial.driven for trial in result.trials],
-        "assembly": list(result.assembly),
-        "reasons": list(result.reasons),
-        "source": source,
-        "source_scatter_rad_s": scatter,
     }
 
 
@@ -158,31 +142,6 @@ def model_error_figures(error: ModelError | None) -> dict[str, Any] | None:
     }
 
 
-def until_figures(refined: Refinement, fit: FitResult, bench_time_s: float) -> dict[str, Any]:
-    """The results of ``--until`` as ``--json`` prints them; whether the target was reached is judged by the final
-    fit."""
-    widest = widest_of(fit.estimates)
-    return {
-        "asked": refined.target,
-        "reached": refined.reached and widest is not None and widest[1] <= refined.target,
-        "rounds": refined.rounds,
-        "bench_time_s": bench_time_s,
-        "widest": None if widest is None else {"parameter": widest[0], "half_width": widest[1]},
-        "reasons": list(refined.sentences),
-    }
-
-
-def until_sentences(until: Mapping[str, Any]) -> str:
-    """The same in words."""
-    rounds = f"{until['rounds']} round{'' if until['rounds'] == 1 else 's'}"
-    verb = "Reached" if until["reached"] else "Did not reach"
-    head = f"{verb} {in_percent(until['asked'])} after {rounds}, {until['bench_time_s']:.0f} s of bench time"
-    widest = until["widest"]
-    if widest is not None:
-        head += f"; the widest interval is that of {words(widest['parameter'])}, {in_percent(widest['half_width'])}"
-    return " ".join([f"{head}.", *until["reasons"]])
-
-
 def expectation_figures(result: ExpectationResult) -> dict[str, Any]:
     return {"name": result.name, "met": result.met, "said": result.sentence}
 
@@ -203,8 +162,8 @@ def summary(result: Result) -> RenderableType:
         parts.append(validation_sentence(result.validation))
     if result.model_error is not None:
         parts.append(prediction_sentence(result.model_error.prediction, result.units.command))
-    parts += of_trials(result)
-    parts += tables_view(result)
+    parts += of_trials(result) if result.repeated else ()
+    parts += tables_view(result) if result.tabulated else ()
     files = (
         ("recording", result.recording),
         ("source", result.motion_file),
@@ -290,3 +249,133 @@ def file_table(files: Sequence[tuple[str, Path | None]]) -> Table:
         if path is not None:
             table.add_row(name, str(path))
     return table
+
+
+def _blocked(blocked: BlockedMap) -> list[dict[str, Any]]:
+    histories = blocked.histories or ("slow",) * len(blocked.command)
+    columns = (blocked.command, blocked.torque_nm, blocked.torque_std_nm, blocked.from_above, histories)
+    return [
+        {
+            "command": float(command),
+            "torque_nm": float(torque),
+            "torque_std_nm": float(std),
+            "from_above": None if history == "rest" else bool(above),
+            "history": history,
+        }
+        for command, torque, std, above, history in zip(*columns, strict=True)
+    ]
+
+
+def model_free(source: SourceMap | None, without_model: WithoutModel | None) -> dict[str, Any] | None:
+    """The results without a model, and the tests of the residual, as ``--json`` prints them.
+
+    None where nothing was measured for them.
+    """
+    if source is None and without_model is None:
+        return None
+    known = without_model if without_model is not None else WithoutModel(None, None)
+    return {
+        "source": None if source is None else _source_data(source),
+        "table": None if known.table is None else _table_data(known.table),
+        "operator": None if known.operator is None else _operator(known.operator),
+        "predicted": {
+            "operator": _prediction(known.operator_prediction),
+            "stops_alone": _prediction(known.stops_alone),
+            "table": _prediction(known.table_prediction),
+        },
+    }
+
+
+def residual_figures(tests: ResidualTests | None) -> dict[str, Any] | None:
+    """The tests of the residual; None where too little was fitted."""
+    if tests is None:
+        return None
+    return {
+        "rms_nm": tests.rms_nm,
+        "white_p": None if tests.memory is None else tests.memory.p_value,
+        "greatest_autocorrelation": None if tests.memory is None else tests.memory.greatest,
+        "inputs": {
+            each.name: {"p": each.p_value, "share": each.share, "rms_nm": each.rms_nm, "peak_hz": each.peak_hz}
+            for each in tests.dependences
+        },
+        "position": [
+            {"periods_per_turn": each.periods_per_turn, "amplitude_nm": each.amplitude_nm, "p": each.p_value}
+            for each in tests.harmonics
+        ],
+    }
+
+
+def _source_data(source: SourceMap) -> dict[str, Any]:
+    known = bool(len(source.resampled_rad_s))
+    unknown = np.full((2, source.command.size), np.nan)
+    low, high = np.quantile(source.resampled_rad_s, TAILS, axis=0) if known else unknown
+    return {
+        "command": source.command.tolist(),
+        "rising": source.rising.tolist(),
+        "velocity_rad_s": source.velocity_rad_s.tolist(),
+        "low_rad_s": low.tolist(),
+        "high_rad_s": high.tolist(),
+        "settling_s": source.settling_s,
+        "port_torque_nm": source.port_torque_nm.tolist(),
+        "port_torque_std_nm": source.port_torque_std_nm.tolist(),
+        "dead_zone": {"rising": _zone(source.dead_zone(True)), "falling": _zone(source.dead_zone(False))},
+        "hysteresis": _hysteresis(source.hysteresis()),
+    }
+
+
+def _zone(zone: DeadZone | None) -> dict[str, Any] | None:
+    if zone is None:
+        return None
+    return {
+        "low": zone.low,
+        "high": zone.high,
+        "width": zone.width,
+        "low_interval": list(zone.low_interval),
+        "high_interval": list(zone.high_interval),
+        "width_interval": list(zone.width_interval),
+    }
+
+
+def _hysteresis(hysteresis: Hysteresis | None) -> dict[str, Any] | None:
+    if hysteresis is None:
+        return None
+    return {
+        "command": hysteresis.command,
+        "difference_rad_s": hysteresis.difference_rad_s,
+        "chance_rad_s": hysteresis.band_rad_s,
+        "significant": hysteresis.significant,
+    }
+
+
+def _table_data(table: ImpedanceTable) -> dict[str, Any]:
+    return {
+        "command": table.command.tolist(),
+        "velocity_rad_s": table.velocity_rad_s.tolist(),
+        "torque_nm": table.torque_nm.tolist(),
+        "half_width_nm": table.half_width_nm.tolist(),
+        "empty_cells": table.empty,
+        "left_out_rms_nm": table.left_out_rms_nm(),
+    }
+
+
+def _operator(operator: StopOperator) -> dict[str, Any]:
+    return {
+        "torque_gain": operator.torque_gain,
+        "inertia_kgm2": operator.inertia_kgm2,
+        "viscous_damping_nms_rad": operator.viscous_damping_nms_rad,
+        "coulomb_torque_nm": operator.coulomb_torque_nm,
+        "abrupt_share": operator.abrupt_share,
+        "yield_rad": operator.yield_rad.tolist(),
+        "abrupt_nm": operator.strength_nm[0].tolist(),
+        "gradual_nm": operator.strength_nm[1].tolist(),
+    }
+
+
+def _prediction(prediction: Prediction | None) -> dict[str, float] | None:
+    if prediction is None:
+        return None
+    return {
+        "torque_rms_nm": prediction.torque_rms_nm,
+        "torque_relative": prediction.torque_relative,
+        "share": prediction.share,
+    }

@@ -1,26 +1,25 @@
-"""Tables of an actuator without a model, as JSON and for a terminal."""
+"""Results of steps that few sessions have, as JSON and for a terminal: tables, repeated movements, a refinement."""
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
 from norton_bench.cli.output import plain_table
 from norton_bench.identification.averages import Branch, Mean, Setting
-from norton_bench.identification.branches import TAILS, DeadZone, Hysteresis
 from norton_bench.identification.exertion_table import ExertionTable, Shaken
-from norton_bench.identification.impedance_table import ImpedanceTable
+from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces, modulated
-from norton_bench.identification.residual_tests import ResidualTests
-from norton_bench.identification.results import BlockedMap, SourceMap
+from norton_bench.identification.results import FitResult
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.table_conditions import two_ports
-from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.report.facts_tables import modulation_sentences, modulator_sentence
+from norton_bench.identification.trials import TrialFigures, last_driven, settled
+from norton_bench.procedures.refinement import Refinement, in_percent, widest_of, words
+from norton_bench.report.facts_tables import modulation_sentences, modulator_sentence, tabulated
 from norton_bench.report.words import Facts
 from norton_bench.result import Result
-from norton_bench.session.summary import tabulated
 
 
 def tables_data(result: Result) -> dict[str, Any]:
@@ -41,7 +40,6 @@ def tables_data(result: Result) -> dict[str, Any]:
         ],
         "modulation": _modulated(modulated(result.source, result.exertion)),
         "modulator": None if result.modulator is None else _modulator(result.modulator),
-        "blocked": None if result.blocked_map is None else _blocked(result.blocked_map),
     }
 
 
@@ -140,21 +138,6 @@ def _modulator(places: ModulatorPlaces) -> dict[str, Any]:
     }
 
 
-def _blocked(blocked: BlockedMap) -> list[dict[str, Any]]:
-    histories = blocked.histories or ("slow",) * len(blocked.command)
-    columns = (blocked.command, blocked.torque_nm, blocked.torque_std_nm, blocked.from_above, histories)
-    return [
-        {
-            "command": float(command),
-            "torque_nm": float(torque),
-            "torque_std_nm": float(std),
-            "from_above": None if history == "rest" else bool(above),
-            "history": history,
-        }
-        for command, torque, std, above, history in zip(*columns, strict=True)
-    ]
-
-
 def _columns(branch: Branch) -> dict[str, list[float]]:
     names = ("displacement_rad", "torque_nm", "half_width_nm")
     return {name: column.tolist() for name, column in zip(names, branch, strict=True)}
@@ -177,116 +160,52 @@ def _table(facts: Facts) -> Table:
     return table
 
 
-def model_free(source: SourceMap | None, without_model: WithoutModel | None) -> dict[str, Any] | None:
-    """The results without a model, and the tests of the residual, as ``--json`` prints them.
+def trials_figures(trials: Sequence[TrialFigures]) -> dict[str, Any]:
+    """A repeated movement, trial by trial."""
+    return {
+        "converged": settled(trials),
+        "below_first_db": last_driven(trials).below_db(trials[0]),
+        "torque_nm": [trial.torque_nm for trial in trials],
+        "with_noise_nm": [trial.with_noise_nm for trial in trials],
+        "noise_nm": [trial.noise_nm for trial in trials],
+    }
 
-    None where nothing was measured for them.
-    """
-    if source is None and without_model is None:
+
+def in_situ_figures(result: InSituResult, source: Path | None) -> dict[str, Any] | None:
+    """The actuator in situ: its trials, and where its motion source lies."""
+    if not result.trials:
         return None
-    known = without_model if without_model is not None else WithoutModel(None, None)
+    scatter = None if result.source is None else result.source.scatter_rad_s
     return {
-        "source": None if source is None else _source_data(source),
-        "table": None if known.table is None else _table_data(known.table),
-        "operator": None if known.operator is None else _operator(known.operator),
-        "predicted": {
-            "operator": _prediction(known.operator_prediction),
-            "stops_alone": _prediction(known.stops_alone),
-            "table": _prediction(known.table_prediction),
-        },
+        **trials_figures(result.trials),
+        "driven": [trial.driven for trial in result.trials],
+        "assembly": list(result.assembly),
+        "reasons": list(result.reasons),
+        "source": source,
+        "source_scatter_rad_s": scatter,
     }
 
 
-def residual_figures(tests: ResidualTests | None) -> dict[str, Any] | None:
-    """The tests of the residual; None where too little was fitted."""
-    if tests is None:
-        return None
+def until_figures(refined: Refinement, fit: FitResult, bench_time_s: float) -> dict[str, Any]:
+    """The results of ``--until`` as ``--json`` prints them; whether the target was reached is judged by the final
+    fit."""
+    widest = widest_of(fit.estimates)
     return {
-        "rms_nm": tests.rms_nm,
-        "white_p": None if tests.memory is None else tests.memory.p_value,
-        "greatest_autocorrelation": None if tests.memory is None else tests.memory.greatest,
-        "inputs": {
-            each.name: {"p": each.p_value, "share": each.share, "rms_nm": each.rms_nm, "peak_hz": each.peak_hz}
-            for each in tests.dependences
-        },
-        "position": [
-            {"periods_per_turn": each.periods_per_turn, "amplitude_nm": each.amplitude_nm, "p": each.p_value}
-            for each in tests.harmonics
-        ],
+        "asked": refined.target,
+        "reached": refined.reached and widest is not None and widest[1] <= refined.target,
+        "rounds": refined.rounds,
+        "bench_time_s": bench_time_s,
+        "widest": None if widest is None else {"parameter": widest[0], "half_width": widest[1]},
+        "reasons": list(refined.sentences),
     }
 
 
-def _source_data(source: SourceMap) -> dict[str, Any]:
-    known = bool(len(source.resampled_rad_s))
-    unknown = np.full((2, source.command.size), np.nan)
-    low, high = np.quantile(source.resampled_rad_s, TAILS, axis=0) if known else unknown
-    return {
-        "command": source.command.tolist(),
-        "rising": source.rising.tolist(),
-        "velocity_rad_s": source.velocity_rad_s.tolist(),
-        "low_rad_s": low.tolist(),
-        "high_rad_s": high.tolist(),
-        "settling_s": source.settling_s,
-        "port_torque_nm": source.port_torque_nm.tolist(),
-        "port_torque_std_nm": source.port_torque_std_nm.tolist(),
-        "dead_zone": {"rising": _zone(source.dead_zone(True)), "falling": _zone(source.dead_zone(False))},
-        "hysteresis": _hysteresis(source.hysteresis()),
-    }
-
-
-def _zone(zone: DeadZone | None) -> dict[str, Any] | None:
-    if zone is None:
-        return None
-    return {
-        "low": zone.low,
-        "high": zone.high,
-        "width": zone.width,
-        "low_interval": list(zone.low_interval),
-        "high_interval": list(zone.high_interval),
-        "width_interval": list(zone.width_interval),
-    }
-
-
-def _hysteresis(hysteresis: Hysteresis | None) -> dict[str, Any] | None:
-    if hysteresis is None:
-        return None
-    return {
-        "command": hysteresis.command,
-        "difference_rad_s": hysteresis.difference_rad_s,
-        "chance_rad_s": hysteresis.band_rad_s,
-        "significant": hysteresis.significant,
-    }
-
-
-def _table_data(table: ImpedanceTable) -> dict[str, Any]:
-    return {
-        "command": table.command.tolist(),
-        "velocity_rad_s": table.velocity_rad_s.tolist(),
-        "torque_nm": table.torque_nm.tolist(),
-        "half_width_nm": table.half_width_nm.tolist(),
-        "empty_cells": table.empty,
-        "left_out_rms_nm": table.left_out_rms_nm(),
-    }
-
-
-def _operator(operator: StopOperator) -> dict[str, Any]:
-    return {
-        "torque_gain": operator.torque_gain,
-        "inertia_kgm2": operator.inertia_kgm2,
-        "viscous_damping_nms_rad": operator.viscous_damping_nms_rad,
-        "coulomb_torque_nm": operator.coulomb_torque_nm,
-        "abrupt_share": operator.abrupt_share,
-        "yield_rad": operator.yield_rad.tolist(),
-        "abrupt_nm": operator.strength_nm[0].tolist(),
-        "gradual_nm": operator.strength_nm[1].tolist(),
-    }
-
-
-def _prediction(prediction: Prediction | None) -> dict[str, float] | None:
-    if prediction is None:
-        return None
-    return {
-        "torque_rms_nm": prediction.torque_rms_nm,
-        "torque_relative": prediction.torque_relative,
-        "share": prediction.share,
-    }
+def until_sentences(until: Mapping[str, Any]) -> str:
+    """The same in words."""
+    rounds = f"{until['rounds']} round{'' if until['rounds'] == 1 else 's'}"
+    verb = "Reached" if until["reached"] else "Did not reach"
+    head = f"{verb} {in_percent(until['asked'])} after {rounds}, {until['bench_time_s']:.0f} s of bench time"
+    widest = until["widest"]
+    if widest is not None:
+        head += f"; the widest interval is that of {words(widest['parameter'])}, {in_percent(widest['half_width'])}"
+    return " ".join([f"{head}.", *until["reasons"]])

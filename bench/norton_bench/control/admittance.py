@@ -114,10 +114,12 @@ class AdmittanceController:
             self._deciding = False
             return nan
         begins, self._deciding = not self._deciding, True
+        if ahead is None:
+            ahead = continued(target, target if begins else self._last_target, self.lead_ticks, self.tick_s)
         if self._frees:
-            wish_nm = self._zero_torque(sample, target, self._ahead(target, ahead, begins), begins)
+            wish_nm = self._zero_torque(sample, target, ahead, begins)
         elif self._rigid:
-            wish_nm = self._track(target, self._ahead(target, ahead, begins), begins)
+            wish_nm = self._track(target, ahead, begins)
         else:
             wish_nm = self._follow_body(target, begins)
         self._last_target = target
@@ -243,11 +245,6 @@ class AdmittanceController:
             begins,
         )
         return fed_nm
-
-    def _ahead(self, target: Target, ahead: Target | None, begins: bool) -> Target:
-        if ahead is not None:
-            return ahead
-        return continued(target, target if begins else self._last_target, self.lead_ticks, self.tick_s)
 
 
 # The reference a little ahead of time, for when a command sent now has taken effect.

@@ -7,7 +7,7 @@ from math import isfinite, nan
 from typing import Any, NamedTuple
 
 from norton_bench.rig.rig import Limits
-from norton_drivers.rehearsal import TrueState
+from norton_drivers.ports import TrueState
 
 
 class Expected(Enum):

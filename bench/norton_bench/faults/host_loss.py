@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 from norton_bench.faults.case import Case, CaseResult, Detection, Verdict, allowed_ns, judge, off_after_ns
 from norton_bench.faults.rehearse import nothing_yet
 from norton_bench.rig.rig import Rig
-from norton_drivers.rehearsal import TrueState
+from norton_drivers.ports import TrueState
 
 LONGEST_LINE = 200
 

@@ -27,8 +27,8 @@ from norton_bench.segments import Use
 from norton_bench.session.engine import record_procedures
 from norton_bench.session.schema import Session, WrittenFault
 from norton_drivers.errors import DeviceError
+from norton_drivers.ports import Rehearsal, TrueState
 from norton_drivers.registry import load_backend
-from norton_drivers.rehearsal import Rehearsal, TrueState
 
 DURATION_S = 1.5
 MOTION_SHARE = 0.3

@@ -1,11 +1,138 @@
-"""What every plausibility check is given, and what it must say."""
+"""What every plausibility check is given, what it must say, and what it knows of the bench (:class:`GuardModel`)."""
 
+from dataclasses import dataclass
 from enum import IntFlag
 from typing import NamedTuple, Protocol
 
-from norton_bench.guard.model import GuardModel
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.records import Measured, Table
 from norton_bench.sample import Sample
 from norton_drivers.readings import DriveStatus
+
+
+# What the bench has measured of itself, as far as the guard relies on it.
+@dataclass(frozen=True)
+class Machine:
+    """One of the two machines at the port, as it was identified. Torques are at the shaft.
+
+    ``weight_nm`` is the greatest torque of an arm that hangs on it, ``lag_s`` how long a command takes to show in
+    the readings: on its way, in the amplifier, and back.
+    """
+
+    torque_gain: float  # N m per unit of its command
+    inertia_kgm2: float
+    viscous_damping_nms_rad: float
+    coulomb_torque_nm: float
+    weight_nm: float = 0.0
+    lag_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class TorqueReadings:
+    """How the torque sensor's readings come and differ.
+
+    ``longest_repeat`` counts the readings in a row, at rest, that were the same bit for bit (1: no two were); None
+    where the noise is less than half a step of the reading, so that they may stay the same for ever.
+    ``greatest_step_nm`` is the greatest difference of neighbours while the bench was shaken; None before it was.
+    """
+
+    bias_nm: float
+    noise_nm: float
+    period_s: float
+    longest_repeat: int | None
+    greatest_step_nm: float | None = None
+
+
+@dataclass(frozen=True)
+class GuardModel:
+    """None stands for what nobody has measured yet, or cannot be on this rig.
+
+    ``moving_command`` is the command at which the free actuator began to turn. Amperes are per unit of the command of
+    each drive; of either sign. ``still_swing_nm`` is the greatest swing of the port torque under which the actuator's
+    encoder stayed where it was.
+    """
+
+    torque: TorqueReadings | None = None
+    moving_command: float | None = None
+    amperes_per_command: float | None = None
+    load_amperes_per_nm: float | None = None
+    sensor_stiffness_nm_rad: float | None = None
+    still_swing_nm: float | None = None
+    actuator: Machine | None = None
+    load: Machine | None = None
+
+
+EMPTY_MODEL = GuardModel()
+
+
+# A slope counts as seen where it is so many of its own deviations.
+SEEN = 10.0
+# Readings further apart than this many periods are no neighbours.
+NEIGHBOURS = 1.5
+HALF_STEP = 0.5
+
+
+# What the guard relies on, read from what was measured while all was well.
+def torque_readings(at_rest: Measured, shaken: Measured | None) -> TorqueReadings | None:
+    """How the torque sensor behaves with the drives at zero, and by how much it changes at most; None without one."""
+    torque = at_rest.torque[at_rest.torque["valid"]]
+    if len(torque) < 2:
+        return None
+    torque_nm = torque["torque_nm"]
+    period_s = float(np.median(np.diff(torque["arrival_ns"]))) * 1e-9
+    return TorqueReadings(
+        bias_nm=float(np.mean(torque_nm)),
+        noise_nm=float(np.std(torque_nm)),
+        period_s=period_s,
+        longest_repeat=_longest_repeat(torque_nm) if _shows_noise(torque_nm) else None,
+        greatest_step_nm=None if shaken is None else _greatest_step_nm(shaken.torque, period_s),
+    )
+
+
+def amperes_per_command(ticks: Table, command: str, current: Table) -> float | None:
+    """The slope of the current over the column ``command`` of the ticks; None where nothing of it is to be seen."""
+    if len(current) < 3 or not len(ticks):
+        return None
+    at = np.searchsorted(ticks["tick_ns"], current["arrival_ns"], side="right") - 1
+    commanded = ticks[command][np.maximum(at, 0)]
+    command_off, current_off = commanded - np.mean(commanded), current["current_a"] - np.mean(current["current_a"])
+    size = float(command_off @ command_off)
+    if size == 0.0:
+        return None
+    slope = float(command_off @ current_off) / size
+    rest_a = current_off - slope * command_off
+    deviation = float(np.sqrt(rest_a @ rest_a / (len(rest_a) - 2) / size))
+    return slope if abs(slope) > SEEN * deviation else None
+
+
+def still_swing_nm(measured: Measured) -> float:
+    """The greatest swing of the port torque [N m] while the actuator's encoder stood still, bit for bit."""
+    motion, torque = measured.motion, measured.torque[measured.torque["valid"]]
+    if not len(motion) or not len(torque):
+        return 0.0
+    turns = np.flatnonzero(np.diff(motion["position_rad"]) != 0.0) + 1
+    stands = np.unique(np.searchsorted(torque["arrival_ns"], motion["arrival_ns"][np.concatenate([[0], turns])]))
+    torque_nm, stands = torque["torque_nm"], stands[stands < len(torque)]
+    return float(np.max(np.maximum.reduceat(torque_nm, stands) - np.minimum.reduceat(torque_nm, stands), initial=0.0))
+
+
+def _shows_noise(values: npt.NDArray[np.float64]) -> bool:
+    """Whether the noise is at least half a step of the readings: by that a living sensor keeps changing."""
+    steps = np.abs(np.diff(values))
+    return bool(np.any(steps > 0.0) and np.std(values) >= HALF_STEP * np.min(steps[steps > 0.0]))
+
+
+def _longest_repeat(values: npt.NDArray[np.float64]) -> int:
+    changes = np.flatnonzero(np.diff(values) != 0.0)
+    return int(np.max(np.diff(np.concatenate([[-1], changes, [len(values) - 1]]))))
+
+
+def _greatest_step_nm(torque: Table, period_s: float) -> float | None:
+    neighbours = np.diff(torque["arrival_ns"]) * 1e-9 <= NEIGHBOURS * period_s
+    steps_nm = np.abs(np.diff(torque["torque_nm"]))[neighbours & torque["valid"][1:] & torque["valid"][:-1]]
+    return float(np.max(steps_nm)) if len(steps_nm) else None
 
 
 class Limited(IntFlag):

@@ -2,8 +2,7 @@
 
 from operator import attrgetter
 
-from norton_bench.guard.check import PATIENCE_NS, STEPS, STRIKES, Commands
-from norton_bench.guard.model import GuardModel
+from norton_bench.guard.check import PATIENCE_NS, STEPS, STRIKES, Commands, GuardModel
 from norton_bench.sample import Sample
 
 # Commands are remembered for one to two of these.

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from math import inf, isfinite
 
 from norton_bench.errors import SafetyStopError, UsageError
-from norton_bench.guard.check import NOTHING, Check, Commands, DriveHealth, Limited
+from norton_bench.guard.check import NOTHING, Check, Commands, DriveHealth, GuardModel, Limited
 from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
-from norton_bench.guard.model import GuardModel
 from norton_bench.guard.motion_checks import CouplingCheck, EncoderAgreement, HeldShaft, Standstill
 from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueBalance, TorqueJump
 from norton_bench.rig.rig import Command, Limits
@@ -143,11 +142,11 @@ class Guard:
         """``wished`` within its bounds. Raises SafetyStopError where the bench is not as it must be."""
         if self.tripped is not None:
             raise self.trip(str(self.tripped), self.tripped.by)
-        self._check_wish(wished)
+        if not (isfinite(wished.command) and isfinite(wished.load_torque_nm) and isfinite(wished.modulation)):
+            raise self._no_number(wished)
         self._check_freshness(sample)
         self._check_values(sample)
-        for drive in drives:
-            self._check_drive(drive, sample.tick_ns)
+        self._check_drives(drives, sample.tick_ns)
         for check in self.checks:
             message = check.fault(sample, self._sent)
             if message is not None:
@@ -164,15 +163,14 @@ class Guard:
         self.tripped = SafetyStopError(reason, by)
         return self.tripped
 
-    def _check_wish(self, wished: Commands) -> None:
-        if not (isfinite(wished.command) and isfinite(wished.load_torque_nm)):
-            raise self.trip(
-                f"the controller asked for command {wished.command} and load torque {wished.load_torque_nm} N m: "
-                "not a number, so nothing was sent",
-                "wish",
-            )
-        if not isfinite(wished.modulation):
-            raise self.trip(f"the procedure asked for modulation {wished.modulation}: not a number", "wish")
+    def _no_number(self, wished: Commands) -> SafetyStopError:
+        if isfinite(wished.command) and isfinite(wished.load_torque_nm):
+            return self.trip(f"the procedure asked for modulation {wished.modulation}: not a number", "wish")
+        return self.trip(
+            f"the controller asked for command {wished.command} and load torque {wished.load_torque_nm} N m: "
+            "not a number, so nothing was sent",
+            "wish",
+        )
 
     def _check_freshness(self, sample: Sample) -> None:
         stale_ns = self.limits.stale_after_ns
@@ -270,21 +268,19 @@ class Guard:
             )
         return mend
 
-    def _check_drive(self, drive: DriveHealth, tick_ns: int) -> None:
-        status, limit_c = drive.status, self.limits.temperature_c
-        if status.state is not DriveState.ENABLED:
-            words = "; ".join(status.errors) or "no reason given"
-            raise self.trip(f"{drive.name} drive: left its torque loop ({status.state.value}: {words})", "drive")
-        heartbeat_ns = status.heartbeat_ns
-        if heartbeat_ns is None or tick_ns - heartbeat_ns > drive.heartbeat_timeout_ns:
-            raise self.trip(
-                f"{drive.name} drive: no heartbeat for {drive.heartbeat_timeout_ns / 1e6:g} ms", "heartbeat"
-            )
-        # Drives that report no temperature leave NaN, which is no alarm; a hot one is.
-        if status.transistor_temperature_c > limit_c:
-            raise self._hot(drive.name, "transistors", status.transistor_temperature_c)
-        if status.motor_temperature_c > limit_c:
-            raise self._hot(drive.name, "motor", status.motor_temperature_c)
+    def _check_drives(self, drives: tuple[DriveHealth, ...], tick_ns: int) -> None:
+        limit_c = self.limits.temperature_c
+        for name, status, timeout_ns in drives:
+            if status.state is not DriveState.ENABLED:
+                words = "; ".join(status.errors) or "no reason given"
+                raise self.trip(f"{name} drive: left its torque loop ({status.state.value}: {words})", "drive")
+            if status.heartbeat_ns is None or tick_ns - status.heartbeat_ns > timeout_ns:
+                raise self.trip(f"{name} drive: no heartbeat for {timeout_ns / 1e6:g} ms", "heartbeat")
+            # Drives that report no temperature leave NaN, which is no alarm; a hot one is.
+            if status.transistor_temperature_c > limit_c:
+                raise self._hot(name, "transistors", status.transistor_temperature_c)
+            if status.motor_temperature_c > limit_c:
+                raise self._hot(name, "motor", status.motor_temperature_c)
 
     def _hot(self, name: str, part: str, celsius: float) -> SafetyStopError:
         return self.trip(

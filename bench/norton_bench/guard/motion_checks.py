@@ -3,8 +3,7 @@
 from math import exp, inf, isinf
 from operator import attrgetter
 
-from norton_bench.guard.check import FRESH_NS, LEAST_RAD, PATIENCE_NS, STEPS, STRIKES, Commands
-from norton_bench.guard.model import GuardModel
+from norton_bench.guard.check import FRESH_NS, LEAST_RAD, PATIENCE_NS, STEPS, STRIKES, Commands, GuardModel
 from norton_bench.sample import Sample
 
 FORGET_S = 0.1

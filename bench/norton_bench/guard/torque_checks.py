@@ -2,8 +2,7 @@
 
 from math import exp, inf
 
-from norton_bench.guard.check import NOTHING, STRIKES, Commands
-from norton_bench.guard.model import GuardModel, Machine
+from norton_bench.guard.check import NOTHING, STRIKES, Commands, GuardModel, Machine
 from norton_bench.sample import Sample
 
 REPEATS = 10  # the longest run of equal readings that was seen at rest

@@ -135,14 +135,13 @@ MEMORY_LAGS = 25
 # Whether a sequence with gaps remembers itself, once the colour of a known low-pass is taken away.
 @dataclass(frozen=True)
 class Memory:
-    """Autocorrelation at ``lags_s`` (lags,), the half width of its 95 % band for a white residual, and the sum of all:
-    a portmanteau test that allows for changing variance (``p_value`` is its chance where nothing is remembered).
+    """Autocorrelation at ``lags_s`` (lags,), the half width of its 95 % band for a white residual, and ``p_value``, the
+    chance of their sum where nothing is remembered: a portmanteau test that allows for changing variance.
     """
 
     lags_s: FloatArray
     correlation: FloatArray
     band: FloatArray
-    statistic: float
     p_value: float
 
     @property
@@ -180,7 +179,6 @@ def memory(whitened: FloatArray, step_s: float) -> Memory:
         np.array(lags) * step_s,
         products / max(total, 1e-300),
         1.96 * np.sqrt(variance) / max(total, 1e-300),
-        statistic,
         chi2_tail(statistic, MEMORY_LAGS),
     )
 

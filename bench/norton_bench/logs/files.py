@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError, nearest
-from norton_bench.extras import extra
 from norton_bench.logs.column_map import LogSection
+from norton_bench.on_demand import extra
 
 SUFFIXES = {
     ".csv": "csv",

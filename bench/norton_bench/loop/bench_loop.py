@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.guard.model import EMPTY_MODEL, GuardModel
+from norton_bench.guard.check import EMPTY_MODEL, GuardModel
 from norton_bench.loop.devices import WatchdogFinding
 from norton_bench.records import Measured
 from norton_bench.segments import Segment

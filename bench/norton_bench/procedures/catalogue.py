@@ -1,22 +1,12 @@
 """Procedures by their name in a session file, and which of them need which before."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from norton_bench.errors import UsageError
-from norton_bench.procedures.blocked import BlockedProcedure
-from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.free import FreeProcedure
-from norton_bench.procedures.imposed import ImposedProcedure
-from norton_bench.procedures.in_situ import InSituProcedure
-from norton_bench.procedures.iterate import IterateProcedure
+from norton_bench.on_demand import deferred
 from norton_bench.procedures.knowledge import Adaptive, Procedure
-from norton_bench.procedures.refine import RefineProcedure
-from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
-from norton_bench.procedures.tabulate_source import TabulateSourceProcedure
-from norton_bench.procedures.tare import RestProcedure, TareProcedure
-from norton_bench.procedures.validate import ValidateProcedure
 from norton_bench.rig.rig import Rig
 
 
@@ -24,26 +14,31 @@ from norton_bench.rig.rig import Rig
 class ProcedureEntry:
     """How a procedure is made from its options, and which must have run before it, with a load drive and without."""
 
-    make: type[Any]
+    make: Callable[..., Procedure | Adaptive]
     after: tuple[str, ...] = ()
     after_alone: tuple[str, ...] = ()
 
 
+def _entry(made_by: str, **needs: tuple[str, ...]) -> ProcedureEntry:
+    """``made_by`` is "module:class" of this folder; the module is imported when a session has the step."""
+    return ProcedureEntry(deferred(f"norton_bench.procedures.{made_by}"), **needs)
+
+
 CATALOGUE: Mapping[str, ProcedureEntry] = {
-    "tare": ProcedureEntry(TareProcedure),
-    "calibrate": ProcedureEntry(CalibrateProcedure, after=("tare",)),
-    "free": ProcedureEntry(FreeProcedure, after=("calibrate",)),
-    "blocked": ProcedureEntry(BlockedProcedure, after=("calibrate",)),
-    "imposed": ProcedureEntry(ImposedProcedure, after=("calibrate",)),
+    "tare": _entry("tare:TareProcedure"),
+    "calibrate": _entry("calibrate:CalibrateProcedure", after=("tare",)),
+    "free": _entry("free:FreeProcedure", after=("calibrate",)),
+    "blocked": _entry("blocked:BlockedProcedure", after=("calibrate",)),
+    "imposed": _entry("imposed:ImposedProcedure", after=("calibrate",)),
     # Chosen from a first fit, which needs data.
-    "refine": ProcedureEntry(RefineProcedure, after=("calibrate", "imposed")),
-    "iterate_zero_torque": ProcedureEntry(IterateProcedure, after=("calibrate", "free")),
-    "in_situ": ProcedureEntry(InSituProcedure, after=("tare",)),
-    "rest": ProcedureEntry(RestProcedure),
-    "tabulate_source": ProcedureEntry(TabulateSourceProcedure, after=("calibrate",)),
-    "tabulate_impedance": ProcedureEntry(TabulateImpedanceProcedure, after=("calibrate",)),
+    "refine": _entry("refine:RefineProcedure", after=("calibrate", "imposed")),
+    "iterate_zero_torque": _entry("iterate:IterateProcedure", after=("calibrate", "free")),
+    "in_situ": _entry("in_situ:InSituProcedure", after=("tare",)),
+    "rest": _entry("tare:RestProcedure"),
+    "tabulate_source": _entry("tabulate_source:TabulateSourceProcedure", after=("calibrate",)),
+    "tabulate_impedance": _entry("tabulate_impedance:TabulateImpedanceProcedure", after=("calibrate",)),
     # Commands that were not tried on the free shaft may drive it beyond its limit.
-    "validate": ProcedureEntry(ValidateProcedure, after=("calibrate", "free"), after_alone=("free",)),
+    "validate": _entry("validate:ValidateProcedure", after=("calibrate", "free"), after_alone=("free",)),
 }
 
 
@@ -61,7 +56,7 @@ def make_procedures(steps: Sequence[tuple[str, Any]], rig: Rig, *, place: str) -
 
 def make_procedure(name: str, options: Any, rig: Rig, before: Collection[str], *, place: str) -> Procedure | Adaptive:
     """One of them; ``before`` are the names of those that will have run by then. Raises as :func:`make_procedures`."""
-    procedure: Procedure | Adaptive = CATALOGUE[name].make(options)
+    procedure = CATALOGUE[name].make(options)
     procedure.require(rig)
     missing = [needed for needed in needed_by(name, rig) if needed not in before]
     if missing:

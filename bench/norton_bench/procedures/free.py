@@ -11,6 +11,7 @@ from norton_bench.errors import ExperimentError, RigError
 from norton_bench.procedures.excitations import bounds_of, free_within
 from norton_bench.procedures.knowledge import Knowledge, Plan
 from norton_bench.procedures.options import FreeOptions
+from norton_bench.procedures.tare import turned
 from norton_bench.procedures.waves import growth, highest_hz, hold, multisine, ramp, staircase, zero_torque
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
@@ -153,8 +154,3 @@ def command_multisine(
     high_hz = highest_hz(known.tick_s) if high_hz is None else high_hz
     wave = multisine(duration_s, known.tick_s, low_hz=0.2, high_hz=high_hz, seed=seed, slope=-0.25)
     return 0.5 * (high + low) * np.abs(wave) + MULTISINE_SHARE * 0.5 * (high - low) * wave
-
-
-def turned(measured: Measured) -> float:
-    """The greatest speed of the shaft of the actuator."""
-    return float(np.max(np.abs(measured.ticks["velocity_rad_s"])))

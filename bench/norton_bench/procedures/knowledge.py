@@ -2,31 +2,30 @@
 
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.errors import RigError
 from norton_bench.identification.results import FitResult
 from norton_bench.loop.bench_loop import Runner
-from norton_bench.procedures.learning import InSitu, Iteration
-from norton_bench.procedures.refinement import Refinement
 from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
 
+if TYPE_CHECKING:
+    from norton_bench.procedures.learning import InSitu, Iteration
+    from norton_bench.procedures.refinement import Refinement
+
 
 @dataclass(frozen=True)
 class Tare:
-    """The bench at rest. Ages are of the newest reading when a tick sees it, medians.
+    """The bench at rest.
 
     ``moving_command`` and ``moving_load_nm`` are what set the shaft in motion, each by itself, if anything did.
     """
 
     torque_bias_nm: float
     torque_noise_nm: float
-    torque_age_s: float
-    motion_age_s: float
-    load_motion_age_s: float
     moving_command: float | None = None
     moving_load_nm: float | None = None
 
@@ -47,9 +46,9 @@ class Knowledge:
     actuator: FitResult | None = None
     command_span: tuple[float, float] | None = None
     records: tuple[Measured, ...] = ()
-    refinement: Refinement | None = None
-    iteration: Iteration | None = None
-    in_situ: InSitu | None = None
+    refinement: "Refinement | None" = None
+    iteration: "Iteration | None" = None
+    in_situ: "InSitu | None" = None
 
     @property
     def tick_s(self) -> float:

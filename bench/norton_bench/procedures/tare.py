@@ -185,15 +185,11 @@ def greatest_load_torque(rig: Rig) -> float:
 
 
 def at_rest(measured: Measured) -> Tare:
-    """Bias and noise of the torque sensor, and the median age of each stream."""
+    """Bias and noise of the torque sensor."""
     torque = measured.torque["torque_nm"][measured.torque["valid"]]
-    ticks = measured.ticks
     return Tare(
         torque_bias_nm=float(np.mean(torque)) if len(torque) else 0.0,
         torque_noise_nm=float(np.std(torque)) if len(torque) else 0.0,
-        torque_age_s=float(np.median(ticks["torque_age_ns"])) * 1e-9,
-        motion_age_s=float(np.median(ticks["motion_age_ns"])) * 1e-9,
-        load_motion_age_s=float(np.median(ticks["load_motion_age_ns"])) * 1e-9,
     )
 
 

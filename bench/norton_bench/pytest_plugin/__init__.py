@@ -29,8 +29,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture(scope="session")
 def norton_rig() -> "Callable[..., Rig]":
-    """``norton_rig(path, overrides={})``: the rig of that file, simulated; see :func:`.benches.simulated_rig`."""
-    from norton_bench.pytest_plugin.benches import simulated_rig  # noqa: PLC0415
+    """``norton_rig(path, overrides={})``: the rig of that file, simulated; see :func:`.checks.simulated_rig`."""
+    from norton_bench.pytest_plugin.checks import simulated_rig  # noqa: PLC0415
 
     return simulated_rig
 
@@ -39,8 +39,8 @@ def norton_rig() -> "Callable[..., Rig]":
 def norton_run(
     pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory
 ) -> "Callable[..., SessionOutcome]":
-    """``norton_run(rig, session=None, *, seed=1, values={}, answers={}, fresh=False)``; see :class:`.benches.Runs`."""
-    from norton_bench.pytest_plugin.benches import Runs  # noqa: PLC0415
+    """``norton_run(rig, session=None, *, seed=1, values={}, answers={}, fresh=False)``; see :class:`.checks.Runs`."""
+    from norton_bench.pytest_plugin.checks import Runs  # noqa: PLC0415
 
     retained = pytestconfig.getoption(OUT)
     return Runs(Path(retained) if retained else tmp_path_factory.mktemp("norton-bench"))

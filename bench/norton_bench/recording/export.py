@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.errors import ExperimentError, UsageError
-from norton_bench.extras import extra
+from norton_bench.on_demand import extra
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.frames import log_lines, log_name
 from norton_bench.recording.reader import read_recording

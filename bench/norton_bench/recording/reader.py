@@ -39,11 +39,6 @@ def read_recording(path: Path, *, raw_frames: bool = True) -> Recording:
     return recording_in(_sound(path, _keeping(raw_frames)), path)
 
 
-def read_metadata(path: Path) -> Mapping[str, str]:
-    """The recording's metadata, without its measurements. Raises UsageError as :func:`read_recording`."""
-    return _metadata(_sound(path, lambda _: False), path)
-
-
 def read_happenings(path: Path) -> tuple[Mapping[str, str], tuple[Event, ...]]:
     """The recording's metadata and events; also of one that was cut off.
 

@@ -1,13 +1,17 @@
 """The tables of an actuator without a model, as text and sentences for report, screen and command line."""
 
+from collections.abc import Iterator, Sequence
 from math import isfinite
 
 from norton_bench.identification.averages import UNKNOWN, Setting
 from norton_bench.identification.exertion_table import ExertionTable, SpringLine
+from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces
 from norton_bench.identification.source_table import SourceTable
-from norton_bench.identification.table_conditions import PortsRow
+from norton_bench.identification.table_conditions import PortsRow, two_ports
+from norton_bench.identification.trials import TrialFigures, last_driven, settled
 from norton_bench.report.words import Facts, number, pretty_unit, within
+from norton_bench.result import Result
 from norton_bench.units import Units
 
 
@@ -156,3 +160,42 @@ def modulator_facts(places: ModulatorPlaces, units: Units) -> Facts:
         for each in places.stood
     )
     return Facts(head, rows)
+
+
+def of_trials(result: Result) -> Iterator[str]:
+    """The results of repeated movements, in sentences."""
+    if result.in_situ is not None and result.in_situ.trials:
+        yield in_situ_sentence(result.in_situ)
+    if result.trials:
+        yield trials_sentence(result.trials)
+
+
+def tabulated(result: Result) -> tuple[Facts, ...]:
+    """The tables of source and impedance, in short: without single readings."""
+    tables = []
+    if result.source is not None:
+        tables.append(source_facts(result.source, result.units))
+    if result.exertion is not None:
+        tables.append(line_facts(result.exertion, result.units))
+    rows = two_ports(result.source, result.exertion)
+    return (*tables, ports_facts(rows, result.units)) if rows else tuple(tables)
+
+
+def in_situ_sentence(result: InSituResult) -> str:
+    """The trials in situ, in one sentence."""
+    last = last_driven(result.trials)
+    end = "; ".join(result.reasons) or "what is left is no more than the scatter of movements"
+    return (
+        f"In situ, {len(result.trials)} trials: in the last one the actuator exerted {1e3 * last.with_noise_nm:.2f} "
+        f"mN·m, at least {last.below_db(result.trials[0]):.0f} dB below the first; {end}."
+    )
+
+
+def trials_sentence(trials: Sequence[TrialFigures]) -> str:
+    """The trials of zero torque under a repeated command, in one sentence."""
+    last = trials[-1]
+    end = "noise hides what is left" if settled(trials) else "not converged"
+    return (
+        f"Zero torque, {len(trials)} trials: {1e3 * last.with_noise_nm:.2f} mN·m at the port, at least "
+        f"{last.below_db(trials[0]):.0f} dB below the undriven load; {end}."
+    )

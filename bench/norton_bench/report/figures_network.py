@@ -1,22 +1,18 @@
 """Figures of the network: motion source, impedance, and the Thévenin experiment."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.branches import TAILS
-from norton_bench.identification.in_situ import SourceMotion
 from norton_bench.identification.results import BlockedMap, SourceMap, Trace
-from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork
 from norton_bench.records import Measured, SegmentInfo
-from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, envelope, figure, thinned
+from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure, thinned
 from norton_bench.report.words import pretty_unit
 
 _LOOP = "loop"  # names of the imposed procedure's segments
@@ -295,31 +291,3 @@ def legend(axes: Axes) -> None:
     """A legend above the panel, on its right, if there is anything to explain."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(labelcolor=INK, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-
-
-# Repeated movements in pictures: the torque left at the port, trial by trial, and the motion source.
-def source_motion_figure(source: SourceMotion, command_unit: str) -> Figure:
-    """The velocity of the motion source under its command, against time."""
-    picture = figure(3.6)
-    top, bottom = picture.subplots(2, 1, sharex=True, height_ratios=(1, 2))
-    time_s = np.asarray(np.arange(len(source.command)) * source.tick_s, dtype=np.float64)
-    top.plot(*envelope(time_s, source.command), color=MUTED)
-    top.set_ylabel(f"command [{command_unit or 'N·m'}]")
-    bottom.plot(*envelope(time_s, source.velocity_rad_s), color=MEASURED)
-    bottom.set_ylabel("source velocity [rad/s]")
-    bottom.set_xlabel("time [s]")
-    return picture
-
-
-def trials_figure(trials: Sequence[TrialFigures]) -> Figure:
-    """Rms of the port torque in the corrected band for each trial, and its noise."""
-    picture = figure(2.8)
-    axes = picture.subplots()
-    numbers = [trial.number for trial in trials]
-    axes.semilogy(numbers, [1e3 * trial.with_noise_nm for trial in trials], "o-", color=MEASURED, label="port torque")
-    axes.semilogy(numbers, [1e3 * trial.noise_nm for trial in trials], "--", color=MUTED, label="noise floor")
-    axes.set_xlabel("trial")
-    axes.set_ylabel("torque, rms [mN·m]")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    legend(axes)
-    return picture

@@ -8,6 +8,7 @@ import numpy as np
 from norton_bench.guard.check import Limited
 from norton_bench.identification.judged_fit import changes
 from norton_bench.loop.timing import LoopTiming, loop_timing, timing_rows, timing_sentence
+from norton_bench.on_demand import deferred
 from norton_bench.records import FOR_PROGRAMS, Table
 from norton_bench.report.figures_fit import live_figure, residual_figure, timing_figure, validation_figure
 from norton_bench.report.figures_network import (
@@ -18,21 +19,28 @@ from norton_bench.report.figures_network import (
     sliding_samples,
     source_map_figure,
 )
-from norton_bench.report.sections_tables import (
-    exertion_section,
+from norton_bench.report.sections_checks import (
     friction_section,
-    in_situ_section,
     model_error_section,
-    modulation_section,
-    tabulated_source_section,
-    trials_section,
-    two_ports_section,
+    residuals_section,
+    source_sentences,
+    without_model_section,
 )
-from norton_bench.report.sections_without_model import residuals_section, source_sentences, without_model_section
 from norton_bench.report.streams import StreamQuality, stream_qualities
 from norton_bench.report.svg import picture
 from norton_bench.report.words import Facts, Section, interval, number, percent, pretty_unit, to_its_digits
 from norton_bench.result import Result
+
+
+def _of_steps(name: str, *parts: str) -> Callable[[Result], Section | None]:
+    """A section on steps that few sessions have; its module is imported where the result has one of its ``parts``."""
+    section = deferred(f"norton_bench.report.sections_tables:{name}")
+
+    def make(data: Result) -> Section | None:
+        measured = any(getattr(data, part) for part in parts)
+        return section(data) if measured else None
+
+    return make
 
 
 def sections(data: Result) -> list[Section]:
@@ -283,10 +291,10 @@ def _stream_table(qualities: list[StreamQuality]) -> Facts:
 
 MAKERS: tuple[Callable[[Result], Section | None], ...] = (
     conditions_section,
-    tabulated_source_section,
-    exertion_section,
-    modulation_section,
-    two_ports_section,
+    _of_steps("tabulated_source_section", "source"),
+    _of_steps("exertion_section", "exertion"),
+    _of_steps("modulation_section", "source", "exertion", "modulator"),
+    _of_steps("two_ports_section", "source"),
     source_section,
     impedance_section,
     validation_section,
@@ -296,8 +304,8 @@ MAKERS: tuple[Callable[[Result], Section | None], ...] = (
     residuals_section,
     friction_section,
     blocked_section,
-    trials_section,
-    in_situ_section,
+    _of_steps("trials_section", "trials"),
+    _of_steps("in_situ_section", "in_situ"),
     live_section,
     timing_section,
     events_section,

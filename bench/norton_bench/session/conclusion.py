@@ -1,33 +1,29 @@
-"""From a recording to its result: the fit, its validation, the tables, the network file and the report."""
+"""From a recording to its result (fit, validation, tables, files), and to the last event of its session."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import isfinite
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.errors import ExperimentError, UsageError, exit_code_of, sentence_of
+from norton_bench.events import Ended
 from norton_bench.identification.cleaning import Cleaned, clean
 from norton_bench.identification.conditions import conditions, evidence_of
-from norton_bench.identification.exertion_table import exertion_table
-from norton_bench.identification.in_situ import InSituResult, in_situ_result
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, with_what_moved
 from norton_bench.identification.ladder import bench_ladder
 from norton_bench.identification.model_error import of_ladder
-from norton_bench.identification.modulation import modulator_places
 from norton_bench.identification.residual_tests import diagnose
 from norton_bench.identification.results import FitResult, LiveEstimate
 from norton_bench.identification.source_map import PortTorque, blocked_map, source_map
-from norton_bench.identification.source_table import source_table
-from norton_bench.identification.table_conditions import tabulated_conditions
-from norton_bench.identification.trials import trials
 from norton_bench.identification.validation import validate_signals
 from norton_bench.identification.without_model import without_model
 from norton_bench.models.network import STATUS
 from norton_bench.models.parameters import Status
-from norton_bench.procedures.iterate import IterateProcedure
+from norton_bench.on_demand import deferred
 from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.recording.reader import read_recording
 from norton_bench.records import Measured
@@ -36,10 +32,22 @@ from norton_bench.rig.rig import NO_MODEL
 from norton_bench.segments import Use
 from norton_bench.session.resume import with_earlier
 
+if TYPE_CHECKING:
+    from norton_bench.identification.in_situ import InSituResult
+
 Part = TypeVar("Part")
 Value = TypeVar("Value")
 
-ITERATED = IterateProcedure.name
+# Of steps that few sessions have.
+source_table = deferred("norton_bench.identification.source_table:source_table")
+exertion_table = deferred("norton_bench.identification.exertion_table:exertion_table")
+modulator_places = deferred("norton_bench.identification.modulation:modulator_places")
+tabulated_conditions = deferred("norton_bench.identification.table_conditions:tabulated_conditions")
+trials = deferred("norton_bench.identification.trials:trials")
+in_situ_result = deferred("norton_bench.identification.in_situ:in_situ_result")
+of_trials = deferred("norton_bench.report.facts_tables:of_trials")
+tabulated = deferred("norton_bench.report.facts_tables:tabulated")
+ITERATED = "iterate_zero_torque"
 # Reported while it goes on: it takes seconds, most of them for the parameters.
 PARAMETERS = "final fit 1/4: parameters"
 FRICTION = "final fit 2/4: friction models"
@@ -79,7 +87,7 @@ def conclude(
         measured,
         live=tuple(live),
         notes=notes,
-        in_situ=_where_measured(partial(in_situ_result, tick_s=float(metadata["tick_s"])), measured),
+        in_situ=_of_step("in_situ", partial(in_situ_result, tick_s=float(metadata["tick_s"])), measured),
     )
     if Use.IDENTIFY not in uses and result.in_situ is None:
         return result
@@ -100,10 +108,10 @@ def _identified(result: Result, measured: Measured, network_file: Path, on_stage
     result = replace(
         result,
         blocked_map=_where_measured(blocked_map, cleaned),
-        source=_where_measured(source_table, cleaned),
-        exertion=_where_measured(partial(exertion_table, tick_s=tick_s), cleaned),
-        modulator=_where_measured(modulator_places, cleaned),
-        trials=trials(measured, tick_s, ITERATED),
+        source=_of_step("tabulate_source", source_table, cleaned),
+        exertion=_of_step("tabulate_impedance", partial(exertion_table, tick_s=tick_s), cleaned),
+        modulator=_where_measured(modulator_places, cleaned) if len(cleaned.modulator_motion) else None,
+        trials=trials(measured, tick_s, ITERATED) if _had(ITERATED, measured) else (),
     )
     if result.metadata.get("model") == NO_MODEL:
         verdicts = tabulated_conditions(result.source, result.exertion)
@@ -144,6 +152,15 @@ def _fitted(so_far: Result, data: Cleaned, network_file: Path, on_stage: OnStage
     )
 
 
+def _had(step: str, measured: Measured) -> bool:
+    return any(segment.procedure == step for segment in measured.segments)
+
+
+def _of_step(step: str, value_of: Callable[[Measured], Value], measured: Measured) -> Value | None:
+    """None where the session had no such step, or its data are unusable."""
+    return _where_measured(value_of, measured) if _had(step, measured) else None
+
+
 def _where_measured(value_of: Callable[[Part], Value], measured: Part) -> Value | None:
     """None where the session had no such part, or its data are unusable."""
     try:
@@ -165,7 +182,7 @@ def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path
     return path
 
 
-def _source_saved(in_situ: InSituResult, path: Path) -> Path | None:
+def _source_saved(in_situ: "InSituResult", path: Path) -> Path | None:
     """Write the motion source, tick by tick; None where the experiment ended before it was measured."""
     source = in_situ.source
     if source is None:
@@ -199,3 +216,31 @@ def conclude_recording(path: Path, out: Path | None = None, on_stage: OnStage = 
     if result.empty:
         raise UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")
     return result
+
+
+def ended(result: Result) -> Ended:
+    """The last event of a session that is complete."""
+    fit, checked = result.fit, result.validation
+    return Ended(
+        result.exit_code,
+        recording=result.recording,
+        report=result.report_file,
+        network=result.network_file,
+        estimates=fit.estimates if fit else (),
+        verdict=fit.verdict if fit else (),
+        torque_relative=None if checked is None else _finite(checked.torque_relative),
+        velocity_relative=None if checked is None else _finite(checked.velocity_relative),
+        expectations=tuple(result.expectations),
+        trials=tuple(of_trials(result)) if result.repeated else (),
+        tables=tabulated(result) if result.tabulated else (),
+        conditions=tuple(map(str, result.conditions)),
+    )
+
+
+def ended_by(error: BaseException, recordings: Collection[Path]) -> Ended:
+    """The last event of a session that ``error`` ended; ``recordings`` are those that it has written."""
+    return Ended(exit_code_of(error), sentence_of(error), recording=max(recordings, default=None))
+
+
+def _finite(number: float) -> float | None:
+    return float(number) if isfinite(number) else None

@@ -18,8 +18,7 @@ from norton_bench.records import NO_DEVICE_TIME, TICK, TORQUE, Measured, Segment
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment
 from norton_bench.session.items import Session
-from norton_bench.session.program import Made, make_program
-from norton_bench.session.rehearsal import rehearsed
+from norton_bench.session.program import Made, make_program, rehearsed
 from norton_bench.session.script import Ask
 from norton_drivers.registry import load_backend
 

@@ -14,7 +14,7 @@ from norton_bench.errors import ExitCode, UsageError
 from norton_bench.events import Ended, Note, Planned, SessionState, StateChanged, Watcher, ignore
 from norton_bench.loop.bench_loop import BenchLoop
 from norton_bench.loop.in_process import loop_in_process
-from norton_bench.loop.process import LoopProcess
+from norton_bench.on_demand import deferred
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure
 from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.recording.disk import Need
@@ -24,22 +24,22 @@ from norton_bench.records import Measured
 from norton_bench.result import Result
 from norton_bench.rig.files import toml
 from norton_bench.rig.rig import Rig
-from norton_bench.session.conclusion import conclude
+from norton_bench.session.conclusion import conclude, ended, ended_by
 from norton_bench.session.items import judge
 from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
 from norton_bench.session.operator import NO_ANSWERS, Answers, Nobody, Operator, OperatorOrders
-from norton_bench.session.program import make_experiment, of_procedures
-from norton_bench.session.rehearsal import Rehearsed, rehearsed
+from norton_bench.session.program import Rehearsed, make_experiment, of_procedures, rehearsed
 from norton_bench.session.resume import RESUMES, EarlierSession, after, read_earlier
 from norton_bench.session.run import SessionRun
 from norton_bench.session.schema import Session
 from norton_bench.session.script import Experiment, Script, SoFar, perform
-from norton_bench.session.summary import ended, ended_by
 from norton_bench.session.warm_up import warm_up
 from norton_drivers.ports import Backend
 from norton_drivers.readings import DeviceIdentity
 from norton_drivers.real_time import frozen_garbage
 from norton_drivers.registry import load_backend
+
+LoopProcess = deferred("norton_bench.loop.process:LoopProcess")  # for hardware: a simulation does without
 
 PACKAGES = ("norton-bench", "numpy", "scipy", "numba", "filterpy", "python-can", "pyserial")
 

@@ -1,17 +1,19 @@
-"""The steps of a session file as an experiment: checked against the rig, planned, and written as a script."""
+"""The steps and faults of a session file as an experiment: checked against the rig, planned, and made a script."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from norton_bench.errors import UsageError
 from norton_bench.events import PlannedStep
+from norton_bench.on_demand import deferred
 from norton_bench.procedures.catalogue import make_procedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
-from norton_bench.procedures.modulated import modulated
 from norton_bench.rig.rig import Rig
 from norton_bench.session.items import AskOptions, Block, Condition, Item, Session, Step, check_expectation, flat
 from norton_bench.session.script import Ask, Experiment, Planned, Remark, Script, SoFar, Turn
 from norton_bench.units import parse_quantity
+from norton_drivers.ports import Backend, Rehearsal
 
 # An hour, as with `rest`. A step's excitation and readings are held in memory at once, and fitted: at 1 kHz an hour is
 # 3.6 million ticks of 224 bytes, with some 150 bytes of readings each: 1.3 GB.
@@ -20,6 +22,7 @@ MOST_STEP_S = 3600.0
 MOST_SESSION_S = 24 * 3600.0
 # These need no earlier step: they are possible at the end, however far the session came.
 ALWAYS_POSSIBLE = ("tare", "rest", "ask")
+modulated = deferred("norton_bench.procedures.modulated:modulated")
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ class _Maker:
         action = make_procedure(step.do, step.options, self.rig, before, place=place)
         if not step.modulations:
             return action
-        held = modulated(action, _in_units(step.modulations, self.rig, place))
+        held: Procedure | Adaptive = modulated(action, _in_units(step.modulations, self.rig, place))
         held.require(self.rig)
         return held
 
@@ -249,3 +252,40 @@ def _check_always(session: Session) -> None:
                 f"{session.place}: [{step.where}]: needs other steps, which may have failed by then; "
                 f"always = true is for {', '.join(ALWAYS_POSSIBLE)}"
             )
+
+
+@dataclass(frozen=True)
+class Rehearsed:
+    """``faults`` by the step in which they happen; None for those of the whole session."""
+
+    backend: Rehearsal | None = None
+    faults: Mapping[str | None, tuple[Any, ...]] = field(default_factory=dict)
+
+    def begin(self, step: str | None) -> None:
+        """Inject the faults of ``step``, or those of the whole session (None)."""
+        if self.backend is not None:
+            self.backend.inject(*self.faults.get(step, ()))
+
+    def happened(self) -> list[tuple[int, str]]:
+        """Time [ns] and description of each fault that has begun, those of the rig file included."""
+        injected = () if self.backend is None else self.backend.injected
+        return [(fault.begun_ns, fault.said) for fault in injected if fault.begun_ns is not None]
+
+
+def rehearsed(session: Session, backend: Backend) -> Rehearsed:
+    """The faults of the session, for a backend that can inject them.
+
+    Raises UsageError where there are faults and the backend is no simulation; WiringError for faults that are wrong.
+    """
+    if not isinstance(backend, Rehearsal):
+        if session.faults:
+            raise UsageError(
+                f"{session.place}: [[fault]] is for the simulated backend only; "
+                "leave the section out, or add --backend simulated"
+            )
+        return Rehearsed()
+    read = backend.read_faults([fault.table for fault in session.faults], place=session.place)
+    by_step: dict[str | None, tuple[Any, ...]] = {}
+    for written, fault in zip(session.faults, read, strict=True):
+        by_step[written.during] = (*by_step.get(written.during, ()), fault)
+    return Rehearsed(backend, by_step)

@@ -203,7 +203,7 @@ class Refit:
 
 def _refit(recording: Path, pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the watcher handles Ctrl-C
-    from norton_bench.session.summary import ended, ended_by  # noqa: PLC0415  (its imports take seconds)
+    from norton_bench.session.conclusion import ended, ended_by  # noqa: PLC0415  (its imports take seconds)
 
     try:
         from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415

@@ -12,7 +12,7 @@ from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import foreseeing, with_preview
 from norton_bench.errors import OperatorStopError
 from norton_bench.events import Note, PartMeasured, Planned, PlannedStep, StepBegun, Watcher
-from norton_bench.guard.model import (
+from norton_bench.guard.check import (
     EMPTY_MODEL,
     GuardModel,
     Machine,
@@ -33,7 +33,7 @@ from norton_bench.segments import Segment, Use
 from norton_bench.session.items import ASK
 from norton_bench.session.live_feed import LiveFeed
 from norton_bench.session.operator import Answers, OperatorOrders, unanswered
-from norton_bench.session.rehearsal import Rehearsed
+from norton_bench.session.program import Rehearsed
 from norton_bench.session.resume import ANSWERED, FINISHED, EarlierSession, before
 from norton_bench.session.script import Action, Ask, ByHand, Remark, SoFar, Turn
 

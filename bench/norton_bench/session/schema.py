@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from norton_bench.errors import UsageError, nearest
-from norton_bench.procedures.catalogue import make_procedures
+from norton_bench.procedures.catalogue import CATALOGUE, make_procedures
 from norton_bench.procedures.options import (
     STEPS,
     CalibrateOptions,
@@ -18,7 +18,6 @@ from norton_bench.procedures.options import (
     TareOptions,
     ValidateOptions,
 )
-from norton_bench.procedures.refine import RefineProcedure
 from norton_bench.rig.files import Mistakes, check_kind, parse_toml, read_text, toml
 from norton_bench.rig.rig import Command, Rig
 from norton_bench.session.items import Expectation, ExpectModel, Session, Step, WrittenFault, flat
@@ -170,7 +169,7 @@ def refining_session(rig: Rig, until: float, at_most_s: float) -> Session:
         ("validate", ValidateOptions()),
     )
     place = "--until"
-    RefineProcedure().require(rig)
+    CATALOGUE["refine"].make().require(rig)
     procedures = make_procedures(around, rig, place=place)
     taken_s = sum(procedure.duration_s(rig) for procedure in procedures if procedure.name != "refine")
     if at_most_s - taken_s < LEAST_REFINING_S:

@@ -10,7 +10,7 @@ from io import TextIOWrapper
 from pathlib import Path
 
 from norton_bench.errors import UsageError
-from norton_bench.extras import extra
+from norton_bench.on_demand import extra
 from norton_bench.session.pool import process_pool
 from norton_bench.sweep.task import Task, TaskResult, carry_out
 

@@ -79,26 +79,26 @@ class BotaStream:
     """Finds frames in a byte stream; what it finds does not depend on how the stream is cut.
 
     ``discarded_bytes`` counts bytes that belong to no frame; ``crc_errors`` counts stretches of 37 bytes that began
-    like a frame and were none.
+    like a frame and were none; ``pending_bytes`` counts those fed after the last complete frame.
     """
 
     def __init__(self) -> None:
         self.discarded_bytes = 0
         self.crc_errors = 0
+        self.pending_bytes = 0
         self._buffer = bytearray()
-
-    @property
-    def pending_bytes(self) -> int:
-        """How many bytes were fed after the last complete frame."""
-        return len(self._buffer)
 
     def feed(self, data: bytes) -> list[BotaFrame]:
         """The frames completed by ``data``, oldest first. Never raises."""
         buffer = self._buffer
         buffer += data
         frames: list[BotaFrame] = []
-        start = 0
-        while (start := self._next_header(start)) + FRAME_LENGTH <= len(buffer):
+        start = 0  # of what is still to be looked at
+        while (header := buffer.find(HEADER, start)) >= 0:
+            self.discarded_bytes += header - start
+            start = header
+            if start + FRAME_LENGTH > len(buffer):
+                break
             *fields, crc = _FRAME.unpack_from(buffer, start)
             if crc16_x25(buffer[start + 1 : start + FRAME_LENGTH - 2]) == crc:
                 frames.append(BotaFrame._make(fields))
@@ -108,15 +108,9 @@ class BotaStream:
                 self.crc_errors += 1
                 self.discarded_bytes += 1
                 start += 1
+        else:  # no frame can begin in what is left
+            self.discarded_bytes += len(buffer) - start
+            start = len(buffer)
         del buffer[:start]
+        self.pending_bytes = len(buffer)
         return frames
-
-    def _next_header(self, start: int) -> int:
-        """The next place where a frame may begin (the buffer's end where there is none)."""
-        result = self._buffer.find(HEADER, start)
-        if result == start:
-            return start
-        if result < 0:
-            result = len(self._buffer)
-        self.discarded_bytes += result - start
-        return result

@@ -7,6 +7,7 @@ DBC file 0.6.10 that ODrive publishes.
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from math import isfinite
 from struct import Struct
 from typing import ClassVar, Self
@@ -23,6 +24,7 @@ _ONE_F32 = Struct("<f")
 # The published DBC file gives these eight bytes; the drive itself looks at four.
 _PADDED_U32 = Struct("<I4x")
 _PADDED_F32 = Struct("<f4x")
+TORQUE = _PADDED_F32  # the layout of SetInputTorque
 _HEARTBEAT = Struct("<IBBBx")
 _VERSION = Struct("<8B")
 
@@ -110,7 +112,8 @@ def check_length(data: bytes | bytearray, length: int, message: str) -> None:
 
 
 def _two_finite(data: bytes | bytearray, message: str) -> tuple[float, float]:
-    check_length(data, 8, message)
+    if len(data) < 8:
+        check_length(data, 8, message)  # which says so
     first, second = _TWO_F32.unpack_from(data)
     if not (isfinite(first) and isfinite(second)):
         raise CodecError(f"{message}: not a finite number")
@@ -137,21 +140,11 @@ def _pack_two(message: str, first: float, second: float) -> bytes:
 
 
 # What crosses the wire every millisecond can be had without an object made of it: two numbers, or one.
-
-
-def estimates_value(position_rev: float, velocity_rev_s: float) -> bytes:
-    """The payload of :class:`EncoderEstimates`."""
-    return _pack_two("encoder estimates", position_rev, velocity_rev_s)
-
-
-def estimates_of(data: bytes | bytearray) -> tuple[float, float]:
-    """Position [turns] and velocity [turns/s] in the payload of :class:`EncoderEstimates`."""
-    return _two_finite(data, "encoder estimates")
-
-
-def torque_value(torque_nm: float) -> bytes:
-    """The payload of :class:`SetInputTorque`."""
-    return pack_float(_PADDED_F32, "torque", torque_nm)
+# The payload of EncoderEstimates, from position [turns] and velocity [turns/s], and these in a payload.
+estimates_value = partial(_pack_two, "encoder estimates")
+estimates_of = partial(_two_finite, message="encoder estimates")
+# The payload of SetInputTorque, from a torque [N m].
+torque_value = partial(pack_float, _PADDED_F32, "torque")
 
 
 def torque_of(data: bytes | bytearray) -> float:
@@ -201,20 +194,6 @@ class Heartbeat:
         check_length(data, 8, "heartbeat")
         error_bits, axis_state, procedure_result, flags = _HEARTBEAT.unpack_from(data)
         return cls(error_bits, axis_state, procedure_result, bool(flags & 1))
-
-
-@dataclass(frozen=True, slots=True)
-class Estop:
-    """Disarm at once, with an error (command 02)."""
-
-    COMMAND: ClassVar[MessageId] = MessageId.ESTOP
-
-    def encode(self) -> bytes:
-        return b""
-
-    @classmethod
-    def decode(cls, data: bytes | bytearray) -> Self:  # noqa: ARG003  (carries nothing)
-        return cls()
 
 
 @dataclass(frozen=True, slots=True)

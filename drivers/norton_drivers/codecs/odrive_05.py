@@ -12,7 +12,7 @@ from enum import IntEnum
 from struct import Struct
 from typing import ClassVar, Final, Self
 
-from norton_drivers.codecs.common import CodecError
+from norton_drivers.codecs.odrive import check_length
 
 _HEARTBEAT = Struct("<IBBBB")
 _U64 = Struct("<Q")
@@ -55,7 +55,7 @@ class Heartbeat05:
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 8, "heartbeat")
+        check_length(data, 8, "heartbeat")
         error_bits, axis_state, motor, encoder, controller = _HEARTBEAT.unpack_from(data)
         return cls(
             error_bits,
@@ -74,7 +74,7 @@ def errors_value(bits: int) -> bytes:
 
 def errors_of(data: bytes | bytearray) -> int:
     """Error bits in such a payload."""
-    _check_length(data, 4, "error")
+    check_length(data, 4, "error")
     return int(_U64.unpack(bytes(data[:8]).ljust(8, b"\0"))[0])
 
 
@@ -91,7 +91,7 @@ class EncoderCount:
 
     @classmethod
     def decode(cls, data: bytes | bytearray) -> Self:
-        _check_length(data, 8, "encoder count")
+        check_length(data, 8, "encoder count")
         return cls(*_TWO_I32.unpack_from(data))
 
 
@@ -103,12 +103,6 @@ class ClearErrors05:
 
     def encode(self) -> bytes:
         return b""
-
-
-def _check_length(data: bytes | bytearray, length: int, message: str) -> None:
-    # Not `!=`: some adapters pad to 8 bytes.
-    if len(data) < length:
-        raise CodecError(f"{message}: {len(data)} bytes where {length} are needed")
 
 
 AXIS_WORDS: Final = {

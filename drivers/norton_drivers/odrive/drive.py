@@ -16,11 +16,11 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from norton_drivers.can_drive import CanDrive, FedWatchdog
 from norton_drivers.codecs import odrive as protocol
-from norton_drivers.codecs import odrive_sdo
+from norton_drivers.codecs import odrive_06
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.odrive import MessageId
 from norton_drivers.codecs.odrive_05 import Command05, EncoderCount
-from norton_drivers.codecs.odrive_words import describe_axis_state
+from norton_drivers.codecs.odrive_06 import describe_axis_state
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, Questions, wait_until
 from norton_drivers.odrive.firmwares import Dialect, Drive, Firmware05, Firmware06, Handler, HeartbeatState, Message
@@ -99,10 +99,10 @@ class ODriveOptions(DeviceOptions):
     )
     ask: bool = Field(False, description="whether currents must be asked for, as before firmware 0.5.6")
     watchdog_timeout_endpoint: int = Field(
-        odrive_sdo.ENDPOINT_WATCHDOG_TIMEOUT, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
+        odrive_06.ENDPOINT_WATCHDOG_TIMEOUT, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
     enable_watchdog_endpoint: int = Field(
-        odrive_sdo.ENDPOINT_ENABLE_WATCHDOG, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
+        odrive_06.ENDPOINT_ENABLE_WATCHDOG, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
 
     @field_validator("firmware")
@@ -161,7 +161,7 @@ class ODrive(CanDrive):
         self._questions = self._ask_for_current() if options.ask else None
         self._torque_id = protocol.arbitration_id(options.node, protocol.MessageId.SET_INPUT_TORQUE)
         self._handlers = self._handlers_by_id()
-        port.subscribe(self._on_frame)
+        port.subscribe(self._on_frame, self._handlers)
 
     # ---- What the bench asks -------------------------------------------------------------------------------------
 
@@ -199,7 +199,8 @@ class ODrive(CanDrive):
         except CodecError as error:
             raise DeviceError(f"{self.place}: cannot command a torque of {value} N*m") from error
         self._port.send(self._torque_id, payload)
-        return self._direction * protocol.torque_of(payload)
+        sent_nm: float = protocol.TORQUE.unpack(payload)[0]
+        return self._direction * sent_nm
 
     @property
     def position_resolution_rad(self) -> float:
@@ -339,11 +340,10 @@ class ODrive(CanDrive):
         return on_message
 
     def _on_frame(self, message: can.Message, arrival_ns: int) -> None:
-        handler = self._handlers.get(message.arbitration_id)
-        if handler is None or message.is_extended_id or message.is_remote_frame:
+        if message.is_extended_id or message.is_remote_frame:
             return
         try:
-            handler(message.data, arrival_ns)
+            self._handlers[message.arbitration_id](message.data, arrival_ns)
         except CodecError:
             self.malformed += 1
 

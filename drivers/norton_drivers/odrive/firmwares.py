@@ -16,10 +16,10 @@ from math import isclose, nan
 from typing import Final, NamedTuple, Protocol
 
 from norton_drivers.codecs import odrive as protocol
-from norton_drivers.codecs import odrive_05, odrive_sdo
+from norton_drivers.codecs import odrive_05, odrive_06
 from norton_drivers.codecs.odrive import Temperature
 from norton_drivers.codecs.odrive_05 import ERROR_WATCHDOG, ClearErrors05, Command05, Heartbeat05, errors_of
-from norton_drivers.codecs.odrive_words import describe_errors, describe_procedure_result
+from norton_drivers.codecs.odrive_06 import describe_errors, describe_procedure_result
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.readings import Inbox
 
@@ -129,19 +129,19 @@ class Parameters:
         self._drive = drive
         self._values: dict[int, bytes] = {}
 
-    def take(self, answer: odrive_sdo.TxSdo) -> None:
+    def take(self, answer: odrive_06.TxSdo) -> None:
         """Note what the drive answered."""
         self.answers += 1
         self._values[answer.endpoint] = answer.value
 
     def write(self, endpoint: int, value: bytes) -> None:
         """Raises ConnectionFailedError."""
-        self._drive.send(odrive_sdo.RxSdo(odrive_sdo.SdoOpcode.WRITE, endpoint, value))
+        self._drive.send(odrive_06.RxSdo(odrive_06.SdoOpcode.WRITE, endpoint, value))
 
     def read(self, endpoint: int) -> bytes:
         """Raises DeviceTimeoutError where the drive does not answer."""
         self._values.pop(endpoint, None)
-        self._drive.send(odrive_sdo.RxSdo(odrive_sdo.SdoOpcode.READ, endpoint))
+        self._drive.send(odrive_06.RxSdo(odrive_06.SdoOpcode.READ, endpoint))
         self._drive.wait_for(
             lambda: endpoint in self._values,
             _ANSWER_TIMEOUT_S,
@@ -160,10 +160,10 @@ def arm_watchdog(drive: Drive, parameters: Parameters) -> None:
     options = drive.options
     timeout_at, enable_at = options.watchdog_timeout_endpoint, options.enable_watchdog_endpoint
     _check_endpoints(drive, parameters)
-    parameters.write(timeout_at, odrive_sdo.f32_value(options.watchdog_s))
+    parameters.write(timeout_at, odrive_06.f32_value(options.watchdog_s))
     drive.command(0.0)
-    parameters.write(enable_at, odrive_sdo.u32_value(1))
-    timeout_s = odrive_sdo.f32_of(parameters.read(timeout_at))
+    parameters.write(enable_at, odrive_06.u32_value(1))
+    timeout_s = odrive_06.f32_of(parameters.read(timeout_at))
     enabled = parameters.read(enable_at)[0]
     if not isclose(timeout_s, options.watchdog_s, rel_tol=1e-6) or enabled != 1:
         raise DeviceError(
@@ -173,7 +173,7 @@ def arm_watchdog(drive: Drive, parameters: Parameters) -> None:
 
 
 def _check_endpoints(drive: Drive, parameters: Parameters) -> None:
-    timeout_s = odrive_sdo.f32_of(parameters.read(drive.options.watchdog_timeout_endpoint))
+    timeout_s = odrive_06.f32_of(parameters.read(drive.options.watchdog_timeout_endpoint))
     enabled = parameters.read(drive.options.enable_watchdog_endpoint)[0]
     # A comparison with NaN is false, as it should be.
     if not (0 <= timeout_s <= _LONGEST_TIMEOUT_S and enabled in (0, 1)):
@@ -347,7 +347,7 @@ class Firmware06:
         self._disarm_bits = error.active_bits | error.disarm_bits
 
     def _on_parameter(self, data: bytearray, arrival_ns: int) -> None:
-        self._parameters.take(odrive_sdo.TxSdo.decode(data))
+        self._parameters.take(odrive_06.TxSdo.decode(data))
 
     def _on_temperature(self, data: bytearray, arrival_ns: int) -> None:
         self.temperature = protocol.Temperature.decode(data)

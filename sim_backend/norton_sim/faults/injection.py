@@ -1,18 +1,116 @@
-"""Starts each fault when it is due, and ends it when its time is over."""
+"""Faults of machines and sensors; and the injection of every fault, from when it is due until its time is over."""
 
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from math import isfinite
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ValidationError
 
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import Wiring
-from norton_sim.faults import machinery, schema, wires
-from norton_sim.faults.schema import KINDS, Fault, HostStall
+from norton_sim.faults import schema, wires
+from norton_sim.faults.schema import (
+    KINDS,
+    BiasJump,
+    BrokenCoupling,
+    DriveError,
+    EncoderJump,
+    FalseReading,
+    Fault,
+    Freeze,
+    HostStall,
+    OverTemperature,
+    Runaway,
+    Saturation,
+    SignFlip,
+    Stuck,
+    Undervoltage,
+)
 from norton_sim.faults.stage import Injected, Stage, Undo
+from norton_sim.firmware.context import DriveFault
+from norton_sim.plant import Distortion, Machine
 from norton_sim.tables import complaints, keys_of, nearest
+
+TORQUE_SENSOR = "torque_sensor"
+
+
+def freeze(fault: Freeze, stage: Stage) -> Undo:
+    if fault.on != TORQUE_SENSOR:
+        return _misread(stage, fault.on, gain=0)
+    stands_at_nm = stage.world.plant.sensor_torque_nm()
+    return _distorted(stage, lambda _torque_nm: stands_at_nm)
+
+
+def sign_flip(fault: SignFlip, stage: Stage) -> Undo:
+    if fault.on != TORQUE_SENSOR:
+        return _misread(stage, fault.on, gain=-1)
+    return _distorted(stage, lambda torque_nm: -torque_nm)
+
+
+def saturation(fault: Saturation, stage: Stage) -> Undo:
+    return _distorted(stage, lambda torque_nm: min(max(torque_nm, -fault.limit_nm), fault.limit_nm))
+
+
+def bias_jump(fault: BiasJump, stage: Stage) -> Undo:
+    return _distorted(stage, lambda torque_nm: torque_nm + fault.by_nm)
+
+
+def false_reading(fault: FalseReading, stage: Stage) -> Undo:
+    return _distorted(stage, lambda _torque_nm: fault.torque_nm)
+
+
+def encoder_jump(fault: EncoderJump, stage: Stage) -> Undo:
+    return _misread(stage, fault.on, gain=1, jump_rad=fault.by_rad)
+
+
+def _distorted(stage: Stage, distortion: Distortion) -> Undo:
+    return stage.world.plant.distort_sensor(distortion)
+
+
+def _misread(stage: Stage, on: str, gain: int, jump_rad: float = 0.0) -> Undo:
+    plant, machine = stage.world.plant, cast(Machine, on)
+    plant.misread(machine, gain, jump_rad)
+    return lambda: plant.read_true(machine)
+
+
+BREAKDOWNS = {
+    DriveError: DriveFault.FAULT,
+    Undervoltage: DriveFault.UNDERVOLTAGE,
+    OverTemperature: DriveFault.OVER_TEMPERATURE,
+}
+
+
+def breakdown(fault: DriveError | Undervoltage | OverTemperature, stage: Stage) -> Undo:
+    stage.drive(fault.on).break_down(BREAKDOWNS[type(fault)])
+    return _stays
+
+
+def runaway(fault: Runaway, stage: Stage) -> Undo:
+    plant, machine = stage.world.plant, cast(Machine, fault.on)
+    plant.run_away(machine, fault.torque_nm)
+    return lambda: plant.obey(machine)
+
+
+def stuck(fault: Stuck, stage: Stage) -> Undo:
+    plant, machine = stage.world.plant, cast(Machine, fault.on)
+    plant.jam(machine)
+    return lambda: plant.free(machine)
+
+
+def broken_coupling(_fault: BrokenCoupling, stage: Stage) -> Undo:
+    stage.world.plant.uncouple()
+    return _stays
+
+
+def host_stall(fault: HostStall, stage: Stage) -> Undo:
+    assert stage.stall is not None  # or it would not have been let in
+    stage.stall(round(fault.lasts_s * 1e9))
+    return _stays
+
+
+def _stays() -> None:
+    """What cannot be taken back."""
 
 
 def read_faults(tables: object, wiring: Wiring, *, place: str, section: str) -> tuple[Fault, ...]:
@@ -77,19 +175,19 @@ EFFECTS: Mapping[type[Fault], Callable[[Any, Stage], Undo]] = {
     schema.BusOff: wires.bus_off,
     schema.Unplugged: wires.unplugged,
     schema.Dropout: wires.dropout,
-    schema.Freeze: machinery.freeze,
-    schema.SignFlip: machinery.sign_flip,
-    schema.Saturation: machinery.saturation,
-    schema.BiasJump: machinery.bias_jump,
-    schema.FalseReading: machinery.false_reading,
-    schema.EncoderJump: machinery.encoder_jump,
-    schema.DriveError: machinery.breakdown,
-    schema.Undervoltage: machinery.breakdown,
-    schema.OverTemperature: machinery.breakdown,
-    schema.Runaway: machinery.runaway,
-    schema.Stuck: machinery.stuck,
-    schema.BrokenCoupling: machinery.broken_coupling,
-    schema.HostStall: machinery.host_stall,
+    schema.Freeze: freeze,
+    schema.SignFlip: sign_flip,
+    schema.Saturation: saturation,
+    schema.BiasJump: bias_jump,
+    schema.FalseReading: false_reading,
+    schema.EncoderJump: encoder_jump,
+    schema.DriveError: breakdown,
+    schema.Undervoltage: breakdown,
+    schema.OverTemperature: breakdown,
+    schema.Runaway: runaway,
+    schema.Stuck: stuck,
+    schema.BrokenCoupling: broken_coupling,
+    schema.HostStall: host_stall,
 }
 # Those that hit frames count them.
 COUNTED_EFFECTS: Mapping[type[Fault], Callable[[Any, Stage, Injected], Undo]] = {

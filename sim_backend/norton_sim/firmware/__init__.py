@@ -16,7 +16,7 @@ FIRMWARE = {
     "ascii": ("serial_sensors", "AsciiSensor"),
     "bota": ("bota", "BotaSensor"),
     "canopen": ("can_sensors", "CanopenSensor"),
-    "celsius": ("celsius", "CelsiusProbe"),
+    "celsius": ("serial_sensors", "CelsiusProbe"),
     "dbc": ("can_sensors", "DbcSensor"),
     "dyn200": ("dyn200", "Dyn200Sensor"),
     "mantracourt": ("serial_sensors", "MantracourtSensor"),

@@ -13,7 +13,7 @@ from typing import Protocol, cast
 
 import can
 
-from norton_drivers.codecs import odrive, odrive_sdo
+from norton_drivers.codecs import odrive, odrive_06
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.odrive import AxisState, ControlMode, InputMode, MessageId
 from norton_drivers.odrive import ODriveOptions
@@ -261,13 +261,13 @@ class ODriveAxis:
         self.active_errors = self.disarm_reason = 0
 
     def _access_parameter(self, data: bytearray) -> None:
-        request = odrive_sdo.RxSdo.decode(data)
-        if request.opcode == odrive_sdo.SdoOpcode.WRITE:
+        request = odrive_06.RxSdo.decode(data)
+        if request.opcode == odrive_06.SdoOpcode.WRITE:
             self._parameters.write(request.endpoint, request.value)
             return
         value = self._parameters.read(request.endpoint)
         if value is not None:
-            self._connector.send(self._ids[MessageId.TX_SDO], odrive_sdo.TxSdo(request.endpoint, value).encode())
+            self._connector.send(self._ids[MessageId.TX_SDO], odrive_06.TxSdo(request.endpoint, value).encode())
 
     def _starve(self) -> None:
         if self.armed:
@@ -311,15 +311,15 @@ class _Parameters:
     def read(self, endpoint: int) -> bytes | None:
         """The parameter's four bytes; None where there is none."""
         if endpoint == self._enable_endpoint:
-            return odrive_sdo.u32_value(self._watchdog.enabled)
+            return odrive_06.u32_value(self._watchdog.enabled)
         if endpoint == self._timeout_endpoint:
-            return odrive_sdo.f32_value(self._watchdog.timeout_ns * 1e-9)
+            return odrive_06.f32_value(self._watchdog.timeout_ns * 1e-9)
         return None
 
     def write(self, endpoint: int, value: bytes) -> None:
         enabled, timeout_ns = self._watchdog.enabled, self._watchdog.timeout_ns
         if endpoint == self._enable_endpoint:
-            enabled = bool(odrive_sdo.u32_of(value) & 0xFF)
-        elif endpoint == self._timeout_endpoint and isfinite(timeout_s := odrive_sdo.f32_of(value)):
+            enabled = bool(odrive_06.u32_of(value) & 0xFF)
+        elif endpoint == self._timeout_endpoint and isfinite(timeout_s := odrive_06.f32_of(value)):
             timeout_ns = max(0, round(timeout_s * 1e9))
         self._watchdog.configure(enabled=enabled, timeout_ns=timeout_ns)

@@ -1,9 +1,10 @@
-"""Torque sensors that print or are asked for lines of text on a serial line."""
+"""Sensors on a serial line that print lines of text, or are asked for them: torque, and temperature."""
 
 from functools import partial
 from math import isfinite
 
 from norton_drivers.ascii_lines import AsciiOptions
+from norton_drivers.celsius import CelsiusOptions
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.lines import LineStream, signed_text
 from norton_drivers.codecs.mantracourt import NOT_UNDERSTOOD, question_in
@@ -104,3 +105,24 @@ class MantracourtSensor:
     def _say(self, name: str, _stamp_ns: int) -> None:
         text = signed_text(self._values[name], *MANTRACOURT_DIGITS) if name else NOT_UNDERSTOOD
         self._connector.send(text + b"\r")
+
+
+PERIOD_NS = 500_000_000
+ROOM_C = 23.41  # the simulated machines stay as warm as the room
+
+
+class CelsiusProbe:
+    """Prints the room's temperature in the field that the rig names, with zeros in the fields beside it."""
+
+    def __init__(self, context: DeviceContext) -> None:
+        self._options = parse_options(CelsiusOptions, context.settings)
+        self._connector = context.serial_connector()
+        context.cyclic(PERIOD_NS, self._send)
+
+    def freeze(self) -> None:
+        """The room's temperature does not change anyway."""
+
+    def _send(self, _stamp_ns: int) -> None:
+        options = self._options
+        fields = [b"0"] * (options.field - 1) + [f"{ROOM_C:.2f}{options.unit}".encode()]
+        self._connector.send(options.separator.encode().join(fields) + b"\n")

@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from norton_bench.cli.output import to_json
-from norton_bench.cli.tables import model_free, residual_figures
+from norton_bench.cli.results import model_free, residual_figures
 from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.residual_tests import Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import SourceMap
@@ -60,7 +60,7 @@ def test_nothing_measured_is_null() -> None:
 
 def test_what_the_residual_follows() -> None:
     lags = np.arange(3.0)
-    memory = Memory(lags, np.array([0.1, -0.2, 0.0]), lags, 5.0, 0.03)
+    memory = Memory(lags, np.array([0.1, -0.2, 0.0]), lags, 0.03)
     followed = Dependence("velocity", lags, lags, lags, 0.5, 0.0, 0.0, np.nan)
     tests = ResidualTests(1e-3, memory, (followed,), (Harmonic(42, 3e-4, 1e-9),), lags)
     data = printed(residual_figures(tests))

@@ -21,8 +21,8 @@ from norton_bench.identification.results import FitResult, Trace, Validation
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, PredictionError, Status
+from norton_bench.report.facts_tables import in_situ_sentence, trials_sentence
 from norton_bench.result import Result
-from norton_bench.session.summary import in_situ_sentence, trials_sentence
 
 TRACE = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
 VALIDATION = Validation(1.5e-3, 0.012, 0.2, 0.034, TRACE, TRACE, 0.05)

@@ -6,7 +6,7 @@ import pytest
 
 from norton_bench.faults.case import CaseJudgement, Detection, Expected, Verdict, allowed_ns, judge
 from norton_bench.rig.rig import Limits
-from norton_drivers.rehearsal import TrueState
+from norton_drivers.ports import TrueState
 
 MS = 1_000_000
 LIMITS = Limits(torque_nm=1.0, velocity_rad_s=80.0, stale_after_ns=5 * MS)

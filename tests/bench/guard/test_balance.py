@@ -5,8 +5,7 @@ from math import copysign, cos, pi, sin
 
 import pytest
 
-from norton_bench.guard.check import Commands
-from norton_bench.guard.model import GuardModel, Machine, TorqueReadings
+from norton_bench.guard.check import Commands, GuardModel, Machine, TorqueReadings
 from norton_bench.guard.torque_checks import TorqueBalance
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import NOTHING, TICK_NS, ask, from_tick, resting, turning

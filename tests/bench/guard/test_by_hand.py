@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from norton_bench.guard.check import Check, Commands
+from norton_bench.guard.check import Check, Commands, GuardModel, Machine, TorqueReadings, amperes_per_command
 from norton_bench.guard.drive_checks import CurrentAgreement, StuckModulator
-from norton_bench.guard.model import GuardModel, Machine, TorqueReadings, amperes_per_command
 from norton_bench.guard.motion_checks import CouplingCheck, EncoderAgreement, HeldShaft, Standstill
 from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueBalance, TorqueJump
 from norton_bench.records import CURRENT, TICK

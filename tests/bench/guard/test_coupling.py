@@ -4,7 +4,7 @@ from math import inf
 
 import pytest
 
-from norton_bench.guard.model import EMPTY_MODEL, GuardModel
+from norton_bench.guard.check import EMPTY_MODEL, GuardModel
 from norton_bench.guard.motion_checks import CouplingCheck
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, from_tick, resting, turning

@@ -4,9 +4,8 @@ from math import nan, sin
 
 import pytest
 
-from norton_bench.guard.check import Commands
+from norton_bench.guard.check import EMPTY_MODEL, Commands, GuardModel
 from norton_bench.guard.drive_checks import CurrentAgreement
-from norton_bench.guard.model import EMPTY_MODEL, GuardModel
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import ask, turning
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from norton_bench.guard.model import EMPTY_MODEL
+from norton_bench.guard.check import EMPTY_MODEL
 from norton_bench.guard.motion_checks import EncoderAgreement
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import TICK_NS, ask, from_tick, resting, turning

@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_bench.errors import SafetyStopError, UsageError
-from norton_bench.guard.check import Commands, DriveHealth, Limited
+from norton_bench.guard.check import Commands, DriveHealth, GuardModel, Limited
 from norton_bench.guard.guard import Guard
-from norton_bench.guard.model import GuardModel
 from norton_bench.rig.rig import Limits
 from norton_bench.sample import Sample
 from norton_drivers.readings import DriveState, DriveStatus

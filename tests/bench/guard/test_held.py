@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from norton_bench.guard.model import EMPTY_MODEL, GuardModel
+from norton_bench.guard.check import EMPTY_MODEL, GuardModel
 from norton_bench.guard.motion_checks import HeldShaft
 from norton_bench.sample import Sample
 from tests.bench.guard.shafts import TICK_NS, ask, resting, turning

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.guard.model import amperes_per_command, still_swing_nm, torque_readings
+from norton_bench.guard.check import amperes_per_command, still_swing_nm, torque_readings
 from norton_bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured
 
 TICK_NS = 1_000_000

@@ -5,8 +5,7 @@ from math import inf
 
 import pytest
 
-from norton_bench.guard.check import Commands
-from norton_bench.guard.model import EMPTY_MODEL, GuardModel, Machine, TorqueReadings
+from norton_bench.guard.check import EMPTY_MODEL, Commands, GuardModel, Machine, TorqueReadings
 from norton_bench.guard.motion_checks import Standstill
 from norton_bench.guard.torque_checks import FrozenTorque, SaturationCheck, TorqueJump
 from norton_bench.sample import Sample

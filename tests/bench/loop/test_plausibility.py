@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import SafetyStopError
-from norton_bench.guard.model import GuardModel, Machine, TorqueReadings
+from norton_bench.guard.check import GuardModel, Machine, TorqueReadings
 from norton_bench.procedures.waves import coasting, pushed
 from norton_bench.records import Measured
 from norton_bench.rig.load import load_rig

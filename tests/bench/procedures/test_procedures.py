@@ -297,5 +297,5 @@ def shaken_nm(command: Command, tare: Tare | None) -> float:
 def test_the_load_shakes_no_more_than_three_times_as_hard_as_the_actuator(
     command: Command, moving: tuple[float | None, float | None], greatest_nm: float
 ) -> None:
-    tare = Tare(0.0, 1e-3, 1e-3, 1e-3, 1e-3, *moving)
+    tare = Tare(0.0, 1e-3, *moving)
     assert shaken_nm(command, tare) == pytest.approx(shaken_nm(command, None) * greatest_nm)

@@ -139,7 +139,7 @@ def freed(plan: Plan, network: NortonNetwork) -> tuple[Measured, list[str]]:
 def test_stairs_that_nobody_foresaw_to_be_too_fast_are_climbed_again_slower(taken: float | None, share: float) -> None:
     """As where friction kept the calibration from moving the shaft by much: there is no fit to foresee them by."""
     strong = replace(RIG, command=replace(RIG.command, limit=9.0))
-    tare = Tare(0.0, 1e-3, 0.0, 0.0, 0.0, moving_command=taken)
+    tare = Tare(0.0, 1e-3, moving_command=taken)
     known, procedure = replace(known_of(SLOW, strong), actuator=None, tare=tare), FreeProcedure()
     measured, names = freed(procedure.plan(known), SLOW)
     assert TOO_FAST in names

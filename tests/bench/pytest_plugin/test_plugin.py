@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from norton_bench.errors import RigError
-from norton_bench.pytest_plugin.benches import simulated_rig
+from norton_bench.pytest_plugin.checks import simulated_rig
 
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-free-shaft.toml"

@@ -141,7 +141,7 @@ def residuals() -> ResidualTests:
     lags_s, input_lags_s = np.arange(1, 26) * 3e-3, np.arange(-4, 9) * 3e-3
     spectrum = np.full(256, 2e-5)
     spectrum[41] = 3e-4
-    memory = Memory(lags_s, 0.1 * 0.8 ** np.arange(25), np.full(25, 0.014), 400.0, 1e-60)
+    memory = Memory(lags_s, 0.1 * 0.8 ** np.arange(25), np.full(25, 0.014), 1e-60)
     bell = np.exp(-((input_lags_s / 5e-3) ** 2))
     followed = (
         Dependence("command", input_lags_s, 0.004 * bell, np.full(13, 0.014), 0.6, 0.0, 0.0, 3.0),

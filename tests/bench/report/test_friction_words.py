@@ -8,7 +8,7 @@ import pytest
 from norton_bench.identification.friction_fit import fit_friction
 from norton_bench.identification.friction_laws import CONTAINS, FAMILY, model
 from norton_bench.identification.friction_model import Equation, Path, blocked_folds
-from norton_bench.report.sections_tables import ASSUMES, worse_though_richer
+from norton_bench.report.sections_checks import ASSUMES, worse_though_richer
 
 DT_S, DEFLECTION_RAD, COULOMB_NM = 1e-3, 2e-3, 0.02
 # Of a fit by Gauss-Newton to data that the model makes exactly.

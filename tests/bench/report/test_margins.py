@@ -7,6 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from norton_bench.report.figures_fit import (
+    impedance_table_figure,
     live_figure,
     residual_figure,
     residual_tests_figure,
@@ -21,10 +22,8 @@ from norton_bench.report.figures_network import (
     presliding_loops,
     sliding_samples,
     source_map_figure,
-    source_motion_figure,
-    trials_figure,
 )
-from norton_bench.report.figures_tables import impedance_table_figure
+from norton_bench.report.figures_tables import source_motion_figure, trials_figure
 from norton_bench.report.svg import figure, style
 from norton_bench.result import Result
 

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from norton_bench.identification.residual_tests import ResidualTests
-from norton_bench.report.figures_fit import residual_tests_figure
-from norton_bench.report.figures_tables import impedance_table_figure, operator_figure
-from norton_bench.report.sections_without_model import (
+from norton_bench.report.figures_fit import impedance_table_figure, operator_figure, residual_tests_figure
+from norton_bench.report.sections_checks import (
     residual_sentences,
     residuals_section,
     source_sentences,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from norton_bench.cli.results import until_figures, until_sentences
+from norton_bench.cli.tables import until_figures, until_sentences
 from norton_bench.errors import RigError, UsageError
 from norton_bench.events import Note, SessionEvent
 from norton_bench.identification.fit import fit

@@ -10,7 +10,7 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.records import Event, Measured
 from norton_bench.rig.load import load_rig
 from norton_bench.session.engine import record_session
-from norton_bench.session.rehearsal import rehearsed
+from norton_bench.session.program import rehearsed
 from norton_bench.session.schema import parse_session
 from norton_drivers.errors import WiringError
 from norton_drivers.hardware import HardwareBackend

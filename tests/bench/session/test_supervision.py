@@ -8,7 +8,7 @@ import pytest
 
 from norton_bench.errors import SafetyStopError
 from norton_bench.events import Note, SessionEvent, Watcher, ignore
-from norton_bench.guard.model import EMPTY_MODEL
+from norton_bench.guard.check import EMPTY_MODEL
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.recording.reader import read_recording

@@ -8,7 +8,7 @@ import can
 import pytest
 
 from norton_drivers.codecs import odrive as protocol
-from norton_drivers.codecs import odrive_sdo
+from norton_drivers.codecs import odrive_06
 from norton_drivers.codecs.odrive import AxisState, MessageId
 from norton_drivers.errors import ConnectionFailedError, DeviceError, DeviceTimeoutError, WiringError
 from norton_drivers.odrive import ODrive, open_amplifier
@@ -28,7 +28,7 @@ class ScriptedDrive:
         self.disarm_reason = 0
         self.result = 0
         self.firmware = (0, 6, 10)
-        self.parameters = {200: odrive_sdo.f32_value(0.0), 201: odrive_sdo.u32_value(0)}
+        self.parameters = {200: odrive_06.f32_value(0.0), 201: odrive_06.u32_value(0)}
         self.stuck: set[int] = set()
         self.deaf = self.refuses = self.mute_encoder = False
         self.commands: list[tuple[int, bytes]] = []
@@ -61,7 +61,7 @@ class ScriptedDrive:
             return
         self.commands.append((command, bytes(frame.data)))
         if command == MessageId.RX_SDO and not self.deaf:
-            self.access(odrive_sdo.RxSdo.decode(frame.data))
+            self.access(odrive_06.RxSdo.decode(frame.data))
         elif command == MessageId.CLEAR_ERRORS and not self.refuses:
             self.errors = 0
         elif command == MessageId.SET_AXIS_STATE and not self.refuses:
@@ -73,12 +73,12 @@ class ScriptedDrive:
         elif command == MessageId.ERROR:
             self.say(protocol.GetError(self.errors, self.disarm_reason))
 
-    def access(self, request: odrive_sdo.RxSdo) -> None:
-        if request.opcode == odrive_sdo.SdoOpcode.WRITE:
+    def access(self, request: odrive_06.RxSdo) -> None:
+        if request.opcode == odrive_06.SdoOpcode.WRITE:
             if request.endpoint not in self.stuck:
                 self.parameters[request.endpoint] = request.value
         elif request.endpoint in self.parameters:
-            self.say(odrive_sdo.TxSdo(request.endpoint, self.parameters[request.endpoint]))
+            self.say(odrive_06.TxSdo(request.endpoint, self.parameters[request.endpoint]))
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def test_the_enable_sequence(drive, open_drive):
         (MessageId.SET_INPUT_TORQUE, bytes(8)),
         (MessageId.SET_AXIS_STATE, bytes.fromhex("0800000000000000")),
     ]
-    assert drive.parameters == {200: odrive_sdo.f32_value(0.1), 201: odrive_sdo.u32_value(1)}
+    assert drive.parameters == {200: odrive_06.f32_value(0.1), 201: odrive_06.u32_value(1)}
     assert amplifier.status().state is DriveState.ENABLED
 
 
@@ -132,7 +132,7 @@ def test_a_watchdog_that_does_not_take_is_refused_before_the_loop_is_closed(driv
 
 
 @pytest.mark.parametrize(
-    "parameters", [{200: b"\xff\xff\xff\xff"}, {200: odrive_sdo.f32_value(-1)}, {201: b"\x07\0\0\0"}]
+    "parameters", [{200: b"\xff\xff\xff\xff"}, {200: odrive_06.f32_value(-1)}, {201: b"\x07\0\0\0"}]
 )
 def test_endpoints_of_something_else_are_not_written(drive, open_drive, parameters):
     drive.parameters |= parameters
@@ -142,9 +142,9 @@ def test_endpoints_of_something_else_are_not_written(drive, open_drive, paramete
 
 
 def test_the_endpoints_are_the_rigs(drive, open_drive):
-    drive.parameters = {40: odrive_sdo.f32_value(0.0), 41: odrive_sdo.u32_value(0)}
+    drive.parameters = {40: odrive_06.f32_value(0.0), 41: odrive_06.u32_value(0)}
     open_drive(watchdog_timeout_endpoint=40, enable_watchdog_endpoint=41).enable()
-    assert drive.parameters == {40: odrive_sdo.f32_value(0.1), 41: odrive_sdo.u32_value(1)}
+    assert drive.parameters == {40: odrive_06.f32_value(0.1), 41: odrive_06.u32_value(1)}
 
 
 def test_a_drive_without_parameters_is_told_of(drive, open_drive):

@@ -1,12 +1,26 @@
-"""Packages that only some commands need, and that come with an extra of the installation."""
+"""Modules that are imported when they are first needed: parts of this program, and packages of its extras."""
 
+from collections.abc import Callable
 from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any
 
 from norton_bench.errors import UsageError
 
 # Which extra of pyproject.toml brings the module.
 EXTRAS = {"distributed": "cluster", "h5py": "tables", "pyarrow": "tables"}
+
+
+def deferred(target: str) -> Callable[..., Any]:
+    """The function or class ``target``, written "package.module:name"; its module is imported by the first call.
+
+    For what most sessions do not need: a step that few have, and the tables and figures of its results.
+    """
+
+    def call(*arguments: Any, **options: Any) -> Any:
+        return resolve_name(target)(*arguments, **options)
+
+    return call
 
 
 def extra(module: str, purpose: str) -> Any:
