@@ -119,11 +119,9 @@ def simulate(a, b, k, d, cogging, departs, released, mode, command, load_command
     dt = 1e-3 / 100
     out = np.empty((ticks, 5))  # actuator position, load position, torque, current torque, actuator velocity
     ta = wa = fa = ia = tl = wl = fl = il = 0.0
-    ca = cl = 0.0
+    ca = cl = integral = x0 = 0.0
     sent_l = np.zeros(ticks)
-    integral = 0.0
     delay = 25
-    x0 = 0.0
     for n in range(ticks):
         if mode[n] == 2:
             want = load_command[n]
