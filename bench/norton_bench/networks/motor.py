@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.terms import NetworkTerm
+from norton_bench.models.terms import NetworkTerm, waves_of
 from norton_bench.networks.expressions import Equations
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.nonlinear import NonlinearNetwork
@@ -38,7 +38,6 @@ from norton_bench.networks.nonlinear import NonlinearNetwork
 FASTEST_RAD_S = 100.0
 HELD = f"max(min(v{{0}}, {FASTEST_RAD_S}), -{FASTEST_RAD_S})"
 LONGEST_STEP_S = 1e-4
-COGGING = "cogging"
 
 
 def as_equations(network: NortonNetwork, kind: Kind = Kind.NORTON, form: Form = Form.IMPEDANCE) -> NonlinearNetwork:
@@ -87,23 +86,23 @@ class _Motor:
             **{
                 f"{term.name}_{place}": value
                 for term in self.network.relative_terms
-                if term.name not in ("saturation", COGGING)
+                if term.name != "saturation"
                 for place, value in enumerate(term.values)
             },
             **{
-                f"cogging_{number}_{part}": value
-                for number, term in self._cogging
-                for part, value in zip("ab", term.values, strict=True)
+                f"cogging_{number}_{place}": value
+                for number, (_, *values) in self._waves
+                for place, value in enumerate(values)
             },
         }
 
     @cached_property
     def _terms(self) -> dict[str, NetworkTerm]:
-        return {term.name: term for term in self.network.relative_terms if term.name != COGGING}
+        return {term.name: term for term in self.network.relative_terms}
 
     @property
-    def _cogging(self) -> Iterator[tuple[int, NetworkTerm]]:
-        return enumerate((term for term in self.network.terms if term.name == COGGING), start=1)
+    def _waves(self) -> Iterator[tuple[int, list[float]]]:
+        return enumerate(waves_of(self.network.terms).tolist())
 
     @property
     def multiplies_source(self) -> bool:
@@ -113,7 +112,7 @@ class _Motor:
     @property
     def rests_on_place(self) -> bool:
         """Whether anything but Km i depends on the position: friction or a torque of its own."""
-        return "friction_by_position" in self._terms or any(self._cogging)
+        return "friction_by_position" in self._terms or any(self._waves)
 
     @property
     def rippled(self) -> bool:
@@ -160,11 +159,10 @@ class _Motor:
         return f"B*v{at}*(1 + drag_0*abs(v{at}))" if "drag" in self._terms else f"B*v{at}"
 
     def cogging(self, at: str) -> str:
-        """The torque beside Km i, with a + or − of its own before each part; "" where there is none."""
+        """The torque beside Km i, with a plus before each part; "" where there is none."""
         return "".join(
-            f" + cogging_{number}_a*cos({term.periods_per_turn}*x{at})"
-            f" + cogging_{number}_b*sin({term.periods_per_turn}*x{at})"
-            for number, term in self._cogging
+            f" + cogging_{number}_0*cos({periods}*x{at}) + cogging_{number}_1*sin({periods}*x{at})"
+            for number, (periods, *_) in self._waves
         )
 
     def ripple(self, at: str) -> str:

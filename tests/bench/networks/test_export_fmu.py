@@ -13,7 +13,7 @@ from fmpy.validation import validate_fmu
 
 from norton_bench.errors import UsageError
 from norton_bench.networks.export.fmu import export_fmu
-from norton_bench.networks.family import as_equations, commands_of, converted, exertion, form_of, motion
+from norton_bench.networks.family import commands_of, converted, exertion, form_of, motion
 from norton_bench.networks.kinds import Form, Kind, Motion
 from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, series_elastic
 from tests.bench.networks.test_export_c import ARM, MEASURED, SEVERAL

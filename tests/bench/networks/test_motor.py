@@ -1,0 +1,86 @@
+"""The motor with its terms as equations, against its own compiled steps: torque under a motion, motion under a load."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from norton_bench.models.terms import TERM_BY_NAME
+from norton_bench.networks import nonlinear
+from norton_bench.networks.files import load, save
+from norton_bench.networks.kinds import Form, Kind, Motion
+from norton_bench.networks.motor import as_equations
+from tests.bench.networks.some import ALL_TERMS, MOTOR, MOTORS
+
+TICK_S = 1e-4
+TIME_S = np.arange(600) * TICK_S
+ALL = {"none": MOTOR, **MOTORS, "all": ALL_TERMS}
+# A step of the port's torque moves the rates at once; free_motion holds the port's torque as it holds the command.
+PORT_NM = 0.01
+
+
+def wave(hz, size, rng):
+    """A smooth signal of no symmetry, zero at the start."""
+    parts = [size / k * np.sin(2 * np.pi * hz * k * TIME_S + rng.uniform(0, 6)) for k in (1, 2, 3)]
+    return sum(parts) - sum(parts)[0]
+
+
+def off(found, expected):
+    return np.sqrt(np.mean((found - expected) ** 2) / np.mean(expected**2))
+
+
+def test_there_is_a_motor_for_every_term():
+    assert set(MOTORS) == set(TERM_BY_NAME)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_equations_and_compiled_steps_give_the_same_torque(name):
+    """Within 0.1 % rms, the differences' own error at 0.1 ms.
+
+    Friction that grows with the port's torque: within 1 %, for the equations leave σ1·φ̇ out of that torque.
+    """
+    rng = np.random.default_rng(1)
+    command, position = wave(30, 0.1, rng), wave(8, 0.2, rng)
+    motion = Motion.of_position(position, TICK_S)
+    expected = ALL[name].torque(command, position, TICK_S)
+    effect = off(expected, MOTOR.torque(command, position, TICK_S))
+    port = dict(zip(("x", "v", "a"), motion.derivatives(), strict=True))
+    for kind in Kind:
+        equations = as_equations(ALL[name], kind, Form.IMPEDANCE)
+        found = nonlinear.respond(equations, command[:, None], port, TICK_S)["f"]
+        error = off(found[2:-2], expected[2:-2])
+        assert error < (1e-2 if name in ("load", "all") else 1e-3)
+        assert effect > 10 * error or name == "none"
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_equations_and_compiled_steps_move_alike_under_a_load(name):
+    command = wave(20, 0.12, np.random.default_rng(1))
+    given = {"port_torque_nm": PORT_NM, "longest_step_s": 2e-6}
+    position, velocity, _ = ALL[name].free_motion(command, TICK_S, **given)
+    assert off(position, MOTOR.free_motion(command, TICK_S, **given)[0]) > 3e-3 or name == "none"
+    for kind in Kind:
+        equations = as_equations(ALL[name], kind, Form.ADMITTANCE)
+        found = nonlinear.respond(equations, command[:, None], {"f": np.full(TIME_S.size, PORT_NM)}, TICK_S)
+        assert off(found["x"], position) < 3e-4
+        assert off(found["v"], velocity) < 3e-4
+
+
+@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("form", Form)
+def test_equations_with_terms_come_back_from_their_file(kind, form, tmp_path):
+    written = as_equations(ALL_TERMS, kind, form)
+    save(written, tmp_path / "net.json")
+    assert load(tmp_path / "net.json") == written
+
+
+def test_a_thevenin_connection_is_linear_unless_a_term_multiplies_its_source():
+    linear = {name for name, motor in ALL.items() if as_equations(motor, Kind.THEVENIN).joined_linearly}
+    assert linear == set(ALL) - {"load", "ripple", "all"}
+
+
+def test_weak_friction_is_followed_in_shorter_steps():
+    """γ of 0.7 at the least: the contact relaxes that much quicker."""
+    stiff = replace(MOTOR, presliding_stiffness_nm_rad=100.0)
+    weak = replace(stiff, terms=(replace(MOTORS["asymmetry"].terms[0], values=(0.3,)),))
+    assert as_equations(weak).step_s == pytest.approx(0.7 * as_equations(stiff).step_s)
