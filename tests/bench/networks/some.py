@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.terms import NetworkTerm
 from norton_bench.networks.expressions import Equations
+from norton_bench.networks.family import Network
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork
+from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import Operator
 
@@ -24,6 +26,11 @@ PNEUMATIC = NonlinearNetwork(
     {"c": "N*m/rad"},
     domain={"x": (0.0, 3.0), "x_N": (0.1, 2.9), "c": (0.1, 2.0)},
 )
+
+
+def in_equations(network: Network) -> Network:
+    """The network, an identified motor written out: its own steps take the angle alone, once a tick."""
+    return as_equations(network) if isinstance(network, NortonNetwork) else network
 
 
 def series_elastic(connection: str, **more: object) -> NonlinearNetwork:

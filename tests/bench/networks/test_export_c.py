@@ -9,16 +9,23 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import UsageError
-from norton_bench.models.network import NortonNetwork
 from norton_bench.networks.export.c_code import header, prefix_of
 from norton_bench.networks.expressions import Equations, Table
 from norton_bench.networks.family import commands_of, converted, exertion, form_of, motion
 from norton_bench.networks.kinds import Form, Kind, Motion
 from norton_bench.networks.linear import LinearNetwork
-from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import Operator
-from tests.bench.networks.some import ALL_TERMS, MOTOR, MOTORS, PENDULUM, PNEUMATIC, VARIABLE, series_elastic
+from tests.bench.networks.some import (
+    ALL_TERMS,
+    MOTOR,
+    MOTORS,
+    PENDULUM,
+    PNEUMATIC,
+    VARIABLE,
+    in_equations,
+    series_elastic,
+)
 
 CC = shutil.which("cc")
 pytestmark = pytest.mark.skipif(CC is None, reason="no C compiler here")
@@ -108,7 +115,7 @@ def test_the_exported_c_answers_as_the_network_does(network, tmp_path):
     if form_of(network) is Form.IMPEDANCE:
         port = PORT.derivatives().T
         # The motor's own steps take the angle alone, once a tick; its equations take what the C takes.
-        expected = exertion(as_equations(network) if isinstance(network, NortonNetwork) else network, commands, PORT, TICK_S)
+        expected = exertion(in_equations(network), commands, PORT, TICK_S)
     else:
         port = EXERTION[:, None]
         expected = motion(network, commands, EXERTION, TICK_S)

@@ -7,9 +7,11 @@ import pytest
 
 from norton_bench.models.terms import TERM_BY_NAME
 from norton_bench.networks import nonlinear
+from norton_bench.networks.checks import check
 from norton_bench.networks.files import load, save
 from norton_bench.networks.kinds import Form, Kind, Motion
 from norton_bench.networks.motor import as_equations
+from norton_bench.networks.plots import plot
 from tests.bench.networks.some import ALL_TERMS, MOTOR, MOTORS
 
 TICK_S = 1e-4
@@ -84,3 +86,34 @@ def test_weak_friction_is_followed_in_shorter_steps():
     stiff = replace(MOTOR, presliding_stiffness_nm_rad=100.0)
     weak = replace(stiff, terms=(replace(MOTORS["asymmetry"].terms[0], values=(0.3,)),))
     assert as_equations(weak).step_s == pytest.approx(0.7 * as_equations(stiff).step_s)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_only_friction_that_falls_with_the_speed_makes_the_source_ambiguous(name):
+    findings = {each.condition: each for each in check(ALL[name])}
+    falls = name in ("stribeck", "all")
+    assert findings["impedance form"].holds
+    assert findings["source is a zero"].holds
+    assert findings["unique zero"].holds is not falls
+    assert findings["stable zero dynamics"].holds is not falls
+    by_place = name in ("friction_by_position", "ripple", "cogging", "all")
+    assert ("mean over a turn" in findings["unique zero"].why) is by_place
+    assert ("draws a shaft at rest" in findings["unique zero"].why) is (name in ("cogging", "all"))
+
+
+def test_sliding_that_the_check_calls_unstable_does_not_last():
+    """A shaft that slides steadily there, pushed by a little to either side, leaves that velocity."""
+    network = MOTORS["stribeck"]
+    low, high = 0.3, 2.0
+    speed = 0.5 * (low + high)
+    command = (0.02 + 0.008 * np.exp(-((speed / 2.0) ** 2)) + 1e-3 * speed) / 0.9
+    start = {"motor_torque_nm": 0.9 * command, "friction_torque_nm": 0.9 * command - 1e-3 * speed}
+    for nudge in (-0.01, 0.01):
+        held = np.full(3000, command)
+        _, velocity, _ = network.free_motion(held, 1e-3, velocity_rad_s=speed + nudge, **start)
+        assert abs(velocity[-1] - speed) > 10 * abs(nudge)
+
+
+def test_the_picture_of_sliding_has_the_terms_in_it():
+    curves = [plot(motor, span=0.1).axes[1].lines[0].get_ydata() for motor in (MOTOR, ALL_TERMS)]
+    assert np.abs(curves[0] - curves[1]).max() > 0.005
