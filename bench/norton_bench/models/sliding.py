@@ -21,13 +21,23 @@ def drive_nm(network: NortonNetwork, command: npt.ArrayLike) -> FloatArray:
     return np.asarray(network.torque_gain * asked / (1.0 + network.row[SATURATION] * asked**2))
 
 
-def resistance_nm(network: NortonNetwork, velocity_rad_s: npt.ArrayLike) -> FloatArray:
-    """Friction and damping [N m] in steady sliding at velocities, of their shape; 0 at 0, where friction is any."""
+def friction_nm(network: NortonNetwork, velocity_rad_s: npt.ArrayLike) -> FloatArray:
+    """Friction [N m] in steady sliding at velocities, of their shape; 0 at 0, where friction is any."""
     velocity, row = np.asarray(velocity_rad_s, dtype=float), network.row
     side = np.sign(velocity)
     strength = 1.0 + side * row[ASYMMETRY] + row[STRIBECK] * np.exp(-((velocity / row[STRIBECK_VELOCITY]) ** 2))
-    damping = network.viscous_damping_nms_rad * (1.0 + row[DRAG] * np.abs(velocity))
-    return np.asarray(network.coulomb_torque_nm * strength * side + damping * velocity)
+    return np.asarray(network.coulomb_torque_nm * strength * side)
+
+
+def damping_nm(network: NortonNetwork, velocity_rad_s: npt.ArrayLike) -> FloatArray:
+    """Damping [N m] at velocities, of their shape."""
+    velocity = np.asarray(velocity_rad_s, dtype=float)
+    return np.asarray(network.viscous_damping_nms_rad * (1.0 + network.row[DRAG] * np.abs(velocity)) * velocity)
+
+
+def resistance_nm(network: NortonNetwork, velocity_rad_s: npt.ArrayLike) -> FloatArray:
+    """Friction and damping [N m] in steady sliding at velocities, of their shape."""
+    return friction_nm(network, velocity_rad_s) + damping_nm(network, velocity_rad_s)
 
 
 def port_torque_nm(network: NortonNetwork, command: npt.ArrayLike, velocity_rad_s: npt.ArrayLike) -> FloatArray:

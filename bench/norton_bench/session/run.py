@@ -288,7 +288,7 @@ class SessionRun:
             return known
         return replace(known, records=(*before(self.earlier.records, known.records[-1]), known.records[-1]))
 
-    def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
+    def _foresee(self, segment: Segment, position_rad: float | None, velocity_rad_s: float, command: float) -> Segment:
         """With the free motion to expect under zero torque, where a network predicts it well enough."""
         known = self.so_far.known
         if known.calibration is None or known.actuator is None:
@@ -297,10 +297,10 @@ class SessionRun:
         network = foreseeing(known.actuator.network, self.feed.latest.network, knows_friction=knows_friction)
         if network is None:
             return segment
-        delay_s, tick_s = known.actuator.command_delay_s, known.tick_s
-        return with_preview(
-            segment, network, known.calibration, delay_s, tick_s, velocity_rad_s=velocity_rad_s, command=command
-        )
+        if position_rad is None:  # the shaft rests where the last procedure left it
+            position_rad = float(known.records[-1].ticks[-1]["position_rad"]) if known.records else 0.0
+        start = {"position_rad": position_rad, "velocity_rad_s": velocity_rad_s, "command": command}
+        return with_preview(segment, network, known.calibration, known.actuator.command_delay_s, known.tick_s, **start)
 
     def _checkpoint(self) -> None:
         """Between procedures: carry out what was ordered meanwhile. Raises OperatorStopError, and as a tare does."""
