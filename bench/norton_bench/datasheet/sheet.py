@@ -8,7 +8,8 @@ import numpy as np
 
 from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
-from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, has_covariance, interval_of, seen_to
+from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, interval_of, seen_to
+from norton_bench.models.drawn_motor import has_covariance
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_statuses
 from norton_bench.models.parameters import BY_NAME, Status
 from norton_bench.networks.family import Network

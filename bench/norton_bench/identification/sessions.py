@@ -100,10 +100,8 @@ def _common_terms(sessions: Sequence[SessionFit]) -> tuple[NetworkTerm, ...]:
 
 def _alike(one: NetworkTerm, other: NetworkTerm) -> bool:
     """Whether two sessions' terms are of one kind, and of one wave: a gear's is known to a part of its periods."""
-    return (
-        one.name == other.name
-        and abs(one.periods_per_turn - other.periods_per_turn) <= SAME_WAVE * one.periods_per_turn
-    )
+    periods, its = one.periods_per_turn, other.periods_per_turn
+    return one.name == other.name and abs(periods - its) <= SAME_WAVE * periods
 
 
 def _with_terms(network: NortonNetwork, terms: Sequence[NetworkTerm], estimates: Sequence[Estimate]) -> NortonNetwork:
@@ -133,10 +131,9 @@ def _terms_left_out(sessions: Sequence[SessionFit], common: Sequence[NetworkTerm
     """One sentence for each term that some sessions have: what it costs to be without it."""
     found = {(term.name, term.periods_per_turn): (term, each) for each in sessions for term in each.fit.network.terms}
     return tuple(
-        f"The network of all sessions is without the term {name}"
-        f"{f' of {periods:g} periods a turn' if periods else ''}, which only some have. In {session.name}, being without "
-        f"it costs {_cost(session.fit.network, term):.2g} % of the torque's rms; the parameters that it changes are "
-        "those of fits with and without it."
+        f"The network of all sessions is without the term {name}{f' of {periods:g} periods a turn' if periods else ''}, "
+        f"which only some have. In {session.name}, being without it costs {_cost(session.fit.network, term):.2g} % of "
+        "the torque's rms; the parameters that it changes are those of fits with and without it."
         for (name, periods), (term, session) in found.items()
         if not any(_alike(term, each) for each in common)
     )

@@ -236,8 +236,8 @@ def _thevenin(motor: _Motor, form: Form, *, joined_linearly: bool) -> Equations:
     """Of f_T and the port; of the port alone, or of f_T − f, where the connection is linear in f_T."""
     if form is Form.ADMITTANCE:
         driven = f"df{motor.cogging('_r')}" if joined_linearly else f"{motor.exerted('f_T', '_r')} - f"
-        inputs = ("df",) if joined_linearly else ("f_T", "f")
-        return Equations(inputs, *_rotor(motor, _moved(motor, driven, "f"), {}), parameters=motor.mechanics)
+        taken = ("df",) if joined_linearly else ("f_T", "f")
+        return Equations(taken, *_rotor(motor, _moved(motor, driven, "f"), {}), parameters=motor.mechanics)
     exerted = motor.exerted("f_T", "")
     port = f"{exerted} - Im*a - {motor.damping('')} - sigma_0*phi"
     rates = {"phi": motor.slip("", port)}

@@ -11,6 +11,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.branches import TAILS
 from norton_bench.identification.results import BlockedMap, SourceMap, Trace
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.sliding import drive_nm, held_nm
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure, thinned
 from norton_bench.report.words import pretty_unit
@@ -174,10 +175,16 @@ def blocked_figure(blocked: BlockedMap, network: NortonNetwork | None, command_u
     axes = picture.subplots()
     if network is not None:
         command = np.linspace(np.nanmin(blocked.command), np.nanmax(blocked.command), 51)
-        drive = network.torque_gain * command
-        half = network.coulomb_torque_nm
-        axes.fill_between(command, drive - half, drive + half, color=PREDICTED, alpha=0.15, linewidth=0)
-        axes.plot(command, drive, color=PREDICTED, linewidth=0.9, label="Km·Ka·c, and ± τc about it")
+        drive = drive_nm(network, command)
+        backwards, forwards = held_nm(network, -1.0), held_nm(network, 1.0)
+        axes.fill_between(command, drive - forwards, drive + backwards, color=PREDICTED, alpha=0.15, linewidth=0)
+        axes.plot(
+            command,
+            drive,
+            color=PREDICTED,
+            linewidth=0.9,
+            label="Km·Ka·c, and ± τc about it" if not network.terms else "motor's torque, and ± friction about it",
+        )
     for label, marker, chosen in _histories(blocked):
         _points(
             axes,

@@ -241,7 +241,8 @@ def _departure(network: NortonNetwork, term: NetworkTerm) -> Any:
 
 def _strongest_wave(network: NortonNetwork) -> tuple[float, ...]:
     """Periods a turn, and the torques [N m] that go with cosine and sine; empty without cogging."""
-    return tuple(max(waves_of(network.terms).tolist(), key=lambda wave: hypot(*wave[1:]), default=()))
+    waves: list[list[float]] = waves_of(network.terms).tolist()
+    return tuple(max(waves, key=lambda wave: hypot(*wave[1:]), default=()))
 
 
 def _cogging(wave: tuple[float, ...]) -> dict[str, Any]:
