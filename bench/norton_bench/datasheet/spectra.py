@@ -13,7 +13,6 @@ from math import pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
-from numpy.polynomial.hermite_e import hermegauss
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
@@ -21,10 +20,9 @@ from scipy.signal.windows import hann
 from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.distributions import f_tail
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.sliding import resistance_nm
+from norton_bench.models.terms import DRAG, STRIBECK, STRIBECK_VELOCITY
 
 PIECE_S = 1.0
-NODES = 64  # of the quadrature: Stribeck friction of a tenth of the rms velocity is averaged to 1 %
 # Where the signals stand.
 INPUTS, TORQUE, ASKED = slice(0, 2), 2, slice(3, 5)
 # An instrument's line that is weaker than Hann's first side lobe (−31 dB) of what stands within so many lines, or than
@@ -106,15 +104,13 @@ def impedance_line(network: NortonNetwork, frequency_hz: FloatArray, velocity_rm
 
     Under a velocity that is normally distributed, as a multisine's nearly is, friction τc·sgn ω looks like a damping of
     √(2/π)·τc/σ_ω (Bussgang 1952; Pintelon and Schoukens, "System Identification", 2nd edition, chapter 3).
-    What the terms add to that in steady sliding is averaged likewise; what changes with the position is at its mean.
+    By the same average E[R(ω)·ω]/σ_ω², Stribeck's friction is 1/(1 + 2(σ_ω/v_s)²) of what it would be if it did not
+    fade, and quadratic drag D looks like a damping of 2·√(2/π)·D·σ_ω. Other terms average to nothing, but for friction
+    that grows with the torque at the port, which is not in it.
     """
-    # E[R(v)·v]/E[v²] for sliding resistance R, by Gauss-Hermite quadrature over the normal velocity; a jump at zero is
-    # taken out of it, for a polynomial does not follow one.
-    nodes, weights = hermegauss(NODES)
-    velocity = velocity_rms_rad_s * nodes
-    smooth = resistance_nm(network, velocity) - network.coulomb_torque_nm * np.sign(velocity)
-    damping = float(weights @ (smooth * velocity)) / float(weights @ velocity**2)
-    friction = sqrt(2 / pi) * network.coulomb_torque_nm / velocity_rms_rad_s
+    row, jump = network.row, sqrt(2 / pi) * network.coulomb_torque_nm / velocity_rms_rad_s
+    friction = jump * (1.0 + row[STRIBECK] / (1.0 + 2.0 * (velocity_rms_rad_s / row[STRIBECK_VELOCITY]) ** 2))
+    damping = network.viscous_damping_nms_rad * (1.0 + 2.0 * sqrt(2 / pi) * row[DRAG] * velocity_rms_rad_s)
     s = 2j * pi * frequency_hz
     return np.asarray(s * network.inertia_kgm2 + damping + friction)
 

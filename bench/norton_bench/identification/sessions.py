@@ -131,8 +131,8 @@ def _terms_left_out(sessions: Sequence[SessionFit], common: Sequence[NetworkTerm
     """One sentence for each term that some sessions have: what it costs to be without it."""
     found = {(term.name, term.periods_per_turn): (term, each) for each in sessions for term in each.fit.network.terms}
     return tuple(
-        f"The network of all sessions is without the term {name}{f' of {periods:g} periods a turn' if periods else ''}, "
-        f"which only some have. In {session.name}, being without it costs {_cost(session.fit.network, term):.2g} % of "
+        f"The network of all sessions is without the term {name}{f' ({periods:g} a turn)' if periods else ''}, which "
+        f" only some have. In {session.name}, being without it costs {_cost(session.fit.network, term):.2g} % of "
         "the torque's rms; the parameters that it changes are those of fits with and without it."
         for (name, periods), (term, session) in found.items()
         if not any(_alike(term, each) for each in common)

@@ -1,7 +1,7 @@
 """A motor of many draws: its parameters and those of its terms as their covariance has them, for derived figures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 
 import numpy as np
@@ -117,7 +117,8 @@ def _values(network: NortonNetwork) -> FloatArray:
 
 def _motor(values: FloatArray, names: Sequence[str]) -> Motor:
     gain, *others = values.T[: len(_FIELDS)]
-    return Motor(np.abs(gain), *others, dict(zip(names, values.T[len(_FIELDS) :], strict=True)))
+    motor = Motor(np.abs(gain), *others)
+    return replace(motor, terms=dict(zip(names, values.T[len(_FIELDS) :], strict=True)))
 
 
 def _root(covariance: FloatArray) -> FloatArray:

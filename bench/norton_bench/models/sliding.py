@@ -4,12 +4,14 @@ The torque at the port is drive less resistance. Friction that grows with that t
 alone; ``resistance_nm`` has it where no torque is at the port, and ``port_torque_nm`` where it is.
 """
 
+from math import hypot
+
 import numpy as np
 import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.terms import ASYMMETRY, DRAG, LOAD, SATURATION, STRIBECK, STRIBECK_VELOCITY
+from norton_bench.models.terms import ASYMMETRY, DRAG, LOAD, SATURATION, STRIBECK, STRIBECK_VELOCITY, waves_of
 
 SPEEDS = 1001
 SHOWN = 3.0
@@ -67,6 +69,14 @@ def falling(network: NortonNetwork, fastest_rad_s: float) -> tuple[float, float,
     slope -= network.coulomb_torque_nm * row[STRIBECK] * 2.0 * over / row[STRIBECK_VELOCITY] * np.exp(-(over**2))
     falls = speed[slope < 0.0]
     return (float(falls[0]), float(falls[-1]), float(slope.min())) if falls.size else None
+
+
+def greatest_friction_nm(network: NortonNetwork) -> float:
+    """The most [N m] that friction and cogging may hold anywhere, in either direction, with no torque at the port."""
+    waves = float(np.sum(np.hypot(*waves_of(network.terms)[:, 1:].T)))
+    by_place = sum(hypot(*term.values) for term in network.terms if term.name == "friction_by_position")
+    held = max(held_nm(network, side) for side in (-1.0, 1.0))
+    return max(held, network.coulomb_torque_nm) + network.coulomb_torque_nm * by_place + waves
 
 
 def command_shown(network: NortonNetwork) -> float:

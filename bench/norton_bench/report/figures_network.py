@@ -11,7 +11,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.branches import TAILS
 from norton_bench.identification.results import BlockedMap, SourceMap, Trace
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.sliding import drive_nm, held_nm
+from norton_bench.models.sliding import command_shown, drive_nm, held_nm
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure, thinned
 from norton_bench.report.words import pretty_unit
@@ -126,9 +126,10 @@ def source_map_figure(measured: SourceMap | None, network: NortonNetwork | None,
 def _source(axes: Axes, measured: SourceMap | None, network: NortonNetwork | None) -> None:
     if network is not None:
         span = _span(measured, network)
-        command = np.unique(np.concatenate([np.linspace(-span, span, 201), network.thresholds]))
+        thresholds = [each for each in network.thresholds if np.isfinite(each)]
+        command = np.unique(np.concatenate([np.linspace(-span, span, 201), thresholds]))
         axes.plot(command, network.source_velocity(command), color=PREDICTED, label="model", zorder=2)
-        for place, threshold in enumerate(network.thresholds):
+        for place, threshold in enumerate(thresholds):
             label = "breaks away" if place == 0 else None
             axes.axvline(threshold, color=ACCENT, linestyle=(0, (4, 3)), linewidth=0.9, label=label)
     if measured is not None:
@@ -291,7 +292,7 @@ def _span(measured: SourceMap | None, network: NortonNetwork) -> float:
     """The greatest command to draw."""
     if measured is not None and np.isfinite(measured.command).any():
         return float(np.nanmax(np.abs(measured.command)))
-    return 4 * network.thresholds[1]
+    return 4 / 3 * command_shown(network)
 
 
 def legend(axes: Axes) -> None:

@@ -11,6 +11,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.results import FitResult
 from norton_bench.models.derived import Figure, derived
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.networks.left_out import values_text
 from norton_bench.report.sections import sections
 from norton_bench.report.streams import stream_qualities
 from norton_bench.report.svg import style
@@ -20,6 +21,7 @@ from norton_bench.report.words import (
     between,
     interval,
     number,
+    parameter_named,
     percent,
     pretty_unit,
     symbol,
@@ -77,7 +79,13 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
     """The model of ``fit``; parameters without a value remain symbols."""
     symbols = {name: parameter.symbol for name, parameter in BY_NAME.items()}
     values = {**symbols, **_values(fit.estimates)}
-    lines = tuple(EquationLine(said, form.format(**symbols), form.format(**values)) for said, form in _LINES)
+    lines = (
+        *(EquationLine(said, form.format(**symbols), form.format(**values)) for said, form in _LINES),
+        *(
+            EquationLine(term.term.meaning, term.term.equation, values_text(term, command_unit))
+            for term in fit.network.terms
+        ),
+    )
     torque = "N·m" if not fit.ratios_only else pretty_unit(command_unit) or "N·m"
     variables = (
         ("c", f"command [{pretty_unit(command_unit) or 'N·m'}]"),
@@ -195,7 +203,7 @@ def row(estimate: Estimate) -> ParameterRow:
     shown = estimate.status is not Status.UNEXCITED
     return ParameterRow(
         symbol=symbol(estimate),
-        meaning=BY_NAME[estimate.name].meaning if estimate.name in BY_NAME else estimate.name,
+        meaning=estimate.name if (parameter := parameter_named(estimate.name)) is None else parameter.meaning,
         value=to_its_digits(estimate.value, estimate.std) if shown else "–",
         interval=interval(estimate.value, estimate.std) if known else "–",
         unit=pretty_unit(estimate.unit),

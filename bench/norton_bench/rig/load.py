@@ -8,6 +8,8 @@ from math import atan2, hypot, prod
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from norton_bench.errors import RigError, UsageError
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
 from norton_bench.models.parameters import BY_NAME
@@ -241,8 +243,8 @@ def _departure(network: NortonNetwork, term: NetworkTerm) -> Any:
 
 def _strongest_wave(network: NortonNetwork) -> tuple[float, ...]:
     """Periods a turn, and the torques [N m] that go with cosine and sine; empty without cogging."""
-    waves: list[list[float]] = waves_of(network.terms).tolist()
-    return tuple(max(waves, key=lambda wave: hypot(*wave[1:]), default=()))
+    waves = waves_of(network.terms)
+    return tuple(waves[np.argmax(np.hypot(waves[:, 1], waves[:, 2]))].tolist()) if len(waves) else ()
 
 
 def _cogging(wave: tuple[float, ...]) -> dict[str, Any]:

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.sliding import command_shown, drive_nm, falling, held_nm, port_torque_nm, resistance_nm
+from norton_bench.models.sliding import (
+    command_shown,
+    drive_nm,
+    falling,
+    greatest_friction_nm,
+    held_nm,
+    port_torque_nm,
+    resistance_nm,
+)
 from norton_bench.models.terms import NetworkTerm
 
 MOTOR = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")
@@ -56,3 +64,19 @@ def test_a_motor_that_saturates_before_it_moves_has_a_command_to_show_all_the_sa
     stuck = replace(MOTOR, terms=(NetworkTerm("saturation", (1e4,)),))
     assert not np.isfinite(stuck.thresholds[1])
     assert command_shown(stuck) == pytest.approx(3 * 0.02 / 0.9)
+
+
+def test_the_greatest_friction_is_what_holds_at_the_worst_place():
+    """Against the torque that it takes to slide slowly over a turn, in both directions."""
+    terms = (
+        STRIBECK,
+        NetworkTerm("asymmetry", (0.2,)),
+        NetworkTerm("friction_by_position", (0.1, 0.1), 6),
+        NetworkTerm("cogging", (-0.002, -0.002), 6),  # against the motion where friction is greatest
+    )
+    network = replace(MOTOR, terms=terms)
+    position = 0.05 * TICK_S * np.arange(130_000)
+    held = max(np.abs(network.torque(np.zeros(position.size), way * position, TICK_S)).max() for way in (-1.0, 1.0))
+    damping = network.viscous_damping_nms_rad * 0.05
+    assert greatest_friction_nm(network) == pytest.approx(held - damping, rel=1e-3)
+    assert greatest_friction_nm(MOTOR) == MOTOR.coulomb_torque_nm
