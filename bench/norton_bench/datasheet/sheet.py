@@ -152,13 +152,15 @@ def _terms(network: NortonNetwork) -> tuple[str, ...]:
     """One sentence for each term: its values, and how the figures have it."""
     return tuple(
         f"{term.term.meaning[0].upper()}{term.term.meaning[1:]} ({values_text(term, network.command_unit)}); "
-        + ("the figures hold this." if term.name in MEAN_TERMS else f"the figures are the mean over {_over(term)}.")
+        + ("the figures hold this." if term.name in MEAN_TERMS else f"the figures are {_figures_of(term)}.")
         for term in network.terms
     )
 
 
-def _over(term: NetworkTerm) -> str:
-    return "a turn" if term.term.periodic else "both directions"
+def _figures_of(term: NetworkTerm) -> str:
+    if term.term.in_time:
+        return "those in the middle of the session"
+    return "the mean over a turn" if term.term.periodic else "the mean over both directions"
 
 
 def _origin(about: Mapping[str, str]) -> str:

@@ -87,10 +87,15 @@ def differing(spreads: Mapping[str, Combined]) -> tuple[str, ...]:
     return tuple(result)
 
 
+def _lasting(session: SessionFit) -> tuple[NetworkTerm, ...]:
+    """Its terms but for drifts: these are of one session alone."""
+    return tuple(term for term in session.fit.network.terms if not term.term.in_time)
+
+
 def _common_terms(sessions: Sequence[SessionFit]) -> tuple[NetworkTerm, ...]:
     """Those that every session has, with the mean of their values."""
     common = []
-    for term in sessions[0].fit.network.terms:
+    for term in _lasting(sessions[0]):
         alike = [next((other for other in each.fit.network.terms if _alike(term, other)), None) for each in sessions]
         if None not in alike:
             values = np.mean([each.values for each in alike if each is not None], axis=0)
@@ -129,7 +134,7 @@ def _with_terms(network: NortonNetwork, terms: Sequence[NetworkTerm], estimates:
 
 def _terms_left_out(sessions: Sequence[SessionFit], common: Sequence[NetworkTerm]) -> tuple[str, ...]:
     """One sentence for each term that some sessions have: what it costs to be without it."""
-    found = {(term.name, term.periods_per_turn): (term, each) for each in sessions for term in each.fit.network.terms}
+    found = {(term.name, term.periods_per_turn): (term, each) for each in sessions for term in _lasting(each)}
     return tuple(
         f"The network of all sessions is without the term {name}{f' ({periods:g} a turn)' if periods else ''}, which "
         f" only some have. In {session.name}, being without it costs {_cost(session.fit.network, term):.2g} % of "

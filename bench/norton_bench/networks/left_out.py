@@ -18,7 +18,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.sliding import command_shown
-from norton_bench.models.terms import NetworkTerm
+from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm
 
 PERIODS = 10
 TICKS_PER_PERIOD = 2000
@@ -90,7 +90,9 @@ def term_sentences(network: NortonNetwork, names: Sequence[str]) -> tuple[str, .
     motion = standard_motion(network)
     costs = {name: cost_percent(network, without_terms(network, [name]), motion) for name in lost}
     return tuple(
-        f"The term {name} is left out ({_values(network, name)}): {network_term(network, name).term.meaning}. "
+        f"The term {name} is of the session that was fitted: what is written holds for the middle of it."
+        if TERM_BY_NAME[name].in_time
+        else f"The term {name} is left out ({_values(network, name)}): {network_term(network, name).term.meaning}. "
         f"That costs {costs[name]:.2g} % of the torque's rms, over {motion.words}."
         for name in lost
     )

@@ -16,7 +16,8 @@ The terms of :mod:`norton_bench.models.terms` change these equations where they 
 - saturation: of the source's Km i, before it goes to the port;
 - ripple: Km i is more or less at some places. The connection of a Norton network takes Km i from the source's motion at
   the source's place, and has it at the port's place;
-- cogging: a torque beside Km i, at the source's place or at the port's.
+- cogging: a torque beside Km i, at the source's place or at the port's;
+- what drifts in time has no part: a network holds for the middle of its session.
 
 A Thévenin connection is linear in f_T as long as nothing there multiplies it: ripple does, and so does friction that
 grows with the torque at the port. In impedance form, that torque is what comes out; friction is then reckoned from the
@@ -86,7 +87,7 @@ class _Motor:
             **{
                 f"{term.name}_{place}": value
                 for term in self.network.relative_terms
-                if term.name != "saturation"
+                if term.name != "saturation" and not term.term.in_time
                 for place, value in enumerate(term.values)
             },
             **{

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.models.terms import TERM_BY_NAME
+from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm
 from norton_bench.networks import nonlinear
 from norton_bench.networks.checks import check
 from norton_bench.networks.files import load, save
 from norton_bench.networks.kinds import Form, Kind, Motion
+from norton_bench.networks.left_out import term_sentences
 from norton_bench.networks.motor import as_equations
 from norton_bench.networks.plots import plot
 from tests.bench.networks.some import ALL_TERMS, MOTOR, MOTORS
@@ -32,7 +33,16 @@ def off(found, expected):
 
 
 def test_there_is_a_motor_for_every_term():
-    assert set(MOTORS) == set(TERM_BY_NAME)
+    assert set(MOTORS) == {name for name, term in TERM_BY_NAME.items() if not term.in_time}
+
+
+def test_a_drift_is_of_its_session_and_in_no_equation():
+    drifting = replace(MOTOR, terms=(NetworkTerm("gain_drift", (1e-3, 1e-6)), NetworkTerm("friction_drift", (1e-3, 0))))
+    for kind in Kind:
+        for form in Form:
+            assert as_equations(drifting, kind, form) == as_equations(MOTOR, kind, form)
+    (sentence, _) = term_sentences(drifting, ["gain_drift", "friction_drift"])
+    assert sentence.endswith("holds for the middle of it.")
 
 
 @pytest.mark.parametrize("name", ALL)
