@@ -1,4 +1,4 @@
-"""Every link in the documents leads somewhere, to a file and to a heading of it; the table of terms is the program's."""
+"""Every link in the documents leads to a file and to a heading of it; the table of terms is that of the program."""
 
 import re
 from pathlib import Path
