@@ -10,7 +10,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.sliding import command_shown, falling
+from norton_bench.models.sliding import command_shown, falling, greatest_friction_nm
 from norton_bench.models.terms import TERM_BY_NAME, waves_of
 from norton_bench.networks.family import Network, form_of, kind_of
 from norton_bench.networks.kinds import Form, Kind, NoConversionError
@@ -65,10 +65,12 @@ def _motor(network: NortonNetwork) -> Iterator[Finding]:
     )
     yield Finding("source is a zero", True, "the free motion is where the torque vanishes, contact's history included")
     yield from _sliding(network)
+    held = f"{greatest_friction_nm(network):.4g}"
+    most = f"{held} N m of friction and cogging" if network.terms else f"τc = {held} N m"
     yield Finding(
         "exertion source",
         False,
-        f"a blocked port exerts its motor torque within ± τc = {network.coulomb_torque_nm:.4g} N m, by how it came to "
+        f"a blocked port exerts its motor torque within ± {most}, by how it came to "
         "rest: only the motion source can be told from the port",
     )
 
