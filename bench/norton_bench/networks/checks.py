@@ -59,9 +59,8 @@ def _motor(network: NortonNetwork) -> Iterator[Finding]:
         "impedance form",
         load < 1.0,
         "every motion has its torque: friction, damping and inertia follow from it"
-        + (
-            f"; friction grows by μ = {load:.3g} of the torque at the port, below 1, so one torque fits" if load else ""
-        ),
+        if load < 1.0
+        else f"friction grows by μ = {load:.3g} of the torque at the port: from 1 on, not every motion has one torque",
     )
     yield Finding("source is a zero", True, "the free motion is where the torque vanishes, contact's history included")
     yield from _sliding(network)
