@@ -124,7 +124,8 @@ class NortonNetwork:
 
     def _breakaway(self, row: FloatArray, side: float) -> float:
         """The command that overcomes friction at rest; infinite where saturation never lets it."""
-        torque = self.coulomb_torque_nm * (1.0 + row[STRIBECK] + side * row[ASYMMETRY])
+        forwards = side if self.torque_gain > 0.0 else -side
+        torque = self.coulomb_torque_nm * (1.0 + row[STRIBECK] + forwards * row[ASYMMETRY])
         ratio, saturation = torque / abs(self.torque_gain), row[SATURATION]
         root = 1.0 - 4.0 * saturation * ratio**2
         if root < 0.0:
@@ -136,7 +137,7 @@ class NortonNetwork:
         """ω_N(c) [rad/s], the steady free velocity: three branches (section IV.D), of the shape of ``command``.
 
         Of a shaft that was at rest: where friction falls with the velocity, it may go on sliding at commands that would
-        not set it in motion. What changes with the position is taken at its mean.
+        not set it in motion. What changes with the position is taken at its mean. Infinite where nothing holds it.
         """
         row, asked = self.row, np.asarray(command, dtype=float)
         torque = self.torque_gain * asked / (1.0 + row[SATURATION] * asked**2)
@@ -145,14 +146,17 @@ class NortonNetwork:
         beyond = np.maximum(np.abs(torque) - directed - self.coulomb_torque_nm * row[STRIBECK], 0.0)
         if not (row[STRIBECK] or row[DRAG]):
             return np.asarray(side * beyond / self.viscous_damping_nms_rad)
-        low, high = np.zeros_like(torque), np.abs(torque) / self.viscous_damping_nms_rad
+        # Damping that falls with the velocity is greatest half way to where there is none: beyond, nothing is steady.
+        fastest = np.abs(torque) / self.viscous_damping_nms_rad if row[DRAG] >= 0.0 else -0.5 / row[DRAG]
+        low, high = np.zeros_like(torque), np.broadcast_to(fastest, torque.shape)
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
             stribeck = self.coulomb_torque_nm * row[STRIBECK] * np.exp(-((middle / row[STRIBECK_VELOCITY]) ** 2))
             damping = self.viscous_damping_nms_rad * (1.0 + row[DRAG] * middle)
             faster = np.abs(torque) > directed + stribeck + damping * middle
             low, high = np.where(faster, middle, low), np.where(faster, high, middle)
-        return np.asarray(side * np.where(beyond > 0.0, low, 0.0))
+        steady = np.where((row[DRAG] < 0.0) & (low > 0.999 * fastest), inf, low)
+        return np.asarray(side * np.where(beyond > 0.0, steady, 0.0))
 
     def free_motion(
         self,
@@ -192,7 +196,7 @@ class NortonNetwork:
             self.presliding_damping_nms_rad,
             self.row,
             waves_of(self.terms),
-            np.array([position_rad, velocity_rad_s, motor_torque_nm, min(max(phi, -1 / s), 1 / s)]),
+            np.array([position_rad, velocity_rad_s, motor_torque_nm, phi]),
         )
         return motion[0], motion[1], motion[2]
 

@@ -99,6 +99,9 @@ def free_motion(
     mean_decay = (1.0 - decay) / (bandwidth * step_s)
     position, velocity, motor, phi = start
     motion = np.empty((3, command.size))
+    if command.size:  # no contact holds more than its strength
+        most = strength(row, velocity, position, port[0]) / s
+        phi = min(max(phi, -most), most)
     for k in range(command.size):
         asked = torque_gain * command[k]
         slope = s / strength(row, velocity, position, port[k])

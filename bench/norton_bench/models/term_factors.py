@@ -12,6 +12,7 @@ from norton_bench.models.terms import (
     FRICTION_COSINE,
     FRICTION_PERIODS,
     FRICTION_SINE,
+    LEAST_STRENGTH,
     LOAD,
     RIPPLE_COSINE,
     RIPPLE_PERIODS,
@@ -20,9 +21,6 @@ from norton_bench.models.terms import (
     STRIBECK,
     STRIBECK_VELOCITY,
 )
-
-# A contact without any strength has no equation; no friction that is asked for comes near to it.
-LEAST_STRENGTH = 0.02
 
 
 @njit(cache=True, nogil=True)

@@ -66,6 +66,8 @@ STRIBECK, STRIBECK_VELOCITY, ASYMMETRY, LOAD, SATURATION, DRAG = range(6)
 FRICTION_COSINE, FRICTION_SINE, FRICTION_PERIODS, RIPPLE_COSINE, RIPPLE_SINE, RIPPLE_PERIODS = range(6, 12)
 GAIN_DRIFT, GAIN_BEND, DAMPING_DRIFT, DAMPING_BEND, FRICTION_DRIFT, FRICTION_BEND = range(12, 18)
 COLUMNS = 18
+# A contact without any strength has no equation; no friction that is asked for comes near to it.
+LEAST_STRENGTH = 0.02
 PERIODS = {"friction_by_position": FRICTION_PERIODS, "ripple": RIPPLE_PERIODS}
 
 TERMS = (
@@ -206,7 +208,14 @@ class NetworkTerm:
     def relative_to(self, motor: Mapping[str, float]) -> "NetworkTerm":
         """The same with every value over that of the table's ``over``; ``motor`` has these by name."""
         pairs = zip(self.term.parameters, self.values, strict=True)
-        return replace(self, values=tuple(value / motor[each.over] if each.over else value for each, value in pairs))
+        return replace(
+            self, values=tuple(_over(value, motor[each.over]) if each.over else value for each, value in pairs)
+        )
+
+
+def _over(value: float, base: float) -> float:
+    """Nothing where the motor lacks what the term is a factor of."""
+    return value / base if base else 0.0
 
 
 def factors_of(terms: Sequence[NetworkTerm]) -> tuple[NetworkTerm, ...]:

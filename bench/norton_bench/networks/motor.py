@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.terms import NetworkTerm, waves_of
+from norton_bench.models.terms import LEAST_STRENGTH, NetworkTerm, waves_of
 from norton_bench.networks.expressions import Equations
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.nonlinear import NonlinearNetwork
@@ -122,8 +122,6 @@ class _Motor:
     @cached_property
     def least_strength(self) -> float:
         """The least that γ may become: the contact relaxes the quicker."""
-        from norton_bench.models.term_factors import LEAST_STRENGTH  # noqa: PLC0415  (compiled: slow to import)
-
         least = 1.0 + min(self._value("stribeck"), 0.0) - abs(self._value("asymmetry"))
         position = self._terms.get("friction_by_position")
         least -= sum(value**2 for value in position.values) ** 0.5 if position else 0.0
@@ -134,8 +132,6 @@ class _Motor:
 
     def strength(self, at: str, port: str) -> str:
         """γ of the contact; "" where it is 1."""
-        from norton_bench.models.term_factors import LEAST_STRENGTH  # noqa: PLC0415
-
         parts = {
             "stribeck": f"stribeck_0*exp(-(v{at}/stribeck_1)**2)",
             "asymmetry": f"asymmetry_0*sign(v{at})",

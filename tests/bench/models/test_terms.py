@@ -177,3 +177,30 @@ def test_a_term_that_is_none_is_refused_in_a_sentence(change, said, tmp_path):
     path.write_text(json.dumps(content))
     with pytest.raises(UsageError, match=said):
         NortonNetwork.load(path)
+
+
+def test_drag_without_damping_to_be_a_factor_of_is_none():
+    """Viscous damping that came out below zero is none in a network that is to be simulated."""
+    network = replace(with_terms(NetworkTerm("drag", (1e-5,))), viscous_damping_nms_rad=-1e-4).dissipative()
+    assert np.isfinite(network.free_motion(np.full(100, 0.05), TICK_S)[1]).all()
+
+
+def test_damping_that_falls_holds_the_shaft_only_so_far():
+    """B ω + D ω² is 25 mN·m at most, at B/(−2D) = 50 rad/s."""
+    network = with_terms(NetworkTerm("drag", (-1e-5,)))
+    speeds = network.source_velocity([(0.02 + 0.0249) / 0.9, (0.02 + 0.0251) / 0.9])
+    assert 40.0 < speeds[0] < 50.0
+    assert speeds[1] == np.inf
+
+
+def test_a_command_that_turns_backwards_meets_the_friction_of_that_direction():
+    forwards, backwards = (replace(with_terms(SINGLE[1]), torque_gain=gain) for gain in (0.9, -0.9))
+    assert backwards.thresholds == pytest.approx(tuple(-each for each in reversed(forwards.thresholds)))
+
+
+def test_a_contact_may_hold_more_at_rest_than_in_sliding():
+    """Held at 24 of 26 mN·m by its command, a shaft stays where it is; an empty command moves nothing."""
+    network = with_terms(SINGLE[0])
+    held = {"motor_torque_nm": 0.024, "friction_torque_nm": 0.024}
+    assert np.max(np.abs(network.free_motion(np.full(200, 0.024 / 0.9), TICK_S, **held)[1])) < 1e-3
+    assert network.free_motion([], TICK_S)[0].size == 0
