@@ -19,7 +19,7 @@ from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import moving
 from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.results import FitResult, SensorZero
-from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Shape
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Shape
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.terms import waves_of

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from norton_bench.arrays import BoolArray, FloatArray
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.current import fit_current
 from norton_bench.identification.results import (
-    Cogging,
     FitResult,
     SensorZero,
     Simulated,
@@ -23,15 +22,16 @@ from norton_bench.identification.results import (
     trace,
     verdict,
 )
-from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
 from norton_bench.identification.sanity_checks import FailedCheck, failed_checks, status_of
 from norton_bench.identification.separable import Solution, limits, linear_solution, solve, solve_with_terms
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
+from norton_bench.identification.term_estimates import amplitude, terms_found, terms_in_torque, waves_found
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.models.terms import NetworkTerm, Term
+from norton_bench.models.terms import NetworkTerm
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -44,8 +44,6 @@ PHYSICAL = (
     "presliding_stiffness",
     "presliding_damping",
 )
-# The linear unknowns that parameters of terms are relative to.
-TERM_BASE = {"coulomb_torque": COULOMB, "viscous_damping": VISCOUS}
 # What free motion tells only as a ratio to the torque gain.
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 # The command must explain this many times what nothing explains, or the port's torque sets no scale: errors in what
@@ -209,7 +207,7 @@ def physical(
          shape.command_delay_s, shape.motion_delay_s]
     )  # fmt: skip
     # The gradient of each over (linear, then those of log β, log s, d_c, d_m that were free).
-    terms, to_terms = _terms_in_torque(solution, linear)
+    terms, to_terms = terms_in_torque(solution, linear)
     gradient = np.zeros((9 + len(terms), columns + len(solution.free)))
     for row, column in ((0, GAIN), (2, INERTIA), (3, VISCOUS), (4, COULOMB), (6, DAMPING)):
         gradient[row, :5] = to_linear[column]
@@ -222,20 +220,6 @@ def physical(
         row, slope = slopes[unknown]
         gradient[row, columns + position] = slope
     return np.concatenate([ordered, terms]), gradient @ covariance @ gradient.T
-
-
-def _terms_in_torque(solution: Solution, linear: FloatArray) -> tuple[FloatArray, list[tuple[int, float, float]]]:
-    """The terms' parameters (parameters,), and of each which linear unknown its value goes with, its slope with that
-    unknown, and its slope with the unknown of the shape."""
-    values, slopes = list[float](), list[tuple[int, float, float]]()
-    for each in solution.shape.terms:
-        for parameter, relative in zip(each.term.parameters, each.values, strict=True):
-            base = TERM_BASE.get(parameter.over)
-            size = 1.0 if base is None else float(linear[base])
-            values.append(relative * size)
-            own = relative * size if parameter.logarithmic else size
-            slopes.append((GAIN if base is None else base, 0.0 if base is None else relative, own))
-    return np.array(values), slopes
 
 
 def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
@@ -305,7 +289,7 @@ def result_of(
         motion_delay_std_s=float(deviations[8]),
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
         band=regression.rows[0].kernel,
-        cogging=tuple(_amplitude(each) for each in _waves(solution, to_torque)),
+        cogging=tuple(amplitude(each) for each in waves_found(solution, to_torque)),
         torque_bias_nm=_bias(solution),
         middle_s=regression.middle_s,
         torque_zero=_zero(solution, of_unknowns),
@@ -356,10 +340,10 @@ def _in_terms_of_network(
     current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
     if current is not None:
         estimates += current.estimates(command_unit, statuses[0])
-    terms = _terms(solution, values, covariance, command_unit)
+    terms = terms_found(solution, values, covariance, command_unit)
     estimates += [estimate for _, own in terms for estimate in own]
     network = network_of(estimates, command_unit, covariance, tuple(term for term, _ in terms))
-    waves = _waves(solution, float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0)
+    waves = waves_found(solution, float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0)
     network = replace(network, terms=(*network.terms, *waves))
     ratios: tuple[Estimate, ...] = ()
     if solution.free_motion:
@@ -368,17 +352,6 @@ def _in_terms_of_network(
         estimates = [_without_scale(estimate) for estimate in estimates]
     judged = tuple(replace(each, status=status_of(each.status, each.name, failed_checks)) for each in estimates)
     return _NetworkTerms(judged, network, ratios, current is not None)
-
-
-def _amplitude(wave: NetworkTerm) -> Cogging:
-    return Cogging(wave.periods_per_turn, float(np.hypot(wave.values[0], wave.values[1])))
-
-
-def _waves(solution: Solution, to_torque: float) -> tuple[NetworkTerm, ...]:
-    """The torques found that go with the position, from the pairs that follow the five linear unknowns."""
-    periods = solution.regression.cogging
-    pairs = solution.linear[5 : 5 + 2 * len(periods)].reshape(-1, 2) * to_torque
-    return tuple(NetworkTerm("cogging", tuple(pair.tolist()), each) for each, pair in zip(periods, pairs, strict=True))
 
 
 def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -432,45 +405,6 @@ def _at_bound(solution: Solution, tick_s: float) -> set[str]:
     at, width = solution.shape.as_array()[: low.size], high - low
     held = (at - low < 1e-3 * width) | (high - at < 1e-3 * width)
     return {name for name, hit in zip(("amplifier_bandwidth", "presliding_stiffness"), held, strict=False) if hit}
-
-
-def _terms(
-    solution: Solution, values: FloatArray, covariance: FloatArray, command_unit: str
-) -> list[tuple[NetworkTerm, list[Estimate]]]:
-    """Each of the solution's terms in units of its own, and its estimates."""
-    result, place = [], 9
-    for each in solution.shape.terms:
-        own = slice(place, place + len(each.values))
-        known = _term_known(each.term, values[own], covariance[own, own])
-        statuses = [_term_status(solution, bool(one)) for one in known]
-        numbers = zip(each.term.parameters, values[own], np.sqrt(np.diag(covariance)[own]), statuses, strict=True)
-        estimates = [
-            Estimate(one.name, float(value), float(std), one.unit_for(command_unit), status)
-            for one, value, std, status in numbers
-        ]
-        result.append((replace(each, values=tuple(values[own].tolist())), estimates))
-        place = own.stop
-    return result
-
-
-def _term_known(term: Term, values: FloatArray, covariance: FloatArray) -> BoolArray:
-    """Of each of a term's parameters, whether it is known to within LOOSE_BEYOND of its size.
-
-    What cannot be nothing is asked alone. All others are asked together, by their mean square in deviations (Wald):
-    of a cosine and a sine, or of a drift and its rate, one may be nothing.
-    """
-    alone = np.array([each.logarithmic for each in term.parameters])
-    together = ~alone
-    score = values[together] @ np.linalg.solve(covariance[np.ix_(together, together)], values[together])
-    known = np.sqrt(np.diag(covariance)) <= LOOSE_BEYOND * np.abs(values)
-    known[together] = score >= np.count_nonzero(together) / LOOSE_BEYOND**2
-    return np.asarray(known)
-
-
-def _term_status(solution: Solution, known: bool) -> Status:
-    if not solution.converged:
-        return Status.NOT_CONVERGED
-    return Status.VALID if known else Status.UNEXCITED
 
 
 def network_of(

@@ -14,10 +14,10 @@ from norton_bench.identification.model_error import (
     ModelError,
     expanded,
     judged,
+    milli,
     model_error,
     validation_stretches,
     widened,
-    with_terms_named,
 )
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
@@ -123,6 +123,25 @@ def _composed(before: JudgedFit, measured: Measured, *, command_unit: str, findi
             return before
         before = after
     return before
+
+
+def with_terms_named(result: FitResult, plain: FitResult) -> FitResult:
+    """The same with a sentence on each factor that its network has; ``plain`` is the fit of the paper's motor alone."""
+    terms = [each.term for each in result.network.relative_terms]
+    if not terms:
+        return result
+    texts = [
+        f"Beside the paper's motor the network has a term, because {each.meaning}: {each.equation}." for each in terms
+    ]
+    texts.append(
+        f"The paper's motor alone leaves {milli(plain.torque_rms_nm)} rms of the torque, noise included; with "
+        f"{'this term' if len(terms) == 1 else 'these terms'} {milli(result.torque_rms_nm)} are left."
+    )
+    if any(each.in_time for each in terms):
+        texts.append(
+            "What changed with time has its values in the middle of the session (t = 0); predictions are for then."
+        )
+    return replace(result, verdict=(*texts, *result.verdict))
 
 
 def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:

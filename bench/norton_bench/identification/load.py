@@ -17,8 +17,9 @@ from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.rows import STILL, Rows
+from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import linear_solution
+from norton_bench.identification.shape import STILL
 from norton_bench.identification.signals import Port, Signals, sent_at_s, signals
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import sandwich

@@ -262,25 +262,6 @@ def judged(result: FitResult, error: ModelError | None) -> FitResult:
     return replace(told, estimates=estimates, network=network, verdict=(*texts, *told.verdict))
 
 
-def with_terms_named(result: FitResult, plain: FitResult) -> FitResult:
-    """The same with a sentence on each factor that its network has; ``plain`` is the fit of the paper's motor alone."""
-    terms = [each.term for each in result.network.relative_terms]
-    if not terms:
-        return result
-    texts = [
-        f"Beside the paper's motor the network has a term, because {each.meaning}: {each.equation}." for each in terms
-    ]
-    texts.append(
-        f"The paper's motor alone leaves {_milli(plain.torque_rms_nm)} rms of the torque, noise included; with "
-        f"{'this term' if len(terms) == 1 else 'these terms'} {_milli(result.torque_rms_nm)} are left."
-    )
-    if any(each.in_time for each in terms):
-        texts.append(
-            "What changed with time has its values in the middle of the session (t = 0); predictions are for then."
-        )
-    return replace(result, verdict=(*texts, *result.verdict))
-
-
 def widened(result: FitResult, estimates: Sequence[Estimate]) -> NortonNetwork:
     """The network with the deviations of ``estimates``, correlated as they were."""
     network = result.network
@@ -308,7 +289,7 @@ def sentences(error: ModelError, concerned: Sequence[str]) -> tuple[str, ...]:
     if error.unexplained:
         but = "; nothing else that was looked at explains it" if texts else "; nothing that was looked at explains it"
         texts.append(
-            f"The model is inadequate: {'beyond that ' if texts else ''}it leaves {_milli(error.left_nm)} rms of the "
+            f"The model is inadequate: {'beyond that ' if texts else ''}it leaves {milli(error.left_nm)} rms of the "
             f"torque that is not noise{but}."
         )
     if concerned:
@@ -324,21 +305,22 @@ def of_ladder(rungs: Sequence[Rung]) -> tuple[str, ...]:
         return ()
     best = selected(rungs)
     return (
-        f"Of the friction models, {best.name} does best on data held out: it leaves {_milli(best.held_out_rms)} rms "
-        f"where Dahl's, the network's own, leaves {_milli(dahl.held_out_rms)}.",
+        f"Of the friction models, {best.name} does best on data held out: it leaves {milli(best.held_out_rms)} rms "
+        f"where Dahl's, the network's own, leaves {milli(dahl.held_out_rms)}.",
     )
 
 
 def _sentence(result: Departure) -> str:
     where = f" ({result.periods_per_turn} a turn)" if result.periods_per_turn else ""
     return (
-        f"The model is inadequate: {_milli(result.rms_nm)} rms of the torque, {result.share:.0%} of the variance it "
+        f"The model is inadequate: {milli(result.rms_nm)} rms of the torque, {result.share:.0%} of the variance it "
         f"leaves, goes with {result.kind.goes_with}{where}: {result.kind.cause}. "
-        f"With a term for it ({result.kind.term}) {_milli(result.left_nm)} would be left."
+        f"With a term for it ({result.kind.term}) {milli(result.left_nm)} would be left."
     )
 
 
-def _milli(value_nm: float) -> str:
+def milli(value_nm: float) -> str:
+    """In mN*m, to two digits."""
     return f"{1e3 * value_nm:.2g} mN*m"
 
 

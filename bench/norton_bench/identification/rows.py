@@ -16,72 +16,12 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import REACH, unquantised
+from norton_bench.identification.shape import Shape, drifted
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
-from norton_bench.models import term_factors
-from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor, NetworkTerm, row_of
-
-LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
-GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
-MOTION_DELAY = 3  # of (log β, log s, d_c, d_m)
-# Steps of the differences that stand for derivatives: relative, and of delays.
-SMALL = 0.01
-SMALL_S = 2e-5
-
-
-@dataclass(frozen=True)
-class Shape:
-    """The unknowns in which the regression is not linear. ``s`` is σ0/τc [1/rad]; positive delays mean later."""
-
-    bandwidth_rad_s: float
-    s_per_rad: float
-    command_delay_s: float
-    motion_delay_s: float
-    terms: tuple[NetworkTerm, ...] = ()  # their values are relative: over those of the table's ``over``
-
-    def as_array(self) -> FloatArray:
-        """(log β, log s, d_c, d_m), then the parameters of the terms."""
-        terms = [
-            np.log(value) if parameter.logarithmic else value
-            for each in self.terms
-            for parameter, value in zip(each.term.parameters, each.values, strict=True)
-        ]
-        return np.array(
-            [np.log(self.bandwidth_rad_s), np.log(self.s_per_rad), self.command_delay_s, self.motion_delay_s, *terms]
-        )
-
-    @classmethod
-    def of(cls, array: FloatArray) -> "Shape":
-        """Without terms, from the first four of them."""
-        return cls(1.0, 1.0, 0.0, 0.0).at(array)
-
-    def at(self, array: FloatArray) -> "Shape":
-        """The same terms with other values, in the order of :meth:`as_array`."""
-        rest, terms = iter(array[4:].tolist()), list[NetworkTerm]()
-        for each in self.terms:
-            values = (float(np.exp(next(rest))) if one.logarithmic else next(rest) for one in each.term.parameters)
-            terms.append(replace(each, values=tuple(values)))
-        bandwidth, s = np.exp(array[:2]).tolist()
-        return Shape(bandwidth, s, float(array[2]), float(array[3]), tuple(terms))
-
-    @property
-    def row(self) -> FloatArray:
-        """What the terms' factors are computed from."""
-        return row_of(self.terms)
-
-    def changes(self, factor: Factor) -> bool:
-        """Whether one of the terms does."""
-        return any(each.term.factor is factor for each in self.terms)
-
-
-def drifted(row: FloatArray, column: int, time_s: FloatArray) -> FloatArray:
-    """The factor of what changes with time, (n,); ``column`` is that of its first parameter."""
-    return np.asarray(1.0 + row[column] * time_s + row[column + 1] * time_s**2)
-
+from norton_bench.models import network_steps
+from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor
 
 MOST_RECENT = 6
-
-# Only its delays matter, and they are nil.
-STILL = Shape(1.0, 1.0, 0.0, 0.0)
 
 
 class _Recent(dict[tuple[Hashable, ...], FloatArray]):
@@ -208,7 +148,7 @@ class Rows:
         if shape.changes(Factor.GAIN):
             # The command that was sent at an instant acts later, and the motion then is read later still.
             cells = (shape.command_delay_s + shape.motion_delay_s) / fine_s
-            lag = lag * term_factors.gains(shape.row, lag, loops.later(self._grid(signals.path_rad), cells))
+            lag = lag * network_steps.gains(shape.row, lag, loops.later(self._grid(signals.path_rad), cells))
             lag = lag * drifted(shape.row, GAIN_DRIFT, self._time_s)
         return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
 
@@ -245,7 +185,7 @@ class Rows:
     def _strengths(self, shape: Shape) -> FloatArray:
         """γ along the path, shape (...,)."""
         port_nm = loops.later(self._port_nm, -shape.motion_delay_s / self.signals.tick_s * self.fine)
-        strengths = term_factors.strengths(shape.row, self._velocity, self._grid(self.signals.path_rad), port_nm)
+        strengths = network_steps.strengths(shape.row, self._velocity, self._grid(self.signals.path_rad), port_nm)
         return np.asarray(strengths * drifted(shape.row, FRICTION_DRIFT, self._time_s))
 
     @cached_property

@@ -10,8 +10,9 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.expansion import Linearised
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.results import FitResult, SensorZero, Trace, Validation, trace
-from norton_bench.identification.rows import INERTIA, Rows, Shape
+from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import LOW_BAND, linear_solution
+from norton_bench.identification.shape import INERTIA, Shape
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use

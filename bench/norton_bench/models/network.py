@@ -213,7 +213,7 @@ class NortonNetwork:
 
         ``position_rad`` is differentiated twice: give it smooth. The state is that at the first tick.
         """
-        from norton_bench.models import network_steps, term_factors  # noqa: PLC0415  (compiled: slow to import)
+        from norton_bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
 
         position = np.ascontiguousarray(position_rad, dtype=float)
         held = np.ascontiguousarray(command, dtype=float)
@@ -221,14 +221,14 @@ class NortonNetwork:
         lagged = network_steps.lagged(held, decay, motor_torque_nm / self.torque_gain)
         row, s = self.row, self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
         velocity = np.gradient(position, tick_s)
-        known = self.torque_gain * term_factors.gains(row, lagged, position) * lagged
+        known = self.torque_gain * network_steps.gains(row, lagged, position) * lagged
         known -= self.inertia_kgm2 * _second_difference(position, tick_s)
         known -= self.viscous_damping_nms_rad * (1.0 + row[DRAG] * np.abs(velocity)) * velocity
         for periods, cosine, sine in waves_of(self.terms):
             known += cosine * np.cos(periods * position) + sine * np.sin(periods * position)
         torque, start = known, friction_torque_nm / self.presliding_stiffness_nm_rad
         for _ in range(LOAD_ITERATIONS if row[LOAD] else 1):
-            strengths = term_factors.strengths(row, velocity, position, torque)
+            strengths = network_steps.strengths(row, velocity, position, torque)
             phi = network_steps.dahl_path(position, s, strengths, start)
             torque = known - self.presliding_stiffness_nm_rad * phi
             torque -= self.presliding_damping_nms_rad * np.gradient(phi, tick_s)
@@ -242,7 +242,7 @@ class NortonNetwork:
 
     @property
     def row(self) -> FloatArray:
-        """What the factors of its terms are computed from (:mod:`norton_bench.models.term_factors`)."""
+        """What the factors of its terms are computed from (:mod:`norton_bench.models.network_steps`)."""
         return row_of(self.relative_terms)
 
     def parameters(self) -> dict[str, tuple[float, str]]:

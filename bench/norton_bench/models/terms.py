@@ -5,7 +5,7 @@
 The factors g, b and γ are 1 for the paper's motor (section IV.D), and τ(θ) is none. A term changes one of them; the
 friction contact keeps its stiffness σ0, and slides towards the strength γ·τc that it has there and then. The table
 below is the only list of terms: the fit, the network file, its prediction, the report and the documents follow from
-it. What the terms do there and then is computed in :mod:`norton_bench.models.term_factors`.
+it. What the terms do there and then is computed in :mod:`norton_bench.models.network_steps`.
 """
 
 from collections.abc import Mapping, Sequence

@@ -9,8 +9,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
+from norton_bench.models.drawn_motor import command_shown, falling, greatest_friction_nm
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.sliding import command_shown, falling, greatest_friction_nm
 from norton_bench.models.terms import TERM_BY_NAME, waves_of
 from norton_bench.networks.family import Network, form_of, kind_of
 from norton_bench.networks.kinds import Form, Kind, NoConversionError

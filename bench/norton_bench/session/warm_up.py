@@ -14,7 +14,7 @@ from norton_bench.identification.friction_model import Path
 from norton_bench.identification.friction_operators import part_sums
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.regression import Regression
-from norton_bench.identification.rows import Shape
+from norton_bench.identification.shape import Shape
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.terms import NetworkTerm

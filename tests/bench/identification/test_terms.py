@@ -10,7 +10,7 @@ from norton_bench.identification.cleaning import clean
 from norton_bench.identification.expansion import Linearised
 from norton_bench.identification.fit import fit_signals, fit_with_terms
 from norton_bench.identification.judged_fit import asked_for, fit_judged
-from norton_bench.identification.rows import MOTION_DELAY
+from norton_bench.identification.shape import MOTION_DELAY
 from norton_bench.identification.signals import signals
 from norton_bench.models.parameters import Status
 from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.models.network import NortonNetwork
-from norton_bench.models.sliding import (
+from norton_bench.models.drawn_motor import (
     command_shown,
     drive_nm,
     falling,
@@ -15,6 +14,7 @@ from norton_bench.models.sliding import (
     port_torque_nm,
     resistance_nm,
 )
+from norton_bench.models.network import NortonNetwork
 from norton_bench.models.terms import NetworkTerm
 
 MOTOR = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")

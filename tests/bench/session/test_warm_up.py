@@ -18,13 +18,13 @@ COUNT = """
 from norton_bench.control import core
 from norton_bench.identification import loops
 from norton_bench.identification import friction_operators as operators
-from norton_bench.models import network_steps, term_factors
+from norton_bench.models import network_steps
 from norton_bench.session.warm_up import warm_up
 
 warm_up()
 called = {core: "sense track feed_forward pass_on advance put_first".split(), network_steps: ["free_motion"]}
 called[loops] = "count_readings filter_at friction_path_of later lag_of_held mean_lag_of_held".split()
-called |= {term_factors: ["strengths", "gains"], operators: "bristle stops elasto_plastic part_sums".split()}
+called |= {network_steps: ["strengths", "gains"], operators: "bristle stops elasto_plastic part_sums".split()}
 print([name for module, names in called.items() for name in names if not getattr(module, name).signatures])
 """
 
