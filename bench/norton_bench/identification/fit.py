@@ -22,8 +22,16 @@ from norton_bench.identification.results import (
     trace,
     verdict,
 )
-from norton_bench.identification.sanity_checks import FailedCheck, failed_checks, status_of
-from norton_bench.identification.separable import Solution, limits, linear_solution, solve, solve_with_terms
+from norton_bench.identification.sanity_checks import (
+    LEAST_EVIDENCE,
+    FailedCheck,
+    beyond_noise,
+    failed_checks,
+    scale_evidence,
+    status_of,
+    why_no_scale,
+)
+from norton_bench.identification.separable import Solution, limits, solve, solve_with_terms
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
@@ -46,13 +54,6 @@ PHYSICAL = (
 )
 # What free motion tells only as a ratio to the torque gain.
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
-# The command must explain this many times what nothing explains, or the port's torque sets no scale: errors in what
-# explains a torque make its scale too small by the square of their share, here by 1/25, which can be taken off.
-LEAST_EVIDENCE = 5.0
-# Of the torque, rms: a fit leaves hardly more where nothing is wrong.
-LEFT_BY_A_GOOD_FIT = 0.05
-# Deviations to which a residual can be told from the noise in it.
-TOLD_FROM_NOISE = 2.0
 
 
 def fit(
@@ -116,7 +117,7 @@ def solution_of(
         beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
     )
     if port is Port.LOAD and not determined:
-        raise ExperimentError(_why_no_scale(solution))
+        raise ExperimentError(why_no_scale(solution))
     if measured and not determined:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return solution
@@ -135,53 +136,6 @@ def fit_with_terms(
     stretches = tuple(truth.stretch for truth in bench.truths)
     solution = solve_with_terms(bench.solution, (*bench.solution.shape.terms, *terms), before.torque_bias_nm)
     return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=bench.readings)
-
-
-def scale_evidence(solution: Solution) -> float:
-    """What only the command explains of the torque, over what nothing explains, both rms.
-
-    Next to nothing where the machine across the port is passive: it then answers the motion as this one does,
-    and the torque between them follows from the motion alone, whatever the command.
-    """
-    return _of_command_nm(solution) / float(np.sqrt(np.mean(solution.innovation**2)))
-
-
-def _of_command_nm(solution: Solution) -> float:
-    """What only the command explains of the torque, rms."""
-    lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
-    alone = lag - linear_solution(others.T, lag) @ others.T
-    return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)))
-
-
-def _why_no_scale(solution: Solution) -> str:
-    """Why a load's own values cannot be told: its command explains too little, or nothing explains too much."""
-    torque_nm = float(np.sqrt(np.mean(solution.regression.target() ** 2)))
-    own, left = _of_command_nm(solution) / torque_nm, float(np.sqrt(np.mean(solution.innovation**2))) / torque_nm
-    if own < LEAST_EVIDENCE * LEFT_BY_A_GOOD_FIT:
-        return (
-            "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
-            "actuator too, independently of the load, and see that the torque sensor works"
-        )
-    return (
-        f"the load's command, motion and friction leave {left:.0%} of the port's torque unexplained, too much to tell "
-        f"the load's own values by: its command alone explains {own:.0%}, and should explain {LEAST_EVIDENCE:g} times "
-        "what is left. Commands or readings may come late, by times that vary (a busy computer, an adapter, a full "
-        "bus: `norton-bench rig check` shows it; end other programs and repeat), or something else acts on the shaft"
-    )
-
-
-def beyond_noise(solution: Solution) -> float:
-    """The share of the residual's power that the torque readings' own noise does not explain, as far as can be told.
-
-    That noise makes a number uncertain, as its deviation says, but sets no wrong scale; the encoder's does. The power
-    of n normal errors is known to √(2/n) of itself (chi-squared), n rows that are not alike.
-    """
-    regression = solution.regression
-    counts = [row.usable.size for row in regression.rows]
-    noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
-    determined = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
-    left = float(np.mean(solution.residual**2))
-    return float(np.clip(1.0 - noise / max(left, 1e-300), min(determined, 1.0), 1.0))
 
 
 def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
@@ -269,10 +223,8 @@ def result_of(
     of_unknowns = covariance_of(solution, regression.time_s())
     values, covariance, simulated = _values(stretches, solution, of_unknowns, readings)
     deviations = np.sqrt(np.diag(covariance))
-    failed = (
-        *map(FailedCheck, findings.doubts),
-        *failed_checks(solution, values, deviations, tick_s=stretches[0].tick_s),
-    )
+    checks = failed_checks(solution, values, deviations, tick_s=stretches[0].tick_s)
+    failed = (*map(FailedCheck, findings.doubts), *checks)
     terms = _in_terms_of_network(stretches, solution, values, covariance, command_unit, failed)
     to_torque = float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0
     rms = float(np.sqrt(np.mean(solution.residual**2)))

@@ -1,7 +1,7 @@
 """The model's own error: how far predictions are off beyond the sensors' noise, and what that goes with.
 
-Whatever the fit's deviations say, they say it of the paper's motor. Here the network is asked for segments that its
-values were not fitted to: those kept for validation, and every other one by a fit without it."""
+The network is asked for segments that its values were not fitted to: those kept for validation, and every other one by
+a fit without it. Whatever the fit's deviations say, they say it of the model."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -79,8 +79,7 @@ def _kind(resonance_hz: float, rate_hz: float) -> Kind:
 
 
 # Predictions are judged over stretches of this length, and over what is left of a segment down to the shorter one.
-PIECE_S = 2.0
-SHORTEST_PIECE_S = 0.5
+PIECE_S, SHORTEST_PIECE_S = 2.0, 0.5
 LEVEL = 0.95
 # Noise is no greater than what this share of the segments is left with: a machine that is knocked about makes the
 # readings' own differences look noisy.

@@ -67,6 +67,12 @@ def position_torque(waves: FloatArray, angle: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def driving(row: FloatArray, waves: FloatArray, motor_nm: float, torque_gain: float, angle: float) -> float:
+    """What the motor and the angle drive the shaft with [N m]; ``motor_nm`` is the motor's torque without terms."""
+    return float(gain(row, motor_nm / torque_gain, angle) * motor_nm + position_torque(waves, angle))
+
+
+@njit(cache=True, nogil=True)
 def strengths(row: FloatArray, velocity: FloatArray, angle: FloatArray, port_nm: FloatArray) -> FloatArray:
     """γ at every sample, shape (n,)."""
     values = np.empty(velocity.size)
@@ -174,20 +180,16 @@ def free_motion(
         phi = min(max(phi, -most), most)
     for k in range(command.size):
         asked = torque_gain * command[k]
+        exerted = driving(row, waves, motor, torque_gain, position) - port[k]
         slope = s / strength(row, velocity, position, port[k])
         friction = sigma_0 * phi + sigma_1 * (velocity - slope * abs(velocity) * phi)
-        drag = viscous * damping(row, velocity)
-        motion[0, k] = position
-        motion[1, k] = velocity
-        exerted = gain(row, motor / torque_gain, position) * motor + position_torque(waves, position)
-        motion[2, k] = (exerted - port[k] - friction - drag * velocity) / inertia
+        motion[0, k], motion[1, k] = position, velocity
+        motion[2, k] = (exerted - friction - viscous * damping(row, velocity) * velocity) / inertia
         for _ in range(substeps):
-            mean_motor = asked + (motor - asked) * mean_decay
-            torque = gain(row, mean_motor / torque_gain, position) * mean_motor - port[k]
-            torque += position_torque(waves, position)
+            exerted = driving(row, waves, asked + (motor - asked) * mean_decay, torque_gain, position) - port[k]
             slope = s / strength(row, velocity, position, port[k])
             drag = viscous * damping(row, velocity)
-            mean = mean_velocity(torque, velocity, phi, step_s, inertia, drag, slope, sigma_0, sigma_1)
+            mean = mean_velocity(exerted, velocity, phi, step_s, inertia, drag, slope, sigma_0, sigma_1)
             phi = dahl_flow(phi, mean * step_s, slope)
             position += mean * step_s
             velocity = 2.0 * mean - velocity
