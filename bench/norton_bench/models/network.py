@@ -179,21 +179,23 @@ class NortonNetwork:
         """
         from norton_bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
 
-        s = self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
         phi = friction_torque_nm / self.presliding_stiffness_nm_rad
         held = np.ascontiguousarray(command, dtype=float)
+        motor = (
+            self.torque_gain,
+            self.amplifier_bandwidth_rad_s,
+            self.inertia_kgm2,
+            self.viscous_damping_nms_rad,
+            self.presliding_stiffness_nm_rad / self.coulomb_torque_nm,
+            self.presliding_stiffness_nm_rad,
+            self.presliding_damping_nms_rad,
+        )
         motion = network_steps.free_motion(
             held,
             np.ascontiguousarray(np.broadcast_to(np.asarray(port_torque_nm, dtype=float), held.shape)),
             tick_s,
             ceil(tick_s / longest_step_s - 1e-9),
-            self.torque_gain,
-            self.amplifier_bandwidth_rad_s,
-            self.inertia_kgm2,
-            self.viscous_damping_nms_rad,
-            s,
-            self.presliding_stiffness_nm_rad,
-            self.presliding_damping_nms_rad,
+            motor,
             self.row,
             waves_of(self.terms),
             np.array([position_rad, velocity_rad_s, motor_torque_nm, phi]),

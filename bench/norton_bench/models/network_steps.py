@@ -153,23 +153,19 @@ def free_motion(
     port: FloatArray,
     tick_s: float,
     substeps: int,
-    torque_gain: float,
-    bandwidth: float,
-    inertia: float,
-    viscous: float,
-    s: float,
-    sigma_0: float,
-    sigma_1: float,
+    motor_parameters: tuple[float, float, float, float, float, float, float],
     row: FloatArray,
     waves: FloatArray,
     start: FloatArray,
 ) -> FloatArray:
     """Position, velocity and acceleration at every tick, shape (3, n), while the shaft exerts ``port`` (n,).
 
-    Command and port torque are held from tick to tick. ``row`` and ``waves`` are those of the network's terms, whose
+    Command and port torque are held from tick to tick. ``motor_parameters`` are gain, bandwidth, inertia, viscous
+    damping, s = σ0/τc, σ0 and σ1. ``row`` and ``waves`` are those of the network's terms, whose
     factors and torque hold through a step. ``start`` is position, velocity, motor torque and Dahl state before the
     first command acts.
     """
+    torque_gain, bandwidth, inertia, viscous, s, sigma_0, sigma_1 = motor_parameters
     step_s = tick_s / substeps
     decay = exp(-bandwidth * step_s)
     mean_decay = (1.0 - decay) / (bandwidth * step_s)

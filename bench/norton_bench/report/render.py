@@ -11,7 +11,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.results import FitResult
 from norton_bench.models.derived import Figure, derived
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.networks.left_out import values_text
+from norton_bench.models.terms import Factor, NetworkTerm
 from norton_bench.report.sections import sections
 from norton_bench.report.streams import stream_qualities
 from norton_bench.report.svg import style
@@ -81,10 +81,7 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
     values = {**symbols, **_values(fit.estimates)}
     lines = (
         *(EquationLine(said, form.format(**symbols), form.format(**values)) for said, form in _LINES),
-        *(
-            EquationLine(term.term.meaning, term.term.equation, values_text(term, command_unit))
-            for term in fit.network.terms
-        ),
+        *(_term_line(term, command_unit) for term in fit.network.terms),
     )
     torque = "N·m" if not fit.ratios_only else pretty_unit(command_unit) or "N·m"
     variables = (
@@ -96,6 +93,26 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
         ("ωN", "steady free velocity [rad/s]; − for c > 0, + for c < 0, and 0 where Km·Ka·|c| is below τc"),
     )
     return ModelEquations(lines, variables, _RATIOS if fit.ratios_only else "")
+
+
+# What the equation of a term is for.
+_USES = {
+    Factor.GAIN: "Km·Ka is multiplied by g",
+    Factor.DAMPING: "B is multiplied by b",
+    Factor.STRENGTH: "in dφ/dt, τc is multiplied by γ",
+    Factor.TORQUE: "τ(θ) is added to τ",
+}
+
+
+def _term_line(each: NetworkTerm, command_unit: str) -> EquationLine:
+    """What a term changes, its equation, and its values."""
+    values = []
+    for one, value in zip(each.term.parameters, each.values, strict=True):
+        unit = pretty_unit(one.unit_for(command_unit))
+        values.append(f"{one.symbol} = {number(value, DIGITS)} {'' if unit == '1' else unit}".strip())
+    periods = [f"p = {number(each.periods_per_turn, DIGITS)}"] if each.term.periodic else []
+    meaning = f"Beside the motor of the paper, because {each.term.meaning}: {_USES[each.term.factor]}."
+    return EquationLine(meaning, each.term.equation, ", ".join((*values, *periods)))
 
 
 def _values(estimates: Sequence[Estimate]) -> Mapping[str, str]:

@@ -317,6 +317,6 @@ def test_terms_stand_among_the_equations_and_the_parameters(full: Result) -> Non
     assert full.fit is not None
     term = NetworkTerm("asymmetry", (0.1,))
     lines = model_of(replace(full.fit, network=replace(full.fit.network, terms=(term,))), "N*m").lines
-    assert (lines[-1].symbols, lines[-1].values) == ("γ = 1 + a·sgn ω", "a = 0.1")
+    assert (lines[-1].symbols, lines[-1].values) == ("γ = 1 + a·sgn ω", "a = 0.1000")
     shown = row(Estimate("coulomb_asymmetry", 0.1, 0.01, "1", Status.VALID))
     assert (shown.symbol, shown.meaning[:40]) == ("a", "share by which the Coulomb torque is gre")
