@@ -6,9 +6,11 @@ at two strengths, and the motor itself as a control. Then the true plant is move
 that its port truly exerts, and its true free motion, are compared with the network's, without noise and without the
 identifier.
 
-Printed are: the share of unseen motions whose error is within the network's stated one; sessions that end with every
-parameter ``valid`` although an unseen motion is off by more than twice the stated error; how often the first cause
-named is the true one; and how often anything is named on the control. Run with ``python benchmarks/other_worlds.py
+Printed are: how often the network has the term that is true, and how often one that is not; how many of the valid
+values' 95 % intervals hold the true value, and their rms error in deviations; the share of unseen motions whose error
+is within the network's stated one; sessions that end with every parameter ``valid`` although an unseen motion is off
+by more than twice the stated error; how often the first cause named, as a term or as a departure, is the true one; and
+how often anything is named on the control. Run with ``python benchmarks/other_worlds.py
 [--seeds 1-5] [--quick] [--json] [--worlds stribeck,ripple] [--jobs 2]``; a session takes about 35 s. Development used
 seeds from 101 on.
 """
@@ -19,7 +21,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
@@ -33,7 +35,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import Status
+from norton_bench.models.parameters import HALF_INTERVAL, Estimate, Status
 from norton_bench.procedures.waves import Motion, from_velocity, multisine, multisine_motion, sine_motion
 from norton_bench.result import Result
 from norton_bench.rig.load import parse_rig
@@ -42,7 +44,7 @@ from norton_bench.session.conclusion import conclude_recording
 from norton_bench.session.engine import record_session
 from norton_bench.session.schema import standard_session
 from norton_sim.plant import Plant
-from norton_sim.truth import Truth, read_truth
+from norton_sim.truth import Truth, read_truth, true_parameters
 
 RIG = Path(__file__).parents[1] / "rigs" / "sim-odrive.toml"
 CONTROL = "control"
@@ -51,6 +53,7 @@ QUICK_SEED = "1"
 # What is to be reached.
 HELD = (0.90, 0.99)
 NAMED, QUIET = 0.90, 0.95
+COVERED, RIGHT, LEAN = (0.93, 0.97), 0.95, 0.90
 TWICE = 2.0
 
 # Finer than a tick, so that differences of the position are no error of the network's.
@@ -90,6 +93,8 @@ BEHIND: Mapping[str, tuple[str, str, str]] = {
     ),
 }
 WORLDS = (*DEPARTURES, *BEHIND)
+# What has no one true value.
+IN_TIME = {"damping drift": ("viscous_damping",), "warming": ("torque_gain", "torque_constant")}
 MOTOR_BEHIND = """amplifier_gain = "18 A/(N*m)"
 amplifier_bandwidth = "600 rad/s"
 counts_per_turn = 131072
@@ -126,6 +131,18 @@ class Outcome:
     stated_rad_s: float = float("nan")
     torque_nm: tuple[float, ...] = ()
     velocity_rad_s: tuple[float, ...] = ()
+    terms: tuple[str, ...] = ()
+    deviations_off: Mapping[str, float] = field(default_factory=dict)  # of each valid value from the true one
+
+    @property
+    def right_term(self) -> bool:
+        """Whether the network has the term that is true."""
+        return self.true_cause in self.terms
+
+    @property
+    def superfluous_term(self) -> bool:
+        """Whether it has one that is not."""
+        return bool(set(self.terms) - {self.true_cause})
 
     @property
     def true_cause(self) -> str:
@@ -186,9 +203,13 @@ def compared(about: Outcome, rig: Rig, found: Result) -> Outcome:
     """What was found, beside the truth."""
     assert found.fit is not None
     error = found.model_error
+    truth = read_truth(rig.simulated, seed=about.seed, place=rig.place, command_unit=rig.command.unit)
+    terms = tuple(term.name for term in found.fit.network.relative_terms)
     told = replace(
         about,
-        named=() if error is None else tuple(each.kind.name for each in error.departures),
+        terms=terms,
+        named=(*terms, *(() if error is None else (each.kind.name for each in error.departures))),
+        deviations_off=_deviations_off(about.world, found.fit.estimates, truth),
         all_valid=all(estimate.status is Status.VALID for estimate in found.fit.estimates),
     )
     if found.network_file is None:
@@ -196,7 +217,6 @@ def compared(about: Outcome, rig: Rig, found: Result) -> Outcome:
     network = NortonNetwork.load(found.network_file)
     if network.prediction is None:
         return told
-    truth = read_truth(rig.simulated, seed=about.seed, place=rig.place, command_unit=rig.command.unit)
     span = network.prediction.ranges["command"]
     rng = np.random.default_rng([about.seed, 7])
     torque = [
@@ -217,6 +237,15 @@ def compared(about: Outcome, rig: Rig, found: Result) -> Outcome:
         torque_nm=tuple(torque),
         velocity_rad_s=tuple(velocity),
     )
+
+
+def _deviations_off(world: str, estimates: Sequence[Estimate], truth: Truth) -> dict[str, float]:
+    """Of each valid value with one true value, which plants behind something else do not have."""
+    if world in BEHIND:
+        return {}
+    true = {name: value for name, (value, _) in true_parameters(truth).items() if name not in IN_TIME.get(world, ())}
+    valid = [each for each in estimates if each.status is Status.VALID and each.name in true]
+    return {each.name: (each.value - true[each.name]) / each.std for each in valid}
 
 
 def unseen_motions(
@@ -328,6 +357,11 @@ def figures(found: Sequence[Outcome]) -> dict[str, Any]:
     held = verdicts.share(ratios <= 1.0)
     named = verdicts.share(np.array([each.named[:1] == (each.true_cause,) for each in others], dtype=bool))
     quiet = verdicts.share(np.array([not each.named and not each.refused for each in control], dtype=bool))
+    motors = [each for each in others if each.world in DEPARTURES]
+    right = verdicts.share(np.array([each.right_term for each in motors], dtype=bool))
+    lean = verdicts.share(np.array([not each.superfluous_term for each in found], dtype=bool))
+    off = np.array([value for each in found for value in each.deviations_off.values()])
+    covered = verdicts.share(np.abs(off) <= HALF_INTERVAL)
     return {
         "sessions": len(found),
         "refused": sum(bool(each.refused) for each in found),
@@ -338,6 +372,17 @@ def figures(found: Sequence[Outcome]) -> dict[str, Any]:
         "named": named.value,
         "named_interval": named.interval,
         "named_reached": named.within(NAMED, 1.0, len(others)),
+        "values": off.size,
+        "values_rms_deviations": _rms(off) if off.size else float("nan"),
+        "covered": covered.value,
+        "covered_interval": covered.interval,
+        "covered_reached": covered.within(*COVERED, off.size),
+        "right_term": right.value,
+        "right_term_interval": right.interval,
+        "right_term_reached": right.within(RIGHT, 1.0, len(motors)),
+        "no_superfluous_term": lean.value,
+        "no_superfluous_term_interval": lean.interval,
+        "no_superfluous_term_reached": lean.within(LEAN, 1.0, len(found)),
         "control_quiet": quiet.value,
         "control_quiet_interval": quiet.interval,
         "control_quiet_reached": quiet.within(QUIET, 1.0, len(control)),
@@ -346,15 +391,19 @@ def figures(found: Sequence[Outcome]) -> dict[str, Any]:
 
 def show(found: Sequence[Outcome]) -> None:
     """A line for each world and strength, then the whole."""
-    print(f"{'':22}{'':>9}{'sessions':>9}{'refused':>8}{'valid':>6}{'named':>6}{'stated':>8}{'true rms':>9}", end="")
+    print(
+        f"{'':22}{'':>9}{'sessions':>9}{'refused':>8}{'valid':>6}{'term':>6}{'named':>6}{'stated':>8}{'true rms':>9}",
+        end="",
+    )
     print(f"{'greatest':>9}{'stated':>8}{'true rms':>9}{'greatest':>9}{'held':>6}")
-    print(f"{'':60}{'':8}{'mN*m':>8}{'mN*m':>9}{'mN*m':>9}{'rad/s':>8}{'rad/s':>9}{'rad/s':>9}")
+    print(f"{'':66}{'':8}{'mN*m':>8}{'mN*m':>9}{'mN*m':>9}{'rad/s':>8}{'rad/s':>9}{'rad/s':>9}")
     for world, strength in dict.fromkeys((each.world, each.strength) for each in found):
         rows = [each for each in found if (each.world, each.strength) == (world, strength)]
         told = [each for each in rows if each.network]
         print(f"{world:22}{strength:>9g}{len(rows):>9}{sum(bool(each.refused) for each in rows):>8}", end="")
         right = sum(each.named[:1] == ((each.true_cause,) if each.true_cause else ()) for each in rows)
-        print(f"{sum(each.all_valid for each in rows):>6}{right:>6}", end="")
+        terms = sum(each.right_term and not each.superfluous_term for each in rows)
+        print(f"{sum(each.all_valid for each in rows):>6}{terms:>6}{right:>6}", end="")
         if told:
             torque = np.concatenate([each.torque_nm for each in told])
             velocity = np.concatenate([each.velocity_rad_s for each in told])
@@ -367,7 +416,11 @@ def show(found: Sequence[Outcome]) -> None:
         print(f"refused: {refused.world} {refused.strength:g}, seed {refused.seed}: {refused.refused}")
     of = figures(found)
     print(f"\n{of['sessions']} sessions, {of['refused']} refused")
+    print(f"rms error of the valid values: {of['values_rms_deviations']:.2f} deviations")
     for what, key, wanted in (
+        ("the network has the true term", "right_term", f">= {RIGHT:.0%}"),
+        ("it has no superfluous term", "no_superfluous_term", f">= {LEAN:.0%}"),
+        (f"intervals that hold the true value, of {of['values']}", "covered", f"{COVERED[0]:.0%}-{COVERED[1]:.0%}"),
         ("unseen motions within the stated error", "held", f"{HELD[0]:.0%}-{HELD[1]:.0%}"),
         ("the first cause named is the true one", "named", f">= {NAMED:.0%}"),
         ("nothing named on the control", "control_quiet", f">= {QUIET:.0%}"),

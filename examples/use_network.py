@@ -16,6 +16,8 @@ TICK_S = 1e-3
 def main(path: Path) -> None:
     network = NortonNetwork.load(path)
     low, high = network.thresholds
+    for term in network.terms:
+        print(f"beside the paper's motor it has {term.name}: {term.term.equation}, {term.named()}")
     print(f"the shaft breaks away at commands of {low:.4g} and {high:.4g} {network.command_unit}")
     command = np.full(2000, 2 * high)
     _, velocity_rad_s, _ = network.free_motion(command, TICK_S)

@@ -27,7 +27,7 @@ from norton_sim.integrator import (
     motor_torque,
     track,
 )
-from norton_sim.tables import Current, Number, QuadraticDrag, Rate, Seconds, Table
+from norton_sim.tables import Angle, Current, Number, QuadraticDrag, Rate, Seconds, Table
 
 # Columns of a row of departures.
 DROP = 0  # share of the Coulomb torque that fast sliding loses
@@ -40,7 +40,8 @@ SATURATION, SATURATION_INVERSE_CURRENT = 8, 9  # of the torque constant, by curr
 DRAG = 10  # N m s²/rad²
 DAMPING_RATE = 11  # 1/s, of the viscous damping
 GAIN_SHARE, GAIN_RATE = 12, 13  # of the torque constant, settling at that rate [1/s]
-DEPARTURE_COLUMNS = 14
+FRICTION_PHASE, RIPPLE_PHASE = 14, 15  # rad
+DEPARTURE_COLUMNS = 16
 
 
 class Stribeck(Table):
@@ -51,10 +52,11 @@ class Stribeck(Table):
 
 
 class ByPosition(Table):
-    """A factor 1 + share · cos(periods · θ)."""
+    """A factor 1 + share · cos(periods · θ + phase)."""
 
     share: Number = Field(gt=-1, lt=1, examples=["3 %"])
     periods_per_turn: int = Field(ge=1, examples=[6])
+    phase_rad: Angle = Field(alias="phase", default=0.0)
 
 
 class Saturation(Table):
@@ -94,8 +96,10 @@ class Departures(Table):
         if self.friction_by_position is not None:
             row[FRICTION_SHARE] = self.friction_by_position.share
             row[FRICTION_PERIODS] = self.friction_by_position.periods_per_turn
+            row[FRICTION_PHASE] = self.friction_by_position.phase_rad
         if self.ripple is not None:
             row[RIPPLE_SHARE], row[RIPPLE_PERIODS] = self.ripple.share, self.ripple.periods_per_turn
+            row[RIPPLE_PHASE] = self.ripple.phase_rad
         if self.saturation is not None:
             row[SATURATION] = self.saturation.share / (1.0 - self.saturation.share)
             row[SATURATION_INVERSE_CURRENT] = 1.0 / self.saturation.current_a
@@ -170,10 +174,10 @@ def _depart(
     velocity, angle, current = state[VELOCITY], state[ANGLE], state[CURRENT]
     share = 1.0 + row[DROP] * math.expm1(-((velocity * row[DROP_INVERSE_VELOCITY]) ** 2))
     share *= 1.0 + math.copysign(row[ASYMMETRY], row[ASYMMETRY] * velocity)
-    share *= 1.0 + row[FRICTION_SHARE] * math.cos(row[FRICTION_PERIODS] * angle)
+    share *= 1.0 + row[FRICTION_SHARE] * math.cos(row[FRICTION_PERIODS] * angle + row[FRICTION_PHASE])
     there[COULOMB] = named[COULOMB] * share + row[LOAD_FRICTION] * abs(port_nm)
     there[VISCOUS] = named[VISCOUS] * (1.0 + row[DAMPING_RATE] * now_s) + row[DRAG] * abs(velocity)
-    constant = 1.0 + row[RIPPLE_SHARE] * math.cos(row[RIPPLE_PERIODS] * angle)
+    constant = 1.0 + row[RIPPLE_SHARE] * math.cos(row[RIPPLE_PERIODS] * angle + row[RIPPLE_PHASE])
     constant *= 1.0 - row[GAIN_SHARE] * math.expm1(-row[GAIN_RATE] * now_s)
     constant /= 1.0 + row[SATURATION] * (current * row[SATURATION_INVERSE_CURRENT]) ** 2
     there[TORQUE_CONSTANT] = named[TORQUE_CONSTANT] * constant

@@ -48,7 +48,8 @@ TRACKER_BANDWIDTH = 9  # rad/s
 COUNT_OFFSET = 10  # counts, 0 unless the encoder misreads
 GRAVITY_AMPLITUDE = 11  # N m
 GRAVITY_ZERO = 12  # rad
-MACHINE_COLUMNS = 13
+COGGING_PHASE = 13  # rad
+MACHINE_COLUMNS = 14
 
 # ODrive runs its encoder estimator once per control period.
 ENCODER_PERIOD_NS = 125_000
@@ -128,7 +129,7 @@ def mean_current(state: NDArray[np.float64], h: float) -> float:
 @njit(cache=True, nogil=True, inline="always")
 def motor_torque(state: NDArray[np.float64], machine: NDArray[np.float64], current: float) -> float:
     """What turns a body but for damping and what it is joined to [N m]."""
-    cogging = machine[COGGING_AMPLITUDE] * math.sin(machine[COGGING_PERIODS] * state[ANGLE])
+    cogging = machine[COGGING_AMPLITUDE] * math.sin(machine[COGGING_PERIODS] * state[ANGLE] + machine[COGGING_PHASE])
     torque = machine[TORQUE_CONSTANT] * current - cogging - state[FRICTION]
     if machine[GRAVITY_AMPLITUDE] != 0.0:
         torque -= machine[GRAVITY_AMPLITUDE] * math.sin(state[ANGLE] - machine[GRAVITY_ZERO])

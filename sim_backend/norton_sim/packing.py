@@ -78,6 +78,7 @@ def _machine(machine: MotorTruth | LoadTruth) -> NDArray[np.float64]:
     if machine.cogging is not None:
         row[columns.COGGING_AMPLITUDE] = machine.cogging.amplitude_nm
         row[columns.COGGING_PERIODS] = machine.cogging.periods_per_turn
+        row[columns.COGGING_PHASE] = machine.cogging.phase_rad
     _hang(row, machine.gravity)
     _encode(row, machine)
     return row

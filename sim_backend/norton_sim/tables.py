@@ -126,10 +126,11 @@ class Table(BaseModel):
 
 # What the machines of a simulated bench are made of: a drive, and a body with its friction.
 class Cogging(Table):
-    """Torque that goes with the rotor's position: amplitude · sin(periods · θ), opposing the motor's torque."""
+    """Torque that goes with the rotor's position: amplitude · sin(periods · θ + phase), opposing the motor's torque."""
 
     amplitude_nm: Torque = Field(alias="amplitude", ge=0, examples=["0.3 mN*m"])
-    periods_per_turn: int = Field(ge=1, examples=[42])
+    periods_per_turn: int | float = Field(gt=0, examples=[42])
+    phase_rad: Angle = Field(alias="phase", default=0.0)
 
 
 class Gravity(Table):

@@ -11,6 +11,7 @@ from typing import Any, Literal, cast
 from pydantic import Field, ValidationError, ValidationInfo, create_model, field_validator
 
 from norton_bench.models.parameters import BY_NAME, DahlMotor
+from norton_bench.models.terms import TERM_PARAMETERS
 from norton_bench.units import parse_quantity
 from norton_drivers.errors import WiringError
 from norton_sim.departures import Departures
@@ -185,8 +186,37 @@ def true_parameters(
         "torque_constant": motor.Km,
         "amplifier_gain": motor.Ka,
     }
-    named = {name: (value, BY_NAME[name].unit_for(command_unit)) for name, value in values.items()}
+    values |= _of_departures(truth.actuator, values)
+    table = BY_NAME | TERM_PARAMETERS
+    named = {name: (value, table[name].unit_for(command_unit)) for name, value in values.items()}
     return {**named, **_hanging(truth)}
+
+
+def _of_departures(actuator: MotorTruth, motor: Mapping[str, float]) -> dict[str, float]:
+    """The parameters of the network's terms that its departures are, and those of the ``motor`` that they change.
+
+    What changes with time has the values that it begins with, and no parameters here.
+    """
+    departures, values = actuator.departures, dict[str, float]()
+    if departures is None:
+        return values
+    if departures.stribeck is not None:
+        drop = departures.stribeck.drop * motor["coulomb_torque"]
+        values |= {"coulomb_torque": motor["coulomb_torque"] - drop, "stribeck_torque": drop}
+        values["stribeck_velocity"] = departures.stribeck.velocity_rad_s
+    for name, wave in (("friction", departures.friction_by_position), ("ripple", departures.ripple)):
+        if wave is not None:
+            values |= {f"{name}_cosine": wave.share, f"{name}_sine": 0.0}
+    if departures.saturation is not None:
+        share = departures.saturation.share / (1.0 - departures.saturation.share)
+        values["gain_saturation"] = share * (motor["amplifier_gain"] / departures.saturation.current_a) ** 2
+    for name, value in (
+        ("coulomb_asymmetry", departures.asymmetry),
+        ("load_friction", departures.load_friction),
+        ("quadratic_drag", departures.quadratic_drag_nm_s2_rad2),
+    ):
+        values |= {name: value} if value else {}
+    return values
 
 
 def _of_modulator(modulator: ModulatorTruth | None, unit: str) -> Iterator[tuple[str, tuple[float, str]]]:

@@ -21,13 +21,21 @@ Out = Annotated[Path | None, Parameter(name="--out", help="The file to write; de
 Settle = Annotated[str, Parameter(help="Time allowed for a network with states to come to rest.")]
 Span = Annotated[float | None, Parameter(help="Greatest command shown, in the command's unit.")]
 
-Target = Annotated[Literal["mujoco", "c", "fmu", "rig"], Parameter(name="--to", help="The kind of file to write.")]
+Target = Annotated[
+    Literal["mujoco", "mujoco-dcmotor", "c", "fmu", "rig"], Parameter(name="--to", help="The kind of file to write.")
+]
 IntoRig = Annotated[
     Path | None,
     Parameter(name="--rig", help="With --to rig: the simulated rig that gets the network; default: its own."),
 ]
 
-ENDINGS = {"mujoco": ".mjcf.xml", "c": ".h", "fmu": ".fmu", "rig": "-network.toml"}
+ENDINGS = {
+    "mujoco": ".mjcf.xml",
+    "mujoco-dcmotor": ".dcmotor.mjcf.xml",
+    "c": ".h",
+    "fmu": ".fmu",
+    "rig": "-network.toml",
+}
 
 
 def show(file: NetworkFile, /, *, settle: Settle = "1 s", json: Json = False) -> int:
@@ -49,6 +57,7 @@ def show(file: NetworkFile, /, *, settle: Settle = "1 s", json: Json = False) ->
             for each in findings
         ],
         "equivalents": _equivalents(network),
+        "terms": _terms(network),
         "provenance": dict(network.provenance),
     }
     Output(json).result(data, "\n".join(_lines(data, findings)))
@@ -137,10 +146,10 @@ def _into_rig(network: "Network", rig_file: Path | None, file: Path, path: Path)
 def _exported(network: "Network", to: str, path: Path) -> list[str]:
     """Write the file; returns sentences about what is missing in it."""
     name = path.name.removesuffix(ENDINGS[to]).split(".")[0]
-    if to == "mujoco":
+    if to in ("mujoco", "mujoco-dcmotor"):
         from norton_bench.networks.export.mjcf import export_mjcf  # noqa: PLC0415
 
-        model = export_mjcf(network, name)
+        model = export_mjcf(network, name, dcmotor=to == "mujoco-dcmotor")
         path.write_text(model.text, encoding="utf-8")
         return list(model.left_out)
     if to == "c":
@@ -179,8 +188,51 @@ def _equations(network: "Network") -> str:
     from norton_bench.networks.linear import LinearNetwork  # noqa: PLC0415
 
     if isinstance(network, NortonNetwork):
-        return "dahl motor"
+        return "dahl motor, with terms" if network.terms else "dahl motor"
     return "linear" if isinstance(network, LinearNetwork) else "nonlinear"
+
+
+def _terms(network: "Network") -> list[dict[str, Any]]:
+    """What an identified motor has beside the paper's: equation, values, and half of each one's 95 % interval."""
+    from norton_bench.models.network import NortonNetwork  # noqa: PLC0415
+    from norton_bench.models.parameters import HALF_INTERVAL  # noqa: PLC0415
+
+    if not isinstance(network, NortonNetwork):
+        return []
+    places = {name: place for place, name in enumerate(network.covariance_names)}
+    return [
+        {
+            "name": each.name,
+            "equation": each.term.equation,
+            "meaning": each.term.meaning,
+            "periods_per_turn": each.periods_per_turn or None,
+            "parameters": [
+                {
+                    "name": parameter.name,
+                    "symbol": parameter.symbol,
+                    "value": value,
+                    "unit": parameter.unit_for(network.command_unit),
+                    "half_interval": HALF_INTERVAL * network.covariance[place][place] ** 0.5
+                    if (place := places.get(parameter.name)) is not None
+                    else None,
+                }
+                for parameter, value in zip(each.term.parameters, each.values, strict=True)
+            ],
+        }
+        for each in network.terms
+    ]
+
+
+def _term_line(term: dict[str, Any]) -> str:
+    """Name, equation, and the values with their intervals."""
+    values = [
+        f"{each['symbol']} = {each['value']:.4g}"
+        + ("" if each["half_interval"] is None else f" ± {each['half_interval']:.2g}")
+        + ("" if each["unit"] == "1" else f" {each['unit']}")
+        for each in term["parameters"]
+    ]
+    periods = [f"p = {term['periods_per_turn']:g} a turn"] if term["periods_per_turn"] else []
+    return f"term {term['name']}: {term['equation']}: {', '.join([*values, *periods])}: {term['meaning']}"
 
 
 def _equivalents(network: "Network") -> list[dict[str, Any]]:
@@ -205,6 +257,8 @@ def _lines(data: dict[str, Any], findings: "tuple[Finding, ...]") -> Iterator[st
 
     commands = ", ".join(f"{name} [{unit or '-'}]" for name, unit in data["commands"].items())
     yield f"{data['type']} network in {data['form']} form, {data['equations']}; commands: {commands or 'none'}"
+    for term in data["terms"]:
+        yield _term_line(term)
     for each in findings:
         yield f"{each.condition}: {VERDICTS[each.holds]}: {each.why}"
     for each in data["equivalents"]:

@@ -19,10 +19,11 @@ from norton_bench.identification.residual_tests import ResidualTests
 from norton_bench.identification.results import BlockedMap, SourceMap, Validation
 from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.models.parameter_result import ExpectationResult
-from norton_bench.models.parameters import BY_NAME, UNITS, Estimate, PredictionError
+from norton_bench.models.parameters import UNITS, Estimate, PredictionError
 from norton_bench.on_demand import deferred
 from norton_bench.records import FOR_PROGRAMS, Measured
 from norton_bench.report.figures_network import bench_time_s
+from norton_bench.report.words import parameter_named
 from norton_bench.result import Result
 from norton_bench.session.conclusion import of_trials
 
@@ -183,7 +184,7 @@ def parameter_table(estimates: Iterable[Estimate]) -> Table:
     table.add_column("status", no_wrap=True)
     for estimate in estimates:
         value, half = with_digits(estimate.value, estimate.half_interval)
-        symbol = BY_NAME[estimate.name].symbol if estimate.name in BY_NAME else ""
+        symbol = known.symbol if (known := parameter_named(estimate.name)) else ""
         table.add_row(symbol, estimate.name, value, half, estimate.unit, estimate.status.value)
     return table
 

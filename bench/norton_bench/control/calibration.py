@@ -73,7 +73,11 @@ class LoadCalibration:
 
     @property
     def network(self) -> NortonNetwork:
-        """The load drive as a network of its own: its command is in N m, its port the torque sensor's other side."""
+        """The load drive as a network of its own: its command is in N m, its port the torque sensor's other side.
+
+        It is the plain motor: the controller's laws are linear beside one friction contact. What the load's fit found
+        of terms, cogging above all, is left to the feedback.
+        """
         return NortonNetwork(
             torque_gain=self.torque_gain,
             amplifier_bandwidth_rad_s=self.amplifier_bandwidth_rad_s,

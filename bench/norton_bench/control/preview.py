@@ -1,7 +1,9 @@
 """Zero torque with preview: the free motion is predicted from the network identified so far, as a segment's reference.
 
 The load then follows the free motion by feed-forward, and feedback of the torque closes what the prediction misses. A
-prediction drifts in position, which does no harm: under zero torque only its velocity and acceleration are used.
+prediction drifts in position: under zero torque only its velocity and acceleration are used. Terms that depend on the
+position (cogging, ripple, friction by position) begin at the shaft's true place, and are foreseen as long as the drift
+leaves them in phase.
 """
 
 from dataclasses import replace
@@ -11,6 +13,7 @@ from numba import njit
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
+from norton_bench.models.drawn_motor import damping_nm, held_nm, resistance_nm
 from norton_bench.models.network import NortonNetwork
 from norton_bench.segments import ZERO_TORQUE, LoadMode, Segment
 
@@ -20,6 +23,7 @@ LONGEST_STEP_S = 5e-4
 TRUSTED = 0.01
 # What moves the shaft once it slides.
 MOVES = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque")
+_Start = dict[str, float]
 # Rates at which feedback may mend what a trusted prediction leaves: from an error that hardly changes within a segment
 # to what a delay of a few milliseconds lets through no more.
 RATES_RAD_S = np.geomspace(0.1, 300.0, 36)
@@ -32,36 +36,59 @@ def with_preview(
     command_delay_s: float,
     tick_s: float,
     *,
+    position_rad: float = 0.0,
     velocity_rad_s: float = 0.0,
     command: float = 0.0,
 ) -> Segment:
     """``segment`` with the predicted free motion as its reference, or as it was where it does not impose zero torque.
 
     ``command_delay_s`` is from sending the actuator's command to its acting, counted as the calibration counts the
-    load's; ``velocity_rad_s`` and ``command`` are the shaft's velocity and the command at the start, which the shaft is
-    taken to have settled at. The controller itself looks ahead by what the load needs.
+    load's; ``position_rad``, ``velocity_rad_s`` and ``command`` are the shaft's position and velocity, as its encoder
+    has them, and the command at the start, which the shaft is taken to have settled at. The controller itself looks
+    ahead by what the load needs.
     """
     if segment.mode is not LoadMode.ADMITTANCE or segment.admittance != ZERO_TORQUE:
         return segment
     delay_s = command_delay_s - calibration.shift_s
-    motor_nm, coulomb_nm = network.torque_gain * command, network.coulomb_torque_nm
-    left_nm = motor_nm - network.viscous_damping_nms_rad * velocity_rad_s
-    position, velocity, acceleration = network.free_motion(
-        segment.command,
-        tick_s,
-        velocity_rad_s=velocity_rad_s,
-        motor_torque_nm=motor_nm,
-        longest_step_s=LONGEST_STEP_S,
-        friction_torque_nm=min(max(left_nm, -coulomb_nm), coulomb_nm),
-    )
+    start = _start(network, tick_s, position_rad, velocity_rad_s, command)
+    foreseen = network.free_motion(segment.command, tick_s, longest_step_s=LONGEST_STEP_S, **start)
+    kept = in_phase(network, float(np.abs(foreseen[0] - position_rad).max()))
+    if kept != network:
+        foreseen = kept.free_motion(segment.command, tick_s, longest_step_s=LONGEST_STEP_S, **start)
+    position, velocity, acceleration = foreseen
     slows = trusted(network) and not holds(segment.command)
     return replace(
         segment,
-        position_rad=delayed(position, tick_s, delay_s),
+        position_rad=delayed(position - position_rad, tick_s, delay_s),
         velocity_rad_s=delayed(velocity, tick_s, delay_s),
         acceleration_rad_s2=delayed(acceleration, tick_s, delay_s),
         preview=True,
         mends_rad_s=_mending(network, calibration, velocity, acceleration, tick_s) if slows else None,
+    )
+
+
+def _start(network: NortonNetwork, tick_s: float, position_rad: float, velocity_rad_s: float, command: float) -> _Start:
+    """The state to begin at: friction holds what the motor exerts beyond the damping, as far as it can."""
+    motor_nm = network.torque_gain * command
+    exerted = network.torque(np.full(3, command), np.full(3, position_rad), tick_s, motor_torque_nm=motor_nm)[0]
+    least, most = -held_nm(network, -1.0), held_nm(network, 1.0)
+    return {
+        "position_rad": position_rad,
+        "velocity_rad_s": velocity_rad_s,
+        "motor_torque_nm": motor_nm,
+        "friction_torque_nm": min(max(float(exerted - damping_nm(network, velocity_rad_s)), least), most),
+    }
+
+
+def in_phase(network: NortonNetwork, travel_rad: float) -> NortonNetwork:
+    """The network without the terms that a prediction over ``travel_rad`` has at the wrong places.
+
+    A network that is off by TRUSTED drifts by that share of the travel. A wave of p periods a turn is then foreseen by
+    p times as much out of phase; beyond π/3 a sine is better left out, for its difference from itself is greater.
+    """
+    drift_rad = TRUSTED * travel_rad
+    return replace(
+        network, terms=tuple(term for term in network.terms if term.periods_per_turn * drift_rad < np.pi / 3.0)
     )
 
 
@@ -105,15 +132,17 @@ def expected_error_nm(
     """Deviation of the port torque (ticks,) that is left where the load is led along this motion, by what is not known
     of either network: the torque that each misses of its own equation. A contact at rest may hold all that it can.
 
-    It is given the sign of the velocity, as friction, the greatest part of it, turns round with that.
+    It is given the sign of the velocity, as friction, the greatest part of it, turns round with that. What is not known
+    of the terms is not in it: each is small beside the parameter that it changes.
     """
     side = np.where(velocity_rad_s < 0.0, -1.0, 1.0)
     variance = np.zeros(len(side))
     for network in (actuator, load):
         motion = np.stack([acceleration_rad_s2, velocity_rad_s, side])
-        values = np.array([network.inertia_kgm2, network.viscous_damping_nms_rad, network.coulomb_torque_nm])
         # What moves it freely is what its inertia and its friction take.
-        columns = np.concatenate([[values @ motion / network.torque_gain], -motion])
+        friction = np.where(velocity_rad_s == 0.0, network.coulomb_torque_nm, resistance_nm(network, velocity_rad_s))
+        drive = network.inertia_kgm2 * acceleration_rad_s2 + friction
+        columns = np.concatenate([[drive / network.torque_gain], -motion])
         variance += np.einsum("it,ij,jt->t", columns, _covariance(network), columns)
     return np.asarray(side * np.sqrt(np.maximum(variance, 0.0)))
 

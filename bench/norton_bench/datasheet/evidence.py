@@ -14,9 +14,9 @@ from norton_bench.identification.conditions import ZeroRange, zero_range
 from norton_bench.identification.residual_tests import ResidualTests
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Aligned, align
-from norton_bench.identification.separable import strongest_period
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.statistics import sandwich
+from norton_bench.identification.turns import strongest_period
 from norton_bench.identification.validation import is_free, network_trace
 from norton_bench.models.network import NortonNetwork
 from norton_bench.records import Measured, SegmentInfo

@@ -14,7 +14,8 @@ from matplotlib.ticker import NullFormatter
 from norton_bench.arrays import FloatArray
 from norton_bench.datasheet.sheet import Sheet
 from norton_bench.datasheet.spectra import Transfer, contact_line, impedance_line, torque_line
-from norton_bench.models.derived import Motor, backdriving_nm, drawn, estimate_of, interval_of, seen_to
+from norton_bench.models.derived import backdriving_nm, interval_of, seen_to, torque_at
+from norton_bench.models.drawn_motor import Motor, drawn, estimate_of
 from norton_bench.report.svg import Palette, thinned
 from norton_bench.report.words import pretty_unit
 
@@ -285,15 +286,17 @@ def draw_efficiency(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Pal
             continue
         network, point = each.sheet.network, each.sheet.points[0]
         velocity = np.linspace(0.0, point.velocity_rad_s, 81)[1:]
-        torque = np.linspace(0.0, abs(network.torque_gain) * point.command, 81)[1:]
+        motor = estimate_of(network)
+        driven = float(motor.drive_nm(point.command)[0])
+        torque = np.linspace(0.0, driven, 81)[1:]
         across, up = np.meshgrid(velocity, torque)
-        lost = network.coulomb_torque_nm + network.viscous_damping_nms_rad * across
-        reached = up + lost <= abs(network.torque_gain) * point.command
+        lost = motor.resistance_nm(across) + motor.load_friction * up
+        reached = up + lost <= driven
         percent = np.where(reached, 100 * up / (up + lost), np.nan)
         lines = axes.contour(across, up, percent, levels=np.arange(10, 100, 10), colors=each.line, linestyles=dashes)
         axes.clabel(lines, fmt=lambda level: f"{level:.0f} %", fontsize=7.5, colors=palette.ink)
-        edge = abs(network.torque_gain) * point.command - network.coulomb_torque_nm
-        limit = edge - network.viscous_damping_nms_rad * velocity
+        limit = torque_at(motor, point.command, velocity)
+        edge = float(torque_at(motor, point.command, np.zeros(1))[0])
         axes.plot(velocity, np.where(limit > 0, limit, np.nan), color=palette.muted, linestyle=dashes, linewidth=1.0)
         highest = max(highest, 1.05 * edge)
     axes.set_xlabel("velocity [rad/s]")

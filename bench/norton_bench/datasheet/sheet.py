@@ -8,10 +8,13 @@ import numpy as np
 
 from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
-from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, has_covariance, interval_of, seen_to
+from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, interval_of, seen_to
+from norton_bench.models.drawn_motor import MEAN_TERMS, has_covariance
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_statuses
 from norton_bench.models.parameters import BY_NAME, Status
+from norton_bench.models.terms import NetworkTerm, factors_of
 from norton_bench.networks.family import Network
+from norton_bench.networks.left_out import values_text
 from norton_bench.result import Result
 from norton_bench.rig.load import parse_rig
 
@@ -118,9 +121,15 @@ def sheet_of_network(network: Network, file: str) -> Sheet:
         for attribute, name in PARAMETER_OF_FIELD.items()
         if (value := getattr(network, attribute)) is not None
     )
+    parameters += tuple(
+        SheetValue(each.name, value, float(std[each.name]), each.unit_for(network.command_unit))
+        for term in factors_of(network.terms)
+        for each, value in zip(term.term.parameters, term.values, strict=True)
+        if each.name in std
+    )
     scale = (network.provenance["scale"],) if "scale" in network.provenance else ()
     name, origin = network.provenance.get("rig", file), _origin(network.provenance)
-    return Sheet(name, file, network, parameters, told=scale, origin=origin)
+    return Sheet(name, file, network, parameters, told=(*scale, *_terms(network)), origin=origin)
 
 
 def sheet_of_result(result: Result) -> Sheet:
@@ -133,9 +142,25 @@ def sheet_of_result(result: Result) -> Sheet:
     parameters = tuple(SheetValue(each.name, each.value, each.std, each.unit, each.status) for each in fit.estimates)
     points = evidence(fit, measured, result.residuals, float(about["tick_s"]))
     limits = _limits(result.rig_text, file)
+    told = (*fit.verdict, *_terms(fit.network))
     return Sheet(
-        about["rig"], file, fit.network, parameters, limits, fit.verdict, points, recorded=True, origin=_origin(about)
+        about["rig"], file, fit.network, parameters, limits, told, points, recorded=True, origin=_origin(about)
     )
+
+
+def _terms(network: NortonNetwork) -> tuple[str, ...]:
+    """One sentence for each term: its values, and how the figures have it."""
+    return tuple(
+        f"{term.term.meaning[0].upper()}{term.term.meaning[1:]} ({values_text(term, network.command_unit)}); "
+        + ("the figures hold this." if term.name in MEAN_TERMS else f"the figures are {_figures_of(term)}.")
+        for term in network.terms
+    )
+
+
+def _figures_of(term: NetworkTerm) -> str:
+    if term.term.in_time:
+        return "those in the middle of the session"
+    return "the mean over a turn" if term.term.periodic else "the mean over both directions"
 
 
 def _origin(about: Mapping[str, str]) -> str:

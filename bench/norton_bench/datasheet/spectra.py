@@ -20,6 +20,7 @@ from scipy.signal.windows import hann
 from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.distributions import f_tail
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import DRAG, STRIBECK, STRIBECK_VELOCITY
 
 PIECE_S = 1.0
 # Where the signals stand.
@@ -103,10 +104,15 @@ def impedance_line(network: NortonNetwork, frequency_hz: FloatArray, velocity_rm
 
     Under a velocity that is normally distributed, as a multisine's nearly is, friction τc·sgn ω looks like a damping of
     √(2/π)·τc/σ_ω (Bussgang 1952; Pintelon and Schoukens, "System Identification", 2nd edition, chapter 3).
+    By the same average E[R(ω)·ω]/σ_ω², Stribeck's friction is 1/(1 + 2(σ_ω/v_s)²) of what it would be if it did not
+    fade, and quadratic drag D looks like a damping of 2·√(2/π)·D·σ_ω. Other terms average to nothing, but for friction
+    that grows with the torque at the port, which is not in it.
     """
-    friction = sqrt(2 / pi) * network.coulomb_torque_nm / velocity_rms_rad_s
+    row, jump = network.row, sqrt(2 / pi) * network.coulomb_torque_nm / velocity_rms_rad_s
+    friction = jump * (1.0 + row[STRIBECK] / (1.0 + 2.0 * (velocity_rms_rad_s / row[STRIBECK_VELOCITY]) ** 2))
+    damping = network.viscous_damping_nms_rad * (1.0 + 2.0 * sqrt(2 / pi) * row[DRAG] * velocity_rms_rad_s)
     s = 2j * pi * frequency_hz
-    return np.asarray(s * network.inertia_kgm2 + network.viscous_damping_nms_rad + friction)
+    return np.asarray(s * network.inertia_kgm2 + damping + friction)
 
 
 def contact_line(network: NortonNetwork, frequency_hz: FloatArray) -> ComplexArray:

@@ -6,9 +6,9 @@ from math import isfinite
 from norton_bench.datasheet.ripple import Order, Wave
 from norton_bench.datasheet.sheet import Difference, Sheet, SheetValue
 from norton_bench.models.derived import Figure, OperatingPoint
-from norton_bench.models.parameters import BY_NAME
+from norton_bench.models.parameters import Parameter
 from norton_bench.report.words import NO_NUMBER as NONE
-from norton_bench.report.words import Facts, between, number, pretty_unit, within
+from norton_bench.report.words import Facts, between, number, parameter_named, pretty_unit, within
 
 
 def parameter_table(sheet: Sheet) -> Facts:
@@ -139,7 +139,7 @@ def _warming_sentence(sheet: Sheet) -> str:
 
 def _parameter(each: SheetValue, *, statuses: bool) -> tuple[str, ...]:
     value, interval = between(each.shown, each.interval)
-    row = BY_NAME[each.name]
+    row = _described(each.name)
     shown = interval if each.settled else NONE
     status = (each.status.value if each.status else "",) if statuses else ()
     return (row.symbol, row.meaning, value, shown, pretty_unit(each.unit), *status)
@@ -153,8 +153,12 @@ def _figure(figure: Figure, sheet: Sheet, *, again: bool) -> tuple[str, ...]:
     return (figure.row.symbol, words, value, shown, pretty_unit(figure.unit), valid_where(figure, sheet))
 
 
+def _described(name: str) -> Parameter:
+    return parameter_named(name) or Parameter(name, name, "", name)
+
+
 def _parameter_difference(first: SheetValue, second: SheetValue) -> tuple[str, ...]:
-    row, apart = BY_NAME[first.name], second.value - first.value
+    row, apart = _described(first.name), second.value - first.value
     half = 1.96 * float((first.std**2 + second.std**2) ** 0.5)
     if first.unit != second.unit:
         values = (between(first.shown, first.interval)[0], between(second.shown, second.interval)[0])

@@ -13,15 +13,14 @@ from numpy.polynomial import hermite_e
 from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.identification.expansion import Expansion, Sums
 from norton_bench.identification.residual_tests import chance_of_sum
-from norton_bench.identification.rows import GAIN, INERTIA
 from norton_bench.identification.sanity_checks import SPLITS
+from norton_bench.identification.separable import SLOW_SHARES
+from norton_bench.identification.shape import GAIN, INERTIA
 from norton_bench.identification.statistics import LEAST_GAIN
 
 # Chance of naming anything where nothing is wrong; shared out among all kinds and periods that are looked at.
 FALSE_ALARM = 0.05
 MOST_NAMED = 3
-# Slow sliding: these shares of the rms velocity, so that a curve of any width in between is a sum of some.
-SLOW_SHARES = (0.025, 0.05, 0.1, 0.2, 0.4)
 # As many unknowns, and instants, may have changed at once (sanity.checks looks at the same).
 CHANGED = 4
 BINS_A_TURN = 2048
@@ -96,7 +95,7 @@ def departures(
     known, result = expansion.jacobian, list[Departure]()
     at_first = _values(Sums.of(expansion, known))
     for _ in range(MOST_NAMED):
-        named = {each.kind.name for each in result}
+        named = {*expansion.terms, *(each.kind.name for each in result)}
         before, trials = _tried(expansion, known, named, others)
         best = _best(before, usual_share, trials)
         if best is None:
@@ -111,7 +110,7 @@ def departures(
 
 def greatest_share(expansion: Expansion) -> float:
     """Of the mean square on segments left out, the share that the best of all kinds explains, chance or not."""
-    before, trials = _tried(expansion, expansion.jacobian, set(), ())
+    before, trials = _tried(expansion, expansion.jacobian, set(expansion.terms), ())
     return max(1 - trial.after / before for trial in trials)
 
 
@@ -208,7 +207,7 @@ def _by_position(at: Expansion, left: FloatArray) -> Iterator[tuple[Kind, int, l
 
 def _changed(at: Expansion, left: FloatArray) -> FloatArray:
     """Gain, inertia or a delay, other than before from some instant on: the one that ``left`` (n,) likes the best."""
-    delays = range(at.basis.stop + 2, len(at.jacobian))
+    delays = range(at.basis.stop + 2, at.basis.stop + 4)
     instants = np.quantile(at.time_s, np.linspace(0.0, 1.0, SPLITS + 2)[1:-1])
     waves = (at.jacobian[row] * (at.time_s > instant) for row in (GAIN, INERTIA, *delays) for instant in instants)
     return max(waves, key=lambda wave: float(wave @ left) ** 2 / max(float(wave @ wave), 1e-300))

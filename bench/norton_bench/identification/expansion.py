@@ -19,9 +19,10 @@ from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import moving
 from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.results import FitResult, SensorZero
-from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Shape
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Shape
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import waves_of
 
 # The order of rows and columns. The parameters count relative to themselves, the delays in seconds.
 KNOWN = (*PHYSICAL, "command_delay", "motion_delay")
@@ -56,17 +57,32 @@ class Linearised:
     motion_delay_s: float
     band: Kernel = FULL_BAND
     cogging: tuple[float, ...] = ()
+    zero_nm: float = 0.0  # of the torque sensor
+    middle_s: float = 0.0  # of the session
 
     @classmethod
     def at(cls, result: FitResult) -> "Linearised":
         waves = tuple(wave.periods_per_turn for wave in result.cogging)
-        return cls(result.network, result.command_delay_s, result.motion_delay_s, result.band, waves)
+        delays_s = (result.command_delay_s, result.motion_delay_s)
+        return cls(result.network, *delays_s, result.band, waves, result.torque_bias_nm, result.middle_s)
 
     @property
     def shape(self) -> Shape:
         network = self.network
         s_per_rad = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
-        return Shape(network.amplifier_bandwidth_rad_s, s_per_rad, self.command_delay_s, self.motion_delay_s)
+        delays_s = (self.command_delay_s, self.motion_delay_s)
+        return Shape(network.amplifier_bandwidth_rad_s, s_per_rad, *delays_s, network.relative_terms)
+
+    def regression(self, stretches: Sequence[Signals]) -> Regression:
+        """Of these stretches, in this band, with this cogging and these terms."""
+        regression = Regression.of(tuple(stretches), self.band, cogging=self.cogging)
+        return regression.with_terms(self.network.relative_terms, self.zero_nm, self.middle_s)
+
+    @property
+    def waves(self) -> FloatArray:
+        """Of each wave of ``cogging``, what goes with cosine and sine, as the network has them: (2 · waves,) [N m]."""
+        waves = waves_of(self.network.terms)
+        return np.asarray(waves[np.isin(waves[:, 0], self.cogging), 1:].ravel())
 
     @property
     def linear(self) -> FloatArray:
@@ -88,7 +104,7 @@ def noise_density_nm(result: FitResult) -> float:
 class Slopes:
     """Change of the torque with every unknown, at every sample that is used.
 
-    ``wanted`` (9, samples) in the order of KNOWN; ``others`` (k, samples), of cogging and of the sensor's zero;
+    ``wanted`` (9, samples) in the order of KNOWN; ``others`` (k, samples), of cogging, the sensor's zero and terms;
     ``memory``, of the friction after each rest; ``errors`` (9,), what readings' own errors add to the squares of
     ``wanted``. ``regression`` says which samples those are.
     """
@@ -101,10 +117,11 @@ class Slopes:
 
     @classmethod
     def of(cls, stretches: tuple[Signals, ...], at: Linearised) -> "Slopes":
-        regression = replace(Regression.of(stretches, at.band), cogging=at.cogging)
+        regression = at.regression(stretches)
         shape, linear = at.shape, at.linear
         columns, memory = regression.columns(shape)
-        slope_bandwidth, slope_s, slope_command, slope_motion = regression.jacobian(shape, columns, linear)
+        slopes = regression.jacobian(shape, columns, linear)
+        (slope_bandwidth, slope_s, slope_command, slope_motion), of_terms = slopes[:4], slopes[4:]
         scale = np.maximum(np.abs(linear), LEAST)
         own = columns[:5] * scale[:, None]
         # s is σ0/τc: with σ0 held, a greater τc makes the contact softer relative to its strength.
@@ -116,7 +133,7 @@ class Slopes:
         contamination = regression.contamination() * scale**2
         for row, column in ((KNOWN.index("inertia"), INERTIA), (KNOWN.index("viscous_damping"), VISCOUS)):
             errors[row] = contamination[column]
-        return cls(regression, wanted, columns[5:], memory, errors)
+        return cls(regression, wanted, np.concatenate([columns[5:], of_terms]), memory, errors)
 
     @cached_property
     def products(self) -> FloatArray:
@@ -202,13 +219,14 @@ class Expansion:
     """Arrays over the samples used, (n,), in order of time, first of what was fitted, then of what no fit has seen.
 
     ``residual`` [N m] still has the sensor's zero in it. ``jacobian`` (unknowns, n) has the five linear unknowns, two
-    for each wave of cogging, the zero's ``basis`` functions, and log β, log s and two delays. What a friction's state
-    after a rest may have made is taken off both (``memory`` does it to others).
+    for each wave of cogging, the zero's ``basis`` functions, log β, log s, two delays and the terms' parameters. What
+    a friction's state after a rest may have made is taken off both (``memory`` does it to others).
     """
 
     residual: FloatArray
     jacobian: FloatArray
     linear: FloatArray  # the network's own, shape (5,)
+    terms: tuple[str, ...]  # that the network has
     basis: slice
     memory: Memory
     motor_nm: FloatArray  # behind the amplifier's lag
@@ -220,6 +238,7 @@ class Expansion:
     time_s: FloatArray
     segment: IntArray
     fitted: npt.NDArray[np.bool_]
+    drifted_nm: FloatArray  # what of the prediction is due to changes in time, which the network does not foresee
     knots_s: FloatArray  # of the basis functions
     noise_nm2: float  # variance that the readings' own errors leave in the residual
     unknown_nm2: float  # and that instants known to within a tick, and places known to within a count, may leave
@@ -228,11 +247,11 @@ class Expansion:
     def of(cls, result: FitResult, fitted: Sequence[Signals], unseen: Sequence[Signals]) -> "Expansion":
         """Of all stretches, in the fit's own band. They must have measured the torque."""
         at = Linearised.at(result)
-        regression = Regression.of((*fitted, *unseen), at.band, cogging=at.cogging)
+        regression = at.regression((*fitted, *unseen))
         columns, memory = regression.columns(at.shape)
         slopes = regression.jacobian(at.shape, columns, at.linear)
         first = 5 + 2 * len(at.cogging)
-        predicted = at.linear @ columns[:5]
+        predicted = np.concatenate([at.linear, at.waves]) @ columns[:first]
         count = sum(rows.usable.size for rows in regression.rows[: len(fitted)])
         time_s = regression.time_s()
         knots_s = np.linspace(np.min(time_s[:count]), np.max(time_s[:count]), len(columns) - first)
@@ -245,6 +264,7 @@ class Expansion:
             residual=memory.taken_off(regression.target() - predicted),
             jacobian=memory.taken_off(np.concatenate([columns, slopes])),
             linear=at.linear,
+            terms=tuple(term.name for term in at.network.terms),
             basis=slice(first, len(columns)),
             memory=memory,
             motor_nm=at.linear[GAIN] * columns[GAIN],
@@ -256,9 +276,10 @@ class Expansion:
             time_s=time_s,
             segment=regression.segment(),
             fitted=np.arange(predicted.size) < count,
+            drifted_nm=predicted - _without_drift(regression, at, predicted),
             knots_s=knots_s,
             noise_nm2=float(np.average(noise, axis=0, weights=weights) @ carried),
-            unknown_nm2=_unknown(slopes[-2:], fitted[0].tick_s, at.band)
+            unknown_nm2=_unknown(slopes[2:4], fitted[0].tick_s, at.band)
             + _within_counts(at, -columns[COULOMB], -columns[VISCOUS], max(each.count_rad for each in fitted)),
         )
 
@@ -305,6 +326,15 @@ class Expansion:
             "presliding_damping": relative[DAMPING],
         }
         return np.array([by_name[name] for name in PHYSICAL])
+
+
+def _without_drift(regression: Regression, at: Linearised, predicted: FloatArray) -> FloatArray:
+    """The prediction (n,) with everything as it was in the middle of the session."""
+    lasting = tuple(each for each in at.shape.terms if not each.term.in_time)
+    if len(lasting) == len(at.shape.terms):
+        return predicted
+    known = np.concatenate([at.linear, at.waves])
+    return np.asarray(known @ regression.columns(replace(at.shape, terms=lasting))[0][: known.size])
 
 
 def _unknown(slopes: FloatArray, tick_s: float, band: Kernel) -> float:

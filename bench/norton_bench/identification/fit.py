@@ -15,7 +15,6 @@ from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, s
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.current import fit_current
 from norton_bench.identification.results import (
-    Cogging,
     FitResult,
     SensorZero,
     Simulated,
@@ -23,14 +22,24 @@ from norton_bench.identification.results import (
     trace,
     verdict,
 )
-from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
-from norton_bench.identification.sanity_checks import FailedCheck, failed_checks, status_of
-from norton_bench.identification.separable import Solution, limits, linear_solution, solve
+from norton_bench.identification.sanity_checks import (
+    LEAST_EVIDENCE,
+    FailedCheck,
+    beyond_noise,
+    failed_checks,
+    scale_evidence,
+    status_of,
+    why_no_scale,
+)
+from norton_bench.identification.separable import Solution, limits, solve, solve_with_terms
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
+from norton_bench.identification.term_estimates import amplitude, terms_found, terms_in_torque, waves_found
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.models.terms import NetworkTerm
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -45,13 +54,6 @@ PHYSICAL = (
 )
 # What free motion tells only as a ratio to the torque gain.
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
-# The command must explain this many times what nothing explains, or the port's torque sets no scale: errors in what
-# explains a torque make its scale too small by the square of their share, here by 1/25, which can be taken off.
-LEAST_EVIDENCE = 5.0
-# Of the torque, rms: a fit leaves hardly more where nothing is wrong.
-LEFT_BY_A_GOOD_FIT = 0.05
-# Deviations to which a residual can be told from the noise in it.
-TOLD_FROM_NOISE = 2.0
 
 
 def fit(
@@ -115,57 +117,25 @@ def solution_of(
         beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
     )
     if port is Port.LOAD and not determined:
-        raise ExperimentError(_why_no_scale(solution))
+        raise ExperimentError(why_no_scale(solution))
     if measured and not determined:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
     return solution
 
 
-def scale_evidence(solution: Solution) -> float:
-    """What only the command explains of the torque, over what nothing explains, both rms.
+def fit_with_terms(
+    before: FitResult, terms: Sequence[NetworkTerm], *, command_unit: str, findings: Findings = NOTHING_FOUND
+) -> FitResult:
+    """The fit ``before``, whose deviations were simulated, with ``terms`` more: relative values, from which to begin.
 
-    Next to nothing where the machine across the port is passive: it then answers the motion as this one does,
-    and the torque between them follows from the motion alone, whatever the command.
+    The terms that it has already go on from where they are. Raises ValueError where nothing was simulated.
     """
-    return _of_command_nm(solution) / float(np.sqrt(np.mean(solution.innovation**2)))
-
-
-def _of_command_nm(solution: Solution) -> float:
-    """What only the command explains of the torque, rms."""
-    lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
-    alone = lag - linear_solution(others.T, lag) @ others.T
-    return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)))
-
-
-def _why_no_scale(solution: Solution) -> str:
-    """Why a load's own values cannot be told: its command explains too little, or nothing explains too much."""
-    torque_nm = float(np.sqrt(np.mean(solution.regression.target() ** 2)))
-    own, left = _of_command_nm(solution) / torque_nm, float(np.sqrt(np.mean(solution.innovation**2))) / torque_nm
-    if own < LEAST_EVIDENCE * LEFT_BY_A_GOOD_FIT:
-        return (
-            "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
-            "actuator too, independently of the load, and see that the torque sensor works"
-        )
-    return (
-        f"the load's command, motion and friction leave {left:.0%} of the port's torque unexplained, too much to tell "
-        f"the load's own values by: its command alone explains {own:.0%}, and should explain {LEAST_EVIDENCE:g} times "
-        "what is left. Commands or readings may come late, by times that vary (a busy computer, an adapter, a full "
-        "bus: `norton-bench rig check` shows it; end other programs and repeat), or something else acts on the shaft"
-    )
-
-
-def beyond_noise(solution: Solution) -> float:
-    """The share of the residual's power that the torque readings' own noise does not explain, as far as can be told.
-
-    That noise makes a number uncertain, as its deviation says, but sets no wrong scale; the encoder's does. The power
-    of n normal errors is known to √(2/n) of itself (chi-squared), n rows that are not alike.
-    """
-    regression = solution.regression
-    counts = [row.usable.size for row in regression.rows]
-    noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
-    determined = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
-    left = float(np.mean(solution.residual**2))
-    return float(np.clip(1.0 - noise / max(left, 1e-300), min(determined, 1.0), 1.0))
+    if before.simulated is None:
+        raise ValueError("terms are added to a fit whose deviations come from simulated records")
+    bench = before.simulated.bench
+    stretches = tuple(truth.stretch for truth in bench.truths)
+    solution = solve_with_terms(bench.solution, (*bench.solution.shape.terms, *terms), before.torque_bias_nm)
+    return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=bench.readings)
 
 
 def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
@@ -176,7 +146,7 @@ def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
 def physical(
     solution: Solution, time_s: FloatArray, covariance: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Values in the order of PHYSICAL, then the two delays, and their covariance: (9,), (9, 9).
+    """Values in the order of PHYSICAL, then the two delays and the terms' parameters; and their covariance.
 
     From free motion they are per unit of torque gain, whose own value is then 1. ``covariance`` is that of the
     solution's unknowns, linear ones first; as the residual gives it where it is not told.
@@ -191,15 +161,19 @@ def physical(
          shape.command_delay_s, shape.motion_delay_s]
     )  # fmt: skip
     # The gradient of each over (linear, then those of log β, log s, d_c, d_m that were free).
-    gradient = np.zeros((9, columns + len(solution.free)))
+    terms, to_terms = terms_in_torque(solution, linear)
+    gradient = np.zeros((9 + len(terms), columns + len(solution.free)))
     for row, column in ((0, GAIN), (2, INERTIA), (3, VISCOUS), (4, COULOMB), (6, DAMPING)):
         gradient[row, :5] = to_linear[column]
     gradient[5, :5] = shape.s_per_rad * to_linear[COULOMB]
     slopes = {0: (1, shape.bandwidth_rad_s), 1: (5, stiffness), 2: (7, 1.0), 3: (8, 1.0)}
+    for term, (base, of_base, of_relative) in enumerate(to_terms):
+        gradient[9 + term, :5] = of_base * to_linear[base]
+        slopes[4 + term] = (9 + term, of_relative)
     for position, unknown in enumerate(solution.free):
         row, slope = slopes[unknown]
         gradient[row, columns + position] = slope
-    return ordered, gradient @ covariance @ gradient.T
+    return np.concatenate([ordered, terms]), gradient @ covariance @ gradient.T
 
 
 def _linear_in_torque(solution: Solution) -> tuple[FloatArray, FloatArray]:
@@ -249,10 +223,8 @@ def result_of(
     of_unknowns = covariance_of(solution, regression.time_s())
     values, covariance, simulated = _values(stretches, solution, of_unknowns, readings)
     deviations = np.sqrt(np.diag(covariance))
-    failed = (
-        *map(FailedCheck, findings.doubts),
-        *failed_checks(solution, values, deviations, tick_s=stretches[0].tick_s),
-    )
+    checks = failed_checks(solution, values, deviations, tick_s=stretches[0].tick_s)
+    failed = (*map(FailedCheck, findings.doubts), *checks)
     terms = _in_terms_of_network(stretches, solution, values, covariance, command_unit, failed)
     to_torque = float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0
     rms = float(np.sqrt(np.mean(solution.residual**2)))
@@ -269,8 +241,9 @@ def result_of(
         motion_delay_std_s=float(deviations[8]),
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
         band=regression.rows[0].kernel,
-        cogging=_cogging(solution, to_torque),
+        cogging=tuple(amplitude(each) for each in waves_found(solution, to_torque)),
         torque_bias_nm=_bias(solution),
+        middle_s=regression.middle_s,
         torque_zero=_zero(solution, of_unknowns),
         simulated=simulated,
         verdict=(*(each.sentence for each in failed), *terms.verdict(solution, values, covariance), *findings.remarks),
@@ -319,7 +292,11 @@ def _in_terms_of_network(
     current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
     if current is not None:
         estimates += current.estimates(command_unit, statuses[0])
-    network = network_of(estimates, command_unit, covariance[:7, :7])
+    terms = terms_found(solution, values, covariance, command_unit)
+    estimates += [estimate for _, own in terms for estimate in own]
+    network = network_of(estimates, command_unit, covariance, tuple(term for term, _ in terms))
+    waves = waves_found(solution, float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0)
+    network = replace(network, terms=(*network.terms, *waves))
     ratios: tuple[Estimate, ...] = ()
     if solution.free_motion:
         ratios = tuple(estimate for estimate in estimates if estimate.name in PER_GAIN and not failed_checks)
@@ -327,14 +304,6 @@ def _in_terms_of_network(
         estimates = [_without_scale(estimate) for estimate in estimates]
     judged = tuple(replace(each, status=status_of(each.status, each.name, failed_checks)) for each in estimates)
     return _NetworkTerms(judged, network, ratios, current is not None)
-
-
-def _cogging(solution: Solution, to_torque: float) -> tuple[Cogging, ...]:
-    """The waves found, from the pairs that follow the five linear unknowns."""
-    periods = solution.regression.cogging
-    pairs = solution.linear[5 : 5 + 2 * len(periods)].reshape(-1, 2)
-    amplitudes = np.hypot(pairs[:, 0], pairs[:, 1]) * to_torque
-    return tuple(Cogging(period, float(amplitude)) for period, amplitude in zip(periods, amplitudes, strict=True))
 
 
 def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -385,16 +354,24 @@ def _status(solution: Solution, at_bound: set[str], name: str, value: float, dev
 
 def _at_bound(solution: Solution, tick_s: float) -> set[str]:
     low, high = limits(tick_s)
-    at, width = solution.shape.as_array(), high - low
+    at, width = solution.shape.as_array()[: low.size], high - low
     held = (at - low < 1e-3 * width) | (high - at < 1e-3 * width)
     return {name for name, hit in zip(("amplifier_bandwidth", "presliding_stiffness"), held, strict=False) if hit}
 
 
-def network_of(estimates: Sequence[Estimate], command_unit: str, covariance: FloatArray | None = None) -> NortonNetwork:
-    """The network with these values; ``covariance`` is that of PHYSICAL."""
+def network_of(
+    estimates: Sequence[Estimate],
+    command_unit: str,
+    covariance: FloatArray | None = None,
+    terms: tuple[NetworkTerm, ...] = (),
+) -> NortonNetwork:
+    """The network with these values; ``covariance`` is that of PHYSICAL, or as :func:`physical` has it."""
+    more = [parameter.name for each in terms for parameter in each.term.parameters]
+    kept = [*range(len(PHYSICAL)), *range(9, 9 + len(more))]
     return NortonNetwork.of_parameters(
         {estimate.name: estimate.value for estimate in estimates},
         command_unit,
-        covariance_names=() if covariance is None else PHYSICAL,
-        covariance=() if covariance is None else tuple(tuple(float(x) for x in row) for row in covariance),
+        covariance_names=() if covariance is None else (*PHYSICAL, *more),
+        covariance=() if covariance is None else tuple(tuple(row[kept].tolist()) for row in covariance[kept]),
+        terms=terms,
     )

@@ -32,6 +32,7 @@ from norton_bench.identification.trials import (
 )
 from norton_bench.models.network import REQUIRED, NortonNetwork
 from norton_bench.models.parameters import HALF_INTERVAL, Status
+from norton_bench.models.terms import NetworkTerm
 from norton_bench.records import LOAD_TAKEN, NO_DEVICE_TIME, TORQUE, Event, Measured, SegmentInfo, Table
 from norton_bench.segments import Use
 
@@ -67,6 +68,7 @@ class Machine:
             coulomb_torque_nm=network.coulomb_torque_nm / gain,
             presliding_stiffness_nm_rad=network.presliding_stiffness_nm_rad / gain,
             presliding_damping_nms_rad=max(network.presliding_damping_nms_rad / gain, 0.0),
+            terms=tuple(_per_torque(term, gain) for term in network.terms),
             covariance_names=(),
             covariance=(),
         )
@@ -83,6 +85,12 @@ class Machine:
         wanted = delayed(motor_nm, tick_s, -self.command_delay_s)
         following = np.append(wanted[1:], wanted[-1])
         return np.asarray((following - stays * wanted) / (1.0 - stays) / self.network.torque_gain)
+
+
+def _per_torque(term: NetworkTerm, gain: float) -> NetworkTerm:
+    """The term with torques of 1/``gain`` as many newton metres."""
+    pairs = zip(term.term.parameters, term.values, strict=True)
+    return replace(term, values=tuple(value / gain if each.unit.startswith("N*m") else value for each, value in pairs))
 
 
 # What an in-situ experiment took its load for: the one thing in its recording that its trials alone do not tell.

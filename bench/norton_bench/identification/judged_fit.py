@@ -8,12 +8,13 @@ import numpy as np
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.cleaning import Cleaned, Findings
 from norton_bench.identification.expansion import Expansion
-from norton_bench.identification.fit import fit_signals
+from norton_bench.identification.fit import fit_signals, fit_with_terms
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.model_error import (
     ModelError,
     expanded,
     judged,
+    milli,
     model_error,
     validation_stretches,
     widened,
@@ -22,6 +23,8 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
 from norton_bench.models.parameters import Estimate, Status
+from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm
+from norton_bench.records import Measured
 from norton_bench.segments import Use
 
 WITHIN = 1.96  # deviations, of 95 %
@@ -62,6 +65,9 @@ def _bounded(estimate: Estimate) -> Estimate:
     return replace(estimate, status=Status.AT_BOUND if below else Status.UNEXCITED)
 
 
+MOST_TERMS = 3
+# The search begins at nothing, but beside a Stribeck velocity: where no friction fades, it has no slope.
+START_SHARE = 0.05
 NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
 
 
@@ -87,9 +93,77 @@ def fit_judged(cleaned: Cleaned, *, command_unit: str, tick_s: float) -> JudgedF
     readings = Readings(measured, tick_s, Use.IDENTIFY, coupling=coupling_of(measured, tick_s))
     findings = _findings(cleaned, unseen)
     fitted = possible(fit_signals(stretches, command_unit=command_unit, findings=findings, readings=readings))
+    plain = _looked_at(fitted, stretches, unseen, measured)
+    best = _composed(plain, measured, command_unit=command_unit, findings=findings)
+    return replace(best, result=with_terms_named(judged(best.fitted, best.error), plain.fitted))
+
+
+def _looked_at(
+    fitted: FitResult, stretches: tuple[Signals, ...], unseen: tuple[Signals, ...], measured: Measured
+) -> JudgedFit:
+    """A fit with the model's error, not yet judged by it."""
     at = expanded(fitted, stretches, unseen)
     error = None if at is None else model_error(fitted, at, stretches, unseen, measured)
-    return JudgedFit(fitted, judged(fitted, error), stretches, unseen, at, error)
+    return JudgedFit(fitted, fitted, stretches, unseen, at, error)
+
+
+def _composed(before: JudgedFit, measured: Measured, *, command_unit: str, findings: Findings) -> JudgedFit:
+    """The same with every term that the residual asks for, one after the other: the one that explains the most first.
+
+    A term stays where the fit with it converges, is known to its sign, and predicts segments that were left out better;
+    then the residual is looked at again. Only what the table of terms has can be added.
+    """
+    for _ in range(MOST_TERMS):
+        term = None if before.error is None else asked_for(before.error, before.fitted)
+        if term is None:
+            return before
+        fitted = possible(fit_with_terms(before.fitted, [term], command_unit=command_unit, findings=findings))
+        after = _looked_at(fitted, before.stretches, before.unseen, measured)
+        if not _better(after, before, term.name):
+            return before
+        before = after
+    return before
+
+
+def with_terms_named(result: FitResult, plain: FitResult) -> FitResult:
+    """The same with a sentence on each factor that its network has; ``plain`` is the fit of the paper's motor alone."""
+    terms = [each.term for each in result.network.relative_terms]
+    if not terms:
+        return result
+    texts = [
+        f"Beside the paper's motor the network has a term, because {each.meaning}: {each.equation}." for each in terms
+    ]
+    texts.append(
+        f"The paper's motor alone leaves {milli(plain.torque_rms_nm)} rms of the torque, noise included; with "
+        f"{'this term' if len(terms) == 1 else 'these terms'} {milli(result.torque_rms_nm)} are left."
+    )
+    if any(each.in_time for each in terms):
+        texts.append(
+            "What changed with time has its values in the middle of the session (t = 0); predictions are for then."
+        )
+    return replace(result, verdict=(*texts, *result.verdict))
+
+
+def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
+    """The term for the departure that explains the most, with relative values to begin from; None where none is."""
+    if fitted.simulated is None or fitted.doubtful or not error.departures:
+        return None
+    first = error.departures[0]
+    if first.kind.name not in TERM_BY_NAME:
+        return None
+    parameters = TERM_BY_NAME[first.kind.name].parameters
+    begin = START_SHARE if any(each.logarithmic for each in parameters) else 0.0
+    values = tuple(1.0 if each.logarithmic else begin for each in parameters)
+    return NetworkTerm(first.kind.name, values, first.periods_per_turn)
+
+
+def _better(after: JudgedFit, before: JudgedFit, name: str) -> bool:
+    """Whether the fit ``after`` with the term ``name`` is to be preferred."""
+    if not after.fitted.converged or after.fitted.doubtful or after.error is None:
+        return False
+    term = next(each for each in after.fitted.network.terms if each.name == name)
+    known = all(after.fitted.estimate(parameter).status is Status.VALID for parameter in term.named())
+    return known and after.fitted.torque_rms_nm < before.fitted.torque_rms_nm
 
 
 def _findings(cleaned: Cleaned, unseen: tuple[Signals, ...]) -> Findings:
@@ -145,8 +219,11 @@ def with_what_moved(result: FitResult, fit: FitResult, live: Sequence[Estimate])
     """``result`` with a sentence on each parameter whose live values end elsewhere than ``fit``, wide enough for them.
 
     ``result`` is ``fit`` with the deviations that the model's error gives. What moves evenly past its mean deviates
-    from it by the distance to either end over the square root of 3.
+    from it by the distance to either end over the square root of 3. Live values are those of the paper's motor: beside
+    a network with other terms they tell nothing.
     """
+    if result.network.relative_terms:
+        return result
     moved = {change.final.name: change for change in changes(live, fit) if change.significant}
     if not moved:
         return result

@@ -13,8 +13,8 @@ from norton_bench.identification.friction_laws import Asymmetric, family_for
 from norton_bench.identification.friction_model import Equation, FrictionModel, Path, blocked_folds
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.rows import Shape
 from norton_bench.identification.separable import LOW_BAND
+from norton_bench.identification.shape import Shape
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.identification.statistics import held_out_rms, simplest_as_good
 

@@ -18,9 +18,9 @@ from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.fit import PHYSICAL, network_of, physical, result_of, solution_of
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
-from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, VISCOUS
 from norton_bench.identification.sanity_checks import Blocks
 from norton_bench.identification.separable import Solution
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, VISCOUS
 from norton_bench.identification.signals import signals
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.standstill import rising, spikes

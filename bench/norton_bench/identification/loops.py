@@ -140,7 +140,7 @@ def _kept(way: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def _turning(
-    output: FloatArray, k: int, way: float, bend: float, s: float, h: float, left: float
+    output: FloatArray, k: int, way: float, bend: float, s: float, strength: float, h: float, left: float
 ) -> tuple[float, float]:
     """A step within which the path turns round: its halves parted once more, before and behind the turn."""
     turn = 0.5 - way / bend
@@ -151,7 +151,7 @@ def _turning(
             continue
         displacement = way * (v - u) + 0.5 * bend * ((v * v - v) - (u * u - u))
         retained, mean = _kept(s * abs(displacement))
-        side = 1.0 if displacement > 0.0 else -1.0
+        side = strength if displacement > 0.0 else -strength
         cell = k - 1 if u < 0.5 else k
         output[0, cell] += (v - u) * (side + (h - side) * mean)
         output[1, cell] += (v - u) * left * mean
@@ -161,37 +161,61 @@ def _turning(
 
 
 @njit(cache=True, nogil=True)
-def friction_path(position: FloatArray, s: float, starts: IntArray) -> FloatArray:
-    """The sliding share h = s·φ of the Dahl friction along a path, shape (2, n), each in -1 .. 1.
+def friction_path_of(position: FloatArray, s: float, starts: IntArray, strengths: FloatArray) -> FloatArray:
+    """The sliding share h = s·φ of the Dahl friction along a path, shape (2, n), each in -γ .. γ.
+
+    ``strengths`` (n,) is γ: the strength at k holds for the step that leads there. One value holds throughout.
 
     Values are means over cells of time centred at the samples, with the path a parabola between samples: where it turns
     round, what it travels beyond them counts. Row 0 begins at h = 0; row 1 is what is left of a difference of 1 in h
     since the last of ``starts`` (the flow is affine in h, so any other start is row 0 plus its multiple of row 1).
     """
     output = np.zeros((2, position.size))
-    h, left, event = 0.0, 1.0, 0
+    h, left, event, many = 0.0, 1.0, 0, strengths.size > 1
     for k in range(position.size):
         if k > 0:
+            strength = strengths[k] if many else strengths[0]
+            slope = s / strength
             way = position[k] - position[k - 1]
             bend = 0.0
             if 1 < k < position.size - 1:
                 bend = 0.5 * (position[k + 1] - position[k] - position[k - 1] + position[k - 2])
             if abs(way) >= 0.5 * abs(bend):
                 # Its halves, for the cells on either side.
-                retained, mean = _kept(0.5 * s * abs(way))
-                side = 1.0 if way > 0.0 else -1.0
+                retained, mean = _kept(0.5 * slope * abs(way))
+                side = strength if way > 0.0 else -strength
                 for cell in (k - 1, k):
                     output[0, cell] += 0.5 * (side + (h - side) * mean)
                     output[1, cell] += 0.5 * left * mean
                     h, left = side + (h - side) * retained, left * retained
             else:
-                h, left = _turning(output, k, way, bend, s, h, left)
+                h, left = _turning(output, k, way, bend, slope, strength, h, left)
         if event < starts.size and starts[event] == k:
             output[1, k], left = 0.5, 1.0
             event += 1
     for edge in (0, -1):
         output[0, edge] *= 2.0
         output[1, edge] *= 2.0
+    return output
+
+
+EVEN = np.ones(1)
+
+
+def friction_path(position: FloatArray, s: float, starts: IntArray) -> FloatArray:
+    """The same of a contact as strong everywhere as the Coulomb torque: h in -1 .. 1."""
+    return np.asarray(friction_path_of(position, s, starts, EVEN))
+
+
+@njit(cache=True, nogil=True)
+def later(values: FloatArray, cells: float) -> FloatArray:
+    """``values`` (n,) so many cells later, straight in between; the ends are held."""
+    output = np.empty(values.size)
+    last = values.size - 1
+    for k in range(values.size):
+        at = min(max(k + cells, 0.0), float(last))
+        index = min(int(at), last - 1)
+        output[k] = values[index] + (at - index) * (values[index + 1] - values[index])
     return output
 
 

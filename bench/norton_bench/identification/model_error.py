@@ -1,7 +1,7 @@
 """The model's own error: how far predictions are off beyond the sensors' noise, and what that goes with.
 
-Whatever the fit's deviations say, they say it of the paper's motor. Here the network is asked for segments that its
-values were not fitted to: those kept for validation, and every other one by a fit without it."""
+The network is asked for segments that its values were not fitted to: those kept for validation, and every other one by
+a fit without it. Whatever the fit's deviations say, they say it of the model."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -79,8 +79,7 @@ def _kind(resonance_hz: float, rate_hz: float) -> Kind:
 
 
 # Predictions are judged over stretches of this length, and over what is left of a segment down to the shorter one.
-PIECE_S = 2.0
-SHORTEST_PIECE_S = 0.5
+PIECE_S, SHORTEST_PIECE_S = 2.0, 0.5
 LEVEL = 0.95
 # Noise is no greater than what this share of the segments is left with: a machine that is knocked about makes the
 # readings' own differences look noisy.
@@ -275,8 +274,9 @@ def _judged(estimate: Estimate, error: ModelError, *, undoubted: bool) -> Estima
     status = Status.VALID if undoubted and estimate.status is Status.DOUBTFUL else estimate.status
     # Torque constant and amplifier gain are shares of the torque gain, and move as it does.
     name = "torque_gain" if estimate.name in ("torque_constant", "amplifier_gain") else estimate.name
-    at = PHYSICAL.index(name)
-    moved, spread = (float(relative[at]) * abs(estimate.value) for relative in (np.abs(error.change), error.spread))
+    # How far terms that are missing move the terms that are there is not worked out.
+    at = [PHYSICAL.index(name)] if name in PHYSICAL else []
+    moved, spread = (float(np.sum(share[at])) * abs(estimate.value) for share in (np.abs(error.change), error.spread))
     if status is Status.VALID and (error.unexplained or moved > estimate.std):
         status = Status.INADEQUATE
     return replace(estimate, std=max(estimate.std, float(np.hypot(moved, spread))), status=status)
@@ -288,7 +288,7 @@ def sentences(error: ModelError, concerned: Sequence[str]) -> tuple[str, ...]:
     if error.unexplained:
         but = "; nothing else that was looked at explains it" if texts else "; nothing that was looked at explains it"
         texts.append(
-            f"The model is inadequate: {'beyond that ' if texts else ''}it leaves {_milli(error.left_nm)} rms of the "
+            f"The model is inadequate: {'beyond that ' if texts else ''}it leaves {milli(error.left_nm)} rms of the "
             f"torque that is not noise{but}."
         )
     if concerned:
@@ -304,21 +304,22 @@ def of_ladder(rungs: Sequence[Rung]) -> tuple[str, ...]:
         return ()
     best = selected(rungs)
     return (
-        f"Of the friction models, {best.name} does best on data held out: it leaves {_milli(best.held_out_rms)} rms "
-        f"where Dahl's, the network's own, leaves {_milli(dahl.held_out_rms)}.",
+        f"Of the friction models, {best.name} does best on data held out: it leaves {milli(best.held_out_rms)} rms "
+        f"where Dahl's, the network's own, leaves {milli(dahl.held_out_rms)}.",
     )
 
 
 def _sentence(result: Departure) -> str:
     where = f" ({result.periods_per_turn} a turn)" if result.periods_per_turn else ""
     return (
-        f"The model is inadequate: {_milli(result.rms_nm)} rms of the torque, {result.share:.0%} of the variance it "
+        f"The model is inadequate: {milli(result.rms_nm)} rms of the torque, {result.share:.0%} of the variance it "
         f"leaves, goes with {result.kind.goes_with}{where}: {result.kind.cause}. "
-        f"With a term for it ({result.kind.term}) {_milli(result.left_nm)} would be left."
+        f"With a term for it ({result.kind.term}) {milli(result.left_nm)} would be left."
     )
 
 
-def _milli(value_nm: float) -> str:
+def milli(value_nm: float) -> str:
+    """In mN*m, to two digits."""
     return f"{1e3 * value_nm:.2g} mN*m"
 
 
@@ -331,7 +332,7 @@ def _mean_squares(at: Expansion, zero: Zero) -> tuple[FloatArray, float]:
     values = []
     for part in range(int(at.part.max()) + 1):
         inside = np.flatnonzero(at.part == part)
-        error = left[inside]
+        error = left[inside] + at.drifted_nm[inside]
         if at.fitted[inside[0]]:
             shift = (sums.solved(every, part) - whole) / sums.scale
             shift[at.basis] = 0.0

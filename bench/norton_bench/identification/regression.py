@@ -7,8 +7,8 @@ looks like it is taken off every term. The same low-pass stands before every ter
 by itself has filtered its torque once more, and so every other term is averaged over as long here.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,98 +19,39 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.friction_operators import linear_basis
 from norton_bench.identification.kernels import Kernel
-from norton_bench.identification.rows import (
+from norton_bench.identification.rows import Rows
+from norton_bench.identification.shape import (
     COULOMB,
     DAMPING,
     GAIN,
     INERTIA,
     LINEAR,
+    MOTION_DELAY,
     SMALL,
     SMALL_S,
     STILL,
     VISCOUS,
-    Rows,
     Shape,
 )
 from norton_bench.identification.signals import FINE, Signals
+from norton_bench.identification.turns import Turns, Whitening
+from norton_bench.models.terms import (
+    DAMPING_BEND,
+    DAMPING_DRIFT,
+    DRAG,
+    FRICTION_BEND,
+    FRICTION_DRIFT,
+    GAIN_BEND,
+    GAIN_DRIFT,
+    LOAD,
+    SATURATION,
+    Factor,
+    NetworkTerm,
+    TermParameter,
+)
 
 # The torque sensor's zero may wander this slowly.
 DRIFT_KNOT_S = 60.0
-
-
-# How far within its counts a turn may lie from where the smoothed path has it; the likeliest is taken.
-UNKNOWN_COUNTS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
-
-
-# What an encoder's counts leave unknown of the friction after every turn, and rows whitened by it.
-#
-# Where within its counts the shaft turned round nobody reads, and an error there stays with the friction until the
-# shaft has gone on by some presliding lengths: what is left of the torque remembers it. A Kalman filter of that one
-# error, kicked at every turn, predicts each row; rows less what was predicted are white again, and least squares of
-# them is the prediction-error estimate (Ljung, System Identification, ch. 7). All terms pass the same filter, so it
-# cancels.
-@dataclass(frozen=True)
-class Turns:
-    """Along some rows, (rows,) each: ``way_rad`` since the row before, and ``kicks``, the variance that turns since
-    then give the friction's share of the Coulomb torque, if each is known to within 1 rad.
-    """
-
-    way_rad: FloatArray
-    kicks: FloatArray
-
-    @classmethod
-    def of(cls, signals: Signals, s_per_rad: float) -> "Turns":
-        """At every tick of one stretch."""
-        path = np.ascontiguousarray(signals.path_rad[::FINE])
-        share = loops.friction_path(path, s_per_rad, np.empty(0, dtype=np.int64))[0]
-        way = np.diff(path, prepend=path[0])
-        # dh = s (1 - h sgn ω) dθ: an error of θ that lasts leaves what this slope changes by.
-        slope = s_per_rad * (1.0 - share * np.sign(way))
-        return cls(np.abs(way), np.diff(slope, prepend=slope[0]) ** 2)
-
-    def at(self, rows: npt.NDArray[np.int64]) -> "Turns":
-        """At some of the ticks; what lies between counts for the next of them."""
-        way, kicks = np.cumsum(self.way_rad)[rows], np.cumsum(self.kicks)[rows]
-        return Turns(np.diff(way, prepend=way[:1]), np.diff(kicks, prepend=kicks[:1]))
-
-
-@dataclass(frozen=True)
-class Whitening:
-    """The filter: what is ``kept`` of the error since the row before, its ``gain``, and the ``scale`` that makes every
-    innovation as wide as the next; (rows,) each."""
-
-    kept: FloatArray
-    gain: FloatArray
-    scale: FloatArray
-
-    @classmethod
-    def of_known(cls, turns: Turns, known_again: npt.NDArray[np.int64], s_per_rad: float, width: float) -> "Whitening":
-        """By turns that are known to within a deviation of ``width``: the Coulomb torque over that of a row's noise,
-        times radians. At the rows ``known_again`` the error begins anew."""
-        retained = np.exp(-s_per_rad * turns.way_rad)
-        retained[known_again] = 0.0
-        return cls(retained, *loops.kalman_gains(retained, turns.kicks * width**2))
-
-    @classmethod
-    def likeliest(
-        cls, turns: Turns, known_again: npt.NDArray[np.int64], s_per_rad: float, residual: FloatArray, width: float
-    ) -> "Whitening":
-        """That with which ``residual`` (rows,) is likeliest; here ``width`` is that of one count."""
-        every = (cls.of_known(turns, known_again, s_per_rad, share * width) for share in UNKNOWN_COUNTS)
-        return min(every, key=lambda each: each._unlikelihood(residual))
-
-    def _unlikelihood(self, residual: FloatArray) -> float:
-        power = np.mean(self.of(residual[None, :]) ** 2)
-        return float(residual.size * np.log(power) - 2.0 * np.sum(np.log(self.scale)))
-
-    def of(self, values: FloatArray) -> FloatArray:
-        """The innovations of each row of ``values``, shape (k, rows)."""
-        return np.asarray(loops.innovations(values, self.kept, self.gain, self.scale))
-
-    @property
-    def energy(self) -> float:
-        """What is left of the squares of something quick."""
-        return float(np.mean(self.scale**2))
 
 
 @dataclass(frozen=True)
@@ -162,6 +103,7 @@ class Regression:
     free_motion: bool = False
     cogging: tuple[float, ...] = ()  # periods a turn of torques that go with the position
     whitening: Whitening | None = None  # of the rows, where turns have been counted
+    scales: FloatArray = field(default_factory=lambda: np.empty(0))  # of the terms' parameters, relative as in Shape
 
     @classmethod
     def of(
@@ -174,6 +116,46 @@ class Regression:
         cogging: tuple[float, ...] = (),
     ) -> "Regression":
         return cls(tuple(Rows(stretch, kernel, stride) for stretch in stretches), free_motion, cogging)
+
+    def with_terms(self, terms: Sequence[NetworkTerm], zero_nm: float, middle_s: float) -> "Regression":
+        """The same for shapes with such terms; ``zero_nm`` is that of the torque sensor, ``middle_s`` the session's."""
+        rows = tuple(replace(each, zero_nm=zero_nm, middle_s=middle_s) for each in self.rows)
+        sizes = np.array([self._size(parameter) for each in terms for parameter in each.term.parameters])
+        return replace(self, rows=rows, scales=sizes)
+
+    @property
+    def middle_s(self) -> float:
+        """Of the time that all stretches span."""
+        times_s = [rows.signals.time_s[[0, -1]] for rows in self.rows]
+        return 0.5 * float(np.min(times_s) + np.max(times_s))
+
+    def terms_of(self, other: "Regression") -> "Regression":
+        """``other`` for shapes with the terms that this one is for."""
+        own = self.rows[0]
+        rows = tuple(replace(each, zero_nm=own.zero_nm, middle_s=own.middle_s) for each in other.rows)
+        return replace(other, rows=rows, scales=self.scales)
+
+    @cached_property
+    def rms_velocity(self) -> float:
+        """Of all that is fitted [rad/s]."""
+        return float(np.sqrt(np.mean(self._speed**2)))
+
+    def _size(self, parameter: TermParameter) -> float:
+        """Of a term's parameter: at this value its factor differs from one by about one, somewhere."""
+        time_s = self.time_s() - self.rows[0].middle_s
+        signals = {LOAD: self._target, DRAG: self._speed, SATURATION: self._command**2}
+        signals |= dict.fromkeys((GAIN_DRIFT, DAMPING_DRIFT, FRICTION_DRIFT), time_s)
+        signals |= dict.fromkeys((GAIN_BEND, DAMPING_BEND, FRICTION_BEND), time_s**2)
+        greatest = float(np.max(np.abs(signals.get(parameter.column, np.ones(1)))))
+        return 1.0 / greatest if greatest > 0.0 else 1.0
+
+    @property
+    def _speed(self) -> FloatArray:
+        return self.chosen([rows.kinematics(STILL)[0] for rows in self.rows])
+
+    @property
+    def _command(self) -> FloatArray:
+        return np.concatenate([rows.signals.command for rows in self.rows])
 
     def recounted(self, shape: Shape) -> "Regression":
         """The same, corrected for what counts do to the friction on average."""
@@ -203,9 +185,10 @@ class Regression:
 
     @property
     def free(self) -> tuple[int, ...]:
-        """Which of (log β, log s, d_c, d_m) can be estimated: without torque only one delay has a meaning."""
+        """Which of Shape's unknowns can be estimated: without torque only one delay has a meaning."""
         measured = all(rows.signals.torque_nm is not None for rows in self.rows)
-        return (0, 1, 2, 3) if measured else (0, 1, 2)
+        terms = range(MOTION_DELAY + 1, MOTION_DELAY + 1 + self.scales.size)
+        return (0, 1, 2, 3, *terms) if measured else (0, 1, 2, *terms)
 
     @property
     def alike(self) -> float:
@@ -307,7 +290,7 @@ class Regression:
         memory: Memory | None = None,
         states: FloatArray | None = None,
     ) -> FloatArray:
-        """Change of the prediction with (log β, log s, d_c, d_m), shape (4, samples).
+        """Change of the prediction with (log β, log s, d_c, d_m) and the terms' parameters, (4 + parameters, samples).
 
         What is left of the friction's ``states`` (samples,) after rests changes with the shape, too (Golub and Pereyra
         1973); without them that is left out.
@@ -327,8 +310,32 @@ class Regression:
                 (linear[[COULOMB, DAMPING]] @ friction[:2] + held * friction[2]) / SMALL,
                 -linear[GAIN] * lag_rate,
                 self._motion_slope(shape, linear, held),
+                *self._term_slopes(at, columns, linear, held, now[2]),
             ]
         )
+
+    def _term_slopes(
+        self, shape: Shape, columns: FloatArray, linear: FloatArray, states: FloatArray, left: FloatArray
+    ) -> Iterator[FloatArray]:
+        """Change of the prediction with each of the terms' parameters, (samples,) each; ``left`` as in Memory."""
+        at = shape.as_array()
+        factors = [each.term.factor for each in shape.terms for _ in each.values]
+        for unknown, factor in enumerate(factors, MOTION_DELAY + 1):
+            step = SMALL * self.scales[unknown - MOTION_DELAY - 1]
+            moved = at.copy()
+            moved[unknown] += step
+            other = shape.at(moved)
+            match factor:
+                case Factor.GAIN:
+                    lag = self.chosen([rows.lag(other) for rows in self.rows])
+                    yield linear[GAIN] * (lag - columns[GAIN]) / step
+                case Factor.DAMPING:
+                    damped = self.chosen([rows.damped(other) for rows in self.rows])
+                    yield -linear[VISCOUS] * (damped + columns[VISCOUS]) / step
+                case Factor.STRENGTH:
+                    friction = -self.chosen([rows.friction(other) for rows in self.rows])
+                    change = friction - np.stack([columns[COULOMB], columns[DAMPING], left])
+                    yield (linear[[COULOMB, DAMPING]] @ change[:2] + states * change[2]) / step
 
     def _motion_slope(self, shape: Shape, linear: FloatArray, states: FloatArray) -> FloatArray:
         """Change of the prediction with d_m, shape (samples,)."""

@@ -17,8 +17,8 @@ from norton_bench.distributions import chi2_tail, f_tail
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Aligned, align
-from norton_bench.identification.separable import SEARCHED_PERIODS, strongest_period
 from norton_bench.identification.signals import Signals
+from norton_bench.identification.turns import SEARCHED_PERIODS, strongest_period
 from norton_bench.identification.validation import network_trace
 
 INPUT_LAGS = range(-4, 9)

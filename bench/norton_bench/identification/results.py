@@ -199,6 +199,7 @@ class FitResult:
     verdict: tuple[str, ...] = ()
     failed_checks: tuple[FailedCheck, ...] = ()  # what of the verdict makes estimates doubtful
     torque_zero: SensorZero | None = None  # the same as it drifts; None where no torque was fitted
+    middle_s: float = 0.0  # of what was fitted, in time of Signals: when what changes with time has its values
     simulated: Simulated | None = None  # None where the deviations are those of the residual alone
 
     @property

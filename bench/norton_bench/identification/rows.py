@@ -5,7 +5,7 @@ more, and so every other term is averaged over as long here. :class:`Aligned` is
 whatever is to be made of them.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -16,46 +16,18 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import REACH, unquantised
+from norton_bench.identification.shape import Shape, drifted
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
-
-LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
-GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
-MOTION_DELAY = 3  # of (log β, log s, d_c, d_m)
-# Steps of the differences that stand for derivatives: relative, and of delays.
-SMALL = 0.01
-SMALL_S = 2e-5
-
-
-@dataclass(frozen=True)
-class Shape:
-    """The unknowns in which the regression is not linear. ``s`` is σ0/τc [1/rad]; positive delays mean later."""
-
-    bandwidth_rad_s: float
-    s_per_rad: float
-    command_delay_s: float
-    motion_delay_s: float
-
-    def as_array(self) -> FloatArray:
-        """(log β, log s, d_c, d_m)."""
-        return np.array(
-            [np.log(self.bandwidth_rad_s), np.log(self.s_per_rad), self.command_delay_s, self.motion_delay_s]
-        )
-
-    @classmethod
-    def of(cls, array: FloatArray) -> "Shape":
-        return cls(float(np.exp(array[0])), float(np.exp(array[1])), float(array[2]), float(array[3]))
-
+from norton_bench.models import network_steps
+from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor
 
 MOST_RECENT = 6
 
-# Only its delays matter, and they are nil.
-STILL = Shape(1.0, 1.0, 0.0, 0.0)
 
-
-class _Recent(dict[tuple[str, float], FloatArray]):
+class _Recent(dict[tuple[Hashable, ...], FloatArray]):
     """The few paths worked out last: differences that stand for derivatives ask for each again and again."""
 
-    def once(self, key: tuple[str, float], make: Callable[[], FloatArray]) -> FloatArray:
+    def once(self, key: tuple[Hashable, ...], make: Callable[[], FloatArray]) -> FloatArray:
         if key not in self:
             while len(self) >= MOST_RECENT:
                 del self[next(iter(self))]
@@ -109,6 +81,8 @@ class Rows:
     kernel: Kernel
     stride: int = 1
     friction_error: FloatArray | None = None  # of h along the path, what is known of it
+    zero_nm: float = 0.0  # of the torque sensor, where friction depends on the load
+    middle_s: float = 0.0  # of the session, for what changes with time
     _recent: _Recent = field(default_factory=_Recent, init=False, repr=False, compare=False)
     _waves: dict[float, tuple[FloatArray, FloatArray]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -171,6 +145,11 @@ class Rows:
                 signals.released_at_zero,
             ),
         )
+        if shape.changes(Factor.GAIN):
+            # The command that was sent at an instant acts later, and the motion then is read later still.
+            cells = (shape.command_delay_s + shape.motion_delay_s) / fine_s
+            lag = lag * network_steps.gains(shape.row, lag, loops.later(self._grid(signals.path_rad), cells))
+            lag = lag * drifted(shape.row, GAIN_DRIFT, self._time_s)
         return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
 
     def kinematics(self, shape: Shape) -> FloatArray:
@@ -186,17 +165,53 @@ class Rows:
 
     def friction(self, shape: Shape) -> FloatArray:
         """h, ḣ/s and E, shape (3, count)."""
-        path = self._friction_path(shape.s_per_rad)
+        path = self._friction_path(shape)
         sliding = self.of_fine_signal(self._corrected(path[0]), (0, 1), shape.motion_delay_s, of_means=True)
         left = self.of_fine_signal(path[1], (0,), shape.motion_delay_s, of_means=True)
         return np.stack([sliding[0], sliding[1] / shape.s_per_rad, left[0]])
 
-    def _friction_path(self, s_per_rad: float) -> FloatArray:
+    def _friction_path(self, shape: Shape) -> FloatArray:
         """h and what is left of an unknown state along the path, shape (2, ...)."""
-        path, rests = self.signals.path_rad, self.signals.rests
+        path, rests, s_per_rad = self.signals.path_rad, self.signals.rests, shape.s_per_rad
+        if not shape.changes(Factor.STRENGTH):
+            return self._recent.once(
+                ("friction", s_per_rad), lambda: loops.friction_path(self._grid(path), s_per_rad, rests * self.fine)
+            )
         return self._recent.once(
-            ("friction", s_per_rad), lambda: loops.friction_path(self._grid(path), s_per_rad, rests * self.fine)
+            ("friction", s_per_rad, shape.motion_delay_s, shape.row.tobytes()),
+            lambda: loops.friction_path_of(self._grid(path), s_per_rad, rests * self.fine, self._strengths(shape)),
         )
+
+    def _strengths(self, shape: Shape) -> FloatArray:
+        """γ along the path, shape (...,)."""
+        port_nm = loops.later(self._port_nm, -shape.motion_delay_s / self.signals.tick_s * self.fine)
+        strengths = network_steps.strengths(shape.row, self._velocity, self._grid(self.signals.path_rad), port_nm)
+        return np.asarray(strengths * drifted(shape.row, FRICTION_DRIFT, self._time_s))
+
+    @cached_property
+    def _time_s(self) -> FloatArray:
+        """At the motion's instants, from the middle of the session on."""
+        signals = self.signals
+        step_s = signals.tick_s / self.fine
+        return np.asarray(signals.time_s[0] + np.arange(signals.time_s.size * self.fine) * step_s - self.middle_s)
+
+    @cached_property
+    def _velocity(self) -> FloatArray:
+        """Of the path, through the low-pass, at the motion's instants."""
+        path = self._grid(self.signals.path_rad)
+        taps = _fine_taps(FULL_BAND, (1,), 0.0, self.signals.tick_s, self.fine, of_means=False)
+        return np.asarray(loops.filter_at(path, taps, -(taps.shape[1] // 2), 1, path.size)[0])
+
+    @cached_property
+    def _port_nm(self) -> FloatArray:
+        """The torque at the port, through the low-pass, at the motion's instants; zero where nothing measures it."""
+        signals = self.signals
+        if signals.torque_nm is None:
+            return np.zeros(self._grid(signals.path_rad).size)
+        taps = _fine_taps(FULL_BAND, (0,), 0.0, signals.tick_s, 1, of_means=False)
+        count = signals.torque_nm.size
+        smooth = loops.filter_at(signals.torque_nm - self.zero_nm, taps, -(taps.shape[1] // 2), 1, count)[0]
+        return np.asarray(np.interp(np.arange(count * self.fine) / self.fine, np.arange(count), smooth))
 
     def _corrected(self, h: FloatArray) -> FloatArray:
         """Without what counts do to it on average, as far as that is known."""
@@ -206,7 +221,9 @@ class Rows:
         """Change in time of all that moves: columns from INERTIA to DAMPING, each wave of cogging's two, and E, shape
         (5 + 2 · waves, count)."""
         motion = self.of_fine_signal(self._grid(self.signals.position_rad), (2, 3), shape.motion_delay_s)
-        path = self._friction_path(shape.s_per_rad)
+        path = self._friction_path(shape)
+        time_s = self.signals.time_s[:: self.stride] - self.middle_s
+        motion[0] *= self._damping(shape, 2.0 * self.kinematics(shape)[0], time_s)
         sliding = self.of_fine_signal(self._corrected(path[0]), (1, 2), shape.motion_delay_s, of_means=True)
         left = self.of_fine_signal(path[1], (1,), shape.motion_delay_s, of_means=True)
         waves = [self.cogging(shape, periods, 1) for periods in cogging]
@@ -246,9 +263,19 @@ class Rows:
 
     def columns(self, shape: Shape) -> FloatArray:
         """The five physical columns in the order of LINEAR, then E: shape (6, count)."""
-        velocity, acceleration = self.kinematics(shape)
         h, rate, left = self.friction(shape)
-        return np.stack([self.lag(shape), -acceleration, -velocity, -h, -rate, -left])
+        return np.stack([self.lag(shape), -self.kinematics(shape)[1], -self.damped(shape), -h, -rate, -left])
+
+    def damped(self, shape: Shape) -> FloatArray:
+        """b·ω, shape (count,)."""
+        velocity = self.kinematics(shape)[0]
+        time_s = self.signals.time_s[:: self.stride] - self.middle_s
+        return np.asarray(velocity * self._damping(shape, velocity, time_s))
+
+    @staticmethod
+    def _damping(shape: Shape, velocity: FloatArray, time_s: FloatArray) -> FloatArray:
+        """b, at each instant (n,)."""
+        return np.asarray(drifted(shape.row, DAMPING_DRIFT, time_s) + shape.row[DRAG] * np.abs(velocity))
 
     def of_fine_signal(
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False

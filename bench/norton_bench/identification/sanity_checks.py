@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.rows import GAIN, INERTIA, LINEAR, VISCOUS
-from norton_bench.identification.separable import DELAY_TICKS, Solution
+from norton_bench.identification.separable import DELAY_TICKS, Solution, linear_solution
+from norton_bench.identification.shape import GAIN, INERTIA, LINEAR, VISCOUS
 from norton_bench.models.parameters import Status
 
 BLOCK_ROWS = 500
@@ -265,3 +265,59 @@ def _judged(solution: Solution, tick_s: float) -> Iterator[tuple[int, str, float
         if unknown in DELAYS:
             name = f"delay between {DELAYS[unknown]} and torque"
             yield len(solution.linear) + position, name, CHANGE_TICKS * max(tick_s, slowest_s), "s"
+
+
+# The command must explain this many times what nothing explains, or the port's torque sets no scale: errors in what
+# explains a torque make its scale too small by the square of their share, here by 1/25, which can be taken off.
+LEAST_EVIDENCE = 5.0
+# Of the torque, rms: a fit leaves hardly more where nothing is wrong.
+LEFT_BY_A_GOOD_FIT = 0.05
+# Deviations to which a residual can be told from the noise in it.
+TOLD_FROM_NOISE = 2.0
+
+
+def scale_evidence(solution: Solution) -> float:
+    """What only the command explains of the torque, over what nothing explains, both rms.
+
+    Next to nothing where the machine across the port is passive: it then answers the motion as this one does,
+    and the torque between them follows from the motion alone, whatever the command.
+    """
+    return _of_command_nm(solution) / float(np.sqrt(np.mean(solution.innovation**2)))
+
+
+def _of_command_nm(solution: Solution) -> float:
+    """What only the command explains of the torque, rms."""
+    lag, others = solution.jacobian[:, GAIN], np.delete(solution.jacobian, GAIN, axis=1)
+    alone = lag - linear_solution(others.T, lag) @ others.T
+    return float(abs(solution.linear[GAIN]) * np.sqrt(np.mean(alone**2)))
+
+
+def why_no_scale(solution: Solution) -> str:
+    """Why a load's own values cannot be told: its command explains too little, or nothing explains too much."""
+    torque_nm = float(np.sqrt(np.mean(solution.regression.target() ** 2)))
+    own, left = _of_command_nm(solution) / torque_nm, float(np.sqrt(np.mean(solution.innovation**2))) / torque_nm
+    if own < LEAST_EVIDENCE * LEFT_BY_A_GOOD_FIT:
+        return (
+            "the port's torque follows from the motion alone, so the load's own values cannot be told: command the "
+            "actuator too, independently of the load, and see that the torque sensor works"
+        )
+    return (
+        f"the load's command, motion and friction leave {left:.0%} of the port's torque unexplained, too much to tell "
+        f"the load's own values by: its command alone explains {own:.0%}, and should explain {LEAST_EVIDENCE:g} times "
+        "what is left. Commands or readings may come late, by times that vary (a busy computer, an adapter, a full "
+        "bus: `norton-bench rig check` shows it; end other programs and repeat), or something else acts on the shaft"
+    )
+
+
+def beyond_noise(solution: Solution) -> float:
+    """The share of the residual's power that the torque readings' own noise does not explain, as far as can be told.
+
+    That noise makes a number uncertain, as its deviation says, but sets no wrong scale; the encoder's does. The power
+    of n normal errors is known to √(2/n) of itself (chi-squared), n rows that are not alike.
+    """
+    regression = solution.regression
+    counts = [row.usable.size for row in regression.rows]
+    noise = float(np.average([row.noise()[0] for row in regression.rows], weights=counts))
+    determined = TOLD_FROM_NOISE * np.sqrt(2.0 * regression.alike / solution.residual.size)
+    left = float(np.mean(solution.residual**2))
+    return float(np.clip(1.0 - noise / max(left, 1e-300), min(determined, 1.0), 1.0))

@@ -13,47 +13,10 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.regression import Memory, Regression
-from norton_bench.identification.rows import COULOMB, INERTIA, MOTION_DELAY, Shape
+from norton_bench.identification.shape import COULOMB, INERTIA, MOTION_DELAY, Shape
 from norton_bench.identification.signals import Signals
-
-BINS_A_TURN = 2048
-SEARCHED_PERIODS = 400.0
-# Fewer turns, and what slow friction does looks like a period.
-FEWEST_TURNS = 3.0
-# Power over that of noise: noise alone passes it in one search of thousands, so long as residuals are nearly white.
-EVIDENCE = 25.0
-# A wave smaller than this share of the residual is not worth its two unknowns, however sure it is.
-LEAST_SHARE = 0.1
-# Nearer to an integer than the turns can resolve is that integer.
-RESOLVED = 0.5
-
-
-def strongest_period(position_rad: FloatArray, residual: FloatArray, correlated: float) -> float | None:
-    """Torque that goes with the shaft's position: found in what nothing else explains, by its periods in a turn.
-
-    Magnets and teeth give integers; a gear train gives any number, so the search is over all of them.
-
-    Periods a turn of the strongest line of ``residual`` over position, both (n,); None where none stands out.
-
-    ``correlated`` is how many neighbouring residuals count as one.
-    """
-    first = float(np.min(position_rad))
-    turns = (float(np.max(position_rad)) - first) / (2 * np.pi)
-    if turns < FEWEST_TURNS:
-        return None
-    bins = ((position_rad - first) / (2 * np.pi) * BINS_A_TURN).astype(np.int64)
-    sums = np.bincount(bins, residual - np.mean(residual))
-    length = 2 ** int(np.ceil(np.log2(2 * sums.size)))
-    spectrum = np.abs(np.fft.rfft(sums, length)) ** 2 / (correlated * np.sum(residual**2))
-    periods = np.arange(spectrum.size) * (BINS_A_TURN / length)
-    searched = (periods >= 1 - RESOLVED / turns) & (periods <= SEARCHED_PERIODS)
-    best = int(np.argmax(np.where(searched, spectrum, 0.0)))
-    share = 2.0 * np.sqrt(correlated * spectrum[best] / residual.size)
-    if spectrum[best] < EVIDENCE or share < LEAST_SHARE:
-        return None
-    whole = float(np.round(periods[best]))
-    return whole if abs(whole - periods[best]) < RESOLVED / turns else float(periods[best])
-
+from norton_bench.identification.turns import strongest_period
+from norton_bench.models.terms import NetworkTerm, TermParameter
 
 # In cycles a tick. The low band leaves delays of some ticks within the reach of Gauss-Newton.
 LOW_BAND = Kernel(cutoff=0.05, half_width=24.0)
@@ -81,6 +44,10 @@ MOST_COGGINGS = 4
 NOTHING_GAINED = 2e-3
 LITTLE_GAINED = 4e-2
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
+# Of the rms velocity: slow sliding. A search begins at these, so that one of any width is near to some.
+SLOW_SHARES = (0.025, 0.05, 0.1, 0.2, 0.4)
+# What is searched: a narrower fall of friction lies within a reading, a wider one looks like less damping.
+STRIBECK_VELOCITIES = (1e-3, 3.0)
 
 
 @dataclass(frozen=True)
@@ -144,12 +111,60 @@ def solve(
 def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
     """The same fit of another record of the same experiment, whose solution is ``near``: same band, same cogging."""
     before = near.regression
-    regression = Regression.of(
-        stretches, before.rows[0].kernel, free_motion=before.free_motion, cogging=before.cogging
-    ).recounted(near.shape)
+    regression = Regression.of(stretches, before.rows[0].kernel, free_motion=before.free_motion, cogging=before.cogging)
+    regression = before.terms_of(regression).recounted(near.shape)
     at = _At.of(regression, near.shape)
     white = regression.whitened(near.shape, float(at.linear[COULOMB]), at.residual)
     return _iterated(_At.solved(white, near.shape, at.columns, at.memory), within=CONVERGED_STEP)
+
+
+def solve_with_terms(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -> Solution:
+    """The same stretches with ``terms`` beside what the solution ``near`` has: from its values, and those of ``terms``.
+
+    Their values are relative, as in Shape, and where the search begins; of a Stribeck velocity several are tried.
+    ``zero_nm`` is the torque sensor's, which friction that grows with the load must know.
+    """
+    shape = replace(near.shape, terms=tuple(terms))
+    # What looked like cogging may have been what the terms explain.
+    regression = replace(near.regression, whitening=None, cogging=()).with_terms(
+        terms, zero_nm, near.regression.middle_s
+    )
+    starts = (_At.of(regression, start) for start in _term_starts(regression, shape))
+    best = min((_descend(start, most_steps=1, within=ROUGH_STEP)[0] for start in starts), key=lambda at: at.cost)
+    rough = _with_cogging(_iterated(best, within=ROUGH_STEP), within=ROUGH_STEP)
+    counted = rough.regression.recounted(rough.shape).whitened(
+        rough.shape, float(rough.linear[COULOMB]), rough.residual
+    )
+    return _with_cogging(_iterate(counted, rough.shape, within=CONVERGED_STEP), within=CONVERGED_STEP)
+
+
+def _term_starts(regression: Regression, shape: Shape) -> Iterator[Shape]:
+    """One for each of some velocities where a term has a Stribeck velocity, as shares of the rms velocity."""
+    places = [place for place, one in enumerate(_term_parameters(shape), MOTION_DELAY + 1) if one.logarithmic]
+    if not places:
+        yield shape
+        return
+    for share in SLOW_SHARES:
+        at = shape.as_array()
+        at[places] = np.log(share * regression.rms_velocity)
+        yield shape.at(at)
+
+
+def _term_parameters(shape: Shape) -> list[TermParameter]:
+    return [parameter for each in shape.terms for parameter in each.term.parameters]
+
+
+def _box(regression: Regression, shape: Shape) -> tuple[FloatArray, FloatArray]:
+    """The box searched, terms included."""
+    low, high = limits(regression.rows[0].signals.tick_s)
+    widest = np.log(STRIBECK_VELOCITIES) + np.log(regression.rms_velocity) if shape.terms else np.empty(2)
+    spans = [widest if each.logarithmic else (each.low, each.high) for each in _term_parameters(shape)]
+    return np.array([*low, *(span[0] for span in spans)]), np.array([*high, *(span[1] for span in spans)])
+
+
+def _of_terms_too(steps: FloatArray, regression: Regression) -> FloatArray:
+    """Of a length such as CONVERGED_STEP, with the terms' parameters: as long as log β's, on their own scales."""
+    return np.concatenate([steps, steps[0] * regression.scales])
 
 
 def told(stretches: Sequence[Signals], band: Kernel) -> Kernel:
@@ -277,19 +292,20 @@ class _At:
         regression = self.regression
         columns = np.zeros(len(self.linear) + len(regression.free))
         columns[:5] = regression.contamination()
-        if regression.free[-1] == MOTION_DELAY:
-            columns[-1] = regression.slope_contamination(self.linear)
+        if MOTION_DELAY in regression.free:
+            place = len(self.linear) + regression.free.index(MOTION_DELAY)
+            columns[place] = regression.slope_contamination(self.linear)
         return columns
 
     def step(self) -> tuple[FloatArray, float]:
-        """Of Gauss-Newton, shape (4,); zero for what is not free. And how far that is, in squared deviations."""
+        """Of Gauss-Newton, shape (unknowns,); zero for what is not free. And how far that is, in squared deviations."""
         contamination, linear = self.contamination, len(self.linear)
         every = np.concatenate([self.seen, self.slopes])
         right = every @ self.innovation
         # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
         right[:linear] += contamination[:linear] * self.linear
         whole = normal_solution(every, right, contamination)
-        step = np.zeros(4)
+        step = np.zeros(MOTION_DELAY + 1 + self.regression.scales.size)
         step[list(self.regression.free)] = whole[len(self.seen) :]
         variance = self.regression.alike * max(self.cost, 0.0) / self.innovation.size
         return step, float(right @ whole) / max(variance, 1e-300)
@@ -335,11 +351,11 @@ def _iterated(at: _At, *, within: FloatArray) -> Solution:
     return at.solution(converged=converged)
 
 
-def shortened(step: FloatArray) -> Iterator[FloatArray]:
+def shortened(step: FloatArray, longest: FloatArray = LONGEST_STEP) -> Iterator[FloatArray]:
     """Each unknown held to its longest step; and, where that leads nowhere, all of them in the step's own direction:
     a lag and a delay that stand for each other must be moved together."""
-    clipped = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
-    straight = step / max(1.0, float(np.max(np.abs(step) / LONGEST_STEP)))
+    clipped = np.clip(step, -longest, longest)
+    straight = step / max(1.0, float(np.max(np.abs(step) / longest)))
     for direction in (clipped, straight):
         for share in STEP_SHARES:
             yield share * direction
@@ -351,7 +367,8 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
     Returns where it ended and whether it converged.
     """
     regression = at.regression
-    low, high = limits(regression.rows[0].signals.tick_s)
+    low, high = _box(regression, at.shape)
+    within, longest = (_of_terms_too(each, regression) for each in (within, LONGEST_STEP))
     for _ in range(most_steps):
         step, squared_deviations = at.step()
         # What the data hardly tell, such as a bandwidth far above theirs, may wander on for ever.
@@ -359,9 +376,9 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
             return at, True
         little = abs(squared_deviations) < LITTLE_GAINED
         # Where little is to be gained, one try will do.
-        tries = islice(shortened(step), 1 if little else None)
+        tries = islice(shortened(step, longest), 1 if little else None)
         moved = (np.clip(at.shape.as_array() + each, low, high) for each in tries)
-        better = (trial for each in moved if (trial := _At.of(regression, Shape.of(each))).cost < at.cost)
+        better = (trial for each in moved if (trial := _At.of(regression, at.shape.at(each))).cost < at.cost)
         result = next(better, None)
         if result is None:
             # Gauss-Newton cannot improve: at the minimum to within rounding, or held by the box.

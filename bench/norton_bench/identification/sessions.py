@@ -1,7 +1,7 @@
 """Several fits of one actuator, each of a session of its own, as one result; and what differs between the sessions."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,12 +10,16 @@ from norton_bench.identification.fit import PHYSICAL, network_of
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.statistics import LOOSE_BEYOND, Combined, combine
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import PARAMETERS, Estimate, Status
+from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.models.terms import TERM_PARAMETERS, NetworkTerm
+from norton_bench.networks.left_out import cost_percent, standard_motion
 
 # What chance may name, of all parameters together, as different between sessions where nothing is.
 ALARM = 0.05
 # Probabilities below this say no more than that they are.
 LEAST_P = 1e-9
+# Waves of cogging whose periods a turn differ by no more than this share are the same.
+SAME_WAVE = 0.01
 
 
 @dataclass(frozen=True)
@@ -55,14 +59,19 @@ class Together:
 def together(sessions: Sequence[SessionFit], command_unit: str) -> Together:
     """Combine the sessions, parameter by parameter: only what is valid in a session takes part."""
     known = {estimate.name for session in sessions for estimate in session.fit.estimates}
-    names = [parameter.name for parameter in PARAMETERS if parameter.name in known]
+    terms = _common_terms(sessions)
+    own = {name for term in terms for name in term.named()}
+    names = [name for name in (*BY_NAME, *TERM_PARAMETERS) if name in known and (name in BY_NAME or name in own)]
     takers = {name: [session for session in sessions if session.taking_part(name)] for name in names}
     spreads = {name: _combined(name, takers[name]) for name in names if len(takers[name]) > 1}
     estimates = tuple(_estimate(name, sessions, spreads.get(name)) for name in names)
     result = [estimate for estimate in estimates if np.isfinite(estimate.value)]
     whole = set(PHYSICAL) <= {estimate.name for estimate in result}
     network = network_of(result, command_unit, _covariance(sessions, result, spreads)) if whole else None
-    return Together(estimates, spreads, network, _verdict(sessions, takers, estimates, spreads))
+    if network is not None and terms:
+        network = _with_terms(network, terms, result)
+    verdict = (*_verdict(sessions, takers, estimates, spreads), *_terms_left_out(sessions, terms))
+    return Together(estimates, spreads, network, verdict)
 
 
 def differing(spreads: Mapping[str, Combined]) -> tuple[str, ...]:
@@ -76,6 +85,68 @@ def differing(spreads: Mapping[str, Combined]) -> tuple[str, ...]:
             break
         result.append(name)
     return tuple(result)
+
+
+def _lasting(session: SessionFit) -> tuple[NetworkTerm, ...]:
+    """Its terms but for drifts: these are of one session alone."""
+    return tuple(term for term in session.fit.network.terms if not term.term.in_time)
+
+
+def _common_terms(sessions: Sequence[SessionFit]) -> tuple[NetworkTerm, ...]:
+    """Those that every session has, with the mean of their values."""
+    common = []
+    for term in _lasting(sessions[0]):
+        alike = [next((other for other in each.fit.network.terms if _alike(term, other)), None) for each in sessions]
+        if None not in alike:
+            values = np.mean([each.values for each in alike if each is not None], axis=0)
+            common.append(replace(term, values=tuple(values.tolist())))
+    return tuple(common)
+
+
+def _alike(one: NetworkTerm, other: NetworkTerm) -> bool:
+    """Whether two sessions' terms are of one kind, and of one wave: a gear's is known to a part of its periods."""
+    periods, its = one.periods_per_turn, other.periods_per_turn
+    return one.name == other.name and abs(periods - its) <= SAME_WAVE * periods
+
+
+def _with_terms(network: NortonNetwork, terms: Sequence[NetworkTerm], estimates: Sequence[Estimate]) -> NortonNetwork:
+    """The network with terms, whose values are combined as parameters are; cogging's are the mean of the sessions'.
+
+    Deviations of the terms go in; how they go with other parameters does not.
+    """
+    known = {each.name: each for each in estimates}
+    combined = [
+        replace(
+            term, values=tuple(known[name].value if name in known else value for name, value in term.named().items())
+        )
+        for term in terms
+    ]
+    names = [name for term in combined for name in term.named() if name in known]
+    covariance = np.diag(np.concatenate([np.zeros(len(PHYSICAL)), [known[name].std ** 2 for name in names]]))
+    covariance[: len(PHYSICAL), : len(PHYSICAL)] = network.covariance
+    return replace(
+        network,
+        terms=tuple(combined),
+        covariance_names=(*network.covariance_names, *names),
+        covariance=tuple(map(tuple, covariance.tolist())),
+    )
+
+
+def _terms_left_out(sessions: Sequence[SessionFit], common: Sequence[NetworkTerm]) -> tuple[str, ...]:
+    """One sentence for each term that some sessions have: what it costs to be without it."""
+    found = {(term.name, term.periods_per_turn): (term, each) for each in sessions for term in _lasting(each)}
+    return tuple(
+        f"The network of all sessions is without the term {name}{f' ({periods:g} a turn)' if periods else ''}, which "
+        f" only some have. In {session.name}, being without it costs {_cost(session.fit.network, term):.2g} % of "
+        "the torque's rms; the parameters that it changes are those of fits with and without it."
+        for (name, periods), (term, session) in found.items()
+        if not any(_alike(term, each) for each in common)
+    )
+
+
+def _cost(network: NortonNetwork, term: NetworkTerm) -> float:
+    without = replace(network, terms=tuple(each for each in network.terms if each != term))
+    return cost_percent(network, without, standard_motion(network))
 
 
 def _combined(name: str, takers: Sequence[SessionFit]) -> Combined:
@@ -109,10 +180,11 @@ def _covariance(
     """
     weights = np.array([_weights(name, sessions, spreads.get(name)) for name in PHYSICAL]).T
     between = np.array([spreads[name].between_std ** 2 if name in spreads else 0.0 for name in PHYSICAL])
+    count = len(PHYSICAL)  # a network's covariance has its terms' parameters behind these
     total = np.diag(between * np.sum(weights**2, axis=0))
     for session, own in zip(sessions, weights, strict=True):
         share = np.outer(own, own)
-        total += share * np.where(share > 0.0, np.array(session.fit.network.covariance), 0.0)
+        total += share * np.where(share > 0.0, np.array(session.fit.network.covariance)[:count, :count], 0.0)
     result = {estimate.name: estimate.std for estimate in estimates}
     factor = np.array([result[name] for name in PHYSICAL]) / np.sqrt(np.diag(total))
     return np.asarray(total * np.outer(factor, factor))

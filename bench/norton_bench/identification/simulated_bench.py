@@ -16,11 +16,13 @@ from scipy.optimize import minimize
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import NOISE_FEWEST_BLOCKS, NOISE_ORDER, NOISE_VARIANCE, NORMAL_MEDIAN_SQUARE
-from norton_bench.identification.rows import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS
 from norton_bench.identification.separable import Solution
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, drifted
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
+from norton_bench.models import network_steps
+from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor
 
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
@@ -228,9 +230,15 @@ class SimulatedStretch:
         finer_s = np.clip(finer_s, time_s[0], time_s[-1])
         at_s = finer_s[::FINER]
         path, velocity, acceleration = motion(at_s), motion(at_s, 1), motion(at_s, 2)
-        h = loops.friction_path(motion(finer_s), shape.s_per_rad, NO_RESTS)[0]
+        strengths, middle_s = loops.EVEN, solution.regression.rows[0].middle_s
+        if shape.changes(Factor.STRENGTH):
+            port_nm = _port(stretch, solution, finer_s - shape.motion_delay_s)
+            strengths = network_steps.strengths(shape.row, motion(finer_s, 1), motion(finer_s), port_nm)
+            strengths *= drifted(shape.row, FRICTION_DRIFT, finer_s - middle_s)
+        h = loops.friction_path_of(motion(finer_s), shape.s_per_rad, NO_RESTS, strengths)[0]
         rate = np.gradient(h, step_s / FINER) / shape.s_per_rad
-        torque = -linear[INERTIA] * acceleration - linear[VISCOUS] * velocity
+        damped = velocity * (drifted(shape.row, DAMPING_DRIFT, at_s - middle_s) + shape.row[DRAG] * np.abs(velocity))
+        torque = -linear[INERTIA] * acceleration - linear[VISCOUS] * damped
         torque -= linear[COULOMB] * h[::FINER] + linear[DAMPING] * rate[::FINER]
         for index, periods in enumerate(solution.regression.cogging):
             cosine, sine = linear[len(LINEAR) + 2 * index : len(LINEAR) + 2 * index + 2]
@@ -259,10 +267,12 @@ class SimulatedStretch:
         """Behind the amplifier's lag, (n,)."""
         stretch, shape = self.stretch, solution.shape
         acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
-        return np.asarray(
-            solution.linear[GAIN]
-            * self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
-        )
+        lag = self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
+        if shape.changes(Factor.GAIN):
+            read_s = np.clip(self.time_s + shape.motion_delay_s, self.time_s[0], self.time_s[-1])
+            lag = lag * network_steps.gains(shape.row, lag, self.motion(read_s))
+            lag *= drifted(shape.row, GAIN_DRIFT, self.time_s - solution.regression.rows[0].middle_s)
+        return np.asarray(solution.linear[GAIN] * lag)
 
     @cached_property  # of every simulated record
     def _passive_in_band_nm(self) -> FloatArray:
@@ -301,6 +311,21 @@ class SimulatedStretch:
 
 def inertia_of(solution: Solution) -> float:
     return abs(float(solution.linear[INERTIA]))
+
+
+def _port(stretch: Signals, solution: Solution, time_s: FloatArray) -> FloatArray:
+    """The torque at the port as it was measured, at instants (n,) of its own clock; zero where nothing measures it."""
+    if stretch.torque_nm is None:
+        return np.zeros(time_s.size)
+    zero_nm = solution.regression.rows[0].zero_nm
+    return np.asarray(np.interp(time_s, stretch.time_s, _smooth(stretch.torque_nm)) - zero_nm)
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    """Through the fit's low-pass, a value a tick."""
+    reach = round(FULL_BAND.half_width)
+    taps = FULL_BAND.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)[None, :]
+    return np.asarray(loops.filter_at(values, taps, -reach, 1, values.size)[0])
 
 
 def _filtered(values: FloatArray, kernel: Kernel, *, of_means: bool = False) -> FloatArray:

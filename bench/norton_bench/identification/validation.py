@@ -1,17 +1,18 @@
 """How well a network predicts what no fit has seen: the torque under a measured motion, and the free motion itself."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.expansion import Linearised
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult, SensorZero, Trace, Validation, trace
-from norton_bench.identification.rows import INERTIA, Rows, Shape
+from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import LOW_BAND, linear_solution
+from norton_bench.identification.shape import INERTIA, Shape
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use
@@ -59,30 +60,23 @@ def is_free(segment: SegmentInfo) -> bool:
 def network_trace(
     result: FitResult, stretches: tuple[Signals, ...], *, zero: SensorZero | None = None, free_motion: bool = False
 ) -> Trace:
-    """Torque under the measured motion by the network alone: whatever else a fit found (cogging, say) stays in between.
+    """Torque under the measured motion by the network's parameters alone: cogging stays in between, to be looked at.
 
     The friction's state after a rest is not predicted, nor is the sensor's slow zero, unless it is given: then it is
-    taken off the torque, nothing is fitted here but that state, and all is seen in the band of the fit. ``free_motion``
+    taken off the torque, nothing is fitted here but that state, the network's cogging is in the prediction, and all is
+    seen in the band of the fit. ``free_motion``
     compares what the network makes of the acceleration instead, as a torque per unit of torque gain: for networks that
     know only ratios.
     """
     network = result.network
-    regression = Regression.of(stretches, FULL_BAND if zero is None else result.band, free_motion=free_motion)
-    s = network.presliding_stiffness_nm_rad / network.coulomb_torque_nm
+    at = Linearised.at(result)
+    if zero is None:
+        at = replace(at, cogging=(), band=FULL_BAND)
+    regression = replace(at.regression(stretches), free_motion=free_motion)
     command_delay_s = result.command_delay_s + (result.motion_delay_s if free_motion else 0.0)
-    columns, memory = regression.columns(
-        Shape(network.amplifier_bandwidth_rad_s, s, command_delay_s, result.motion_delay_s)
-    )
-    known = np.array(
-        [
-            network.torque_gain,
-            network.inertia_kgm2,
-            network.viscous_damping_nms_rad,
-            network.coulomb_torque_nm,
-            network.presliding_damping_nms_rad,
-        ]
-    )
-    unknown, to_torque = columns[5:], 1.0
+    columns, memory = regression.columns(replace(at.shape, command_delay_s=command_delay_s))
+    known, first = np.concatenate([at.linear, at.waves]), 5 + len(at.waves)
+    unknown, to_torque = columns[first:], 1.0
     if free_motion:
         # Solved for the acceleration: all over the inertia, and what torque there is at the port counts for itself.
         to_torque = network.inertia_kgm2
@@ -93,7 +87,7 @@ def network_trace(
     if zero is not None:
         target = target - zero.at(regression.time_s())
         unknown = unknown[:0]
-    rest, seen = memory.taken_off(target - known @ columns[:5]), memory.taken_off(unknown)
+    rest, seen = memory.taken_off(target - known @ columns[:first]), memory.taken_off(unknown)
     predicted = target - rest + (linear_solution(seen, rest) @ seen if len(seen) else 0.0)
     return trace(stretches, target * to_torque, predicted * to_torque)
 
@@ -160,7 +154,8 @@ def _free_run(result: FitResult, stretch: Signals, segment: SegmentInfo, zero: S
     index = np.clip(np.searchsorted(stretch.sent_s, sent_s, side="right") - 1, 0, stretch.command.size - 1)
     shift_s = float(np.median(sent_s - stretch.sent_s[index]))
     rows = Rows(stretch, LOW_BAND)
-    measured = rows.kinematics(Shape(1.0, 1.0, 0.0, result.motion_delay_s))[0]
+    shape = Shape(1.0, 1.0, 0.0, result.motion_delay_s)
+    measured, place = rows.kinematics(shape)[0], rows.position(shape)[0]
     start = float(measured[first])
     taps = LOW_BAND.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
 
@@ -169,6 +164,7 @@ def _free_run(result: FitResult, stretch: Signals, segment: SegmentInfo, zero: S
             stretch.command[index],
             tick_s,
             port_torque_nm=port_nm,
+            position_rad=float(place[first]),
             velocity_rad_s=start,
             motor_torque_nm=network.torque_gain * stretch.command[index[0]],
             friction_torque_nm=network.coulomb_torque_nm * float(np.sign(start)),

@@ -4,6 +4,10 @@ From it follow the data sheet, its JSON, its comparison, its proof, and what the
 of the parameters, which are drawn from their covariance and carried through the function (Joint Committee for Guides
 in Metrology, Guide 101:2008, "Propagation of distributions using a Monte Carlo method"): a ratio's interval then lies
 unevenly about it, as it should.
+
+The formulas are those of the plain motor. A network's terms are in the figures as well: τc is then the friction at the
+velocity of which a figure speaks (at rest for breakaway, stall and holding), and so are Km·Ka·c and B. What changes
+with the position, or with the direction, is taken at its mean.
 """
 
 from collections.abc import Callable
@@ -13,17 +17,17 @@ from math import inf, isfinite, log
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
+from norton_bench.models.drawn_motor import Motor, drawn, estimate_of, over
+from norton_bench.models.network import BISECTIONS, NortonNetwork
 from norton_bench.models.parameters import Status
 
 Interval = tuple[float, float]
 
-# Half of them mirror the others, so that the interval of a linear figure lies evenly about its value. The share of
-# draws in one tail, of 2.5 %, is then known to 0.25 % (binomial), far less than any coverage can be measured to.
-DRAWS = 4000
 TAILS = (0.025, 0.975)
 # A slow cycle of torque for the lost motion: to half of what would make the contact slide.
 CYCLED_SHARE = 0.5
+# Velocities among which the one of greatest power is looked for, as shares of the greatest: to a hundredth of it.
+SHARES = np.linspace(0.01, 1.0, 100)
 RISE = log(9.0)  # time constants of a first-order lag from 10 to 90 %
 # The worse comes later: a figure is as good as the worst parameter that it is made of.
 WORSE = (
@@ -36,27 +40,6 @@ WORSE = (
     Status.NOT_CONVERGED,
     Status.UNEXCITED,
 )
-
-
-@dataclass(frozen=True)
-class Motor:
-    """The motor's parameters, all of one shape: many draws at once. The gain is taken without its sign."""
-
-    gain: FloatArray  # N m per unit of command
-    bandwidth_rad_s: FloatArray
-    inertia_kgm2: FloatArray
-    damping_nms_rad: FloatArray
-    coulomb_nm: FloatArray
-    stiffness_nm_rad: FloatArray
-    contact_damping_nms_rad: FloatArray
-
-    def drive_nm(self, command: float) -> FloatArray:
-        """Torque of the motor itself under a steady command of that magnitude."""
-        return self.gain * command
-
-    def beyond_friction_nm(self, command: float) -> FloatArray:
-        """What of it is left once the shaft slides; 0 where it does not break away."""
-        return np.maximum(self.drive_nm(command) - self.coulomb_nm, 0.0)
 
 
 @dataclass(frozen=True)
@@ -129,30 +112,45 @@ class Figure:
         return self.status in (None, Status.VALID, Status.LEARNING)
 
 
-def over(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
-    """A ratio of figures that are positive in truth: infinite where the denominator was drawn below zero."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(denominator <= 0.0, inf, numerator / denominator))
-
-
 def no_load_rad_s(motor: Motor, at: OperatingPoint) -> FloatArray:
     """Steady free velocity: the motion source (section IV.D)."""
-    return over(motor.beyond_friction_nm(at.command), motor.damping_nms_rad)
+    beyond = motor.beyond_friction_nm(at.command)
+    straight = over(beyond, motor.damping_nms_rad)
+    if not {"stribeck_torque", "quadratic_drag"} & set(motor.terms):
+        return straight
+    # Resistance is at least the damping's, so the motor's whole torque over that is too fast.
+    drive = motor.drive_nm(at.command)
+    low, high = np.zeros_like(drive), over(drive, motor.damping_nms_rad)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        with np.errstate(invalid="ignore"):
+            slower = motor.resistance_nm(middle) < drive
+        low, high = np.where(slower, middle, low), np.where(slower, high, middle)
+    return np.where(np.isinf(straight), inf, np.where(beyond > 0.0, low, 0.0))
 
 
 def strongest_rad_s(motor: Motor, at: OperatingPoint) -> FloatArray:
     """The velocity of greatest power at the port, half of that without load, or the greatest that is allowed."""
-    return np.minimum(0.5 * no_load_rad_s(motor, at), at.velocity_rad_s)
+    free = no_load_rad_s(motor, at)
+    if not {"stribeck_torque", "quadratic_drag"} & set(motor.terms):
+        return np.minimum(0.5 * free, at.velocity_rad_s)
+    reach = np.minimum(free, at.velocity_rad_s)
+    best, most = np.zeros_like(reach), np.full(reach.shape, -inf)
+    for share in SHARES:
+        power = torque_at(motor, at.command, share * reach) * share * reach
+        best, most = np.where(power > most, share * reach, best), np.maximum(power, most)
+    return best
 
 
 def torque_at(motor: Motor, command: float, velocity_rad_s: FloatArray | float) -> FloatArray:
     """Steady torque at the port while the shaft turns as the command drives it, at a velocity above 0."""
-    return motor.drive_nm(command) - motor.coulomb_nm - motor.damping_nms_rad * velocity_rad_s
+    left = motor.drive_nm(command) - motor.resistance_nm(velocity_rad_s)
+    return left / (1.0 + motor.load_friction * np.sign(left))
 
 
 def backdriving_nm(motor: Motor, velocity_rad_s: FloatArray | float) -> FloatArray:
     """Torque that turns the shaft steadily from outside, without a command."""
-    return motor.coulomb_nm + motor.damping_nms_rad * velocity_rad_s
+    return over(motor.resistance_nm(velocity_rad_s), 1.0 - motor.load_friction)
 
 
 def _power_w(motor: Motor, at: OperatingPoint) -> FloatArray:
@@ -169,7 +167,7 @@ def _efficiency(motor: Motor, at: OperatingPoint) -> FloatArray:
 
 def presliding_rad(motor: Motor) -> FloatArray:
     """The deflection at which the contact slides."""
-    return over(motor.coulomb_nm, motor.stiffness_nm_rad)
+    return over(motor.held_nm, motor.stiffness_nm_rad)
 
 
 def _lost_motion_rad(motor: Motor) -> FloatArray:
@@ -199,12 +197,13 @@ DERIVED = (
     Derived(
         "stall_torque", "τs", "N*m",
         "torque at the blocked port, where the shaft came to rest while it turned as commanded",
-        "Km·Ka·c − τc", (GAIN, COULOMB), lambda motor, at: motor.beyond_friction_nm(at.command), at_command=True,
+        "Km·Ka·c − τc", (GAIN, COULOMB),
+        lambda motor, at: motor.beyond_friction_nm(at.command) / (1.0 + motor.load_friction), at_command=True,
     ),
     Derived(
         "holding_torque", "τh", "N*m", "torque that turns the shaft back against the command",
-        "Km·Ka·c + τc", (GAIN, COULOMB), lambda motor, at: motor.drive_nm(at.command) + motor.coulomb_nm,
-        at_command=True,
+        "Km·Ka·c + τc", (GAIN, COULOMB),
+        lambda motor, at: over(motor.drive_nm(at.command) + motor.held_nm, 1.0 - motor.load_friction), at_command=True,
     ),
     Derived(
         "no_load_speed", "ω0", "rad/s", "steady velocity with nothing at the port", "(Km·Ka·c − τc)/B",
@@ -237,15 +236,15 @@ DERIVED = (
     Derived(
         "breakaway_torque", "τ0", "N*m", "torque that makes the shaft slide from outside, without a command", "τc",
         (COULOMB,),
-        lambda motor, _: motor.coulomb_nm,
+        lambda motor, _: over(motor.held_nm, 1.0 - motor.load_friction),
     ),
     Derived(
         "breakaway_command", "c0", "{command}", "command at which the free shaft begins to slide", "τc/(Km·Ka)",
-        (GAIN, COULOMB), lambda motor, _: over(motor.coulomb_nm, motor.gain), absolute=False,
+        (GAIN, COULOMB), lambda motor, _: motor.command_for(motor.held_nm), absolute=False,
     ),
     Derived(
         "hysteresis", "Δτ", "N*m", "of the torque at one position, approached slowly from either side", "2·τc",
-        (COULOMB,), lambda motor, _: 2.0 * motor.coulomb_nm,
+        (COULOMB,), lambda motor, _: 2.0 * motor.held_nm,
     ),
     Derived(
         "presliding_displacement", "x0", "rad", "deflection of the friction contact as it slides", "τc/σ0",
@@ -276,30 +275,6 @@ DERIVED = (
         lambda motor, _: over(np.full(motor.gain.shape, RISE), motor.bandwidth_rad_s), absolute=False,
     ),
 )  # fmt: skip
-
-
-def estimate_of(network: NortonNetwork) -> Motor:
-    """The network's own values, shape (1,)."""
-    return _motor(np.array([[getattr(network, field) for field in _FIELDS]]))
-
-
-def drawn(network: NortonNetwork, seed: int) -> Motor:
-    """DRAWS motors as the covariance has them, shape (DRAWS,); all of them NaN where the network has none."""
-    names = [PARAMETER_OF_FIELD[field] for field in _FIELDS]
-    if not has_covariance(network):
-        return _motor(np.full((DRAWS, len(names)), np.nan))
-    covariance = np.zeros((len(names), len(names)))
-    at = [names.index(name) for name in network.covariance_names if name in names]
-    chosen = [place for place, name in enumerate(network.covariance_names) if name in names]
-    covariance[np.ix_(at, at)] = np.asarray(network.covariance)[np.ix_(chosen, chosen)]
-    half = np.random.default_rng(seed).standard_normal((DRAWS // 2, len(names))) @ _root(covariance).T
-    values = np.array([getattr(network, field) for field in _FIELDS])
-    return _motor(values + np.concatenate([half, -half]))
-
-
-def has_covariance(network: NortonNetwork) -> bool:
-    """Whether intervals follow from it."""
-    return bool(set(network.covariance_names) & {PARAMETER_OF_FIELD[field] for field in _FIELDS})
 
 
 def derived(
@@ -343,31 +318,6 @@ def seen_to(network: NortonNetwork, name: str) -> float:
     """The greatest magnitude of "command" or "velocity" that the network was seen to hold with; NaN if not known."""
     span = None if network.prediction is None else network.prediction.ranges.get(name)
     return float("nan") if span is None else max(abs(span[0]), abs(span[1]))
-
-
-_FIELDS = (
-    "torque_gain",
-    "amplifier_bandwidth_rad_s",
-    "inertia_kgm2",
-    "viscous_damping_nms_rad",
-    "coulomb_torque_nm",
-    "presliding_stiffness_nm_rad",
-    "presliding_damping_nms_rad",
-)
-
-
-def _motor(values: FloatArray) -> Motor:
-    gain, *others = values.T
-    return Motor(np.abs(gain), *others)
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """A matrix whose product with its transpose is ``covariance``, which may be singular. Rows of very different size
-    are brought to one first."""
-    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    scale = np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _status(row: Derived, statuses: dict[str, Status] | None) -> Status | None:

@@ -10,7 +10,7 @@ The source is the motion under zero port torque; the impedance is the torque und
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import ceil, isfinite
+from math import ceil, inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,23 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import BY_NAME, PredictionError
+from norton_bench.models.terms import (
+    ASYMMETRY,
+    DRAG,
+    LOAD,
+    SATURATION,
+    STRIBECK,
+    STRIBECK_VELOCITY,
+    TERM_BY_NAME,
+    NetworkTerm,
+    factors_of,
+    row_of,
+    waves_of,
+)
 
 FORMAT = "norton-network"
 VERSION = 1
+VERSION_WITH_TERMS = 2
 REQUIRED = (
     "torque_gain",
     "amplifier_bandwidth_rad_s",
@@ -49,6 +63,10 @@ STATUS = "status"
 SIGNED = ("torque_gain", "amplifier_gain")
 # Steps no longer than this resolve the friction contact of a small motor (hundreds of rad/s, well damped).
 LONGEST_STEP_S = 1e-4
+# Where friction grows with the port's torque, that torque depends on itself: each iteration leaves the share μ of the
+# error before it.
+LOAD_ITERATIONS = 5
+BISECTIONS = 60  # halve an interval to the last digit of a number
 
 
 def told_statuses(provenance: Mapping[str, str]) -> dict[str, str]:
@@ -79,6 +97,7 @@ class NortonNetwork:
     covariance: tuple[tuple[float, ...], ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     prediction: PredictionError | None = None  # how far it is off on motion not seen, where that was looked at
+    terms: tuple[NetworkTerm, ...] = ()  # what it has beside the paper's motor
 
     @classmethod
     def of_parameters(cls, values: Mapping[str, float], command_unit: str, **more: Any) -> "NortonNetwork":
@@ -97,15 +116,47 @@ class NortonNetwork:
 
     @property
     def thresholds(self) -> tuple[float, float]:
-        """The commands, lower and upper, between which the shaft stays at rest."""
-        breakaway = abs(self.coulomb_torque_nm / self.torque_gain)
-        return -breakaway, breakaway
+        """The commands, lower and upper, at which a shaft at rest begins to move; what changes with the position is
+        taken at its mean."""
+        row = self.row
+        lower, upper = (self._breakaway(row, side) for side in (-1.0, 1.0))
+        return lower, upper
+
+    def _breakaway(self, row: FloatArray, side: float) -> float:
+        """The command that overcomes friction at rest; infinite where saturation never lets it."""
+        forwards = side if self.torque_gain > 0.0 else -side
+        torque = self.coulomb_torque_nm * (1.0 + row[STRIBECK] + forwards * row[ASYMMETRY])
+        ratio, saturation = torque / abs(self.torque_gain), row[SATURATION]
+        root = 1.0 - 4.0 * saturation * ratio**2
+        if root < 0.0:
+            return side * inf
+        # The smaller root of ratio = c/(1 + κ c²), written so that κ = 0 needs no case of its own.
+        return float(side * 2.0 * ratio / (1.0 + root**0.5))
 
     def source_velocity(self, command: npt.ArrayLike) -> FloatArray:
-        """ω_N(c) [rad/s], the steady free velocity: three branches (section IV.D), of the shape of ``command``."""
-        torque = self.torque_gain * np.asarray(command, dtype=float)
-        beyond = np.maximum(np.abs(torque) - self.coulomb_torque_nm, 0.0)
-        return np.sign(torque) * beyond / self.viscous_damping_nms_rad
+        """ω_N(c) [rad/s], the steady free velocity: three branches (section IV.D), of the shape of ``command``.
+
+        Of a shaft that was at rest: where friction falls with the velocity, it may go on sliding at commands that would
+        not set it in motion. What changes with the position is taken at its mean. Infinite where nothing holds it.
+        """
+        row, asked = self.row, np.asarray(command, dtype=float)
+        torque = self.torque_gain * asked / (1.0 + row[SATURATION] * asked**2)
+        side = np.sign(torque)
+        directed = self.coulomb_torque_nm * (1.0 + side * row[ASYMMETRY])
+        beyond = np.maximum(np.abs(torque) - directed - self.coulomb_torque_nm * row[STRIBECK], 0.0)
+        if not (row[STRIBECK] or row[DRAG]):
+            return np.asarray(side * beyond / self.viscous_damping_nms_rad)
+        # Damping that falls with the velocity is greatest half way to where there is none: beyond, nothing is steady.
+        fastest = np.abs(torque) / self.viscous_damping_nms_rad if row[DRAG] >= 0.0 else -0.5 / row[DRAG]
+        low, high = np.zeros_like(torque), np.broadcast_to(fastest, torque.shape)
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            stribeck = self.coulomb_torque_nm * row[STRIBECK] * np.exp(-((middle / row[STRIBECK_VELOCITY]) ** 2))
+            damping = self.viscous_damping_nms_rad * (1.0 + row[DRAG] * middle)
+            faster = np.abs(torque) > directed + stribeck + damping * middle
+            low, high = np.where(faster, middle, low), np.where(faster, high, middle)
+        steady = np.where((row[DRAG] < 0.0) & (low > 0.999 * fastest), inf, low)
+        return np.asarray(side * np.where(beyond > 0.0, steady, 0.0))
 
     def free_motion(
         self,
@@ -128,22 +179,26 @@ class NortonNetwork:
         """
         from norton_bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
 
-        s = self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
         phi = friction_torque_nm / self.presliding_stiffness_nm_rad
         held = np.ascontiguousarray(command, dtype=float)
+        motor = (
+            self.torque_gain,
+            self.amplifier_bandwidth_rad_s,
+            self.inertia_kgm2,
+            self.viscous_damping_nms_rad,
+            self.presliding_stiffness_nm_rad / self.coulomb_torque_nm,
+            self.presliding_stiffness_nm_rad,
+            self.presliding_damping_nms_rad,
+        )
         motion = network_steps.free_motion(
             held,
             np.ascontiguousarray(np.broadcast_to(np.asarray(port_torque_nm, dtype=float), held.shape)),
             tick_s,
             ceil(tick_s / longest_step_s - 1e-9),
-            self.torque_gain,
-            self.amplifier_bandwidth_rad_s,
-            self.inertia_kgm2,
-            self.viscous_damping_nms_rad,
-            s,
-            self.presliding_stiffness_nm_rad,
-            self.presliding_damping_nms_rad,
-            np.array([position_rad, velocity_rad_s, motor_torque_nm, min(max(phi, -1 / s), 1 / s)]),
+            motor,
+            self.row,
+            waves_of(self.terms),
+            np.array([position_rad, velocity_rad_s, motor_torque_nm, phi]),
         )
         return motion[0], motion[1], motion[2]
 
@@ -165,17 +220,32 @@ class NortonNetwork:
         position = np.ascontiguousarray(position_rad, dtype=float)
         held = np.ascontiguousarray(command, dtype=float)
         decay = float(np.exp(-self.amplifier_bandwidth_rad_s * tick_s))
-        motor = self.torque_gain * network_steps.lagged(held, decay, motor_torque_nm / self.torque_gain)
-        s = self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
-        phi = network_steps.dahl_path(position, s, friction_torque_nm / self.presliding_stiffness_nm_rad)
+        lagged = network_steps.lagged(held, decay, motor_torque_nm / self.torque_gain)
+        row, s = self.row, self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
         velocity = np.gradient(position, tick_s)
-        return np.asarray(
-            motor
-            - self.inertia_kgm2 * _second_difference(position, tick_s)
-            - self.viscous_damping_nms_rad * velocity
-            - self.presliding_stiffness_nm_rad * phi
-            - self.presliding_damping_nms_rad * np.gradient(phi, tick_s)
-        )
+        known = self.torque_gain * network_steps.gains(row, lagged, position) * lagged
+        known -= self.inertia_kgm2 * _second_difference(position, tick_s)
+        known -= self.viscous_damping_nms_rad * (1.0 + row[DRAG] * np.abs(velocity)) * velocity
+        for periods, cosine, sine in waves_of(self.terms):
+            known += cosine * np.cos(periods * position) + sine * np.sin(periods * position)
+        torque, start = known, friction_torque_nm / self.presliding_stiffness_nm_rad
+        for _ in range(LOAD_ITERATIONS if row[LOAD] else 1):
+            strengths = network_steps.strengths(row, velocity, position, torque)
+            phi = network_steps.dahl_path(position, s, strengths, start)
+            torque = known - self.presliding_stiffness_nm_rad * phi
+            torque -= self.presliding_damping_nms_rad * np.gradient(phi, tick_s)
+        return np.asarray(torque)
+
+    @property
+    def relative_terms(self) -> tuple[NetworkTerm, ...]:
+        """Its factors with values over those that they are relative to."""
+        own = {name: getattr(self, field) for field, name in PARAMETER_OF_FIELD.items()}
+        return tuple(term.relative_to(own) for term in factors_of(self.terms))
+
+    @property
+    def row(self) -> FloatArray:
+        """What the factors of its terms are computed from (:mod:`norton_bench.models.network_steps`)."""
+        return row_of(self.relative_terms)
 
     def parameters(self) -> dict[str, tuple[float, str]]:
         """Value and unit of each parameter that it has, by the names of the table of parameters."""
@@ -202,13 +272,22 @@ class NortonNetwork:
         parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in self.parameters().items()}
         return {
             "format": FORMAT,
-            "version": VERSION,
+            "version": VERSION_WITH_TERMS if self.terms else VERSION,
             "command_unit": self.command_unit,
             "parameters": parameters,
+            **({"terms": [self._term_as_json(term) for term in self.terms]} if self.terms else {}),
             "covariance": {"names": list(self.covariance_names), "matrix": [list(row) for row in self.covariance]},
             **({} if self.prediction is None else {"prediction": self.prediction.as_json(self.command_unit)}),
             "provenance": dict(self.provenance),
         }
+
+    def _term_as_json(self, term: NetworkTerm) -> dict[str, Any]:
+        values = {
+            each.name: {"value": value, "unit": each.unit_for(self.command_unit)}
+            for each, value in zip(term.term.parameters, term.values, strict=True)
+        }
+        periods = {"periods_per_turn": term.periods_per_turn} if term.term.periodic else {}
+        return {"name": term.name, "equation": term.term.equation, **periods, "parameters": values}
 
     @classmethod
     def load(cls, path: Path | str) -> "NortonNetwork":
@@ -216,10 +295,11 @@ class NortonNetwork:
         content = _read_json(path)
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise UsageError(f'{path}: not a network file; expected JSON with "format": "{FORMAT}"')
-        if content.get("version") != VERSION:
+        if content.get("version") not in (VERSION, VERSION_WITH_TERMS):
             version = content.get("version")
             raise UsageError(
-                f"{path}: version {version!r} of the network file is unknown here; this program reads {VERSION}"
+                f"{path}: version {version!r} of the network file is unknown here; this program reads {VERSION} and "
+                f"{VERSION_WITH_TERMS}"
             )
         unit = content.get("command_unit")
         if not isinstance(unit, str):
@@ -232,6 +312,7 @@ class NortonNetwork:
             covariance=_read_matrix(path, covariance),
             provenance={str(key): str(value) for key, value in _object(content.get("provenance", {})).items()},
             prediction=_read_prediction(path, content.get("prediction")),
+            terms=tuple(_read_term(path, _object(each)) for each in content.get("terms") or ()),
         )
 
 
@@ -277,6 +358,24 @@ def _read_parameters(path: Path | str, parameters: dict[str, Any]) -> dict[str, 
             raise UsageError(f"{path}: parameters.{name} = {value} is not possible; it must be positive")
         values[attribute] = float(value)
     return values
+
+
+def _read_term(path: Path | str, content: dict[str, Any]) -> NetworkTerm:
+    name = content.get("name")
+    if name not in TERM_BY_NAME:
+        raise UsageError(f"{path}: this program knows no term {name!r}; it knows {', '.join(TERM_BY_NAME)}")
+    term, parameters = TERM_BY_NAME[name], _object(content.get("parameters"))
+    values = []
+    for each in term.parameters:
+        value = _object(parameters.get(each.name)).get("value")
+        if not isinstance(value, (int, float)) or isinstance(value, bool) or not isfinite(value):
+            raise UsageError(f'{path}: term {name}: {each.name} needs a finite number under "value", not {value!r}')
+        values.append(float(value))
+    periods = content.get("periods_per_turn", 0)
+    if not isinstance(periods, (int, float)) or (periods > 0) is not term.periodic:
+        wanted = "periods_per_turn above zero" if term.periodic else "no periods_per_turn"
+        raise UsageError(f"{path}: term {name} needs {wanted}, not {periods!r}")
+    return NetworkTerm(name, tuple(values), periods)
 
 
 def _read_prediction(path: Path | str, content: object) -> PredictionError | None:

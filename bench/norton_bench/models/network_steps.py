@@ -1,17 +1,94 @@
-"""The bench's own integration of the identified network, compiled: small steps, but none of the simulator's.
+"""The integration of a network and of what its terms do there and then, compiled; none of the simulator's."""
 
-Between two ticks the command is held. Over one step the amplifier's lag is integrated exactly and the friction
-contact by its exact flow over the displacement, φ⁺ = ±1/s + (φ ∓ 1/s) exp(−s |Δθ|) with s = σ0/τc; the momentum
-balance is the implicit midpoint rule. Friction grows monotonically with the mean velocity of a step, so that equation
-has exactly one root and the step is stable and dissipative at any length.
-"""
-
-from math import exp
+from math import cos, exp, sin
 
 import numpy as np
 from numba import njit
 
 from norton_bench.arrays import FloatArray
+from norton_bench.models.terms import (
+    ASYMMETRY,
+    DRAG,
+    FRICTION_COSINE,
+    FRICTION_PERIODS,
+    FRICTION_SINE,
+    LEAST_STRENGTH,
+    LOAD,
+    RIPPLE_COSINE,
+    RIPPLE_PERIODS,
+    RIPPLE_SINE,
+    SATURATION,
+    STRIBECK,
+    STRIBECK_VELOCITY,
+)
+
+
+@njit(cache=True, nogil=True)
+def strength(row: FloatArray, velocity: float, angle: float, port_nm: float) -> float:
+    """γ, of the Coulomb torque."""
+    value = 1.0
+    if row[STRIBECK] != 0.0:
+        value += row[STRIBECK] * exp(-((velocity / row[STRIBECK_VELOCITY]) ** 2))
+    if velocity > 0.0:
+        value += row[ASYMMETRY]
+    elif velocity < 0.0:
+        value -= row[ASYMMETRY]
+    value += row[LOAD] * abs(port_nm)
+    if row[FRICTION_PERIODS] != 0.0:
+        phase = row[FRICTION_PERIODS] * angle
+        value += row[FRICTION_COSINE] * cos(phase) + row[FRICTION_SINE] * sin(phase)
+    return float(max(value, LEAST_STRENGTH))
+
+
+@njit(cache=True, nogil=True)
+def gain(row: FloatArray, lagged: float, angle: float) -> float:
+    """g, of the torque gain; ``lagged`` is the command behind the amplifier's lag."""
+    value = 1.0
+    if row[RIPPLE_PERIODS] != 0.0:
+        phase = row[RIPPLE_PERIODS] * angle
+        value += row[RIPPLE_COSINE] * cos(phase) + row[RIPPLE_SINE] * sin(phase)
+    return float(value / (1.0 + row[SATURATION] * lagged * lagged))
+
+
+@njit(cache=True, nogil=True)
+def damping(row: FloatArray, velocity: float) -> float:
+    """b, of the viscous damping."""
+    return float(1.0 + row[DRAG] * abs(velocity))
+
+
+@njit(cache=True, nogil=True)
+def position_torque(waves: FloatArray, angle: float) -> float:
+    """τ(θ) [N m] of ``waves`` (waves, 3)."""
+    value = 0.0
+    for k in range(waves.shape[0]):
+        phase = waves[k, 0] * angle
+        value += waves[k, 1] * cos(phase) + waves[k, 2] * sin(phase)
+    return value
+
+
+@njit(cache=True, nogil=True)
+def driving(row: FloatArray, waves: FloatArray, motor_nm: float, torque_gain: float, angle: float) -> float:
+    """What the motor and the angle drive the shaft with [N m]; ``motor_nm`` is the motor's torque without terms."""
+    return float(gain(row, motor_nm / torque_gain, angle) * motor_nm + position_torque(waves, angle))
+
+
+@njit(cache=True, nogil=True)
+def strengths(row: FloatArray, velocity: FloatArray, angle: FloatArray, port_nm: FloatArray) -> FloatArray:
+    """γ at every sample, shape (n,)."""
+    values = np.empty(velocity.size)
+    for k in range(velocity.size):
+        values[k] = strength(row, velocity[k], angle[k], port_nm[k])
+    return values
+
+
+@njit(cache=True, nogil=True)
+def gains(row: FloatArray, lagged: FloatArray, angle: FloatArray) -> FloatArray:
+    """g at every sample, shape (n,)."""
+    values = np.empty(lagged.size)
+    for k in range(lagged.size):
+        values[k] = gain(row, lagged[k], angle[k])
+    return values
+
 
 NEWTON_STEPS = 30
 # A root is good enough when the mean velocity of a step is known to this [rad/s].
@@ -76,35 +153,40 @@ def free_motion(
     port: FloatArray,
     tick_s: float,
     substeps: int,
-    gain: float,
-    bandwidth: float,
-    inertia: float,
-    viscous: float,
-    s: float,
-    sigma_0: float,
-    sigma_1: float,
+    motor_parameters: tuple[float, float, float, float, float, float, float],
+    row: FloatArray,
+    waves: FloatArray,
     start: FloatArray,
 ) -> FloatArray:
     """Position, velocity and acceleration at every tick, shape (3, n), while the shaft exerts ``port`` (n,).
 
-    Command and port torque are held from tick to tick. ``start`` is position, velocity, motor torque and Dahl state
-    before the first command acts.
+    Command and port torque are held from tick to tick. ``motor_parameters`` are gain, bandwidth, inertia, viscous
+    damping, s = σ0/τc, σ0 and σ1. ``row`` and ``waves`` are those of the network's terms, whose
+    factors and torque hold through a step. ``start`` is position, velocity, motor torque and Dahl state before the
+    first command acts.
     """
+    torque_gain, bandwidth, inertia, viscous, s, sigma_0, sigma_1 = motor_parameters
     step_s = tick_s / substeps
     decay = exp(-bandwidth * step_s)
     mean_decay = (1.0 - decay) / (bandwidth * step_s)
     position, velocity, motor, phi = start
     motion = np.empty((3, command.size))
+    if command.size:  # no contact holds more than its strength
+        most = strength(row, velocity, position, port[0]) / s
+        phi = min(max(phi, -most), most)
     for k in range(command.size):
-        asked = gain * command[k]
-        friction = sigma_0 * phi + sigma_1 * (velocity - s * abs(velocity) * phi)
-        motion[0, k] = position
-        motion[1, k] = velocity
-        motion[2, k] = (motor - port[k] - friction - viscous * velocity) / inertia
+        asked = torque_gain * command[k]
+        exerted = driving(row, waves, motor, torque_gain, position) - port[k]
+        slope = s / strength(row, velocity, position, port[k])
+        friction = sigma_0 * phi + sigma_1 * (velocity - slope * abs(velocity) * phi)
+        motion[0, k], motion[1, k] = position, velocity
+        motion[2, k] = (exerted - friction - viscous * damping(row, velocity) * velocity) / inertia
         for _ in range(substeps):
-            torque = asked + (motor - asked) * mean_decay - port[k]
-            mean = mean_velocity(torque, velocity, phi, step_s, inertia, viscous, s, sigma_0, sigma_1)
-            phi = dahl_flow(phi, mean * step_s, s)
+            exerted = driving(row, waves, asked + (motor - asked) * mean_decay, torque_gain, position) - port[k]
+            slope = s / strength(row, velocity, position, port[k])
+            drag = viscous * damping(row, velocity)
+            mean = mean_velocity(exerted, velocity, phi, step_s, inertia, drag, slope, sigma_0, sigma_1)
+            phi = dahl_flow(phi, mean * step_s, slope)
             position += mean * step_s
             velocity = 2.0 * mean - velocity
             motor = asked + (motor - asked) * decay
@@ -123,12 +205,12 @@ def lagged(command: FloatArray, decay: float, start: float) -> FloatArray:
 
 
 @njit(cache=True, nogil=True)
-def dahl_path(position: FloatArray, s: float, start: float) -> FloatArray:
-    """The Dahl state [rad] along sampled positions taken as monotone between samples."""
+def dahl_path(position: FloatArray, s: float, strengths: FloatArray, start: float) -> FloatArray:
+    """The Dahl state [rad] along sampled positions taken as monotone between samples; ``strengths`` (n,) is γ."""
     state = np.empty(position.size)
     phi = start
     state[0] = phi
     for k in range(1, position.size):
-        phi = dahl_flow(phi, position[k] - position[k - 1], s)
+        phi = dahl_flow(phi, position[k] - position[k - 1], s / strengths[k])
         state[k] = phi
     return state

@@ -9,7 +9,9 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
+from norton_bench.models.drawn_motor import command_shown, falling, greatest_friction_nm
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import TERM_BY_NAME, waves_of
 from norton_bench.networks.family import Network, form_of, kind_of
 from norton_bench.networks.kinds import Form, Kind, NoConversionError
 from norton_bench.networks.linear import LinearNetwork
@@ -52,21 +54,66 @@ def check(network: Network, *, settle_s: float = SETTLE_S) -> tuple[Finding, ...
 
 
 def _motor(network: NortonNetwork) -> Iterator[Finding]:
-    yield Finding("impedance form", True, "every motion has its torque: friction, damping and inertia follow from it")
-    yield Finding("source is a zero", True, "the free motion is where the torque vanishes, contact's history included")
+    load = next((term.values[0] for term in network.terms if term.name == "load"), 0.0)
     yield Finding(
-        "unique zero",
-        network.viscous_damping_nms_rad > 0.0,
-        f"sliding torque falls with velocity by B = {network.viscous_damping_nms_rad:.4g} N m s/rad, so each command "
-        "has one free velocity",
+        "impedance form",
+        load < 1.0,
+        "every motion has its torque: friction, damping and inertia follow from it"
+        if load < 1.0
+        else f"friction grows by μ = {load:.3g} of the torque at the port: from 1 on, not every motion has one torque",
     )
-    yield Finding("stable zero dynamics", True, "inertia, damping and friction only take energy from the free rotor")
+    yield Finding("source is a zero", True, "the free motion is where the torque vanishes, contact's history included")
+    yield from _sliding(network)
+    held = f"{greatest_friction_nm(network):.4g}"
+    most = f"{held} N m of friction and cogging" if network.terms else f"τc = {held} N m"
     yield Finding(
         "exertion source",
         False,
-        f"a blocked port exerts its motor torque within ± τc = {network.coulomb_torque_nm:.4g} N m, by how it came to "
+        f"a blocked port exerts its motor torque within ± {most}, by how it came to "
         "rest: only the motion source can be told from the port",
     )
+
+
+def _sliding(network: NortonNetwork) -> Iterator[Finding]:
+    """Whether one free velocity belongs to each command, and whether the free rotor keeps to it."""
+    fastest = np.abs(network.source_velocity(command_shown(network) * np.array([-1.0, 1.0]))).max()
+    falls = falling(network, float(fastest))
+    places = _places(network)
+    if falls is None:
+        yield Finding(
+            "unique zero",
+            network.viscous_damping_nms_rad > 0.0,
+            f"sliding torque falls with velocity by B = {network.viscous_damping_nms_rad:.4g} N m s/rad, so each "
+            f"command has one free velocity{places}",
+        )
+        yield Finding(
+            "stable zero dynamics", True, "inertia, damping and friction only take energy from the free rotor"
+        )
+        return
+    low, high, slope = falls
+    yield Finding(
+        "unique zero",
+        False,
+        f"friction falls with the speed from {low:.3g} to {high:.3g} rad/s, by up to {-slope:.3g} N m s/rad, so a "
+        "command near the threshold has two free velocities, of which rest is one; the source is that of a shaft that "
+        f"was at rest{places}",
+    )
+    yield Finding(
+        "stable zero dynamics",
+        False,
+        f"free sliding from {low:.3g} to {high:.3g} rad/s is unstable, for friction falls with the speed there: the "
+        "shaft stops, or speeds up until friction rises",
+    )
+
+
+def _places(network: NortonNetwork) -> str:
+    """What the position does to the source, as a part of a sentence."""
+    names = [name for name in dict.fromkeys(term.name for term in network.terms) if TERM_BY_NAME[name].periodic]
+    if not names:
+        return ""
+    waves = float(np.sum(np.hypot(*waves_of(network.terms)[:, 1:].T)))
+    rests = f"; cogging of up to {waves:.3g} N m draws a shaft at rest to some places" if waves else ""
+    return f", at its mean over a turn ({', '.join(names)}){rests}"
 
 
 def _linear(network: LinearNetwork) -> Iterator[Finding]:

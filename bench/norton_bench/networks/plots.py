@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
+from norton_bench.models.drawn_motor import command_shown, port_torque_nm
 from norton_bench.models.network import NortonNetwork
 from norton_bench.networks.family import Network, commands_of, form_of, kind_of
 from norton_bench.networks.kinds import Form
@@ -58,7 +59,7 @@ def commands_shown(network: Network, span: float | None = None) -> FloatArray:
         low, high = network.domain.get(next(iter(network.command_units), ""), (-1.0, 1.0))
         return np.linspace(low, high, 121)
     if span is None:
-        span = 3.0 * network.thresholds[1] if isinstance(network, NortonNetwork) else 1.0
+        span = command_shown(network) if isinstance(network, NortonNetwork) else 1.0
     return np.linspace(-span, span, 121)
 
 
@@ -75,11 +76,11 @@ def _sliding(axes: Axes, network: NortonNetwork, commands: FloatArray) -> None:
     """Torque against velocity in steady sliding, for a few commands (section IV.D)."""
     fastest = float(np.abs(network.source_velocity(commands)).max()) or 1.0
     velocity = np.linspace(-1.5 * fastest, 1.5 * fastest, 301)
-    friction = network.viscous_damping_nms_rad * velocity + network.coulomb_torque_nm * np.sign(velocity)
     for command in _few(commands):
-        axes.plot(velocity, network.torque_gain * command - friction, label=f"c = {command:.3g}")
+        axes.plot(velocity, port_torque_nm(network, command, velocity), label=f"c = {command:.3g}")
     axes.plot(network.source_velocity(_few(commands)), np.zeros(LINES), "k.", label="source")
-    _labelled(axes, "ω [rad/s]", "torque [N m]", "impedance, sliding")
+    by_place = any(term.term.periodic for term in network.terms)
+    _labelled(axes, "ω [rad/s]", "torque [N m]", "impedance, sliding" + (", mean over a turn" if by_place else ""))
 
 
 def _has_map(network: NonlinearNetwork) -> bool:

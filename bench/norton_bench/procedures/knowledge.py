@@ -165,12 +165,12 @@ def why_no_basis(result: FitResult, what: str) -> str | None:
     return None
 
 
-# Given a segment, and the velocity [rad/s] of the shaft and the actuator's command before it, the segment with what can
-# be foreseen of it.
-Foresight = Callable[[Segment, float, float], Segment]
+# Given a segment, and the actuator's position [rad], velocity [rad/s] and command before it, the segment with what can
+# be foreseen of it. The position is None before the first segment of a procedure.
+Foresight = Callable[[Segment, float | None, float, float], Segment]
 
 
-def as_it_is(segment: Segment, _velocity_rad_s: float, _command: float) -> Segment:
+def as_it_is(segment: Segment, _position_rad: float | None, _velocity_rad_s: float, _command: float) -> Segment:
     """The segment, unchanged."""
     return segment
 
@@ -189,7 +189,7 @@ def follow(plan: Plan, loop: Runner, foresee: Foresight = as_it_is) -> Iterator[
     :func:`carry_out`."""
     segment = next(plan, None)
     if segment is not None:
-        segment = foresee(segment, 0.0, 0.0)  # before the drives are enabled: it may take long
+        segment = foresee(segment, None, 0.0, 0.0)  # before the drives are enabled: it may take long
     with loop.running():
         while segment is not None:
             measured = loop.run(segment)
@@ -199,4 +199,5 @@ def follow(plan: Plan, loop: Runner, foresee: Foresight = as_it_is) -> Iterator[
                 segment = plan.send(measured)
             except StopIteration:
                 break
-            segment = foresee(segment, float(last["velocity_rad_s"]), float(last["command"]))
+            start = (float(last[name]) for name in ("position_rad", "velocity_rad_s", "command"))
+            segment = foresee(segment, *start)

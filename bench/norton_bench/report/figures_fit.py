@@ -12,13 +12,14 @@ from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.residual_tests import Dependence, Memory, ResidualTests
 from norton_bench.identification.results import FitResult, LiveEstimate, Trace
 from norton_bench.identification.without_model import StopOperator
+from norton_bench.models.drawn_motor import port_torque_nm
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import BY_NAME, PARAMETERS, Estimate, Status
+from norton_bench.models.parameters import PARAMETERS, Estimate, Status
 from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.records import Table
 from norton_bench.report.figures_network import ImpedanceLoop, legend
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, envelope, figure, thinned
-from norton_bench.report.words import in_prefixed_unit, number, power, pretty_unit, scale_of
+from norton_bench.report.words import in_prefixed_unit, number, power, pretty_unit, scale_of, symbol
 
 ZOOM_SAMPLES = 600
 _COLUMNS = 4
@@ -146,7 +147,7 @@ def _settling(axes: Axes, history: list[tuple[int, Estimate]], time_s: FloatArra
     reach = 1.3 * max(float(np.max(np.abs(values[late] - end))), float(np.max(half[late])), 0.02 * abs(end))
     axes.set_ylim(end - reach, end + reach)
     unit = f"{power(exponent)[1:]} {pretty_unit(last.unit)}".strip()
-    axes.set_title(f"{BY_NAME[last.name].symbol}  [{unit or '1'}]")
+    axes.set_title(f"{symbol(last)}  [{unit or '1'}]")
 
 
 def residual_tests_figure(tests: ResidualTests, unit: str = "N·m") -> Figure:
@@ -264,7 +265,7 @@ def impedance_table_figure(table: ImpedanceTable, network: NortonNetwork, comman
         for side in (-1, 1):
             chosen = np.isfinite(table.torque_nm[row]) & (side * table.velocity_rad_s > 0)
             velocity, torque = table.velocity_rad_s[chosen], table.torque_nm[row, chosen]
-            expected = _sliding_torque(network, float(command), velocity)
+            expected = port_torque_nm(network, float(command), velocity)
             first = row == 0 and side < 0
             curves.plot(velocity, expected, color=PREDICTED, linewidth=0.9, label="model" if first else None)
             mark = {"color": MEASURED, "marker": _MARKERS[row % len(_MARKERS)], "linestyle": "none", "markersize": 4}
@@ -295,15 +296,6 @@ def _command_text(table: ImpedanceTable, row: int, command_unit: str) -> str:
     command = float(table.command[row])
     small = abs(command) < 5e-3 * float(np.max(np.abs(table.command)))
     return f"{number(0.0 if small else command, 2)} {pretty_unit(command_unit) or 'N·m'}"
-
-
-def _sliding_torque(network: NortonNetwork, command: float, velocity: FloatArray) -> FloatArray:
-    """The network's torque once friction has settled."""
-    return np.asarray(
-        network.torque_gain * command
-        - network.viscous_damping_nms_rad * velocity
-        - network.coulomb_torque_nm * np.sign(velocity)
-    )
 
 
 def _name_curve(axes: Axes, table: ImpedanceTable, row: int, text: str) -> None:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.branches import TAILS
 from norton_bench.identification.results import BlockedMap, SourceMap, Trace
+from norton_bench.models.drawn_motor import command_shown, drive_nm, held_nm
 from norton_bench.models.network import NortonNetwork
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure, thinned
@@ -125,9 +126,10 @@ def source_map_figure(measured: SourceMap | None, network: NortonNetwork | None,
 def _source(axes: Axes, measured: SourceMap | None, network: NortonNetwork | None) -> None:
     if network is not None:
         span = _span(measured, network)
-        command = np.unique(np.concatenate([np.linspace(-span, span, 201), network.thresholds]))
+        thresholds = [each for each in network.thresholds if np.isfinite(each)]
+        command = np.unique(np.concatenate([np.linspace(-span, span, 201), thresholds]))
         axes.plot(command, network.source_velocity(command), color=PREDICTED, label="model", zorder=2)
-        for place, threshold in enumerate(network.thresholds):
+        for place, threshold in enumerate(thresholds):
             label = "breaks away" if place == 0 else None
             axes.axvline(threshold, color=ACCENT, linestyle=(0, (4, 3)), linewidth=0.9, label=label)
     if measured is not None:
@@ -174,10 +176,16 @@ def blocked_figure(blocked: BlockedMap, network: NortonNetwork | None, command_u
     axes = picture.subplots()
     if network is not None:
         command = np.linspace(np.nanmin(blocked.command), np.nanmax(blocked.command), 51)
-        drive = network.torque_gain * command
-        half = network.coulomb_torque_nm
-        axes.fill_between(command, drive - half, drive + half, color=PREDICTED, alpha=0.15, linewidth=0)
-        axes.plot(command, drive, color=PREDICTED, linewidth=0.9, label="Km·Ka·c, and ± τc about it")
+        drive = drive_nm(network, command)
+        backwards, forwards = held_nm(network, -1.0), held_nm(network, 1.0)
+        axes.fill_between(command, drive - forwards, drive + backwards, color=PREDICTED, alpha=0.15, linewidth=0)
+        axes.plot(
+            command,
+            drive,
+            color=PREDICTED,
+            linewidth=0.9,
+            label="Km·Ka·c, and ± τc about it" if not network.terms else "motor's torque, and ± friction about it",
+        )
     for label, marker, chosen in _histories(blocked):
         _points(
             axes,
@@ -284,7 +292,7 @@ def _span(measured: SourceMap | None, network: NortonNetwork) -> float:
     """The greatest command to draw."""
     if measured is not None and np.isfinite(measured.command).any():
         return float(np.nanmax(np.abs(measured.command)))
-    return 4 * network.thresholds[1]
+    return 4 / 3 * command_shown(network)
 
 
 def legend(axes: Axes) -> None:

@@ -11,6 +11,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.results import FitResult
 from norton_bench.models.derived import Figure, derived
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.models.terms import Factor, NetworkTerm
 from norton_bench.report.sections import sections
 from norton_bench.report.streams import stream_qualities
 from norton_bench.report.svg import style
@@ -20,6 +21,7 @@ from norton_bench.report.words import (
     between,
     interval,
     number,
+    parameter_named,
     percent,
     pretty_unit,
     symbol,
@@ -77,7 +79,10 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
     """The model of ``fit``; parameters without a value remain symbols."""
     symbols = {name: parameter.symbol for name, parameter in BY_NAME.items()}
     values = {**symbols, **_values(fit.estimates)}
-    lines = tuple(EquationLine(said, form.format(**symbols), form.format(**values)) for said, form in _LINES)
+    lines = (
+        *(EquationLine(said, form.format(**symbols), form.format(**values)) for said, form in _LINES),
+        *(_term_line(term, command_unit) for term in fit.network.terms),
+    )
     torque = "N·m" if not fit.ratios_only else pretty_unit(command_unit) or "N·m"
     variables = (
         ("c", f"command [{pretty_unit(command_unit) or 'N·m'}]"),
@@ -88,6 +93,26 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
         ("ωN", "steady free velocity [rad/s]; − for c > 0, + for c < 0, and 0 where Km·Ka·|c| is below τc"),
     )
     return ModelEquations(lines, variables, _RATIOS if fit.ratios_only else "")
+
+
+# What the equation of a term is for.
+_USES = {
+    Factor.GAIN: "Km·Ka is multiplied by g",
+    Factor.DAMPING: "B is multiplied by b",
+    Factor.STRENGTH: "in dφ/dt, τc is multiplied by γ",
+    Factor.TORQUE: "τ(θ) is added to τ",
+}
+
+
+def _term_line(each: NetworkTerm, command_unit: str) -> EquationLine:
+    """What a term changes, its equation, and its values."""
+    values = []
+    for one, value in zip(each.term.parameters, each.values, strict=True):
+        unit = pretty_unit(one.unit_for(command_unit))
+        values.append(f"{one.symbol} = {number(value, DIGITS)} {'' if unit == '1' else unit}".strip())
+    periods = [f"p = {number(each.periods_per_turn, DIGITS)}"] if each.term.periodic else []
+    meaning = f"Beside the motor of the paper, because {each.term.meaning}: {_USES[each.term.factor]}."
+    return EquationLine(meaning, each.term.equation, ", ".join((*values, *periods)))
 
 
 def _values(estimates: Sequence[Estimate]) -> Mapping[str, str]:
@@ -195,7 +220,7 @@ def row(estimate: Estimate) -> ParameterRow:
     shown = estimate.status is not Status.UNEXCITED
     return ParameterRow(
         symbol=symbol(estimate),
-        meaning=BY_NAME[estimate.name].meaning if estimate.name in BY_NAME else estimate.name,
+        meaning=estimate.name if (parameter := parameter_named(estimate.name)) is None else parameter.meaning,
         value=to_its_digits(estimate.value, estimate.std) if shown else "–",
         interval=interval(estimate.value, estimate.std) if known else "–",
         unit=pretty_unit(estimate.unit),

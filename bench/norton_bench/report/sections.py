@@ -88,7 +88,11 @@ def source_section(data: Result) -> Section | None:
     if data.network is not None:
         unit = pretty_unit(data.command_unit)
         low, high = (f"{number(threshold, 3)} {unit}".strip() for threshold in data.network.thresholds)
-        sentences.append(f"The shaft rests for commands between {low} and {high}; beyond, it turns.")
+        sentences.append(
+            f"The shaft rests for commands between {low} and {high}; beyond, it turns."
+            if np.isfinite(data.network.thresholds).all()
+            else "The torque saturates before it overcomes friction: no command turns the shaft from rest."
+        )
     if data.source_map is not None:
         sentences += source_sentences(data.source_map, pretty_unit(data.command_unit))
     return Section("source", "The motion source", tuple(sentences), (drawn,))

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure as Drawing
 
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.sessions import SessionFit, Together, differing
-from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.models.parameters import Estimate, Status
 from norton_bench.report.render import HeadlineNumber, fill, row, write_page
 from norton_bench.report.svg import GRID, MEASURED, PREDICTED, figure, picture, style
-from norton_bench.report.words import Facts, Section, number, power, pretty_unit, scale_of
+from norton_bench.report.words import Facts, Section, number, parameter_named, power, pretty_unit, scale_of, symbol
 from norton_bench.result import Result
 
 _COLUMNS = 3
@@ -50,7 +50,7 @@ def _panel(axes: Axes, sessions: Sequence[SessionFit], combined: Estimate) -> No
     axes.grid(visible=False, axis="y")
     axes.locator_params(axis="x", nbins=4)
     unit = f"{power(scale_of(combined.value))[1:]} {pretty_unit(combined.unit)}".strip()
-    axes.set_title(f"{BY_NAME[combined.name].symbol}  [{unit or '1'}]")
+    axes.set_title(f"{symbol(combined)}  [{unit or '1'}]")
 
 
 def _mark(axes: Axes, place: int, value: float, std: float, colour: str, marker: str) -> None:
@@ -129,7 +129,7 @@ def _between(data: SessionsData) -> Section:
     units = {estimate.name: estimate.unit for estimate in data.together.estimates}
     rows = tuple(
         (
-            BY_NAME[name].symbol,
+            parameter.symbol if (parameter := parameter_named(name)) else name,
             number(spread.within_std, 2),
             number(spread.between_std, 2),
             number(spread.between_std_upper, 2),

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 
-from norton_bench.models.parameters import BY_NAME, Estimate
+from norton_bench.models.parameters import BY_NAME, Estimate, Parameter
+from norton_bench.models.terms import TERM_PARAMETERS
 
 
 # What a section of the report is made of.
@@ -127,7 +128,13 @@ def percent(ratio: float) -> str:
 
 def symbol(estimate: Estimate) -> str:
     """The paper's symbol for a parameter, or its name where the paper has none."""
-    return BY_NAME[estimate.name].symbol if estimate.name in BY_NAME else estimate.name
+    parameter = parameter_named(estimate.name)
+    return estimate.name if parameter is None else parameter.symbol
+
+
+def parameter_named(name: str) -> Parameter | None:
+    """The parameter of that name, of the plain motor or of a term; None where no table has it."""
+    return BY_NAME.get(name) or TERM_PARAMETERS.get(name)
 
 
 def in_prefixed_unit(greatest: float, unit: str) -> tuple[float, str]:

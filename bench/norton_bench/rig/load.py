@@ -4,12 +4,18 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
+from math import atan2, hypot, prod
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from norton_bench.errors import RigError, UsageError
+from norton_bench.models.drawn_motor import command_shown
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
 from norton_bench.models.parameters import BY_NAME
+from norton_bench.models.terms import Factor, NetworkTerm, waves_of
+from norton_bench.networks.left_out import cost_percent, standard_motion, term_sentences
 from norton_bench.rig.draft import Draft, check, read_draft
 from norton_bench.rig.driver_options import amplifier_options
 from norton_bench.rig.files import Mistakes, check_kind, parse_toml, read_text, toml
@@ -141,10 +147,13 @@ def true_parameters(rig: Rig, seed: int | None = None) -> dict[str, tuple[float,
 
 
 TABLE = re.compile(r"^\[simulated\.actuator\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)
+INNER_TABLES = re.compile(r"^\[simulated\.actuator\.[^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)
 NAME = re.compile(r'^(name\s*=\s*)"[^"\n]*"', re.MULTILINE)
 # What the simulated device is beside its mechanics: encoder, noise, how it is mounted and set up.
 KEPT = ("counts_per_turn", "encoder_bandwidth", "current_noise", "mounted", "device")
 TORQUE_CONSTANT, AMPLIFIER_GAIN = "torque_constant", "amplifier_gain"
+# What the simulator calls terms that it calls otherwise.
+DEPARTURE = {"load": "load_friction", "drag": "quadratic_drag"}
 
 
 def rig_with_network(rig: Rig, network: NortonNetwork, name: str) -> tuple[str, tuple[str, ...]]:
@@ -163,11 +172,14 @@ def rig_with_network(rig: Rig, network: NortonNetwork, name: str) -> tuple[str, 
         )
     if network.torque_gain <= 0.0:
         raise UsageError(f"the network's torque gain is {network.torque_gain:g}: turn the actuator's direction round")
-    lines = ['model = "dahl_motor"', *_written(network, before)]
+    held, strongest = _terms_held(network), _strongest_wave(network)
+    lines = ['model = "dahl_motor"', *_written(network, before, held)]
     lines += [f"{key} = {toml(before[key])}" for key in KEPT if key in before]
+    lines += [f"cogging = {toml(_cogging(strongest))}"] if strongest else []
+    lines += [f"departures = {toml(held)}"] if held else []
     head = "[simulated.actuator]                # an identified network; written by `norton-bench network export`"
-    text = TABLE.sub(lambda _: "\n".join([head, *lines]) + "\n\n", rig.text, count=1)
-    return NAME.sub(lambda match: f'{match[1]}"{name}"', text, count=1), tuple(_left_out(network, before))
+    text = TABLE.sub(lambda _: "\n".join([head, *lines]) + "\n\n", INNER_TABLES.sub("", rig.text), count=1)
+    return NAME.sub(lambda match: f'{match[1]}"{name}"', text, count=1), tuple(_left_out(network, before, held))
 
 
 def _table_of(rig: Rig) -> dict[str, Any]:
@@ -179,9 +191,11 @@ def _table_of(rig: Rig) -> dict[str, Any]:
     return dict(tables["actuator"])
 
 
-def _written(network: NortonNetwork, before: dict[str, Any]) -> list[str]:
-    """A line for each parameter, under the simulator's names."""
+def _written(network: NortonNetwork, before: dict[str, Any], held: dict[str, Any]) -> list[str]:
+    """A line for each parameter, under the simulator's names, which has its Coulomb torque at rest."""
     values = {name: getattr(network, field) for field, name in PARAMETER_OF_FIELD.items() if name != "torque_gain"}
+    if "stribeck" in held:
+        values["coulomb_torque"] /= 1.0 - held["stribeck"]["drop"]
     lines = [
         _line(name, value, network) for name, value in values.items() if name not in (TORQUE_CONSTANT, AMPLIFIER_GAIN)
     ]
@@ -192,17 +206,92 @@ def _written(network: NortonNetwork, before: dict[str, Any]) -> list[str]:
         written = before.get(TORQUE_CONSTANT, "1 N*m/A")
         lines.append(f"{TORQUE_CONSTANT} = {toml(written)}")
         gain = network.torque_gain / parse_quantity(written, "N*m/A")
+    if "saturation" in held:  # until here with the command at which the share is less
+        held["saturation"]["current"] = f"{gain * held['saturation']['current']:.12g} A"
     return [*lines, _line(AMPLIFIER_GAIN, gain, network)]
+
+
+def _terms_held(network: NortonNetwork) -> dict[str, Any]:
+    """The terms that the simulated motor has words for, under its names (docs/plants.md)."""
+    written = {term.name: _departure(network, term) for term in network.relative_terms}
+    return {key: value for name, value in written.items() if value is not None for key in (DEPARTURE.get(name, name),)}
+
+
+def _departure(network: NortonNetwork, term: NetworkTerm) -> Any:
+    """One of them as the simulator takes it; None where it takes no such value. ``term`` has relative values."""
+    first, *others = term.values
+    taken: Any = None
+    match term.name:
+        case "stribeck" if first >= 0.0:
+            taken = {"drop": first / (1.0 + first), "velocity": f"{abs(others[0]):.12g} rad/s"}
+        case "asymmetry" if abs(first) < 1.0:
+            taken = first
+        case "load" if 0.0 <= first * network.coulomb_torque_nm < 1.0:
+            taken = first * network.coulomb_torque_nm
+        case "drag" if first >= 0.0:
+            taken = f"{first * network.viscous_damping_nms_rad:.12g} N*m*s^2/rad^2"
+        case "saturation" if first >= 0.0:
+            command = command_shown(network)
+            lost = first * command**2
+            taken = {"share": lost / (1.0 + lost), "current": command}
+        case "ripple" | "friction_by_position" if hypot(*term.values) < 1.0:
+            # a·cos + b·sin = √(a² + b²)·cos(pθ + φ)
+            wave = {"share": hypot(*term.values), "periods_per_turn": round(term.periods_per_turn)}
+            taken = {**wave, "phase": f"{-atan2(others[0], first):.12g} rad"}
+    return taken
+
+
+def _strongest_wave(network: NortonNetwork) -> tuple[float, ...]:
+    """Periods a turn, and the torques [N m] that go with cosine and sine; empty without cogging."""
+    waves = waves_of(network.terms)
+    return tuple(waves[np.argmax(np.hypot(waves[:, 1], waves[:, 2]))].tolist()) if len(waves) else ()
+
+
+def _cogging(wave: tuple[float, ...]) -> dict[str, Any]:
+    """The simulator's −A·sin(pθ + φ) for a·cos(pθ) + b·sin(pθ)."""
+    periods, cosine, sine = wave
+    whole = round(periods) if periods == round(periods) else periods
+    phase = f"{atan2(-cosine, -sine):.12g} rad"
+    return {"amplitude": f"{hypot(cosine, sine):.12g} N*m", "periods_per_turn": whole, "phase": phase}
 
 
 def _line(name: str, value: float, network: NortonNetwork) -> str:
     return f'{name} = "{value:.12g} {BY_NAME[name].unit_for(network.command_unit)}"'
 
 
-def _left_out(network: NortonNetwork, before: dict[str, Any]) -> list[str]:
-    sentences = []
-    if "cogging" in before:
+def _left_out(network: NortonNetwork, before: dict[str, Any], held: dict[str, Any]) -> list[str]:
+    names = [term.name for term in network.relative_terms if DEPARTURE.get(term.name, term.name) not in held]
+    sentences = list(term_sentences(network, names))
+    waves = waves_of(network.terms)
+    if "cogging" in before and not len(waves):
         sentences.append("The rig's cogging is left out: the network knows no torque that goes with the position.")
+    if len(waves) > 1:
+        sentences.append(_weaker_waves(network))
+    if "departures" in before:
+        sentences.append("The rig's own departures are left out: the network has what was identified of them.")
+    shares = [hypot(*term.values[:1]) for term in network.relative_terms if term.name in ("stribeck", "asymmetry")]
+    shares += [hypot(*term.values) for term in network.relative_terms if term.name == "friction_by_position"]
+    if len(shares) > 1:
+        off = 100.0 * (prod(1.0 + share for share in shares) - 1.0 - sum(shares))
+        sentences.append(
+            "The simulated motor multiplies the factors of its friction where the network adds them: up to "
+            f"{off:.2g} % of the Coulomb torque more."
+        )
     if network.torque_constant is None:
         sentences.append("The torque constant is the rig's: no current was measured, so the network knows only Km·Ka.")
     return sentences
+
+
+def _weaker_waves(network: NortonNetwork) -> str:
+    """The simulated motor has one wave of cogging."""
+    strongest, motion = _strongest_wave(network), standard_motion(network)
+    kept = [
+        term
+        for term in network.terms
+        if term.term.factor is not Factor.TORQUE or (term.periods_per_turn, *term.values) == strongest
+    ]
+    cost = cost_percent(network, replace(network, terms=tuple(kept)), motion)
+    return (
+        f"Of the cogging, only the strongest wave, {strongest[0]:g} a turn, is kept: the simulated motor has one. That "
+        f"costs {cost:.2g} % of the torque's rms, over {motion.words}."
+    )

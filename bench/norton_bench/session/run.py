@@ -22,6 +22,7 @@ from norton_bench.guard.check import (
 )
 from norton_bench.identification.results import FitResult
 from norton_bench.loop.bench_loop import BenchLoop, Learned
+from norton_bench.models.drawn_motor import damping_nm, greatest_friction_nm
 from norton_bench.procedures.calibrate import known_well_enough
 from norton_bench.procedures.catalogue import CATALOGUE, needed_by
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Reducing, Reporting, carry_out, follow
@@ -60,7 +61,7 @@ def guard_model_of(known: Knowledge) -> GuardModel:
         load_amperes_per_nm=amperes_per_command(tared.ticks, "load_torque_nm", tared.load_current),
         sensor_stiffness_nm_rad=None if calibration is None else calibration.sensor_stiffness_nm_rad,
         still_swing_nm=None if shaken is None else max(still_swing_nm(tared), still_swing_nm(shaken)),
-        actuator=_actuator(known.actuator),
+        actuator=_actuator(known.actuator, known.rig.limits.velocity_rad_s),
         load=None if calibration is None else _load(calibration),
     )
 
@@ -87,16 +88,22 @@ def _load(calibration: LoadCalibration) -> Machine:
     )
 
 
-def _actuator(fit: FitResult | None) -> Machine | None:
-    """None where the fit does not know the terms of the actuator's torque balance well enough."""
+def _actuator(fit: FitResult | None, fastest_rad_s: float) -> Machine | None:
+    """None where the fit does not know the actuator's torque balance well enough.
+
+    The network's terms go in by the most that they may add: friction at the place and in the direction where it is
+    greatest, cogging's whole amplitude, and drag at the greatest velocity that is allowed. What saturation and ripple
+    take from the gain, and friction that grows with the torque at the port, is a share of the torques that act, of
+    which the guard allows one anyway.
+    """
     if fit is None or not known_well_enough(fit):
         return None
     network = fit.network
     return Machine(
         network.torque_gain,
         network.inertia_kgm2,
-        network.viscous_damping_nms_rad,
-        network.coulomb_torque_nm,
+        float(damping_nm(network, fastest_rad_s)) / fastest_rad_s,
+        greatest_friction_nm(network),
         lag_s=_lag_s(fit.command_delay_s, fit.motion_delay_s, network.amplifier_bandwidth_rad_s),
     )
 
@@ -288,7 +295,7 @@ class SessionRun:
             return known
         return replace(known, records=(*before(self.earlier.records, known.records[-1]), known.records[-1]))
 
-    def _foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
+    def _foresee(self, segment: Segment, position_rad: float | None, velocity_rad_s: float, command: float) -> Segment:
         """With the free motion to expect under zero torque, where a network predicts it well enough."""
         known = self.so_far.known
         if known.calibration is None or known.actuator is None:
@@ -297,10 +304,10 @@ class SessionRun:
         network = foreseeing(known.actuator.network, self.feed.latest.network, knows_friction=knows_friction)
         if network is None:
             return segment
-        delay_s, tick_s = known.actuator.command_delay_s, known.tick_s
-        return with_preview(
-            segment, network, known.calibration, delay_s, tick_s, velocity_rad_s=velocity_rad_s, command=command
-        )
+        if position_rad is None:  # the shaft rests where the last procedure left it
+            position_rad = float(known.records[-1].ticks[-1]["position_rad"]) if known.records else 0.0
+        start = {"position_rad": position_rad, "velocity_rad_s": velocity_rad_s, "command": command}
+        return with_preview(segment, network, known.calibration, known.actuator.command_delay_s, known.tick_s, **start)
 
     def _checkpoint(self) -> None:
         """Between procedures: carry out what was ordered meanwhile. Raises OperatorStopError, and as a tare does."""

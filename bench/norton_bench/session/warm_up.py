@@ -1,5 +1,6 @@
 """Compile all compiled code before anything is opened: the first run takes seconds for it, later ones only load it."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,9 +14,10 @@ from norton_bench.identification.friction_model import Path
 from norton_bench.identification.friction_operators import part_sums
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.regression import Regression
-from norton_bench.identification.rows import Shape
+from norton_bench.identification.shape import Shape
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import NetworkTerm
 from norton_bench.records import CURRENT, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
 from norton_bench.segments import Use
 
@@ -25,6 +27,7 @@ COMMAND_UNIT = "N*m"
 # The values do not matter.
 NETWORK = NortonNetwork(1.0, 500.0, 1e-4, 1e-3, 0.02, 10.0, 0.01, command_unit=COMMAND_UNIT)
 SHAPE = Shape(500.0, 500.0, TICK_S, 0.0)
+TERMS = (NetworkTerm("asymmetry", (0.1,)), NetworkTerm("saturation", (0.1,)))
 FRICTION = ActuatorFriction(1e-3, 0.02, 10.0, 0.01)
 LOAD = LoadCalibration(
     1.0, 1e3, 1e-4, 1e-3, 0.01, 10.0, 0.01, 1.5e-3, 0.0, 200.0, 0.01, 1e-3, 0.0, 5e-5, -1e-3, 1e-4, FRICTION
@@ -47,6 +50,8 @@ def _warm_fit(stretches: tuple[Signals, ...]) -> None:
     regression = Regression.of(stretches, FULL_BAND).recounted(SHAPE)
     columns, _ = regression.columns(SHAPE)
     regression.jacobian(SHAPE, columns, np.ones(len(columns)))
+    composed = replace(SHAPE, terms=TERMS)
+    regression.with_terms(TERMS, 0.0, regression.middle_s).columns(composed)
     fit_current(stretches, SHAPE.bandwidth_rad_s, SHAPE.command_delay_s, 1.0, 0.1)
 
 

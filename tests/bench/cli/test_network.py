@@ -1,6 +1,7 @@
 """``network``: what the commands print and write, and how they refuse."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from norton_bench.networks.files import load, save
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.operator import Operator
-from tests.bench.networks.some import MOTOR, PNEUMATIC
+from tests.bench.networks.some import ALL_TERMS, MOTOR, PNEUMATIC
 
 ARM = LinearNetwork(
     Kind.NORTON,
@@ -52,6 +53,36 @@ def test_show_says_what_it_is_and_what_it_can_become(files: Path, capsys: pytest
     assert all(each["exists"] for each in motor["equivalents"])
     assert app.main(["network", "show", str(files / "motor.network.json")]) == 0
     assert "exertion source: does not hold: a blocked port exerts" in capsys.readouterr().out
+
+
+def test_show_lists_the_terms_with_their_values_intervals_and_equations(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = replace(ALL_TERMS, covariance_names=("coulomb_asymmetry",), covariance=((0.01**2,),))
+    save(known, tmp_path / "motor.network.json")
+    data = told(capsys, "show", tmp_path / "motor.network.json")
+    assert [each["name"] for each in data["terms"]] == [each.name for each in ALL_TERMS.terms]
+    (asymmetry,) = (each for each in data["terms"] if each["name"] == "asymmetry")
+    assert asymmetry["equation"] == "γ = 1 + a·sgn ω"
+    assert asymmetry["parameters"][0] == {
+        "name": "coulomb_asymmetry", "symbol": "a", "value": 0.2, "unit": "1", "half_interval": pytest.approx(0.0196),
+    }  # fmt: skip
+    assert app.main(["network", "show", str(tmp_path / "motor.network.json")]) == 0
+    printed = capsys.readouterr().out
+    assert "dahl motor, with terms" in printed
+    assert "term asymmetry: γ = 1 + a·sgn ω: a = 0.2 ± 0.02: friction differs between the two directions" in printed
+    assert "a = 0.001 N*m, b = -0.002 N*m, p = 3.7 a turn" in printed
+    assert "p = 6 a turn" in printed
+
+
+def test_export_to_mujoco_prints_what_the_terms_cost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save(ALL_TERMS, tmp_path / "motor.network.json")
+    dry = told(capsys, "export", tmp_path / "motor.network.json", "--to", "mujoco")
+    kept = told(capsys, "export", tmp_path / "motor.network.json", "--to", "mujoco-dcmotor")
+    assert kept["file"] == str(tmp_path / "motor.dcmotor.mjcf.xml")
+    assert (len(dry["left_out"]), len(kept["left_out"])) == (9, 5)
+    assert app.main(["network", "export", str(tmp_path / "motor.network.json"), "--to", "mujoco-dcmotor"]) == 0
+    assert "The term ripple is left out" in "".join(capsys.readouterr())
 
 
 def test_convert_writes_what_gives_the_original_back(files: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,6 +18,7 @@ from norton_bench.control.preview import (
     delayed,
     expected_error_nm,
     foreseeing,
+    in_phase,
     mending_rad_s,
     trusted,
     with_preview,
@@ -26,6 +27,7 @@ from norton_bench.control.regulator import COMMAND, look_back, sampled
 from norton_bench.control.torque_loop import TorqueLoop, settles_s
 from norton_bench.errors import ExperimentError
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import NetworkTerm
 from norton_bench.sample import Target
 from norton_bench.segments import PRESCRIBED_MOTION, Admittance, LoadMode, Segment, Use
 from tests.bench.control.plant import PlantSettings
@@ -170,6 +172,34 @@ def test_preview_of_a_shaft_in_steady_motion_begins_without_a_jerk() -> None:
     seen = with_preview(segment, network, CALIBRATION, 0.0, TICK_S, velocity_rad_s=velocity, command=0.1)
     assert seen.velocity_rad_s == pytest.approx(np.full(50, velocity))
     assert seen.acceleration_rad_s2 == pytest.approx(np.zeros(50), abs=1e-3 * velocity / TICK_S)
+
+
+COGGING = NetworkTerm("cogging", (0.004, 0.003), 8)
+
+
+def test_preview_begins_where_the_shaft_stands() -> None:
+    """Cogging at the true place; the reference is relative to the start, and the start does not move by itself."""
+    network = replace(network_of(SETTINGS, 0.0), terms=(COGGING, NetworkTerm("stribeck", (0.005, 2.0))))
+    command = 0.04 * np.sin(0.05 * np.arange(300))
+    segment = Segment("free", "sine", Use.IDENTIFY, command, LoadMode.ADMITTANCE)
+    held_nm = COGGING.values[0] * np.cos(8 * 1.3) + COGGING.values[1] * np.sin(8 * 1.3)
+    seen = with_preview(segment, network, CALIBRATION, 0.0, TICK_S, position_rad=1.3)
+    options = {"longest_step_s": LONGEST_STEP_S, "friction_torque_nm": held_nm}
+    position, velocity, _ = network.free_motion(command, TICK_S, position_rad=1.3, **options)
+    assert seen.position_rad == pytest.approx(position - 1.3)
+    assert seen.velocity_rad_s == pytest.approx(velocity)
+    elsewhere = with_preview(segment, network, CALIBRATION, 0.0, TICK_S, position_rad=0.0)
+    assert np.abs(elsewhere.velocity_rad_s - velocity).max() > 0.05 * np.abs(velocity).max()
+    still = Segment("free", "rests", Use.IDENTIFY, np.zeros(100), LoadMode.ADMITTANCE)
+    rests = with_preview(still, network, CALIBRATION, 0.0, TICK_S, position_rad=1.3)
+    assert np.abs(rests.velocity_rad_s).max() == pytest.approx(0.0, abs=1e-6)
+
+
+def test_preview_leaves_out_what_its_drift_would_have_at_the_wrong_place() -> None:
+    """1 % of the travel, times 8 periods a turn, is beyond π/3 from 13.1 rad on."""
+    network = replace(network_of(SETTINGS, 0.0), terms=(COGGING, NetworkTerm("asymmetry", (0.1,))))
+    assert in_phase(network, 13.0) == network
+    assert [term.name for term in in_phase(network, 13.2).terms] == ["asymmetry"]
 
 
 @pytest.mark.parametrize(

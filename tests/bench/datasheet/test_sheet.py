@@ -18,7 +18,7 @@ from norton_bench.datasheet.tables import remarks
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.report.svg import Palette
 from norton_bench.result import Result
-from tests.bench.models.test_derived import network
+from tests.bench.models.test_derived import motor_with_terms, network
 from tests.bench.networks.some import PNEUMATIC
 from tests.bench.whole_session import whole_session
 
@@ -235,3 +235,12 @@ def test_what_it_cannot_do_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
         sheet_of_network(PNEUMATIC, "muscle.json")
     with pytest.raises(UsageError, match="no covariance"):
         sheet_of_network(replace(network(), covariance_names=(), covariance=()), "bare.json")
+
+
+def test_terms_stand_on_the_sheet_with_how_the_figures_have_them() -> None:
+    sheet = sheet_of_network(motor_with_terms(), "some.network.json")
+    assert {"stribeck_torque", "load_friction", "quadratic_drag"} <= {each.name for each in sheet.parameters}
+    page = html([sheet])
+    assert "Coulomb torque at rest less that in fast sliding" in page
+    assert "(Δτ = 0.008 N*m, v_s = 2 rad/s); the figures hold this." in page
+    assert "p = 8); the figures are the mean over a turn." in page

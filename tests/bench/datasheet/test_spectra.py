@@ -1,12 +1,15 @@
 """The estimate of both paths, on signals of a known linear port whose load feeds noise back into the motion."""
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
 import pytest
 
 from norton_bench.datasheet.spectra import Piece, Spectra, Transfer, impedance_line, spectra, torque_line
+from norton_bench.models.drawn_motor import resistance_nm
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import NetworkTerm
 
 TICK_S, COUNT = 1e-3, 40_000
 DELAY_S = 2e-3
@@ -96,3 +99,13 @@ def test_friction_looks_like_a_damping_while_the_port_slides_to_and_fro() -> Non
     rubbing = NortonNetwork(0.9, 300.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")
     line = impedance_line(rubbing, told.impedance.frequency_hz, told.velocity_rms_rad_s)
     assert np.median(told.impedance.response.real) == pytest.approx(np.median(line.real), rel=0.05)
+
+
+def test_the_line_of_sliding_is_the_average_that_it_says_with_terms_too() -> None:
+    """Against many normal velocities."""
+    network = replace(
+        NETWORK, coulomb_torque_nm=0.02, terms=(NetworkTerm("stribeck", (0.008, 2.0)), NetworkTerm("drag", (2e-5,)))
+    )
+    velocity = 5.0 * np.random.default_rng(1).standard_normal(1_000_000)
+    average = float(np.mean(resistance_nm(network, velocity) * velocity) / 25.0)
+    assert impedance_line(network, np.zeros(1), 5.0)[0].real == pytest.approx(average, rel=3e-3)

@@ -4,7 +4,7 @@ Nothing here is shared with the identifier or with the bench's simulator: symple
 contact by its exponential, devices sampling at phases of their own, delays and jitter on the way to the host.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -60,6 +60,26 @@ LOAD = Truth(0.95, 1000.0, 1.2e-4, 3e-4, 8e-3, 8.0, 5e-3)
 
 
 @dataclass(frozen=True)
+class Departs:
+    """What the actuator does that the paper's motor does not, each as a textbook writes it."""
+
+    stribeck_drop: float = 0.0  # of the Coulomb torque, from rest to fast sliding
+    stribeck_velocity: float = 5.0
+    asymmetry: float = 0.0
+    load_friction: float = 0.0
+    saturation: float = 0.0  # per square of the command
+    drag: float = 0.0
+    ripple: float = 0.0  # of the torque, 14 periods a turn
+    friction_by_position: float = 0.0  # 3 periods a turn
+    damping_drift: float = 0.0  # a second
+    gain_drift: float = 0.0
+    friction_drift: float = 0.0
+
+    def array(self):
+        return np.array([float(getattr(self, each.name)) for each in fields(self)])
+
+
+@dataclass(frozen=True)
 class Bench:
     """The imperfect rest of the bench."""
 
@@ -78,20 +98,30 @@ class Bench:
     device_clock: bool = True
     current_noise_a: float = 5e-3
     least_command: float = 0.0  # below it the drive switches its bridge off, and the current ends
+    departs: Departs = Departs()
 
 
 @njit(cache=True)
-def simulate(a, b, k, d, cogging, released, mode, command, load_command, v_ref, x_ref, ff, phases, jitter):
+def departed(a, departs, ia, wa, ta, port, time):
+    """Friction's bound, the motor's torque and the viscous damping, there and then."""
+    fade = departs[0] * (1 - np.exp(-((wa / departs[1]) ** 2)))
+    bound = a[4] * (1 - fade) * (1 + departs[2] * np.sign(wa)) * (1 + departs[10] * time)
+    bound = bound * (1 + departs[7] * np.cos(3 * ta)) + departs[3] * abs(port)
+    motor = ia * (1 + departs[6] * np.cos(14 * ta)) * (1 + departs[9] * time)
+    motor /= 1 + departs[4] * (ia / a[0]) ** 2
+    return bound, motor, a[3] * (1 + departs[8] * time) + departs[5] * abs(wa)
+
+
+@njit(cache=True)
+def simulate(a, b, k, d, cogging, departs, released, mode, command, load_command, v_ref, x_ref, ff, phases, jitter):
     """One tick at a time; returns samples at the devices' phases and the true port torque."""
     ticks = command.size
     dt = 1e-3 / 100
     out = np.empty((ticks, 5))  # actuator position, load position, torque, current torque, actuator velocity
     ta = wa = fa = ia = tl = wl = fl = il = 0.0
-    ca = cl = 0.0
+    ca = cl = integral = x0 = 0.0
     sent_l = np.zeros(ticks)
-    integral = 0.0
     delay = 25
-    x0 = 0.0
     for n in range(ticks):
         if mode[n] == 2:
             want = load_command[n]
@@ -115,17 +145,18 @@ def simulate(a, b, k, d, cogging, released, mode, command, load_command, v_ref, 
             port = k * (ta - tl) + d * (wa - wl)
             ia = 0.0 if released and ca == 0.0 else ia + (a[0] * ca - ia) * (1 - np.exp(-a[1] * dt))
             il += (b[0] * cl - il) * (1 - np.exp(-b[1] * dt))
-            sa, sl = a[5] / a[4], b[5] / b[4]
+            bound, motor, viscous = departed(a, departs, ia, wa, ta, port, (n + j / 100) * 1e-3)
+            sa, sl = a[5] / bound, b[5] / b[4]
             # friction at the present velocity, σ1 taken implicitly
-            ra = a[6] * (1 - (fa / a[4]) * np.sign(wa))
+            ra = a[6] * (1 - (fa / bound) * np.sign(wa))
             rl = b[6] * (1 - (fl / b[4]) * np.sign(wl))
-            wa = (wa + dt * (ia - port - fa - cogging * np.sin(42 * ta)) / a[2]) / (1 + dt * (a[3] + ra) / a[2])
+            wa = (wa + dt * (motor - port - fa - cogging * np.sin(42 * ta)) / a[2]) / (1 + dt * (viscous + ra) / a[2])
             wl = (wl + dt * (il + port - fl) / b[2]) / (1 + dt * (b[3] + rl) / b[2])
             da, dl = wa * dt, wl * dt
             ta += da
             tl += dl
             ea, el = np.exp(-sa * abs(da)), np.exp(-sl * abs(dl))
-            fa = np.sign(da) * a[4] * (1 - ea) + fa * ea
+            fa = np.sign(da) * bound * (1 - ea) + fa * ea
             fl = np.sign(dl) * b[4] * (1 - el) + fl * el
             if j == phases[0]:
                 out[n, 0] = ta
@@ -281,7 +312,7 @@ def run(plan, truth, bench, seed, origin_ns=5_000_000_000):
     steps = round(bench.can_jitter_s / 1e-5)
     jitter = rng.integers(-steps, steps + 1, (n, 2))
     out, sent_l = simulate(
-        truth.array(), bench.load.array(), bench.stiffness, bench.damping, bench.cogging_nm,
+        truth.array(), bench.load.array(), bench.stiffness, bench.damping, bench.cogging_nm, bench.departs.array(),
         bench.least_command > 0.0, mode, command, load_command, velocity, position, ff, phases, jitter,
     )  # fmt: skip
     tick_ns = origin_ns + np.arange(n) * 1_000_000

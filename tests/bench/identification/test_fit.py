@@ -9,8 +9,8 @@ import pytest
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.fit import fit, physical
 from norton_bench.identification.load import fit_load
-from norton_bench.identification.rows import Shape
 from norton_bench.identification.separable import solve
+from norton_bench.identification.shape import Shape
 from norton_bench.identification.signals import signals
 from norton_bench.models.parameters import Status
 from norton_bench.records import Chain

@@ -1,10 +1,13 @@
 """A machine in other newton metres: those that its own drive counts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from norton_bench.identification.in_situ import Machine
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import NetworkTerm
 
 GAIN, TICK_S = 0.95, 1e-3
 MACHINE = Machine(
@@ -23,10 +26,23 @@ MACHINE = Machine(
 )
 
 
-def test_in_its_drives_units_the_same_motion_takes_as_much_more_as_the_drive_counts() -> None:
+TERMS = (
+    NetworkTerm("stribeck", (2e-3, 2.0)),
+    NetworkTerm("load", (0.05,)),
+    NetworkTerm("saturation", (3.0,)),
+    NetworkTerm("drag", (1e-5,)),
+    NetworkTerm("cogging", (1e-3, 2e-3), 7),
+)
+
+
+@pytest.mark.parametrize("terms", [(), TERMS], ids=["plain", "with terms"])
+def test_in_its_drives_units_the_same_motion_takes_as_much_more_as_the_drive_counts(
+    terms: tuple[NetworkTerm, ...],
+) -> None:
+    machine = replace(MACHINE, network=replace(MACHINE.network, terms=terms))
     time_s = np.arange(2000) * TICK_S
     command, position_rad = 0.1 * np.sin(9 * time_s), 0.5 * np.sin(7 * time_s)
-    scaled = MACHINE.in_drive_units()
+    scaled = machine.in_drive_units()
     assert scaled.network.torque_gain == 1.0
-    expected = MACHINE.torque_nm(command, position_rad, TICK_S) / GAIN
+    expected = machine.torque_nm(command, position_rad, TICK_S) / GAIN
     assert scaled.torque_nm(command, position_rad, TICK_S) == pytest.approx(expected, abs=1e-9)

@@ -71,10 +71,10 @@ def test_torque_that_waited_for_the_loop_is_no_change_of_the_motor(experiment):
     assert all(each.status is Status.VALID for each in found.result.estimates), found.result.verdict
 
 
-def test_the_stated_error_holds_what_was_not_modelled(error):
-    """0.3 mN·m of cogging are in no network: 0.21 mN·m rms."""
-    assert 0.15e-3 < error.rms_nm < 0.27e-3
-    assert 0.2e-3 < error.prediction.torque_nm < 0.5e-3
+def test_the_stated_error_has_no_cogging_that_the_network_has(error):
+    """0.3 mN·m of cogging, 0.21 mN·m rms, are in the network; some of the readings' errors stay."""
+    assert error.rms_nm < 0.15e-3
+    assert 0.05e-3 < error.prediction.torque_nm < 0.35e-3
     assert error.prediction.level == pytest.approx(LEVEL)
     low, high = error.prediction.ranges["velocity"]
     assert low < -20 < 20 < high
@@ -177,7 +177,7 @@ def test_a_fit_alone_is_judged_as_a_session_is(experiment, result):
     speed = np.interp(torque["arrival_ns"].astype(float), stamps, np.abs(velocity))
     torque["torque_nm"] -= 2e-3 * (speed > 0.5)
     told = fit_judged(clean(replace(experiment, torque=torque)), command_unit="N*m", tick_s=TICK_S).result
-    assert "the direction of motion" in told.verdict[0]
-    assert Status.INADEQUATE in {each.status for each in told.estimates}
+    assert "friction differs between the two directions" in " ".join(told.verdict)
+    assert told.estimate("coulomb_asymmetry").value == pytest.approx(0.1, abs=0.01)
     # The mean of both ways is what it was.
     assert told.estimate("coulomb_torque").value == pytest.approx(result.estimate("coulomb_torque").value, rel=0.01)

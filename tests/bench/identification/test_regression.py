@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.regression import Memory, Regression
-from norton_bench.identification.rows import INERTIA, VISCOUS, Rows, Shape
+from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import (
     LONGEST_STEP,
     LOW_BAND,
@@ -22,6 +22,7 @@ from norton_bench.identification.separable import (
     told,
     worthwhile_band,
 )
+from norton_bench.identification.shape import INERTIA, VISCOUS, Shape
 from norton_bench.identification.signals import FINE, TimeSeries, signals
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic

@@ -10,6 +10,7 @@ from norton_bench.identification.fit import PHYSICAL, fit
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.sessions import SessionFit, differing, together
 from norton_bench.models.parameters import Estimate, Status
+from norton_bench.models.terms import NetworkTerm
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
 
@@ -39,7 +40,9 @@ def changed(fitted: SessionFit, name: str, **changes: object) -> SessionFit:
 def test_the_same_bench_does_not_differ_and_is_known_better(alike: tuple[SessionFit, ...]) -> None:
     found = together(alike, "N*m")
     assert differing(found.spreads) == ()
-    assert found.verdict == ("No parameter differs between sessions by more than their own intervals allow.",)
+    first, *others = found.verdict
+    assert first == "No parameter differs between sessions by more than their own intervals allow."
+    assert all("without the term cogging" in sentence for sentence in others)  # of a size that some fits just see
     assert [each.name for each in found.estimates] == [each.name for each in alike[0].fit.estimates]
     for estimate in found.estimates:
         assert estimate.status is Status.VALID
@@ -144,3 +147,45 @@ def test_chance_is_counted_for_every_parameter_looked_at(alike: tuple[SessionFit
     p_values = {"a": 0.004, "b": 0.02, "c": 0.03, "d": 0.9}
     found = differing({name: replace(spread, p=p) for name, p in p_values.items()})
     assert found == ("a",)  # 0.004 · 4 is below 0.05, 0.02 · 3 is not, and 0.03 comes after it
+
+
+def with_terms(fitted: SessionFit, *terms: NetworkTerm) -> SessionFit:
+    """The session as if its fit had found these terms, each known to a tenth."""
+    before = fitted.fit.network
+    names = [name for term in terms for name in term.named() if term.name != "cogging"]
+    values = {name: value for term in terms for name, value in term.named().items()}
+    covariance = np.diag([*np.ones(len(PHYSICAL)), *((0.1 * values[name]) ** 2 for name in names)])
+    covariance[: len(PHYSICAL), : len(PHYSICAL)] = before.covariance
+    network = replace(
+        before, terms=terms, covariance_names=(*PHYSICAL, *names), covariance=tuple(map(tuple, covariance.tolist()))
+    )
+    estimates = [Estimate(name, values[name], 0.1 * abs(values[name]), "1", Status.VALID) for name in names]
+    return replace(fitted, fit=replace(fitted.fit, network=network, estimates=(*fitted.fit.estimates, *estimates)))
+
+
+def test_terms_that_every_session_has_are_combined(alike: tuple[SessionFit, ...]) -> None:
+    sizes = (0.10, 0.12, 0.11)
+    sessions = [
+        with_terms(each, NetworkTerm("asymmetry", (size,)), NetworkTerm("cogging", (size, 0.0), 7 + 0.01 * size))
+        for each, size in zip(alike, sizes, strict=False)
+    ]
+    found = together(sessions, "N*m")
+    assert found.network is not None
+    asymmetry, cogging = found.network.terms
+    own = next(each for each in found.estimates if each.name == "coulomb_asymmetry")
+    assert asymmetry.values == (own.value,)
+    assert own.value == pytest.approx(0.11, abs=0.003)
+    assert cogging.values == pytest.approx((0.11, 0.0))
+    assert found.network.covariance_names == (*PHYSICAL, "coulomb_asymmetry")
+    assert found.network.covariance[-1][-1] == pytest.approx(own.std**2)
+    assert not any("without the term" in sentence for sentence in found.verdict)
+
+
+def test_a_term_that_only_some_sessions_have_is_named_with_its_cost(alike: tuple[SessionFit, ...]) -> None:
+    found = together([with_terms(alike[0], NetworkTerm("asymmetry", (0.3,))), *alike[1:3]], "N*m")
+    assert found.network is not None
+    assert found.network.terms == ()
+    assert found.network.covariance_names == PHYSICAL
+    (sentence,) = (each for each in found.verdict if "without the term asymmetry" in each)
+    assert re.search(r"In 1\.mcap, being without it costs [\d.]+ % of the torque's rms", sentence)
+    assert "coulomb_asymmetry" not in [each.name for each in found.estimates]

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from norton_bench.identification import loops
 from norton_bench.identification.expansion import Excitation, planned_signals
-from norton_bench.identification.regression import UNKNOWN_COUNTS, Turns, Whitening
 from norton_bench.identification.separable import solve
 from norton_bench.identification.signals import signals
+from norton_bench.identification.turns import UNKNOWN_COUNTS, Turns, Whitening
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from norton_bench.models.derived import DERIVED, DRAWS, Figure, OperatingPoint, derived, interval_of
+from norton_bench.models.derived import DERIVED, Figure, OperatingPoint, derived, interval_of
+from norton_bench.models.drawn_motor import DRAWS
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import PredictionError, Status
+from norton_bench.models.terms import NetworkTerm
 
 KM_KA, BETA, IM, B, TAU_C, SIGMA_0, SIGMA_1 = 0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01
 NAMES = (
@@ -298,3 +300,60 @@ def test_the_interval_holds_95_percent_of_the_draws() -> None:
     draws = np.random.default_rng(1).standard_normal(DRAWS)
     low, high = interval_of(draws)
     assert np.mean((draws >= low) & (draws <= high)) == pytest.approx(0.95, abs=3 / DRAWS)
+
+
+TERMS = (
+    NetworkTerm("stribeck", (0.008, 2.0)),
+    NetworkTerm("load", (0.1,)),
+    NetworkTerm("saturation", (20.0,)),
+    NetworkTerm("drag", (2e-5,)),
+    NetworkTerm("cogging", (0.002, 0.001), 8),
+)
+
+
+def motor_with_terms(relative: float = 0.01) -> NortonNetwork:
+    plain = network(relative)
+    own = {name: value for term in TERMS if term.name != "cogging" for name, value in term.named().items()}
+    covariance = np.diag([*np.diag(plain.covariance), *((0.1 * value) ** 2 for value in own.values())])
+    return replace(
+        plain,
+        terms=TERMS,
+        covariance_names=(*NAMES, *own),
+        covariance=tuple(map(tuple, covariance.tolist())),
+    )
+
+
+def test_figures_have_the_terms_in_them():
+    """Each against what the network's own torque, motion and thresholds give; cogging at its mean, which is none."""
+    with_terms = motor_with_terms()
+    smooth = replace(with_terms, terms=TERMS[:-1])
+    value = {each.row.name: each.value for each in derived(with_terms, (POINT,))}
+    free_rad_s = float(smooth.source_velocity(COMMAND))
+    assert value["no_load_speed"] == pytest.approx(free_rad_s)
+    assert smooth.free_motion(np.full(3000, COMMAND), 1e-3)[1][-1] == pytest.approx(free_rad_s, rel=1e-4)
+    assert value["breakaway_command"] == pytest.approx(with_terms.thresholds[1])
+    assert value["starting_acceleration"] == pytest.approx((KM_KA * COMMAND / (1 + 20 * COMMAND**2) - 0.028) / IM)
+
+    def slides(command: float, velocity: float) -> float:
+        position = velocity * 1e-3 * np.arange(2000)
+        start = {"motor_torque_nm": KM_KA * command, "friction_torque_nm": np.sign(velocity) * TAU_C}
+        return float(smooth.torque(np.full(2000, command), position, 1e-3, **start)[-10])
+
+    assert value["backdriving_torque"] == pytest.approx(-slides(0.0, VELOCITY), rel=1e-4)
+    assert value["stall_torque"] == pytest.approx(slides(COMMAND, 2e-2), rel=2e-3)
+    assert value["holding_torque"] == pytest.approx(slides(COMMAND, -2e-2), rel=2e-3)
+    speeds = np.linspace(0.02, 1.0, 50) * min(free_rad_s, VELOCITY)
+    powers = [slides(COMMAND, speed) * speed for speed in speeds]
+    assert value["greatest_power"] == pytest.approx(max(powers), rel=1e-3)
+    driven = KM_KA * COMMAND / (1 + 20 * COMMAND**2)
+    at_most = slides(COMMAND, speeds[int(np.argmax(powers))]) / driven
+    assert value["mechanical_efficiency"] == pytest.approx(at_most, rel=0.05)
+
+
+def test_intervals_hold_what_is_not_known_of_the_terms():
+    exact, vague = (figure("stall_torque", motor_with_terms(0.0 if plain else 0.01)) for plain in (True, False))
+    low, high = exact.interval
+    # 10 % of 8 mN m of Stribeck torque, 10 % of the load's share and of saturation are all that is vague.
+    assert 0.5e-3 < high - exact.value < 3e-3
+    assert 0.5e-3 < exact.value - low < 3e-3
+    assert np.ptp(vague.interval) > np.ptp(exact.interval)

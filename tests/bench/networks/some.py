@@ -1,11 +1,16 @@
 """Networks that the tests share: the motor, linear ones at random, and the paper's nonlinear examples."""
 
+from dataclasses import replace
+
 from hypothesis import strategies as st
 
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import NetworkTerm
 from norton_bench.networks.expressions import Equations
+from norton_bench.networks.family import Network
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork
+from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import Operator
 
@@ -21,6 +26,11 @@ PNEUMATIC = NonlinearNetwork(
     {"c": "N*m/rad"},
     domain={"x": (0.0, 3.0), "x_N": (0.1, 2.9), "c": (0.1, 2.0)},
 )
+
+
+def in_equations(network: Network) -> Network:
+    """The network, an identified motor written out: its own steps take the angle alone, once a tick."""
+    return as_equations(network) if isinstance(network, NortonNetwork) else network
 
 
 def series_elastic(connection: str, **more: object) -> NonlinearNetwork:
@@ -104,3 +114,22 @@ def linear_networks(draw: st.DrawFn) -> LinearNetwork:
     source = Operator.of(np.diag([-pole for pole in poles]), entry, np.ones(len(poles)), [direct])
     connection = Operator.rational(*draw(minimum_phase()))
     return LinearNetwork(kind, form, source, connection, ("V",) * inputs)
+
+
+def _with(*terms: NetworkTerm) -> NortonNetwork:
+    return replace(MOTOR, terms=terms)
+
+
+# The motor with each term of the table, and with all of them. Cogging has two waves, one of them not whole in a turn.
+COGGING = (NetworkTerm("cogging", (0.004, 0.002), 8), NetworkTerm("cogging", (0.001, -0.002), 3.7))
+MOTORS = {
+    "stribeck": _with(NetworkTerm("stribeck", (0.008, 2.0))),
+    "asymmetry": _with(NetworkTerm("asymmetry", (0.2,))),
+    "load": _with(NetworkTerm("load", (0.1,))),
+    "friction_by_position": _with(NetworkTerm("friction_by_position", (0.2, -0.1), 6)),
+    "saturation": _with(NetworkTerm("saturation", (20.0,))),
+    "ripple": _with(NetworkTerm("ripple", (0.1, 0.05), 4)),
+    "drag": _with(NetworkTerm("drag", (2e-5,))),
+    "cogging": _with(*COGGING),
+}
+ALL_TERMS = _with(*(term for motor in MOTORS.values() for term in motor.terms))

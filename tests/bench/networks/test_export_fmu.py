@@ -13,9 +13,9 @@ from fmpy.validation import validate_fmu
 
 from norton_bench.errors import UsageError
 from norton_bench.networks.export.fmu import export_fmu
-from norton_bench.networks.family import as_equations, commands_of, converted, exertion, form_of, motion
+from norton_bench.networks.family import commands_of, converted, exertion, form_of, motion
 from norton_bench.networks.kinds import Form, Kind, Motion
-from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, series_elastic
+from tests.bench.networks.some import ALL_TERMS, MOTOR, PENDULUM, PNEUMATIC, in_equations, series_elastic
 from tests.bench.networks.test_export_c import ARM, MEASURED, SEVERAL
 
 CC = shutil.which("cc")
@@ -32,6 +32,7 @@ NETWORKS = {
     "two-commands": SEVERAL,
     "admittance": ARM.converted(Kind.NORTON, Form.ADMITTANCE),
     "motor": MOTOR,
+    "terms": ALL_TERMS,
     "rotor": ROTOR,
     "pneumatic": PNEUMATIC,
     "pendulum": PENDULUM,
@@ -51,7 +52,7 @@ def response(network, moving):
     if form_of(network) is Form.ADMITTANCE:
         return {"f": EXERTION}, "x", motion(network, commands, EXERTION, TICK_S)
     port = dict(zip(("x", "v", "a"), PORT.derivatives(), strict=True))
-    return port, "f", exertion(as_equations(MOTOR) if network is MOTOR else network, commands, PORT, TICK_S)
+    return port, "f", exertion(in_equations(network), commands, PORT, TICK_S)
 
 
 def signals(network, moving):

@@ -1,5 +1,6 @@
 """Exported MJCF, run by MuJoCo itself, against the network on the same commands."""
 
+import re
 from dataclasses import replace
 
 import mujoco
@@ -7,12 +8,13 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import UsageError
+from norton_bench.models.parameters import PredictionError
 from norton_bench.networks.export.mjcf import export_mjcf
 from norton_bench.networks.family import coupled
 from norton_bench.networks.kinds import Form, Kind, Load
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.operator import Operator
-from tests.bench.networks.some import MOTOR, PNEUMATIC
+from tests.bench.networks.some import ALL_TERMS, MOTOR, MOTORS, PNEUMATIC
 
 TICK_S = 1e-3
 TIME_S = np.arange(800) * TICK_S
@@ -48,7 +50,7 @@ def test_the_motor_moves_as_its_network_does(extra_kgm2):
     abrupt = replace(loaded, presliding_stiffness_nm_rad=2000.0, presliding_damping_nms_rad=1e-4)
     assert off(velocity, abrupt.free_motion(command, TICK_S)[1]) < 0.01
     assert "Presliding is left out" in model.left_out[0]
-    assert model.left_out[0] in model.text
+    assert model.left_out[0].replace("--", "- -") in model.text
 
 
 def test_the_motor_settles_on_its_source():
@@ -77,6 +79,41 @@ def test_a_linear_network_moves_a_load_as_it_does_itself(shape):
     assert model.left_out == ()
 
 
+# What each form has of the terms; load friction is nothing where no load is, and Stribeck's is slow sliding alone.
+CARRIED = ("stribeck", "drag", "cogging")
+
+
+@pytest.mark.parametrize("name", ["none", *CARRIED])
+def test_a_dcmotor_moves_as_the_network_does(name):
+    """Presliding, Stribeck friction, drag and every wave of cogging: within 1 % rms of the velocity."""
+    network = MOTORS.get(name, MOTOR)
+    command = 0.06 * np.sin(2 * np.pi * 3 * TIME_S)
+    expected = network.free_motion(command, TICK_S, longest_step_s=2e-5)[1]
+    model = export_mjcf(network, "motor", dcmotor=True)
+    _, velocity = run(model.text, command)
+    assert model.left_out == ()
+    assert off(velocity, expected) < 0.01
+    if name != "none":
+        assert off(velocity, MOTOR.free_motion(command, TICK_S)[1]) > 2 * off(velocity, expected)
+
+
+def test_a_dcmotor_steps_the_shorter_the_faster_it_was_seen():
+    """σ0·|ω|·h/τc = 1 at the greatest velocity."""
+    seen = replace(MOTOR, prediction=PredictionError(0.0, 0.0, 0.95, {"velocity": (-50.0, 80.0)}))
+    model = mujoco.MjModel.from_xml_string(export_mjcf(seen, "motor", dcmotor=True).text)
+    assert model.opt.timestep == pytest.approx(MOTOR.coulomb_torque_nm / (MOTOR.presliding_stiffness_nm_rad * 80.0))
+
+
+@pytest.mark.parametrize("dcmotor", [False, True])
+def test_every_term_that_is_left_out_is_named_with_its_cost(dcmotor):
+    model = export_mjcf(ALL_TERMS, "motor", dcmotor=dcmotor)
+    named = {name for name in MOTORS for each in model.left_out if each.startswith(f"The term {name} is left out")}
+    assert named == set(MOTORS) - (set(CARRIED) if dcmotor else set())
+    for sentence in model.left_out:
+        assert re.search(r"That costs [\d.]+ % of the torque's rms", sentence)
+        assert sentence.replace("--", "- -") in model.text
+
+
 def linear(source, connection):
     return LinearNetwork(Kind.THEVENIN, Form.IMPEDANCE, source, connection, ("V",) * source.inputs)
 
@@ -98,3 +135,9 @@ GAIN, INERTIA = Operator.gains(1.0), Operator.polynomial(0.0, 0.1, 0.01)
 def test_what_mujoco_cannot_be_told_is_one_sentence(network, says):
     with pytest.raises(UsageError, match=says):
         export_mjcf(network, "n")
+
+
+@pytest.mark.parametrize("network", [PNEUMATIC, linear(GAIN, INERTIA)])
+def test_a_dcmotor_is_for_an_identified_motor(network):
+    with pytest.raises(UsageError, match="is for an identified motor"):
+        export_mjcf(network, "n", dcmotor=True)

@@ -46,7 +46,7 @@ class Noting:
         self.asked.append(f"run {segment.name}")
         return Measured(ticks=np.zeros(1, TICK))
 
-    def foresee(self, segment: Segment, velocity_rad_s: float, command: float) -> Segment:
+    def foresee(self, segment: Segment, position_rad: float | None, velocity_rad_s: float, command: float) -> Segment:
         self.asked.append(f"foresee {segment.name}")
         return segment
 

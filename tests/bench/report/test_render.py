@@ -8,8 +8,9 @@ import pytest
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from norton_bench.errors import ExperimentError
-from norton_bench.models.parameters import Status
-from norton_bench.report.render import DIGITS, derived_facts, model_of, render, write_report
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.models.terms import NetworkTerm
+from norton_bench.report.render import DIGITS, derived_facts, model_of, render, row, write_report
 from norton_bench.result import Result
 from tests.bench.report.test_words import read_back
 
@@ -310,3 +311,12 @@ def test_without_a_covariance_there_is_no_interval(full: Result) -> None:
     facts = derived_facts(full.fit)
     assert facts is not None
     assert {row[2] for row in facts.rows} == {"–"}
+
+
+def test_terms_stand_among_the_equations_and_the_parameters(full: Result) -> None:
+    assert full.fit is not None
+    term = NetworkTerm("asymmetry", (0.1,))
+    lines = model_of(replace(full.fit, network=replace(full.fit.network, terms=(term,))), "N*m").lines
+    assert (lines[-1].symbols, lines[-1].values) == ("γ = 1 + a·sgn ω", "a = 0.1000")
+    shown = row(Estimate("coulomb_asymmetry", 0.1, 0.01, "1", Status.VALID))
+    assert (shown.symbol, shown.meaning[:40]) == ("a", "share by which the Coulomb torque is gre")

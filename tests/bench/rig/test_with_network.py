@@ -11,6 +11,7 @@ from norton_bench.errors import UsageError
 from norton_bench.identification.fit import PHYSICAL, fit
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
+from norton_bench.models.terms import NetworkTerm
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.imposed import ImposedProcedure
 from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
@@ -35,24 +36,80 @@ NETWORK = NortonNetwork(
     torque_constant=0.045,
     amplifier_gain=18.0,
 )
+COMMAND = 0.08 * multisine(4.0, 1e-3, low_hz=0.3, high_hz=40.0, seed=5, slope=-0.3)
 
 
 def written(name="sim-odrive", network=NETWORK):
     return rig_with_network(load_rig(RIGS / f"{name}.toml"), network, "found")
 
 
-def test_the_simulated_plant_moves_as_the_network_does():
-    text, _ = written("sim-free-shaft")
+TERMS = {
+    "plain": (),
+    "stribeck": (NetworkTerm("stribeck", (0.008, 2.0)),),
+    "asymmetry": (NetworkTerm("asymmetry", (0.2,)),),
+    "friction_by_position": (NetworkTerm("friction_by_position", (0.2, -0.1), 6),),
+    "saturation": (NetworkTerm("saturation", (20.0,)),),
+    "ripple": (NetworkTerm("ripple", (0.1, 0.05), 4),),
+    "drag": (NetworkTerm("drag", (2e-5,)),),
+    "cogging": (NetworkTerm("cogging", (0.004, 0.002), 7.5),),
+}
+
+
+def free_position(network):
+    text, left_out = written("sim-free-shaft", network)
     rig = parse_rig(text, place="found.toml", backend="simulated")
     plant = Plant(read_truth(rig.simulated, seed=1, place="found.toml"), seed=1)
-    command = 0.08 * multisine(4.0, 1e-3, low_hz=0.3, high_hz=40.0, seed=5, slope=-0.3)
-    position = np.empty(command.size)
-    for tick, value in enumerate(command):
+    position = np.empty(COMMAND.size)
+    for tick, value in enumerate(COMMAND):
         plant.advance(tick * 1_000_000)
         position[tick] = plant.true_position_rad("actuator")
         plant.command("actuator", float(value))
-    expected = NETWORK.free_motion(command, 1e-3)[0]
-    assert np.sqrt(np.mean((position - expected) ** 2)) < 1e-3 * np.sqrt(np.mean(expected**2))
+    return position, left_out
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_the_simulated_plant_moves_as_the_network_does(name):
+    network = replace(NETWORK, terms=TERMS[name])
+    position, left_out = free_position(network)
+    assert not any("term" in sentence for sentence in left_out)
+    expected = network.free_motion(COMMAND, 1e-3)[0]
+    rms = np.sqrt(np.mean(expected**2))
+    assert np.sqrt(np.mean((position - expected) ** 2)) < (5e-3 if network.terms else 1e-3) * rms
+    plain = NETWORK.free_motion(COMMAND, 1e-3)[0]
+    assert name == "plain" or np.sqrt(np.mean((position - plain) ** 2)) > 0.02 * rms
+
+
+def test_friction_that_grows_with_the_torque_at_the_port_goes_into_the_plant():
+    text, left_out = written("sim-free-shaft", replace(NETWORK, terms=(NetworkTerm("load", (0.1,)),)))
+    actuator = parse_rig(text, place="found.toml", backend="simulated").simulated["actuator"]
+    assert actuator["departures"] == {"load_friction": pytest.approx(0.1)}
+    assert not any("term" in sentence for sentence in left_out)
+
+
+def test_what_the_plant_cannot_have_of_the_terms_is_said_with_its_cost():
+    terms = (
+        NetworkTerm("stribeck", (-0.004, 2.0)),
+        NetworkTerm("asymmetry", (0.1,)),
+        *(NetworkTerm("cogging", (size, 0.0), periods) for size, periods in ((0.001, 3), (0.004, 8))),
+    )
+    text, left_out = written("sim-free-shaft", replace(NETWORK, terms=terms))
+    actuator = parse_rig(text, place="found.toml", backend="simulated").simulated["actuator"]
+    assert actuator["cogging"]["periods_per_turn"] == 8
+    assert actuator["departures"] == {"asymmetry": 0.1}
+    costs = [sentence for sentence in left_out if "% of the torque's rms" in sentence]
+    assert len(costs) == 2
+    assert costs[0].startswith("The term stribeck is left out")
+    assert "only the strongest wave, 8 a turn" in costs[1]
+
+
+def test_departures_of_the_rig_itself_do_not_stay():
+    before = load_rig(RIGS / "sim-free-shaft.toml")
+    own = '[simulated.actuator.departures]\nasymmetry = "30 %"\n\n'
+    rig = replace(before, text=before.text.replace("[simulated.transport]", own + "[simulated.transport]"))
+    assert "asymmetry" in rig.text
+    text, left_out = rig_with_network(rig, NETWORK, "found")
+    assert "asymmetry" not in text
+    assert any("own departures are left out" in sentence for sentence in left_out)
 
 
 def test_what_is_not_the_network_s_stays_as_it_was():

@@ -23,8 +23,8 @@ from norton_bench.session.warm_up import warm_up
 
 warm_up()
 called = {core: "sense track feed_forward pass_on advance put_first".split(), network_steps: ["free_motion"]}
-called[loops] = "count_readings filter_at friction_path lag_of_held mean_lag_of_held".split()
-called |= {operators: "bristle stops elasto_plastic part_sums".split()}
+called[loops] = "count_readings filter_at friction_path_of later lag_of_held mean_lag_of_held".split()
+called |= {network_steps: ["strengths", "gains"], operators: "bristle stops elasto_plastic part_sums".split()}
 print([name for module, names in called.items() for name in names if not getattr(module, name).signatures])
 """
 

@@ -9,9 +9,10 @@ import numpy as np
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.networks.expressions import Equations, Expression, Table
-from norton_bench.networks.family import Network, as_equations, commands_of, form_of
+from norton_bench.networks.family import Network, commands_of, form_of
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork, check_derivatives, joint
+from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import MOTIONS, NonlinearNetwork
 from norton_bench.networks.operator import Operator
 

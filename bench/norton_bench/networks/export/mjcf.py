@@ -1,16 +1,31 @@
 """A network as a MuJoCo model (MJCF): a hinge with armature, damping and friction, and an actuator with a lag.
 
 Attributes are those of MuJoCo's XML reference (joint: armature, damping, stiffness, frictionloss; actuator/general:
-dyntype filterexact, gainprm). What MJCF has no words for is said in the file and by :class:`MuJoCoModel`.
+dyntype filterexact, gainprm). What MJCF has no words for is said in the file and by :class:`MuJoCoModel`, with what it
+costs (:mod:`norton_bench.networks.left_out`).
+
+There are two forms. The first has dry friction, which any MuJoCo knows. The second has the actuator ``dcmotor`` of
+newer ones for the friction contact: LuGre's friction (Canudas de Wit et al. 1995, IEEE Trans. Autom. Control 40:419)
+with σ2 = 0 is Dahl's, its Stribeck curve included; each wave of cogging is a ``dcmotor`` with nothing else. Its
+``motorconst`` and ``resistance`` are such that no back-EMF is left, and its inputs are none.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from math import atan2, hypot
 from xml.sax.saxutils import quoteattr
 
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.terms import TERM_BY_NAME, waves_of
 from norton_bench.networks.family import Network
 from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.left_out import (
+    cost_percent,
+    standard_motion,
+    term_sentences,
+    without_presliding,
+)
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.operator import Operator
 
@@ -19,6 +34,10 @@ TIMESTEP_S = 5e-4
 STEPS_OF_FRICTION = 2
 # The part of the inertia that the body carries, for MuJoCo wants every body to have some; the rest is armature.
 BODY_SHARE = 0.01
+# Terms that a dcmotor and a joint with a polynomial of damping have words for.
+DCMOTOR_TERMS = ("stribeck", "drag", "cogging")
+# Its back-EMF is motorconst²/resistance times the velocity: 1e-27 N m s/rad.
+NO_BACK_EMF = 'motorconst="1e-9" resistance="1e9" input="none"'
 
 
 @dataclass(frozen=True)
@@ -31,7 +50,11 @@ class MuJoCoModel:
 
 @dataclass(frozen=True)
 class _Joint:
-    """What MJCF can say of an actuator; ``lag_s`` of zero is no lag."""
+    """What MJCF can say of an actuator; ``lag_s`` of zero is no lag.
+
+    ``drag`` is in N m s²/rad². ``contact`` are dcmotor's ``lugre``: σ0, σ1, sliding friction, friction at rest, and
+    Stribeck's velocity. ``waves`` are rows of periods a turn and the torques that go with cosine and sine.
+    """
 
     gain: float
     lag_s: float
@@ -39,15 +62,26 @@ class _Joint:
     damping: float
     stiffness: float = 0.0
     friction: float = 0.0
+    drag: float = 0.0
+    contact: tuple[float, ...] = ()
+    waves: tuple[tuple[float, ...], ...] = ()
+    timestep_s: float = TIMESTEP_S
 
 
-def export_mjcf(network: Network, name: str) -> MuJoCoModel:
-    """Raises UsageError, in a sentence, for a network that a joint and an actuator of MuJoCo's cannot be."""
+def export_mjcf(network: Network, name: str, *, dcmotor: bool = False) -> MuJoCoModel:
+    """``dcmotor`` chooses the form with that actuator, which only an identified motor has.
+
+    Raises UsageError, in a sentence, for a network that a joint and an actuator of MuJoCo's cannot be.
+    """
     match network:
         case NortonNetwork():
-            joint, left_out = _motor(network)
-        case LinearNetwork():
+            joint, left_out = _dcmotor(network) if dcmotor else _motor(network)
+        case LinearNetwork() if not dcmotor:
             joint, left_out = _linear(network), ()
+        case _ if dcmotor:
+            raise UsageError(
+                "MuJoCo's dcmotor is for an identified motor with friction; export this network --to mujoco"
+            )
         case _:
             raise UsageError(
                 "MJCF has no words for a nonlinear network's equations; export it as C or as an FMU, or step it beside "
@@ -67,12 +101,33 @@ def _motor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
         friction=network.coulomb_torque_nm,
     )
     reach = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
+    motion = standard_motion(network)
+    cost = cost_percent(network, without_presliding(network), motion)
     sentence = (
         f"Presliding is left out: frictionloss holds without a spring, where the contact yields by {reach:.3g} rad "
         f"(sigma_0 = {network.presliding_stiffness_nm_rad:.4g} N m/rad, "
-        f"sigma_1 = {network.presliding_damping_nms_rad:.4g} N m s/rad) before it slides."
+        f"sigma_1 = {network.presliding_damping_nms_rad:.4g} N m s/rad) before it slides. That costs {cost:.2g} % of "
+        f"the torque's rms, over {motion.words}; more where the motion hardly slides. The form mujoco-dcmotor keeps it."
     )
-    return joint, (sentence,)
+    return joint, (sentence, *term_sentences(network, tuple(TERM_BY_NAME)))
+
+
+def _dcmotor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
+    """Steps so short that the contact relaxes by no more than its own length in each, at the greatest velocity."""
+    terms = {term.name: term.values for term in network.terms}
+    more_at_rest, stribeck_rad_s = terms.get("stribeck", (0.0, 1.0))
+    coulomb, stiffness = network.coulomb_torque_nm, network.presliding_stiffness_nm_rad
+    joint = _Joint(
+        network.torque_gain,
+        1.0 / network.amplifier_bandwidth_rad_s,
+        network.inertia_kgm2,
+        network.viscous_damping_nms_rad,
+        drag=terms.get("drag", (0.0,))[0],
+        contact=(stiffness, network.presliding_damping_nms_rad, coulomb, coulomb + more_at_rest, stribeck_rad_s),
+        waves=tuple(map(tuple, waves_of(network.terms).tolist())),
+        timestep_s=min(TIMESTEP_S, coulomb / (stiffness * standard_motion(network).fastest_rad_s)),
+    )
+    return joint, term_sentences(network, [name for name in TERM_BY_NAME if name not in DCMOTOR_TERMS])
 
 
 def _linear(network: LinearNetwork) -> _Joint:
@@ -107,29 +162,56 @@ def _gain_and_lag(source: Operator) -> tuple[float, float]:
 def _model(joint: _Joint, name: str, left_out: tuple[str, ...]) -> str:
     body = BODY_SHARE * joint.inertia
     dynamics = f' dyntype="filterexact" dynprm="{joint.lag_s!r}"' if joint.lag_s else ""
-    friction = (
-        f' frictionloss="{joint.friction!r}" solreffriction="{STEPS_OF_FRICTION * TIMESTEP_S!r} 1"'
-        if joint.friction
-        else ""
-    )
-    stiffness = f' stiffness="{joint.stiffness!r}"' if joint.stiffness else ""
+    drag = f" {joint.drag!r}" if joint.drag else ""
+    # Implicit steps take the contact's derivatives amiss; Euler's are implicit in the joint's damping alone.
+    integrator = "Euler" if joint.contact else "implicitfast"
     lines = [
         f"<mujoco model={quoteattr(name)}>",
         "  <!-- An equivalent network exported by norton-bench. SI; the control is the network's command. -->",
         *(f"  <!-- {sentence.replace('--', '- -')} -->" for sentence in left_out),
-        f'  <option timestep="{TIMESTEP_S!r}" integrator="implicitfast"/>',
+        *_on_timestep(joint),
+        f'  <option timestep="{joint.timestep_s!r}" integrator="{integrator}"/>',
         "  <worldbody>",
         '    <body name="output">',
         f'      <joint name="port" type="hinge" axis="0 0 1" armature="{joint.inertia - body!r}"'
-        f' damping="{joint.damping!r}"{stiffness}{friction}/>',
+        f' damping="{joint.damping!r}{drag}"{_springs(joint)}/>',
         "      <!-- The axis has a hundredth of the inertia, the armature the rest; what is moved goes in here. -->",
         f'      <inertial pos="0 0 0" mass="{max(1e-3, body)!r}" diaginertia="{body!r} {body!r} {body!r}"/>',
         "    </body>",
         "  </worldbody>",
         "  <actuator>",
         f'    <general name="command" joint="port" gainprm="{joint.gain!r}"{dynamics}/>',
+        *_dcmotors(joint),
         "  </actuator>",
         "</mujoco>",
         "",
     ]
     return "\n".join(lines)
+
+
+def _springs(joint: _Joint) -> str:
+    friction = (
+        f' frictionloss="{joint.friction!r}" solreffriction="{STEPS_OF_FRICTION * TIMESTEP_S!r} 1"'
+        if joint.friction
+        else ""
+    )
+    return (f' stiffness="{joint.stiffness!r}"' if joint.stiffness else "") + friction
+
+
+def _dcmotors(joint: _Joint) -> Iterator[str]:
+    if joint.contact:
+        lugre = " ".join(map(repr, joint.contact))
+        yield f'    <dcmotor name="friction" joint="port" {NO_BACK_EMF} lugre="{lugre}"/>'
+    for place, (periods, cosine, sine) in enumerate(joint.waves, start=1):
+        # MuJoCo's wave is A·sin(pθ + φ).
+        wave = f"{hypot(cosine, sine)!r} {periods!r} {atan2(cosine, sine)!r}"
+        yield f'    <dcmotor name="cogging{place}" joint="port" {NO_BACK_EMF} cogging="{wave}"/>'
+
+
+def _on_timestep(joint: _Joint) -> Iterator[str]:
+    if joint.contact:
+        yield (
+            f"  <!-- The timestep lets the friction contact relax by no more than its own length, "
+            f"sigma_0 |v| h / tau_c = 1, at {joint.contact[2] / (joint.contact[0] * joint.timestep_s):.3g} rad/s; "
+            "shorten it for more. -->"
+        )

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.live import MAY_MOVE, RATES, _Record, drift_of
-from norton_bench.identification.rows import COULOMB, GAIN, INERTIA, VISCOUS
 from norton_bench.identification.sanity_checks import Blocks
 from norton_bench.identification.separable import solve
+from norton_bench.identification.shape import COULOMB, GAIN, INERTIA, VISCOUS
 from norton_bench.identification.signals import signals
 from norton_bench.segments import Use
 from tests.bench.identification.live.phases import drifting, exciting_for

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from norton_bench.identification import sanity_checks as looked_at
-from norton_bench.identification.rows import INERTIA, VISCOUS
 from norton_bench.identification.sanity_checks import BLOCK_ROWS, Blocks, failed_checks, loud
 from norton_bench.identification.separable import Solution, solve
+from norton_bench.identification.shape import INERTIA, VISCOUS
 from norton_bench.identification.signals import signals
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic

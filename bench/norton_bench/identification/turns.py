@@ -1,0 +1,123 @@
+"""What turning does to a residual: counts that hide where a shaft turned round, torques that go with its angle."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.arrays import FloatArray
+from norton_bench.identification import loops
+from norton_bench.identification.signals import FINE, Signals
+
+# How far within its counts a turn may lie from where the smoothed path has it; the likeliest is taken.
+UNKNOWN_COUNTS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
+
+
+# What an encoder's counts leave unknown of the friction after every turn, and rows whitened by it.
+#
+# Where within its counts the shaft turned round nobody reads, and an error there stays with the friction until the
+# shaft has gone on by some presliding lengths: what is left of the torque remembers it. A Kalman filter of that one
+# error, kicked at every turn, predicts each row; rows less what was predicted are white again, and least squares of
+# them is the prediction-error estimate (Ljung, System Identification, ch. 7). All terms pass the same filter, so it
+# cancels.
+@dataclass(frozen=True)
+class Turns:
+    """Along some rows, (rows,) each: ``way_rad`` since the row before, and ``kicks``, the variance that turns since
+    then give the friction's share of the Coulomb torque, if each is known to within 1 rad.
+    """
+
+    way_rad: FloatArray
+    kicks: FloatArray
+
+    @classmethod
+    def of(cls, signals: Signals, s_per_rad: float) -> "Turns":
+        """At every tick of one stretch."""
+        path = np.ascontiguousarray(signals.path_rad[::FINE])
+        share = loops.friction_path(path, s_per_rad, np.empty(0, dtype=np.int64))[0]
+        way = np.diff(path, prepend=path[0])
+        # dh = s (1 - h sgn ω) dθ: an error of θ that lasts leaves what this slope changes by.
+        slope = s_per_rad * (1.0 - share * np.sign(way))
+        return cls(np.abs(way), np.diff(slope, prepend=slope[0]) ** 2)
+
+    def at(self, rows: npt.NDArray[np.int64]) -> "Turns":
+        """At some of the ticks; what lies between counts for the next of them."""
+        way, kicks = np.cumsum(self.way_rad)[rows], np.cumsum(self.kicks)[rows]
+        return Turns(np.diff(way, prepend=way[:1]), np.diff(kicks, prepend=kicks[:1]))
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """The filter: what is ``kept`` of the error since the row before, its ``gain``, and the ``scale`` that makes every
+    innovation as wide as the next; (rows,) each."""
+
+    kept: FloatArray
+    gain: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def of_known(cls, turns: Turns, known_again: npt.NDArray[np.int64], s_per_rad: float, width: float) -> "Whitening":
+        """By turns that are known to within a deviation of ``width``: the Coulomb torque over that of a row's noise,
+        times radians. At the rows ``known_again`` the error begins anew."""
+        retained = np.exp(-s_per_rad * turns.way_rad)
+        retained[known_again] = 0.0
+        return cls(retained, *loops.kalman_gains(retained, turns.kicks * width**2))
+
+    @classmethod
+    def likeliest(
+        cls, turns: Turns, known_again: npt.NDArray[np.int64], s_per_rad: float, residual: FloatArray, width: float
+    ) -> "Whitening":
+        """That with which ``residual`` (rows,) is likeliest; here ``width`` is that of one count."""
+        every = (cls.of_known(turns, known_again, s_per_rad, share * width) for share in UNKNOWN_COUNTS)
+        return min(every, key=lambda each: each._unlikelihood(residual))
+
+    def _unlikelihood(self, residual: FloatArray) -> float:
+        power = np.mean(self.of(residual[None, :]) ** 2)
+        return float(residual.size * np.log(power) - 2.0 * np.sum(np.log(self.scale)))
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """The innovations of each row of ``values``, shape (k, rows)."""
+        return np.asarray(loops.innovations(values, self.kept, self.gain, self.scale))
+
+    @property
+    def energy(self) -> float:
+        """What is left of the squares of something quick."""
+        return float(np.mean(self.scale**2))
+
+
+BINS_A_TURN = 2048
+SEARCHED_PERIODS = 400.0
+# Fewer turns, and what slow friction does looks like a period.
+FEWEST_TURNS = 3.0
+# Power over that of noise: noise alone passes it in one search of thousands, so long as residuals are nearly white.
+EVIDENCE = 25.0
+# A wave smaller than this share of the residual is not worth its two unknowns, however sure it is.
+LEAST_SHARE = 0.1
+# Nearer to an integer than the turns can resolve is that integer.
+RESOLVED = 0.5
+
+
+def strongest_period(position_rad: FloatArray, residual: FloatArray, correlated: float) -> float | None:
+    """Torque that goes with the shaft's position: found in what nothing else explains, by its periods in a turn.
+
+    Magnets and teeth give integers; a gear train gives any number, so the search is over all of them.
+
+    Periods a turn of the strongest line of ``residual`` over position, both (n,); None where none stands out.
+
+    ``correlated`` is how many neighbouring residuals count as one.
+    """
+    first = float(np.min(position_rad))
+    turns = (float(np.max(position_rad)) - first) / (2 * np.pi)
+    if turns < FEWEST_TURNS:
+        return None
+    bins = ((position_rad - first) / (2 * np.pi) * BINS_A_TURN).astype(np.int64)
+    sums = np.bincount(bins, residual - np.mean(residual))
+    length = 2 ** int(np.ceil(np.log2(2 * sums.size)))
+    spectrum = np.abs(np.fft.rfft(sums, length)) ** 2 / (correlated * np.sum(residual**2))
+    periods = np.arange(spectrum.size) * (BINS_A_TURN / length)
+    searched = (periods >= 1 - RESOLVED / turns) & (periods <= SEARCHED_PERIODS)
+    best = int(np.argmax(np.where(searched, spectrum, 0.0)))
+    share = 2.0 * np.sqrt(correlated * spectrum[best] / residual.size)
+    if spectrum[best] < EVIDENCE or share < LEAST_SHARE:
+        return None
+    whole = float(np.round(periods[best]))
+    return whole if abs(whole - periods[best]) < RESOLVED / turns else float(periods[best])

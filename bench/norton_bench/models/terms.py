@@ -1,0 +1,241 @@
+"""The terms that a network may have beside the paper's motor: factors on the motor's parameters, and a torque.
+
+    τ = g·Km·Ka·lag(c) − Im·ω̇ − b·B·ω − σ0·φ − σ1·φ̇ + τ(θ),     φ̇ = ω − σ0/(γ·τc)·|ω|·φ
+
+The factors g, b and γ are 1 for the paper's motor (section IV.D), and τ(θ) is none. A term changes one of them; the
+friction contact keeps its stiffness σ0, and slides towards the strength γ·τc that it has there and then. The table
+below is the only list of terms: the fit, the network file, its prediction, the report and the documents follow from
+it. What the terms do there and then is computed in :mod:`norton_bench.models.network_steps`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from math import inf
+
+import numpy as np
+
+from norton_bench.arrays import FloatArray
+from norton_bench.models.parameters import Parameter
+
+
+class Factor(Enum):
+    """What a term changes."""
+
+    GAIN = "gain"  # g, of the torque gain
+    DAMPING = "damping"  # b, of the viscous damping
+    STRENGTH = "strength"  # γ, of the Coulomb torque
+    TORQUE = "torque"  # τ(θ): added, not multiplied
+
+
+@dataclass(frozen=True)
+class TermParameter(Parameter):
+    """One parameter of a term. The factors are computed from its value over that of the parameter ``over``.
+
+    ``column`` is its place in the row of factors. The search goes on between ``low`` and ``high``, which are of the
+    value over ``over``; over its logarithm where ``logarithmic``, which holds for what cannot be zero.
+    """
+
+    column: int = 0
+    over: str = ""
+    low: float = -inf
+    high: float = inf
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class Term:
+    """One line of the table. ``equation`` is for readers; ``periodic`` terms repeat p times a turn.
+
+    ``excitation`` says what motion or command tells its parameters. A term ``in_time`` is of the session that was
+    fitted, with t = 0 in its middle: predictions are for then.
+    """
+
+    name: str
+    factor: Factor
+    equation: str
+    meaning: str
+    excitation: str
+    parameters: tuple[TermParameter, ...]
+    periodic: bool = False
+    in_time: bool = False
+
+
+# Columns of a row of factors. The periods have a column of their own beside the cosine's and the sine's.
+STRIBECK, STRIBECK_VELOCITY, ASYMMETRY, LOAD, SATURATION, DRAG = range(6)
+FRICTION_COSINE, FRICTION_SINE, FRICTION_PERIODS, RIPPLE_COSINE, RIPPLE_SINE, RIPPLE_PERIODS = range(6, 12)
+GAIN_DRIFT, GAIN_BEND, DAMPING_DRIFT, DAMPING_BEND, FRICTION_DRIFT, FRICTION_BEND = range(12, 18)
+COLUMNS = 18
+# A contact without any strength has no equation; no friction that is asked for comes near to it.
+LEAST_STRENGTH = 0.02
+PERIODS = {"friction_by_position": FRICTION_PERIODS, "ripple": RIPPLE_PERIODS}
+
+TERMS = (
+    Term(
+        "stribeck",
+        Factor.STRENGTH,
+        "γ = 1 + (Δτ/τc)·exp(−(ω/v_s)²)",
+        "friction in slow sliding differs from that in fast sliding (Stribeck)",
+        "slow sliding, at several speeds around v_s",
+        (
+            TermParameter("stribeck_torque", "Δτ", "N*m", "Coulomb torque at rest less that in fast sliding", STRIBECK,
+                          "coulomb_torque", -0.9, 5.0),
+            TermParameter("stribeck_velocity", "v_s", "rad/s", "velocity over which the Stribeck torque fades",
+                          STRIBECK_VELOCITY, logarithmic=True),
+        ),
+    ),
+    Term(
+        "asymmetry",
+        Factor.STRENGTH,
+        "γ = 1 + a·sgn ω",
+        "friction differs between the two directions",
+        "sliding in both directions",
+        (TermParameter("coulomb_asymmetry", "a", "1", "share by which the Coulomb torque is greater forwards, and less "
+                       "backwards", ASYMMETRY, low=-0.9, high=0.9),),
+    ),
+    Term(
+        "load",
+        Factor.STRENGTH,
+        "γ = 1 + (μ/τc)·|τ|",
+        "friction grows with the torque at the port",
+        "sliding while different torques act at the port",
+        (TermParameter("load_friction", "μ", "1", "Coulomb torque per torque at the port", LOAD, "coulomb_torque"),),
+    ),
+    Term(
+        "friction_by_position",
+        Factor.STRENGTH,
+        "γ = 1 + a·cos(pθ) + b·sin(pθ)",
+        "friction changes with the position",
+        "sliding over whole turns",
+        (
+            TermParameter("friction_cosine", "a", "1", "share of the Coulomb torque that goes with cos(pθ)",
+                          FRICTION_COSINE, low=-0.9, high=0.9),
+            TermParameter("friction_sine", "b", "1", "share of the Coulomb torque that goes with sin(pθ)",
+                          FRICTION_SINE, low=-0.9, high=0.9),
+        ),
+        periodic=True,
+    ),
+    Term(
+        "saturation",
+        Factor.GAIN,
+        "g = 1/(1 + κ·lag(c)²)",
+        "torque is not proportional to the command",
+        "large and small commands",
+        (TermParameter("gain_saturation", "κ", "1/({command})^2", "how much less the torque gain is at great commands",
+                       SATURATION),),
+    ),
+    Term(
+        "ripple",
+        Factor.GAIN,
+        "g = 1 + a·cos(pθ) + b·sin(pθ)",
+        "the torque gain changes with the position",
+        "large commands over whole turns",
+        (
+            TermParameter("ripple_cosine", "a", "1", "share of the torque gain that goes with cos(pθ)",
+                          RIPPLE_COSINE, low=-0.9, high=0.9),
+            TermParameter("ripple_sine", "b", "1", "share of the torque gain that goes with sin(pθ)",
+                          RIPPLE_SINE, low=-0.9, high=0.9),
+        ),
+        periodic=True,
+    ),
+    Term(
+        "drag",
+        Factor.DAMPING,
+        "b = 1 + (D/B)·|ω|",
+        "damping torque grows with the square of the velocity",
+        "motion at high speed",
+        (TermParameter("quadratic_drag", "D", "N*m*s^2/rad^2", "torque per square of the velocity", DRAG,
+                       "viscous_damping"),),
+    ),
+    *(
+        Term(
+            f"{name}_drift",
+            factor,
+            f"{symbol} = 1 + d·t + e·t²",
+            f"{what} changed during the session",
+            "the same motion early and late",
+            (
+                TermParameter(f"{name}_drift", "d", "1/s", f"share of {what} that it gains in a second, in the middle "
+                              "of the session", column),
+                TermParameter(f"{name}_drift_rate", "e", "1/s^2", f"half of the change of {name}_drift in a second",
+                              column + 1),
+            ),
+            in_time=True,
+        )
+        for name, factor, symbol, what, column in (
+            ("gain", Factor.GAIN, "g", "the torque gain", GAIN_DRIFT),
+            ("damping", Factor.DAMPING, "b", "the viscous damping", DAMPING_DRIFT),
+            ("friction", Factor.STRENGTH, "γ", "the Coulomb torque", FRICTION_DRIFT),
+        )
+    ),
+    Term(
+        "cogging",
+        Factor.TORQUE,
+        "τ(θ) = a·cos(pθ) + b·sin(pθ)",
+        "a torque acts that depends on the position",
+        "slow motion over whole turns",
+        (
+            TermParameter("cogging_cosine", "a", "N*m", "torque that goes with cos(pθ)"),
+            TermParameter("cogging_sine", "b", "N*m", "torque that goes with sin(pθ)"),
+        ),
+        periodic=True,
+    ),
+)  # fmt: skip
+TERM_BY_NAME = {term.name: term for term in TERMS}
+TERM_PARAMETERS = {parameter.name: parameter for term in TERMS for parameter in term.parameters}
+
+
+@dataclass(frozen=True)
+class NetworkTerm:
+    """A term with its values, in the order and the units of the table; ``periods_per_turn`` is 0 where it has none.
+
+    A network may have several of cogging, whose periods a turn need not be whole, and one of each other term.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    periods_per_turn: float = 0
+
+    @property
+    def term(self) -> Term:
+        """Its line of the table."""
+        return TERM_BY_NAME[self.name]
+
+    def named(self) -> dict[str, float]:
+        """Values by the names of the parameters."""
+        return {each.name: value for each, value in zip(self.term.parameters, self.values, strict=True)}
+
+    def relative_to(self, motor: Mapping[str, float]) -> "NetworkTerm":
+        """The same with every value over that of the table's ``over``; ``motor`` has these by name."""
+        pairs = zip(self.term.parameters, self.values, strict=True)
+        return replace(
+            self, values=tuple(_over(value, motor[each.over]) if each.over else value for each, value in pairs)
+        )
+
+
+def _over(value: float, base: float) -> float:
+    """Nothing where the motor lacks what the term is a factor of."""
+    return value / base if base else 0.0
+
+
+def factors_of(terms: Sequence[NetworkTerm]) -> tuple[NetworkTerm, ...]:
+    """Those that are factors."""
+    return tuple(each for each in terms if each.term.factor is not Factor.TORQUE)
+
+
+def waves_of(terms: Sequence[NetworkTerm]) -> FloatArray:
+    """Those that are torques, shape (waves, 3): periods a turn, and the torques [N m] that go with cosine and sine."""
+    waves = [(each.periods_per_turn, *each.values) for each in terms if each.term.factor is Factor.TORQUE]
+    return np.array(waves, dtype=float).reshape(-1, 3)
+
+
+def row_of(terms: Sequence[NetworkTerm]) -> FloatArray:
+    """The row that the factors are computed from, shape (COLUMNS,), of terms with relative values."""
+    row = np.zeros(COLUMNS)
+    row[STRIBECK_VELOCITY] = 1.0
+    for each in factors_of(terms):
+        for parameter, value in zip(each.term.parameters, each.values, strict=True):
+            row[parameter.column] = value
+        if each.term.periodic:
+            row[PERIODS[each.name]] = each.periods_per_turn
+    return row
