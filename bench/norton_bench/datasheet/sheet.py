@@ -14,7 +14,6 @@ from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_
 from norton_bench.models.parameters import BY_NAME, Status
 from norton_bench.models.terms import NetworkTerm, factors_of
 from norton_bench.networks.family import Network
-from norton_bench.networks.left_out import values_text
 from norton_bench.result import Result
 from norton_bench.rig.load import parse_rig
 
@@ -151,7 +150,7 @@ def sheet_of_result(result: Result) -> Sheet:
 def _terms(network: NortonNetwork) -> tuple[str, ...]:
     """One sentence for each term: its values, and how the figures have it."""
     return tuple(
-        f"{term.term.meaning[0].upper()}{term.term.meaning[1:]} ({values_text(term, network.command_unit)}); "
+        f"{term.term.meaning[0].upper()}{term.term.meaning[1:]} ({term.text(network.command_unit)}); "
         + ("the figures hold this." if term.name in MEAN_TERMS else f"the figures are {_figures_of(term)}.")
         for term in network.terms
     )

@@ -32,7 +32,7 @@ from norton_bench.identification.sanity_checks import (
     why_no_scale,
 )
 from norton_bench.identification.separable import Solution, limits, solve, solve_with_terms
-from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, MOTOR_VALUES, VISCOUS
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
@@ -162,14 +162,14 @@ def physical(
     )  # fmt: skip
     # The gradient of each over (linear, then those of log β, log s, d_c, d_m that were free).
     terms, to_terms = terms_in_torque(solution, linear)
-    gradient = np.zeros((9 + len(terms), columns + len(solution.free)))
+    gradient = np.zeros((MOTOR_VALUES + len(terms), columns + len(solution.free)))
     for row, column in ((0, GAIN), (2, INERTIA), (3, VISCOUS), (4, COULOMB), (6, DAMPING)):
         gradient[row, :5] = to_linear[column]
     gradient[5, :5] = shape.s_per_rad * to_linear[COULOMB]
     slopes = {0: (1, shape.bandwidth_rad_s), 1: (5, stiffness), 2: (7, 1.0), 3: (8, 1.0)}
     for term, (base, of_base, of_relative) in enumerate(to_terms):
-        gradient[9 + term, :5] = of_base * to_linear[base]
-        slopes[4 + term] = (9 + term, of_relative)
+        gradient[MOTOR_VALUES + term, :5] = of_base * to_linear[base]
+        slopes[4 + term] = (MOTOR_VALUES + term, of_relative)
     for position, unknown in enumerate(solution.free):
         row, slope = slopes[unknown]
         gradient[row, columns + position] = slope
@@ -367,7 +367,7 @@ def network_of(
 ) -> NortonNetwork:
     """The network with these values; ``covariance`` is that of PHYSICAL, or as :func:`physical` has it."""
     more = [parameter.name for each in terms for parameter in each.term.parameters]
-    kept = [*range(len(PHYSICAL)), *range(9, 9 + len(more))]
+    kept = [*range(len(PHYSICAL)), *range(MOTOR_VALUES, MOTOR_VALUES + len(more))]
     return NortonNetwork.of_parameters(
         {estimate.name: estimate.value for estimate in estimates},
         command_unit,

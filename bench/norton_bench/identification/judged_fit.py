@@ -76,6 +76,7 @@ class JudgedFit:
     """``fitted`` is the fit to ``stretches`` as if the model were true, ``result`` the same with the model's ``error``.
 
     ``unseen`` are the stretches kept for validation. ``at`` and ``error`` are None where the torque tells no scale.
+    ``rejected`` says which term the residual asked for that the fit could not have, and why; empty where there is none.
     """
 
     fitted: FitResult
@@ -84,6 +85,7 @@ class JudgedFit:
     unseen: tuple[Signals, ...]
     at: Expansion | None
     error: ModelError | None
+    rejected: str = ""
 
 
 def fit_judged(cleaned: Cleaned, *, command_unit: str, tick_s: float) -> JudgedFit:
@@ -95,7 +97,8 @@ def fit_judged(cleaned: Cleaned, *, command_unit: str, tick_s: float) -> JudgedF
     fitted = possible(fit_signals(stretches, command_unit=command_unit, findings=findings, readings=readings))
     plain = _looked_at(fitted, stretches, unseen, measured)
     best = _composed(plain, measured, command_unit=command_unit, findings=findings)
-    return replace(best, result=with_terms_named(judged(best.fitted, best.error), plain.fitted))
+    result = with_terms_named(judged(best.fitted, best.error), plain.fitted)
+    return replace(best, result=replace(result, verdict=(*result.verdict, *filter(None, [best.rejected]))))
 
 
 def _looked_at(
@@ -110,8 +113,9 @@ def _looked_at(
 def _composed(before: JudgedFit, measured: Measured, *, command_unit: str, findings: Findings) -> JudgedFit:
     """The same with every term that the residual asks for, one after the other: the one that explains the most first.
 
-    A term stays where the fit with it converges, is known to its sign, and predicts segments that were left out better;
-    then the residual is looked at again. Only what the table of terms has can be added.
+    The residual asks for a term where that explains what is left of every segment from the others (``departures``). It
+    stays where the fit with it converges, its values are known, and less of the torque is left; then the residual is
+    looked at again. Only what the table of terms has can be added.
     """
     for _ in range(MOST_TERMS):
         term = None if before.error is None else asked_for(before.error, before.fitted)
@@ -119,8 +123,8 @@ def _composed(before: JudgedFit, measured: Measured, *, command_unit: str, findi
             return before
         fitted = possible(fit_with_terms(before.fitted, [term], command_unit=command_unit, findings=findings))
         after = _looked_at(fitted, before.stretches, before.unseen, measured)
-        if not _better(after, before, term.name):
-            return before
+        if why_not := objection(after, before, term):
+            return replace(before, rejected=f"The term {term.name} was tried for it, but {why_not}.")
         before = after
     return before
 
@@ -157,13 +161,16 @@ def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     return NetworkTerm(first.kind.name, values, first.periods_per_turn)
 
 
-def _better(after: JudgedFit, before: JudgedFit, name: str) -> bool:
-    """Whether the fit ``after`` with the term ``name`` is to be preferred."""
+def objection(after: JudgedFit, before: JudgedFit, asked: NetworkTerm) -> str:
+    """Why the fit ``after`` with the term asked for is not to be preferred; empty where it is."""
     if not after.fitted.converged or after.fitted.doubtful or after.error is None:
-        return False
-    term = next(each for each in after.fitted.network.terms if each.name == name)
-    known = all(after.fitted.estimate(parameter).status is Status.VALID for parameter in term.named())
-    return known and after.fitted.torque_rms_nm < before.fitted.torque_rms_nm
+        return "the fit with it does not converge"
+    names = [parameter.name for parameter in asked.term.parameters]
+    if any(after.fitted.estimate(name).status is not Status.VALID for name in names):
+        return f"its values are not known from this motion. They need {asked.term.excitation}"
+    if after.fitted.torque_rms_nm >= before.fitted.torque_rms_nm:
+        return "it leaves no less of the torque"
+    return ""
 
 
 def _findings(cleaned: Cleaned, unseen: tuple[Signals, ...]) -> Findings:

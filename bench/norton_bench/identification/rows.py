@@ -16,10 +16,9 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import REACH, unquantised
-from norton_bench.identification.shape import Shape, drifted
+from norton_bench.identification.shape import Shape
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
-from norton_bench.models import network_steps
-from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor
+from norton_bench.models.terms import Factor
 
 MOST_RECENT = 6
 
@@ -148,8 +147,7 @@ class Rows:
         if shape.changes(Factor.GAIN):
             # The command that was sent at an instant acts later, and the motion then is read later still.
             cells = (shape.command_delay_s + shape.motion_delay_s) / fine_s
-            lag = lag * network_steps.gains(shape.row, lag, loops.later(self._grid(signals.path_rad), cells))
-            lag = lag * drifted(shape.row, GAIN_DRIFT, self._time_s)
+            lag = lag * shape.gain(lag, loops.later(self._grid(signals.path_rad), cells), self._fine_time_s)
         return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
 
     def kinematics(self, shape: Shape) -> FloatArray:
@@ -185,11 +183,15 @@ class Rows:
     def _strengths(self, shape: Shape) -> FloatArray:
         """γ along the path, shape (...,)."""
         port_nm = loops.later(self._port_nm, -shape.motion_delay_s / self.signals.tick_s * self.fine)
-        strengths = network_steps.strengths(shape.row, self._velocity, self._grid(self.signals.path_rad), port_nm)
-        return np.asarray(strengths * drifted(shape.row, FRICTION_DRIFT, self._time_s))
+        return shape.strength(self._velocity, self._grid(self.signals.path_rad), port_nm, self._fine_time_s)
+
+    @property
+    def _time_s(self) -> FloatArray:
+        """At the rows, (count,), from the middle of the session on."""
+        return np.asarray(self.signals.time_s[:: self.stride] - self.middle_s)
 
     @cached_property
-    def _time_s(self) -> FloatArray:
+    def _fine_time_s(self) -> FloatArray:
         """At the motion's instants, from the middle of the session on."""
         signals = self.signals
         step_s = signals.tick_s / self.fine
@@ -222,8 +224,8 @@ class Rows:
         (5 + 2 · waves, count)."""
         motion = self.of_fine_signal(self._grid(self.signals.position_rad), (2, 3), shape.motion_delay_s)
         path = self._friction_path(shape)
-        time_s = self.signals.time_s[:: self.stride] - self.middle_s
-        motion[0] *= self._damping(shape, 2.0 * self.kinematics(shape)[0], time_s)
+        # The slope of D·|ω|·ω is 2·D·|ω|.
+        motion[0] *= shape.damping(2.0 * self.kinematics(shape)[0], self._time_s)
         sliding = self.of_fine_signal(self._corrected(path[0]), (1, 2), shape.motion_delay_s, of_means=True)
         left = self.of_fine_signal(path[1], (1,), shape.motion_delay_s, of_means=True)
         waves = [self.cogging(shape, periods, 1) for periods in cogging]
@@ -269,13 +271,7 @@ class Rows:
     def damped(self, shape: Shape) -> FloatArray:
         """b·ω, shape (count,)."""
         velocity = self.kinematics(shape)[0]
-        time_s = self.signals.time_s[:: self.stride] - self.middle_s
-        return np.asarray(velocity * self._damping(shape, velocity, time_s))
-
-    @staticmethod
-    def _damping(shape: Shape, velocity: FloatArray, time_s: FloatArray) -> FloatArray:
-        """b, at each instant (n,)."""
-        return np.asarray(drifted(shape.row, DAMPING_DRIFT, time_s) + shape.row[DRAG] * np.abs(velocity))
+        return np.asarray(velocity * shape.damping(velocity, self._time_s))
 
     def of_fine_signal(
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, *, of_means: bool = False

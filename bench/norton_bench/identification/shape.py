@@ -5,11 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.models.terms import Factor, NetworkTerm, row_of
+from norton_bench.models import network_steps
+from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor, NetworkTerm, row_of
 
 LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
 MOTION_DELAY = 3  # of (log β, log s, d_c, d_m)
+MOTOR_VALUES = 9  # of a solution: the motor's seven parameters and two delays; those of terms follow
 # Steps of the differences that stand for derivatives: relative, and of delays.
 SMALL = 0.01
 SMALL_S = 2e-5
@@ -59,10 +61,26 @@ class Shape:
         """Whether one of the terms does."""
         return any(each.term.factor is factor for each in self.terms)
 
+    # The factors of the terms at instants (n,), with what changes in time from the middle of the session on.
 
-def drifted(row: FloatArray, column: int, time_s: FloatArray) -> FloatArray:
-    """The factor of what changes with time, (n,); ``column`` is that of its first parameter."""
-    return np.asarray(1.0 + row[column] * time_s + row[column + 1] * time_s**2)
+    def gain(self, lag: FloatArray, angle_rad: FloatArray, time_s: FloatArray) -> FloatArray:
+        """g, where the command behind its ``lag`` acts."""
+        return np.asarray(network_steps.gains(self.row, lag, angle_rad) * self._drifted(GAIN_DRIFT, time_s))
+
+    def damping(self, velocity_rad_s: FloatArray, time_s: FloatArray) -> FloatArray:
+        """b."""
+        return np.asarray(self._drifted(DAMPING_DRIFT, time_s) + self.row[DRAG] * np.abs(velocity_rad_s))
+
+    def strength(
+        self, velocity_rad_s: FloatArray, angle_rad: FloatArray, port_nm: FloatArray, time_s: FloatArray
+    ) -> FloatArray:
+        """γ, while ``port_nm`` acts at the port."""
+        strengths = network_steps.strengths(self.row, velocity_rad_s, angle_rad, port_nm)
+        return np.asarray(strengths * self._drifted(FRICTION_DRIFT, time_s))
+
+    def _drifted(self, column: int, time_s: FloatArray) -> FloatArray:
+        """What changes with time; ``column`` is that of its first parameter."""
+        return np.asarray(1.0 + self.row[column] * time_s + self.row[column + 1] * time_s**2)
 
 
 # Only its delays matter, and they are nil.

@@ -19,10 +19,9 @@ from norton_bench.identification import loops
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import NOISE_FEWEST_BLOCKS, NOISE_ORDER, NOISE_VARIANCE, NORMAL_MEDIAN_SQUARE
 from norton_bench.identification.separable import Solution
-from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, drifted
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
-from norton_bench.models import network_steps
-from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor
+from norton_bench.models.terms import Factor
 
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
@@ -233,11 +232,10 @@ class SimulatedStretch:
         strengths, middle_s = loops.EVEN, solution.regression.rows[0].middle_s
         if shape.changes(Factor.STRENGTH):
             port_nm = _port(stretch, solution, finer_s - shape.motion_delay_s)
-            strengths = network_steps.strengths(shape.row, motion(finer_s, 1), motion(finer_s), port_nm)
-            strengths *= drifted(shape.row, FRICTION_DRIFT, finer_s - middle_s)
+            strengths = shape.strength(motion(finer_s, 1), motion(finer_s), port_nm, finer_s - middle_s)
         h = loops.friction_path_of(motion(finer_s), shape.s_per_rad, NO_RESTS, strengths)[0]
         rate = np.gradient(h, step_s / FINER) / shape.s_per_rad
-        damped = velocity * (drifted(shape.row, DAMPING_DRIFT, at_s - middle_s) + shape.row[DRAG] * np.abs(velocity))
+        damped = velocity * shape.damping(velocity, at_s - middle_s)
         torque = -linear[INERTIA] * acceleration - linear[VISCOUS] * damped
         torque -= linear[COULOMB] * h[::FINER] + linear[DAMPING] * rate[::FINER]
         for index, periods in enumerate(solution.regression.cogging):
@@ -270,8 +268,7 @@ class SimulatedStretch:
         lag = self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
         if shape.changes(Factor.GAIN):
             read_s = np.clip(self.time_s + shape.motion_delay_s, self.time_s[0], self.time_s[-1])
-            lag = lag * network_steps.gains(shape.row, lag, self.motion(read_s))
-            lag *= drifted(shape.row, GAIN_DRIFT, self.time_s - solution.regression.rows[0].middle_s)
+            lag = lag * shape.gain(lag, self.motion(read_s), self.time_s - solution.regression.rows[0].middle_s)
         return np.asarray(solution.linear[GAIN] * lag)
 
     @cached_property  # of every simulated record

@@ -7,7 +7,7 @@ import numpy as np
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.results import Cogging
 from norton_bench.identification.separable import Solution
-from norton_bench.identification.shape import COULOMB, GAIN, VISCOUS
+from norton_bench.identification.shape import COULOMB, GAIN, MOTOR_VALUES, VISCOUS
 from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.models.terms import NetworkTerm, Term
@@ -46,7 +46,7 @@ def terms_found(
     solution: Solution, values: FloatArray, covariance: FloatArray, command_unit: str
 ) -> list[tuple[NetworkTerm, list[Estimate]]]:
     """Each of the solution's terms in units of its own, and its estimates."""
-    result, place = [], 9
+    result, place = [], MOTOR_VALUES
     for each in solution.shape.terms:
         own = slice(place, place + len(each.values))
         known = _known(each.term, values[own], covariance[own, own])

@@ -8,7 +8,7 @@ below is the only list of terms: the fit, the network file, its prediction, the 
 it. What the terms do there and then is computed in :mod:`norton_bench.models.network_steps`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import inf
@@ -68,7 +68,27 @@ GAIN_DRIFT, GAIN_BEND, DAMPING_DRIFT, DAMPING_BEND, FRICTION_DRIFT, FRICTION_BEN
 COLUMNS = 18
 # A contact without any strength has no equation; no friction that is asked for comes near to it.
 LEAST_STRENGTH = 0.02
+# A share of a factor that adds to 1 may take most of it, not all: a factor of nothing would leave no torque to fit.
+MOST_SHARE = 0.9
 PERIODS = {"friction_by_position": FRICTION_PERIODS, "ripple": RIPPLE_PERIODS}
+
+
+def _wave(name: str, what: str, column: int) -> tuple[TermParameter, TermParameter]:
+    """Cosine and sine of a factor; ``column`` is the cosine's, and the next the sine's."""
+    cosine, sine = (
+        TermParameter(
+            f"{name}_{wave}",
+            symbol,
+            "1",
+            f"share of {what} that goes with {function}(pθ)",
+            column + place,
+            low=-MOST_SHARE,
+            high=MOST_SHARE,
+        )
+        for place, (wave, symbol, function) in enumerate((("cosine", "a", "cos"), ("sine", "b", "sin")))
+    )
+    return cosine, sine
+
 
 TERMS = (
     Term(
@@ -79,7 +99,7 @@ TERMS = (
         "slow sliding, at several speeds around v_s",
         (
             TermParameter("stribeck_torque", "Δτ", "N*m", "Coulomb torque at rest less that in fast sliding", STRIBECK,
-                          "coulomb_torque", -0.9, 5.0),
+                          "coulomb_torque", -MOST_SHARE),
             TermParameter("stribeck_velocity", "v_s", "rad/s", "velocity over which the Stribeck torque fades",
                           STRIBECK_VELOCITY, logarithmic=True),
         ),
@@ -91,7 +111,7 @@ TERMS = (
         "friction differs between the two directions",
         "sliding in both directions",
         (TermParameter("coulomb_asymmetry", "a", "1", "share by which the Coulomb torque is greater forwards, and less "
-                       "backwards", ASYMMETRY, low=-0.9, high=0.9),),
+                       "backwards", ASYMMETRY, low=-MOST_SHARE, high=MOST_SHARE),),
     ),
     Term(
         "load",
@@ -107,12 +127,7 @@ TERMS = (
         "γ = 1 + a·cos(pθ) + b·sin(pθ)",
         "friction changes with the position",
         "sliding over whole turns",
-        (
-            TermParameter("friction_cosine", "a", "1", "share of the Coulomb torque that goes with cos(pθ)",
-                          FRICTION_COSINE, low=-0.9, high=0.9),
-            TermParameter("friction_sine", "b", "1", "share of the Coulomb torque that goes with sin(pθ)",
-                          FRICTION_SINE, low=-0.9, high=0.9),
-        ),
+        _wave("friction", "the Coulomb torque", FRICTION_COSINE),
         periodic=True,
     ),
     Term(
@@ -130,12 +145,7 @@ TERMS = (
         "g = 1 + a·cos(pθ) + b·sin(pθ)",
         "the torque gain changes with the position",
         "large commands over whole turns",
-        (
-            TermParameter("ripple_cosine", "a", "1", "share of the torque gain that goes with cos(pθ)",
-                          RIPPLE_COSINE, low=-0.9, high=0.9),
-            TermParameter("ripple_sine", "b", "1", "share of the torque gain that goes with sin(pθ)",
-                          RIPPLE_SINE, low=-0.9, high=0.9),
-        ),
+        _wave("ripple", "the torque gain", RIPPLE_COSINE),
         periodic=True,
     ),
     Term(
@@ -185,6 +195,10 @@ TERM_BY_NAME = {term.name: term for term in TERMS}
 TERM_PARAMETERS = {parameter.name: parameter for term in TERMS for parameter in term.parameters}
 
 
+def _plain(value: float) -> str:
+    return f"{value:.4g}"
+
+
 @dataclass(frozen=True)
 class NetworkTerm:
     """A term with its values, in the order and the units of the table; ``periods_per_turn`` is 0 where it has none.
@@ -204,6 +218,14 @@ class NetworkTerm:
     def named(self) -> dict[str, float]:
         """Values by the names of the parameters."""
         return {each.name: value for each, value in zip(self.term.parameters, self.values, strict=True)}
+
+    def text(self, command_unit: str, number: Callable[[float], str] = _plain, unit: Callable[[str], str] = str) -> str:
+        """Its values with units, and its periods a turn; ``number`` and ``unit`` say how these are written."""
+        texts = [
+            f"{each.symbol} = {number(value)} {unit(each.unit_for(command_unit))}".removesuffix(" 1")
+            for each, value in zip(self.term.parameters, self.values, strict=True)
+        ]
+        return ", ".join([*texts, *([f"p = {number(self.periods_per_turn)}"] if self.term.periodic else [])])
 
     def relative_to(self, motor: Mapping[str, float]) -> "NetworkTerm":
         """The same with every value over that of the table's ``over``; ``motor`` has these by name."""

@@ -104,13 +104,4 @@ def network_term(network: NortonNetwork, name: str) -> NetworkTerm:
 
 
 def _values(network: NortonNetwork, name: str) -> str:
-    return "; ".join(values_text(term, network.command_unit) for term in network.terms if term.name == name)
-
-
-def values_text(term: NetworkTerm, command_unit: str) -> str:
-    """Its values with units, and its periods a turn."""
-    texts = [
-        f"{parameter.symbol} = {value:.4g} {parameter.unit_for(command_unit)}".removesuffix(" 1")
-        for parameter, value in zip(term.term.parameters, term.values, strict=True)
-    ]
-    return ", ".join([*texts, *([f"p = {term.periods_per_turn:g}"] if term.term.periodic else [])])
+    return "; ".join(term.text(network.command_unit) for term in network.terms if term.name == name)

@@ -106,13 +106,8 @@ _USES = {
 
 def _term_line(each: NetworkTerm, command_unit: str) -> EquationLine:
     """What a term changes, its equation, and its values."""
-    values = []
-    for one, value in zip(each.term.parameters, each.values, strict=True):
-        unit = pretty_unit(one.unit_for(command_unit))
-        values.append(f"{one.symbol} = {number(value, DIGITS)} {'' if unit == '1' else unit}".strip())
-    periods = [f"p = {number(each.periods_per_turn, DIGITS)}"] if each.term.periodic else []
     meaning = f"Beside the motor of the paper, because {each.term.meaning}: {_USES[each.term.factor]}."
-    return EquationLine(meaning, each.term.equation, ", ".join((*values, *periods)))
+    return EquationLine(meaning, each.term.equation, each.text(command_unit, number, pretty_unit))
 
 
 def _values(estimates: Sequence[Estimate]) -> Mapping[str, str]:

@@ -9,7 +9,7 @@ from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.expansion import Linearised
 from norton_bench.identification.fit import fit_signals, fit_with_terms
-from norton_bench.identification.judged_fit import asked_for, fit_judged
+from norton_bench.identification.judged_fit import JudgedFit, asked_for, fit_judged, objection
 from norton_bench.identification.shape import MOTION_DELAY
 from norton_bench.identification.signals import signals
 from norton_bench.models.parameters import Status
@@ -108,6 +108,25 @@ def test_a_departure_asks_for_its_term_and_gets_it():
     assert "friction in slow sliding differs" in told.result.verdict[0]
     assert "noise included" in told.result.verdict[1]
     assert told.error.departures == ()
+
+
+def test_a_term_whose_values_stay_unknown_is_left_out_and_says_what_it_needs(error_of_play):
+    plain, known, stretches = fitted("stribeck")
+    before = JudgedFit(plain, plain, stretches, (), None, error_of_play)
+    after = replace(before, fitted=known)
+    (asked,) = known.network.relative_terms
+    assert objection(after, before, asked) == ""
+    left_open = [
+        replace(each, status=Status.UNEXCITED) if each.name == "stribeck_velocity" else each for each in known.estimates
+    ]
+    unknown = replace(after, fitted=replace(known, estimates=tuple(left_open)))
+    assert objection(unknown, before, asked) == (
+        "its values are not known from this motion. They need slow sliding, at several speeds around v_s"
+    )
+    not_less = replace(after, fitted=replace(known, torque_rms_nm=plain.torque_rms_nm))
+    assert objection(not_less, before, asked) == "it leaves no less of the torque"
+    lost = replace(after, fitted=replace(known, converged=False))
+    assert objection(lost, before, asked) == "the fit with it does not converge"
 
 
 def test_what_the_table_does_not_have_is_not_asked_for(result, error_of_play):
