@@ -31,8 +31,8 @@ import numpy as np
 import verdicts
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.expansion import KNOWN, Linearised, information
-from norton_bench.identification.fit import PHYSICAL, fit, network_of
+from norton_bench.identification.expansion import Linearised, information
+from norton_bench.identification.fit import KNOWN, PHYSICAL, fit, network_of
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals

@@ -288,3 +288,29 @@ def _kept(stream: RecordedColumn, table: Table, good: BoolArray) -> Table:
     if np.count_nonzero(good) < min(FEWEST, len(good)):
         raise ExperimentError(f"{stream.name} cannot be cleaned: hardly a reading follows from those around it")
     return table if good.all() else table[good]
+
+
+# Readings arrive within so long of the ticks of their part.
+STRAY_NS = 1_000_000_000
+
+
+def clean_part(part: Measured) -> Measured:
+    """A part of a session under way, without readings that are not finite, stand alone far off, or bear an impossible
+    time: what goes on learning must not be poisoned by what a look at the whole would leave out."""
+    ticks = part.ticks[np.isfinite(part.ticks["command"])]
+    if not len(ticks):
+        return replace(part, ticks=ticks, motion=part.motion[:0], torque=part.torque[:0])
+    ticks = ticks[standstill.rising(ticks["tick_ns"])]
+    span_ns = int(ticks["tick_ns"][0]) - STRAY_NS, int(ticks["tick_ns"][-1]) + STRAY_NS
+    return replace(
+        part,
+        ticks=ticks,
+        motion=_within(part.motion, "position_rad", span_ns),
+        torque=_within(part.torque[part.torque["valid"]], "torque_nm", span_ns),
+    )
+
+
+def _within(table: Table, column: str, span_ns: tuple[int, int]) -> Table:
+    arrival_ns = table["arrival_ns"]
+    table = table[np.isfinite(table[column]) & (arrival_ns >= span_ns[0]) & (arrival_ns <= span_ns[1])]
+    return table[~spikes(table[column])]

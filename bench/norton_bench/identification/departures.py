@@ -209,8 +209,15 @@ def _changed(at: Expansion, left: FloatArray) -> FloatArray:
     """Gain, inertia or a delay, other than before from some instant on: the one that ``left`` (n,) likes the best."""
     delays = range(at.basis.stop + 2, at.basis.stop + 4)
     instants = np.quantile(at.time_s, np.linspace(0.0, 1.0, SPLITS + 2)[1:-1])
-    waves = (at.jacobian[row] * (at.time_s > instant) for row in (GAIN, INERTIA, *delays) for instant in instants)
-    return max(waves, key=lambda wave: float(wave @ left) ** 2 / max(float(wave @ wave), 1e-300))
+    rows, order = [GAIN, INERTIA, *delays], np.argsort(at.time_s, kind="stable")
+    after = np.searchsorted(at.time_s[order], instants, side="right")
+    waves = at.jacobian[np.ix_(rows, order)]
+    product, power = (
+        np.add.reduceat(each, after, axis=1)[:, ::-1].cumsum(axis=1)[:, ::-1]
+        for each in (waves * left[order], waves**2)
+    )
+    row, split = np.unravel_index(np.argmax(product**2 / np.maximum(power, 1e-300)), product.shape)
+    return np.asarray(at.jacobian[rows[int(row)]] * (at.time_s > instants[int(split)]))
 
 
 def _strongest(position_rad: FloatArray, values: FloatArray) -> int:

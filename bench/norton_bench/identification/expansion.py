@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from norton_bench.arrays import FloatArray, IntArray
-from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.fit import KNOWN, PHYSICAL
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import moving
 from norton_bench.identification.regression import Memory, Regression
@@ -24,8 +24,6 @@ from norton_bench.identification.signals import FINE, Signals
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.terms import waves_of
 
-# The order of rows and columns. The parameters count relative to themselves, the delays in seconds.
-KNOWN = (*PHYSICAL, "command_delay", "motion_delay")
 # What nothing has told of yet is known to about this: the box that the fit searches is as wide.
 VAGUE_RELATIVE = 3.0
 VAGUE_S = 5e-3
@@ -149,7 +147,10 @@ class Slopes:
 
 
 def information(stretches: tuple[Signals, ...], at: Linearised, noise_nm: float) -> FloatArray:
-    """The information matrix of ``stretches``, shape (9, 9), in the order of KNOWN; ``noise_nm`` is white, a tick."""
+    """The information matrix of ``stretches``, shape (9, 9), in the order of KNOWN, relative (delays: seconds).
+
+    ``noise_nm`` is white, a tick.
+    """
     slopes = Slopes.of(stretches, at)
     share = slopes.motion_share()
     return np.asarray(slopes.products * np.outer(share, share) / noise_nm**2)
@@ -364,14 +365,14 @@ class Sums:
     def of(cls, expansion: Expansion, columns: FloatArray) -> "Sums":
         """Of ``columns`` (p, n)."""
         scale = np.maximum(np.sqrt(np.mean(columns**2, axis=1)), 1e-300)
-        scaled = columns / scale[:, None]
         order = np.argsort(expansion.block, kind="stable")
+        scaled, residual = columns[:, order] / scale[:, None], expansion.residual[order]
         edges = np.concatenate([[0], np.cumsum(np.bincount(expansion.block))])
-        spans = [order[first:last] for first, last in pairwise(edges)]
+        spans = [slice(first, last) for first, last in pairwise(edges)]
         gram = np.stack([scaled[:, span] @ scaled[:, span].T for span in spans])
-        score = np.stack([scaled[:, span] @ expansion.residual[span] for span in spans])
-        power = np.array([float(np.sum(expansion.residual[span] ** 2)) for span in spans])
-        part = np.array([expansion.part[span[0]] for span in spans])
+        score = np.stack([scaled[:, span] @ residual[span] for span in spans])
+        power = np.array([float(np.sum(residual[span] ** 2)) for span in spans])
+        part = expansion.part[order[edges[:-1]]]
         return cls(gram, score, power, part, scale, expansion.residual.size)
 
     def solved(self, chosen: IntArray, without: int | None = None) -> FloatArray:

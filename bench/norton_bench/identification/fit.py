@@ -52,6 +52,8 @@ PHYSICAL = (
     "presliding_stiffness",
     "presliding_damping",
 )
+# In the order of a solution's values; those of its terms follow. Delays are in seconds.
+KNOWN = (*PHYSICAL, "command_delay", "motion_delay")
 # What free motion tells only as a ratio to the torque gain.
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 
@@ -134,8 +136,13 @@ def fit_with_terms(
         raise ValueError("terms are added to a fit whose deviations come from simulated records")
     bench = before.simulated.bench
     stretches = tuple(truth.stretch for truth in bench.truths)
-    solution = solve_with_terms(bench.solution, (*bench.solution.shape.terms, *terms), before.torque_bias_nm)
+    solution = solution_with(bench.solution, (*bench.solution.shape.terms, *terms))
     return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=bench.readings)
+
+
+def solution_with(plain: Solution, terms: Sequence[NetworkTerm]) -> Solution:
+    """The equation solved once more, with ``terms``: relative values, from which to begin."""
+    return solve_with_terms(plain, terms, _bias(plain))
 
 
 def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
@@ -270,8 +277,9 @@ def _simulated(
     """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before."""
     scatter = scatter_of(bench, values, physical)
     stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
-    of_residual = dict(zip(PHYSICAL, stated, strict=False))
-    repeated_std = dict(zip(PHYSICAL, scatter.bias_std.tolist(), strict=False))
+    names = (*KNOWN, *(one.name for each in bench.solution.shape.terms for one in each.term.parameters))
+    of_residual = dict(zip(names, stated, strict=True))
+    repeated_std = dict(zip(names, scatter.bias_std.tolist(), strict=True))
     return *scatter.applied(values, covariance), Simulated(of_residual, repeated_std, bench)
 
 

@@ -1,6 +1,6 @@
 """The fit of a recording as its session concludes it: with what the model's own error makes of it."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm
+from norton_bench.models.terms import TERM_BY_NAME, TERM_PARAMETERS, NetworkTerm
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -95,13 +95,13 @@ def fit_judged(cleaned: Cleaned, *, command_unit: str, tick_s: float) -> JudgedF
     readings = Readings(measured, tick_s, Use.IDENTIFY, coupling=coupling_of(measured, tick_s))
     findings = _findings(cleaned, unseen)
     fitted = possible(fit_signals(stretches, command_unit=command_unit, findings=findings, readings=readings))
-    plain = _looked_at(fitted, stretches, unseen, measured)
-    best = _composed(plain, measured, command_unit=command_unit, findings=findings)
+    plain = looked_at(fitted, stretches, unseen, measured)
+    best = composed(plain, measured, command_unit=command_unit, findings=findings)
     result = with_terms_named(judged(best.fitted, best.error), plain.fitted)
     return replace(best, result=replace(result, verdict=(*result.verdict, *filter(None, [best.rejected]))))
 
 
-def _looked_at(
+def looked_at(
     fitted: FitResult, stretches: tuple[Signals, ...], unseen: tuple[Signals, ...], measured: Measured
 ) -> JudgedFit:
     """A fit with the model's error, not yet judged by it."""
@@ -110,19 +110,26 @@ def _looked_at(
     return JudgedFit(fitted, fitted, stretches, unseen, at, error)
 
 
-def _composed(before: JudgedFit, measured: Measured, *, command_unit: str, findings: Findings) -> JudgedFit:
+def composed(
+    before: JudgedFit,
+    measured: Measured,
+    *,
+    command_unit: str,
+    findings: Findings,
+    allowed: Collection[str] = TERM_BY_NAME.keys(),
+) -> JudgedFit:
     """The same with every term that the residual asks for, one after the other: the one that explains the most first.
 
     The residual asks for a term where that explains what is left of every segment from the others (``departures``). It
     stays where the fit with it converges, its values are known, and less of the torque is left; then the residual is
-    looked at again. Only what the table of terms has can be added.
+    looked at again. Only what the table of terms has can be added, and of that what is ``allowed``.
     """
     for _ in range(MOST_TERMS):
         term = None if before.error is None else asked_for(before.error, before.fitted)
-        if term is None:
+        if term is None or term.name not in allowed:
             return before
         fitted = possible(fit_with_terms(before.fitted, [term], command_unit=command_unit, findings=findings))
-        after = _looked_at(fitted, before.stretches, before.unseen, measured)
+        after = looked_at(fitted, before.stretches, before.unseen, measured)
         if why_not := objection(after, before, term):
             return replace(before, rejected=f"The term {term.name} was tried for it, but {why_not}.")
         before = after
@@ -226,10 +233,10 @@ def with_what_moved(result: FitResult, fit: FitResult, live: Sequence[Estimate])
     """``result`` with a sentence on each parameter whose live values end elsewhere than ``fit``, wide enough for them.
 
     ``result`` is ``fit`` with the deviations that the model's error gives. What moves evenly past its mean deviates
-    from it by the distance to either end over the square root of 3. Live values are those of the paper's motor: beside
-    a network with other terms they tell nothing.
+    from it by the distance to either end over the square root of 3. Live values of another composition tell nothing.
     """
-    if result.network.relative_terms:
+    terms = {parameter.name for each in result.network.relative_terms for parameter in each.term.parameters}
+    if terms != {each.name for each in live if each.name in TERM_PARAMETERS}:
         return result
     moved = {change.final.name: change for change in changes(live, fit) if change.significant}
     if not moved:

@@ -2,9 +2,9 @@
 
 Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the same
 data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is imposed.
-What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations are those of the
-parametric bootstrap, which is repeated each time that the data have doubled; in between they shrink as the
-residual's."""
+What moves meanwhile is followed from there (``Drift``). Deviations are those of the parametric bootstrap, and the
+network's terms those that the residual asks for. Both are worked out each time that the data have doubled; in between
+deviations shrink as the residual's, and the terms stay."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -15,18 +15,21 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification import cleaning
 from norton_bench.identification.bootstrap import Readings
-from norton_bench.identification.fit import PHYSICAL, network_of, physical, result_of, solution_of
+from norton_bench.identification.cleaning import Cleaned
+from norton_bench.identification.fit import KNOWN, PHYSICAL, physical, result_of, solution_of, solution_with
+from norton_bench.identification.judged_fit import composed, looked_at
 from norton_bench.identification.load import coupling_of
+from norton_bench.identification.model_error import ModelError, judged_estimate
 from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
 from norton_bench.identification.sanity_checks import Blocks
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, VISCOUS
-from norton_bench.identification.signals import signals
+from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
-from norton_bench.identification.standstill import rising, spikes
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.records import Measured, SegmentInfo, Table, join
+from norton_bench.models.terms import TERM_BY_NAME, TERMS, NetworkTerm
+from norton_bench.records import Measured, SegmentInfo, join
 from norton_bench.segments import Use
 
 # Oil warms and wears, and magnets with it; a rotor does not grow heavier.
@@ -154,44 +157,6 @@ class _Record:
         return _End(follower.x, follower.P, likelihood, float(np.median(surprises)))
 
 
-# Readings arrive within so long of the ticks of their part.
-STRAY_NS = 1_000_000_000
-
-
-# Identification while the experiment runs: the final fit, of the recording as far as it goes, again and again.
-#
-# Each fit sees everything that was recorded for identification so far, so it is as right as the final one of the same
-# data; what the calibration told of the actuator counts too, for nothing else sets a scale before motion is imposed.
-# What moves meanwhile is followed from there (:mod:`norton_bench.identification.live`). Deviations are those of the
-# parametric bootstrap, which is repeated each time that the data have doubled; in between they shrink as the
-# residual's.
-def clean(part: Measured) -> Measured:
-    """What of a part can be trusted at all, before anything is learned from it.
-
-    A final fit can look at everything twice; what runs live digests each reading once and must not be poisoned by
-    it.
-
-    The part without readings that are not finite, stand alone far off, or bear an impossible time.
-    """
-    ticks = part.ticks[np.isfinite(part.ticks["command"])]
-    if not len(ticks):
-        return replace(part, ticks=ticks, motion=part.motion[:0], torque=part.torque[:0])
-    ticks = ticks[rising(ticks["tick_ns"])]
-    span_ns = int(ticks["tick_ns"][0]) - STRAY_NS, int(ticks["tick_ns"][-1]) + STRAY_NS
-    return replace(
-        part,
-        ticks=ticks,
-        motion=_readings(part.motion, "position_rad", span_ns),
-        torque=_readings(part.torque[part.torque["valid"]], "torque_nm", span_ns),
-    )
-
-
-def _readings(table: Table, column: str, span_ns: tuple[int, int]) -> Table:
-    arrival_ns = table["arrival_ns"]
-    table = table[np.isfinite(table[column]) & (arrival_ns >= span_ns[0]) & (arrival_ns <= span_ns[1])]
-    return table[~spikes(table[column])]
-
-
 LEARNT_FROM = (Use.CALIBRATE, Use.IDENTIFY)
 # The first fit. Half as much tells next to nothing of friction.
 FIRST_S = 4.0
@@ -204,6 +169,8 @@ WINDOW_S = 180.0
 # Simulated records for the deviations: half of the final fit's, which widens them by a tenth (Student's t).
 DRAWS = 6
 SIGNIFICANT_BIAS = 2.0  # deviations
+# What changes with time is followed, not fitted.
+CONSTANT_TERMS = frozenset(term.name for term in TERMS if not term.in_time)
 
 
 @dataclass(frozen=True)
@@ -246,6 +213,8 @@ class LiveIdentifier:
     _coupling: Coupling | None = field(default=None, init=False)
     _calibrated_ticks: int = field(default=0, init=False)  # that the coupling is known from
     _corrections: dict[str, _Correction] = field(default_factory=dict, init=False)
+    _terms: tuple[NetworkTerm, ...] = field(default=(), init=False)  # of the last fit that was simulated, relative
+    _error: ModelError | None = field(default=None, init=False)  # what that model was wrong by
     _latest: LiveEstimate = field(default_factory=lambda: LiveEstimate(0), init=False)
 
     def __post_init__(self) -> None:
@@ -253,7 +222,7 @@ class LiveIdentifier:
 
     def update(self, part: Measured) -> LiveEstimate:
         """Learn from the next part: of segments meant for LEARNT_FROM alone."""
-        part = clean(part)
+        part = cleaning.clean_part(part)
         if self._went_back(part):
             self._begin_anew()
         self._parts.append(part)
@@ -275,6 +244,7 @@ class LiveIdentifier:
 
     def _begin_anew(self) -> None:
         self._parts, self._corrections, self._coupling = [], {}, None
+        self._terms, self._error = (), None
         self._told_ticks, self._simulated_ticks, self._calibrated_ticks = 0, 0, 0
         self._next_ticks = round(FIRST_S / self.tick_s)
 
@@ -292,13 +262,15 @@ class LiveIdentifier:
             solution = solution_of(stretches, findings=cleaned.findings)
         except ExperimentError:
             return self._latest
-        doubled = self._told_ticks >= 2 * self._simulated_ticks
-        readings = self._readings(measured, cleaned.measured) if doubled and not cleaned.findings.doubts else None
-        result = result_of(
-            stretches, solution, command_unit=self.command_unit, findings=cleaned.findings, readings=readings
-        )
-        estimates = tuple(result.estimate(name) for name in PHYSICAL)
+        if self._told_ticks >= 2 * self._simulated_ticks and not cleaned.findings.doubts:
+            readings = self._readings(measured, cleaned.measured)
+            result = self._composed(stretches, solution, readings, cleaned)
+        else:
+            solution = self._with_terms(solution)
+            result = result_of(stretches, solution, command_unit=self.command_unit, findings=cleaned.findings)
+        estimates = _estimates(result)
         if simulated := result.simulated:
+            solution = simulated.bench.solution
             self._simulated_ticks = self._told_ticks
             self._corrections = {each.name: _Correction.of(each, simulated) for each in estimates}
             stated = simulated.of_residual
@@ -308,8 +280,29 @@ class LiveIdentifier:
         drift = None if result.ratios_only or not result.converged else drift_of(solution)
         if drift is not None:
             estimates = self._moved(estimates, solution, drift)
+        if self._error is not None and not result.ratios_only:
+            estimates = tuple(judged_estimate(each, self._error) for each in estimates)
         network = self._network(estimates, result)
         return LiveEstimate(self._latest.stamp_ns, estimates, network, result.samples)
+
+    def _composed(
+        self, stretches: tuple[Signals, ...], solution: Solution, readings: Readings, cleaned: Cleaned
+    ) -> FitResult:
+        """With simulated deviations and with the terms that the residual asks for, as the final fit is."""
+        self._terms, self._error = (), None
+        unit, findings = self.command_unit, cleaned.findings
+        result = result_of(stretches, solution, command_unit=unit, findings=findings, readings=readings)
+        if result.simulated is None or result.doubtful:
+            return result
+        plain = looked_at(result, stretches, (), cleaned.measured)
+        best = composed(plain, cleaned.measured, command_unit=unit, findings=findings, allowed=CONSTANT_TERMS)
+        self._terms = best.fitted.network.relative_terms
+        if best.error is not None and not any(_in_time(each.kind.name) for each in best.error.departures):
+            self._error = best.error
+        return best.fitted
+
+    def _with_terms(self, plain: Solution) -> Solution:
+        return solution_with(plain, self._terms) if self._terms and not plain.free_motion else plain
 
     def _readings(self, measured: Measured, cleaned: Measured) -> Readings:
         calibrated = [segment.index for segment in measured.segments if segment.use is Use.CALIBRATE]
@@ -325,12 +318,13 @@ class LiveIdentifier:
         """As they are now: each by what the end of the record differs from all of it."""
         linear, shape = solution.linear + drift.change[: len(solution.linear)], solution.shape.as_array()
         shape[list(solution.free)] += drift.change[len(solution.linear) :]
-        now = replace(solution, linear=linear, shape=type(solution.shape).of(shape))
+        now = replace(solution, linear=linear, shape=solution.shape.at(shape))
         time_s = solution.regression.time_s()
         before = physical(solution, time_s)[0]
         after, covariance = physical(now, time_s, drift.covariance)
         moved = []
-        for at, estimate in enumerate(estimates):
+        for estimate in estimates:
+            at = _place(estimate.name, solution)
             known = self._corrections.get(estimate.name, _Correction())
             value = estimate.value + float(after[at] - before[at])
             std = float(np.hypot(known.wider * np.sqrt(covariance[at, at]), known.bias_std * abs(value)))
@@ -344,8 +338,29 @@ class LiveIdentifier:
         covariance = np.asarray(result.network.covariance)
         std = np.array([estimate.std for estimate in estimates])
         wider = std / np.sqrt(np.diag(covariance))
-        network = network_of(estimates, self.command_unit, covariance * np.outer(wider, wider))
-        return network.with_provenance({"fit": "live"})
+        values = {each.name: each.value for each in estimates}
+        return replace(
+            NortonNetwork.of_parameters(values, self.command_unit),
+            terms=tuple(each.with_values(values) for each in result.network.terms),
+            covariance_names=tuple(values),
+            covariance=tuple(map(tuple, (covariance * np.outer(wider, wider)).tolist())),
+            provenance={"fit": "live"},
+        )
+
+
+def _estimates(result: FitResult) -> tuple[Estimate, ...]:
+    """The motor's seven, then those of the terms: as the network's covariance has them."""
+    terms = [parameter.name for each in result.network.relative_terms for parameter in each.term.parameters]
+    return tuple(result.estimate(name) for name in (*PHYSICAL, *terms))
+
+
+def _place(name: str, solution: Solution) -> int:
+    """Of a parameter among a solution's values."""
+    return (*KNOWN, *(one.name for each in solution.shape.terms for one in each.term.parameters)).index(name)
+
+
+def _in_time(name: str) -> bool:
+    return name in TERM_BY_NAME and TERM_BY_NAME[name].in_time
 
 
 def _learnt_from(segment: SegmentInfo) -> SegmentInfo:

@@ -220,7 +220,7 @@ def _told_apart(at: Expansion, result: tuple[Departure, ...], usual: _Usual) -> 
 
 
 def _mostly_no_noise(at: Expansion, left_nm2: float, usual: _Usual) -> bool:
-    """Whether more than UNEXPLAINED of the mean square left is neither noise nor what ticks and counts leave open."""
+    """Whether more than UNEXPLAINED of what is left is neither noise nor what ticks and counts leave open."""
     return (1 - UNEXPLAINED) * left_nm2 > max(at.noise_nm2 + at.unknown_nm2, usual.left_nm2)
 
 
@@ -254,7 +254,7 @@ def judged(result: FitResult, error: ModelError | None) -> FitResult:
         verdict=tuple(text for text in result.verdict if text not in {check.sentence for check in looked_like}),
     )
     undoubted = bool(looked_like) and not told.failed_checks
-    estimates = tuple(_judged(each, error, undoubted=undoubted) for each in result.estimates)
+    estimates = tuple(judged_estimate(each, error, undoubted=undoubted) for each in result.estimates)
     concerned = [each.name for each in estimates if each.status is Status.INADEQUATE]
     texts = sentences(error, concerned)
     network = widened(result, estimates).with_provenance({"model": texts[0]})
@@ -270,7 +270,8 @@ def widened(result: FitResult, estimates: Sequence[Estimate]) -> NortonNetwork:
     return replace(network, covariance=tuple(tuple(float(value) for value in row) for row in covariance))
 
 
-def _judged(estimate: Estimate, error: ModelError, *, undoubted: bool) -> Estimate:
+def judged_estimate(estimate: Estimate, error: ModelError, *, undoubted: bool = False) -> Estimate:
+    """With what the model's error makes of its deviation and status."""
     status = Status.VALID if undoubted and estimate.status is Status.DOUBTFUL else estimate.status
     # Torque constant and amplifier gain are shares of the torque gain, and move as it does.
     name = "torque_gain" if estimate.name in ("torque_constant", "amplifier_gain") else estimate.name

@@ -219,6 +219,10 @@ class NetworkTerm:
         """Values by the names of the parameters."""
         return {each.name: value for each, value in zip(self.term.parameters, self.values, strict=True)}
 
+    def with_values(self, values: Mapping[str, float]) -> "NetworkTerm":
+        """The same with those of ``values``, by the names of parameters; what these do not have stays."""
+        return replace(self, values=tuple(values.get(name, value) for name, value in self.named().items()))
+
     def text(self, command_unit: str, number: Callable[[float], str] = _plain, unit: Callable[[str], str] = str) -> str:
         """Its values with units, and its periods a turn; ``number`` and ``unit`` say how these are written."""
         texts = [

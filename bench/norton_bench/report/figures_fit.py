@@ -14,7 +14,8 @@ from norton_bench.identification.results import FitResult, LiveEstimate, Trace
 from norton_bench.identification.without_model import StopOperator
 from norton_bench.models.drawn_motor import port_torque_nm
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import PARAMETERS, Estimate, Status
+from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.models.terms import TERM_PARAMETERS
 from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.records import Table
 from norton_bench.report.figures_network import ImpedanceLoop, legend
@@ -106,7 +107,7 @@ def _pair(axes: Axes, trace: Trace, chosen: npt.NDArray[np.intp]) -> None:
 
 def live_figure(live: Sequence[LiveEstimate | RecordedEstimates], time_s: FloatArray, fit: FitResult | None) -> Figure:
     """Each live estimate over time with its 95 % band, and the final value."""
-    names = [parameter.name for parameter in PARAMETERS if _history(live, parameter.name)]
+    names = [name for name in (*BY_NAME, *TERM_PARAMETERS) if _history(live, name)]
     rows = max(1, -(-len(names) // _COLUMNS))
     picture = figure(1.7 * rows)
     panels = picture.subplots(rows, _COLUMNS, squeeze=False, sharex=True).ravel()

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.expansion import (
-    KNOWN,
     VAGUE_RELATIVE,
     Excitation,
     Linearised,
@@ -14,7 +13,7 @@ from norton_bench.identification.expansion import (
     noise_density_nm,
     vague,
 )
-from norton_bench.identification.fit import fit
+from norton_bench.identification.fit import KNOWN, fit
 from norton_bench.identification.signals import signals
 from norton_bench.models.network import NortonNetwork
 from norton_bench.segments import Use

@@ -6,9 +6,10 @@ import numpy as np
 
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
-from tests.bench.identification.synthetic import FREE, IMPOSED, TICK_S, Plan, Truth, multisine, smooth
+from tests.bench.identification.synthetic import FREE, IMPOSED, TICK_S, Departs, Plan, Truth, multisine, smooth
 
 TOP = 0.06
+NOTHING_DEPARTS = Departs()
 PART_NS = 100_000_000
 
 
@@ -44,12 +45,12 @@ def exciting_then(kind, excited_s=16.0, dull_s=40.0, seed=1):
     return synthetic.run(dull(plan, kind, dull_s), Truth(), synthetic.Bench(), seed)
 
 
-def exciting_for(duration_s, seed=1):
+def exciting_for(duration_s, seed=1, departs=NOTHING_DEPARTS):
     rng = np.random.default_rng([seed, 22])
     plan = Plan().add("tare", "rest", Use.TARE, np.zeros(300), IMPOSED)
     for _ in range(round(duration_s / 20.0)):
         exciting(plan, rng, 20.0)
-    return synthetic.run(plan, Truth(), synthetic.Bench(), seed)
+    return synthetic.run(plan, Truth(), synthetic.Bench(departs=departs), seed)
 
 
 def drifting(measured, damping_share=0.0, coulomb_share=0.0, from_s=20.0):

@@ -12,7 +12,7 @@ from norton_bench.models.parameters import Status
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.live.phases import PART_NS, drifting, exciting_for, exciting_then, feed
-from tests.bench.identification.synthetic import NAMES, TICK_S, Truth
+from tests.bench.identification.synthetic import NAMES, TICK_S, Departs, Truth
 
 # Before and after the deviations were worked out once more.
 SEARCHED_S, TRACKED_S = 12.0, 26.0
@@ -146,10 +146,33 @@ def test_bad_parts_never_poison(how):
         part = measured.between(at_ns, at_ns + PART_NS)
         last = identifier.update(spoilt(part, how, rng) if number % 47 == 3 else part)
         assert all(np.isfinite([estimate.value, estimate.std]).all() for estimate in last.estimates)
+    # What is left of torques of any size, no model explains.
+    status = Status.INADEQUATE if how == "garbage" else Status.VALID
     for estimate in last.estimates:
-        assert estimate.status is Status.VALID, estimate
+        assert estimate.status is status, estimate
         truth = getattr(Truth(), estimate.name)
         assert abs(estimate.value - truth) < 3 * estimate.std + 0.01 * truth, estimate
+
+
+def test_an_actuator_that_is_not_the_papers_motor_gets_its_term_while_the_session_runs():
+    """Friction that is 30 % greater at rest: half a minute of unlike motions is enough to tell it from all else."""
+    measured = synthetic.experiment(seed=4, bench=synthetic.Bench(departs=Departs(stribeck_drop=0.3)))
+    start_ns = int(measured.ticks["tick_ns"][0])
+    last = feed(LiveIdentifier("N*m", TICK_S), measured.between(start_ns, start_ns + 27_000_000_000))[-1]
+    coulomb = Truth().coulomb_torque
+    true = {"coulomb_torque": 0.7 * coulomb, "stribeck_torque": 0.3 * coulomb, "stribeck_velocity": 5.0}
+    assert [term.name for term in last.network.relative_terms] == ["stribeck"]
+    for estimate in last.estimates:
+        value = true.get(estimate.name, getattr(Truth(), estimate.name, None))
+        assert estimate.status is Status.VALID
+        assert abs(estimate.value - value) < 3 * estimate.std + 0.01 * value, estimate
+
+
+def test_one_motion_does_not_tell_what_is_missing_but_that_something_is():
+    measured = exciting_for(20.0, departs=Departs(stribeck_drop=0.3))
+    last = feed(LiveIdentifier("N*m", TICK_S), measured)[-1]
+    assert last.network is None
+    assert {estimate.status for estimate in last.estimates} == {Status.INADEQUATE}
 
 
 def test_a_clock_set_back_is_survived(experiment):
