@@ -13,6 +13,7 @@ from norton_bench.errors import ExitCode, UsageError
 if TYPE_CHECKING:
     from norton_bench.networks.checks import Finding
     from norton_bench.networks.family import Network
+    from norton_bench.networks.left_out import ExportedModel
 
 NetworkFile = Annotated[Path, Parameter(name="FILE", help="A network file (JSON).")]
 Type = Annotated[Literal["thevenin", "norton"] | None, Parameter(name="--type", help="Type of the source.")]
@@ -22,7 +23,8 @@ Settle = Annotated[str, Parameter(help="Time allowed for a network with states t
 Span = Annotated[float | None, Parameter(help="Greatest command shown, in the command's unit.")]
 
 Target = Annotated[
-    Literal["mujoco", "mujoco-dcmotor", "c", "fmu", "rig"], Parameter(name="--to", help="The kind of file to write.")
+    Literal["mujoco", "mujoco-dcmotor", "urdf", "isaaclab", "ranges", "c", "fmu", "rig"],
+    Parameter(name="--to", help="The kind of file to write."),
 ]
 IntoRig = Annotated[
     Path | None,
@@ -32,6 +34,9 @@ IntoRig = Annotated[
 ENDINGS = {
     "mujoco": ".mjcf.xml",
     "mujoco-dcmotor": ".dcmotor.mjcf.xml",
+    "urdf": ".urdf",
+    "isaaclab": ".isaaclab.py",
+    "ranges": ".ranges.json",
     "c": ".h",
     "fmu": ".fmu",
     "rig": "-network.toml",
@@ -100,8 +105,8 @@ def plot(
 
 
 def export(file: NetworkFile, /, *, to: Target, rig_file: IntoRig = None, out: Out = None, json: Json = False) -> int:
-    """Write the network as a MuJoCo model, as a self-contained C header, as an FMU for co-simulation (FMI 3.0), or as a
-    rig file with the network as its simulated actuator."""
+    """Write the network for other programs: MuJoCo, URDF, Isaac Lab, C, an FMU for co-simulation (FMI 3.0); as ranges
+    to draw parameters from; or as a rig file with the network as its simulated actuator."""
     from norton_bench.networks.files import load  # noqa: PLC0415
 
     output = Output(json)
@@ -149,9 +154,12 @@ def _exported(network: "Network", to: str, path: Path) -> list[str]:
     if to in ("mujoco", "mujoco-dcmotor"):
         from norton_bench.networks.export.mjcf import export_mjcf  # noqa: PLC0415
 
-        model = export_mjcf(network, name, dcmotor=to == "mujoco-dcmotor")
-        path.write_text(model.text, encoding="utf-8")
-        return list(model.left_out)
+        return _written(export_mjcf(network, name, dcmotor=to == "mujoco-dcmotor"), path)
+    if to in ("urdf", "isaaclab", "ranges"):
+        from norton_bench.networks.export import robots  # noqa: PLC0415
+
+        makers = {"urdf": robots.export_urdf, "isaaclab": robots.export_isaac_lab, "ranges": robots.export_ranges}
+        return _written(makers[to](network, name), path)
     if to == "c":
         from norton_bench.networks.export.c_code import header  # noqa: PLC0415
 
@@ -165,6 +173,11 @@ def _exported(network: "Network", to: str, path: Path) -> list[str]:
         if compiled
         else ["No C compiler was found, so the FMU contains only source code; the importing program must compile it."]
     )
+
+
+def _written(model: "ExportedModel", path: Path) -> list[str]:
+    path.write_text(model.text, encoding="utf-8")
+    return list(model.left_out)
 
 
 def _seconds(text: str) -> float:

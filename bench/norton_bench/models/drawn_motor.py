@@ -1,4 +1,8 @@
-"""A motor of many draws: its parameters and those of its terms as their covariance has them, for derived figures."""
+"""A motor in steady sliding, and the same motor drawn many times as its covariance has it, for derived figures.
+
+The functions take a network with its signs and directions. :class:`Motor` has many draws at once, and means over both
+directions and over a turn.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
-from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
+from norton_bench.models.network import PARAMETER_OF_FIELD, REQUIRED, NortonNetwork
 from norton_bench.models.terms import ASYMMETRY, DRAG, LOAD, SATURATION, STRIBECK, STRIBECK_VELOCITY, waves_of
 
 SPEEDS = 1001
@@ -91,15 +95,6 @@ def command_shown(network: NortonNetwork) -> float:
 DRAWS = 4000
 # Terms that a mean over positions and directions depends on.
 MEAN_TERMS = ("stribeck", "load", "saturation", "drag")
-_FIELDS = (
-    "torque_gain",
-    "amplifier_bandwidth_rad_s",
-    "inertia_kgm2",
-    "viscous_damping_nms_rad",
-    "coulomb_torque_nm",
-    "presliding_stiffness_nm_rad",
-    "presliding_damping_nms_rad",
-)
 
 
 @dataclass(frozen=True)
@@ -165,7 +160,7 @@ def estimate_of(network: NortonNetwork) -> Motor:
 
 def drawn(network: NortonNetwork, seed: int) -> Motor:
     """DRAWS motors as the covariance has them, shape (DRAWS,); all of them NaN where the network has none."""
-    names = [*(PARAMETER_OF_FIELD[field] for field in _FIELDS), *_term_names(network)]
+    names = [*(PARAMETER_OF_FIELD[field] for field in REQUIRED), *_term_names(network)]
     if not has_covariance(network):
         return _motor(np.full((DRAWS, len(names)), np.nan), _term_names(network))
     covariance = np.zeros((len(names), len(names)))
@@ -176,9 +171,18 @@ def drawn(network: NortonNetwork, seed: int) -> Motor:
     return _motor(_values(network) + np.concatenate([half, -half]), _term_names(network))
 
 
+def drawn_values(network: NortonNetwork, seed: int) -> FloatArray:
+    """Values of ``network.covariance_names`` as they go together, shape (DRAWS, names); terms that have none stay."""
+    values = {name: value for name, (value, _) in network.parameters().items()}
+    values |= {name: value for term in network.terms for name, value in term.named().items()}
+    mean = np.array([values[name] for name in network.covariance_names])
+    normal = np.random.default_rng(seed).standard_normal((DRAWS, mean.size))
+    return np.asarray(mean + normal @ _root(np.asarray(network.covariance)).T)
+
+
 def has_covariance(network: NortonNetwork) -> bool:
     """Whether intervals follow from it."""
-    return bool(set(network.covariance_names) & {PARAMETER_OF_FIELD[field] for field in _FIELDS})
+    return bool(set(network.covariance_names) & {PARAMETER_OF_FIELD[field] for field in REQUIRED})
 
 
 def _term_names(network: NortonNetwork) -> list[str]:
@@ -187,15 +191,15 @@ def _term_names(network: NortonNetwork) -> list[str]:
 
 
 def _values(network: NortonNetwork) -> FloatArray:
-    """Those of _FIELDS and of the terms' parameters."""
+    """Those of REQUIRED and of the terms' parameters."""
     terms = [value for term in network.terms if term.name in MEAN_TERMS for value in term.values]
-    return np.array([*(getattr(network, field) for field in _FIELDS), *terms])
+    return np.array([*(getattr(network, field) for field in REQUIRED), *terms])
 
 
 def _motor(values: FloatArray, names: Sequence[str]) -> Motor:
-    gain, *others = values.T[: len(_FIELDS)]
+    gain, *others = values.T[: len(REQUIRED)]
     motor = Motor(np.abs(gain), *others)
-    return replace(motor, terms=dict(zip(names, values.T[len(_FIELDS) :], strict=True)))
+    return replace(motor, terms=dict(zip(names, values.T[len(REQUIRED) :], strict=True)))
 
 
 def _root(covariance: FloatArray) -> FloatArray:

@@ -29,6 +29,14 @@ STIFFER = 1e4
 
 
 @dataclass(frozen=True)
+class ExportedModel:
+    """``text`` of a file, and in sentences what it leaves out of the network."""
+
+    text: str
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class StandardMotion:
     """Command and position [rad] at ticks of ``tick_s``, shape (n,); ``words`` say how far they go.
 
@@ -80,6 +88,19 @@ def without_presliding(network: NortonNetwork) -> NortonNetwork:
     """The network with dry friction of the same strength."""
     stiff = STIFFER * network.presliding_stiffness_nm_rad
     return replace(network, presliding_stiffness_nm_rad=stiff, presliding_damping_nms_rad=0.0)
+
+
+def presliding_sentence(network: NortonNetwork) -> str:
+    """What is lost where friction is dry, and what that costs."""
+    reach = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
+    motion = standard_motion(network)
+    cost = cost_percent(network, without_presliding(network), motion)
+    return (
+        f"Presliding is left out: dry friction holds without a spring, where the contact yields by {reach:.3g} rad "
+        f"(sigma_0 = {network.presliding_stiffness_nm_rad:.4g} N m/rad, "
+        f"sigma_1 = {network.presliding_damping_nms_rad:.4g} N m s/rad) before it slides. That costs {cost:.2g} % of "
+        f"the torque's rms, over {motion.words}; more where the motion hardly slides."
+    )
 
 
 def term_sentences(network: NortonNetwork, names: Sequence[str]) -> tuple[str, ...]:

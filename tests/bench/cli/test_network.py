@@ -115,9 +115,18 @@ def test_what_cannot_be_done_is_one_sentence(files: Path, capsys: pytest.Capture
 
 
 def test_export_writes_each_kind_and_says_what_it_lacks(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    written = {to: told(capsys, "export", files / "motor.network.json", "--to", to) for to in ("mujoco", "c", "fmu")}
+    written = {
+        to: told(capsys, "export", files / "motor.network.json", "--to", to)
+        for to in ("mujoco", "urdf", "isaaclab", "c", "fmu")
+    }
     names = {to: Path(data["file"]).name for to, data in written.items()}
-    assert names == {"mujoco": "motor.mjcf.xml", "c": "motor.h", "fmu": "motor.fmu"}
+    assert names == {
+        "mujoco": "motor.mjcf.xml",
+        "urdf": "motor.urdf",
+        "isaaclab": "motor.isaaclab.py",
+        "c": "motor.h",
+        "fmu": "motor.fmu",
+    }
     assert "Presliding is left out" in written["mujoco"]["left_out"][0]
     assert "motor_step(" in (files / "motor.h").read_text()
     assert (files / "motor.fmu").read_bytes()[:2] == b"PK"

@@ -1,8 +1,8 @@
 """A network as a MuJoCo model (MJCF): a hinge with armature, damping and friction, and an actuator with a lag.
 
 Attributes are those of MuJoCo's XML reference (joint: armature, damping, stiffness, frictionloss; actuator/general:
-dyntype filterexact, gainprm). What MJCF has no words for is said in the file and by :class:`MuJoCoModel`, with what it
-costs (:mod:`norton_bench.networks.left_out`).
+dyntype filterexact, gainprm). What MJCF has no words for is said in the file and beside it, with what it costs
+(:mod:`norton_bench.networks.left_out`).
 
 There are two forms. The first has dry friction, which any MuJoCo knows. The second has the actuator ``dcmotor`` of
 newer ones for the friction contact: LuGre's friction (Canudas de Wit et al. 1995, IEEE Trans. Autom. Control 40:419)
@@ -21,10 +21,10 @@ from norton_bench.models.terms import TERM_BY_NAME, waves_of
 from norton_bench.networks.family import Network
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.left_out import (
-    cost_percent,
+    ExportedModel,
+    presliding_sentence,
     standard_motion,
     term_sentences,
-    without_presliding,
 )
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.operator import Operator
@@ -38,14 +38,6 @@ BODY_SHARE = 0.01
 DCMOTOR_TERMS = ("stribeck", "drag", "cogging")
 # Its back-EMF is motorconst²/resistance times the velocity: 1e-27 N m s/rad.
 NO_BACK_EMF = 'motorconst="1e-9" resistance="1e9" input="none"'
-
-
-@dataclass(frozen=True)
-class MuJoCoModel:
-    """``text`` of the MJCF file, and in sentences what it leaves out of the network."""
-
-    text: str
-    left_out: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -68,7 +60,7 @@ class _Joint:
     timestep_s: float = TIMESTEP_S
 
 
-def export_mjcf(network: Network, name: str, *, dcmotor: bool = False) -> MuJoCoModel:
+def export_mjcf(network: Network, name: str, *, dcmotor: bool = False) -> ExportedModel:
     """``dcmotor`` chooses the form with that actuator, which only an identified motor has.
 
     Raises UsageError, in a sentence, for a network that a joint and an actuator of MuJoCo's cannot be.
@@ -89,7 +81,7 @@ def export_mjcf(network: Network, name: str, *, dcmotor: bool = False) -> MuJoCo
             )
     if not joint.inertia > 0.0:
         raise UsageError("the network has no inertia of its own, and MuJoCo moves nothing without; put it on the load")
-    return MuJoCoModel(_model(joint, name, left_out), left_out)
+    return ExportedModel(_model(joint, name, left_out), left_out)
 
 
 def _motor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
@@ -100,16 +92,8 @@ def _motor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
         network.viscous_damping_nms_rad,
         friction=network.coulomb_torque_nm,
     )
-    reach = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
-    motion = standard_motion(network)
-    cost = cost_percent(network, without_presliding(network), motion)
-    sentence = (
-        f"Presliding is left out: frictionloss holds without a spring, where the contact yields by {reach:.3g} rad "
-        f"(sigma_0 = {network.presliding_stiffness_nm_rad:.4g} N m/rad, "
-        f"sigma_1 = {network.presliding_damping_nms_rad:.4g} N m s/rad) before it slides. That costs {cost:.2g} % of "
-        f"the torque's rms, over {motion.words}; more where the motion hardly slides. The form mujoco-dcmotor keeps it."
-    )
-    return joint, (sentence, *term_sentences(network, tuple(TERM_BY_NAME)))
+    presliding = f"{presliding_sentence(network)} The form mujoco-dcmotor keeps it."
+    return joint, (presliding, *term_sentences(network, tuple(TERM_BY_NAME)))
 
 
 def _dcmotor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
