@@ -125,15 +125,13 @@ def _number(value: float | None) -> float:
 class DahlMotor:
     """The torque motor with Dahl friction (paper, section IV.D), in the paper's symbols.
 
-    ========= ============== ===================================================== symbol unit meaning =========
-    ============== ===================================================== e_c command unit command (the paper's is a
-    voltage) i A motor current Ka A/command amplifier gain beta rad/s amplifier bandwidth Km N m/A torque constant
-    Im kg m^2 rotor inertia B N m s/rad viscous damping sigma_0 N m/rad presliding stiffness sigma_1 N m s/rad
-    presliding damping tau_c N m Coulomb torque phi rad Dahl state (deflection of the friction contact) omega rad/s
-    shaft velocity tau_act N m torque that the actuator exerts at its port ========= ==============
-    =====================================================
+    Ka [A per command] amplifier gain, beta [rad/s] its bandwidth, Km [N m/A] torque constant, Im [kg m²] rotor inertia,
+    B [N m s/rad] viscous damping, sigma_0 [N m/rad] presliding stiffness, sigma_1 [N m s/rad] presliding damping,
+    tau_c [N m] Coulomb torque.
 
-    Parameters of section IV.D.
+    The methods take e_c, the command in its unit (the paper's is a voltage), i [A], the motor's current, phi [rad], the
+    deflection of the friction contact, omega [rad/s], the shaft's velocity, and tau_act [N m], the torque that the
+    actuator exerts at its port.
     """
 
     Ka: float
