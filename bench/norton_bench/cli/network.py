@@ -11,8 +11,8 @@ from norton_bench.cli.output import Output
 from norton_bench.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from norton_bench.networks.checks import Finding
     from norton_bench.networks.family import Network
+    from norton_bench.networks.findings import Finding
     from norton_bench.networks.left_out import ExportedModel
 
 NetworkFile = Annotated[Path, Parameter(name="FILE", help="A network file (JSON).")]
@@ -266,7 +266,7 @@ def _equivalents(network: "Network") -> list[dict[str, Any]]:
 
 
 def _lines(data: dict[str, Any], findings: "tuple[Finding, ...]") -> Iterator[str]:
-    from norton_bench.networks.checks import VERDICTS  # noqa: PLC0415
+    from norton_bench.networks.findings import VERDICTS  # noqa: PLC0415
 
     commands = ", ".join(f"{name} [{unit or '-'}]" for name, unit in data["commands"].items())
     yield f"{data['type']} network in {data['form']} form, {data['equations']}; commands: {commands or 'none'}"

@@ -18,7 +18,7 @@ from norton_bench.identification.rows import Aligned, align
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.source_map import Settling, settling
 from norton_bench.identification.without_model import WithoutModel
-from norton_bench.networks.checks import VERDICTS
+from norton_bench.networks.findings import VERDICTS
 from norton_bench.records import Measured, SegmentInfo
 
 # Torque within this many deviations of its noise, or this share of the loop's greatest, counts as next to none.

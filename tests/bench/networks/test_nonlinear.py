@@ -13,8 +13,11 @@ from norton_bench.errors import UsageError
 from norton_bench.networks.checks import check
 from norton_bench.networks.expressions import Equations
 from norton_bench.networks.family import converted, coupled, exertion, motion
+from norton_bench.networks.findings import of_modes
 from norton_bench.networks.kinds import Form, Kind, Load, Motion, NoConversionError
+from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork
+from norton_bench.networks.operator import Operator
 from norton_bench.networks.settled import linearised, static_exertion, static_source
 from tests.bench.networks.some import MOTOR, PENDULUM, PNEUMATIC, SPRING, VARIABLE, series_elastic
 
@@ -201,6 +204,41 @@ def test_backlash_is_an_interval_of_zeros_with_its_width():
     assert found.interval_rad == pytest.approx(0.1, abs=0.011)
 
 
+def test_backlash_between_two_places_of_the_grid_is_not_overlooked():
+    """0.4 mrad, a sixth of the distance of two places."""
+    narrow = series_elastic("K*(dx - min(max(dx, -play), play))")
+    parameters = {**narrow.connection.parameters, "play": 2e-4}
+    narrow = replace(narrow, connection=replace(narrow.connection, parameters=parameters))
+    found = findings(narrow)["unique zero"]
+    assert found.holds is False
+    assert found.interval_rad == pytest.approx(4e-4, rel=1e-3)
+
+
+def with_states(exertion, **rates):
+    """A positioned source and a connection of ``exertion`` with states; its spring is K = 4 N m/rad."""
+    plain = series_elastic("K*dx")
+    parameters = {**plain.connection.parameters, "s": 50.0, "sigma": 20.0}
+    connection = Equations(plain.connection.inputs, {"f": exertion}, rates=rates, parameters=parameters)
+    return replace(plain, connection=connection)
+
+
+def test_a_maxwell_element_holds_no_place():
+    """A spring behind a damper: at rest nothing is left of it."""
+    found = findings(with_states("K*(dx - q)", q="20*(dx - q)"))["unique zero"]
+    assert found.holds is False
+    assert "the place is free" in found.why
+    beside_a_spring = findings(with_states("K*dx + K*(dx - q)", q="20*(dx - q)"))["unique zero"]
+    assert beside_a_spring.holds
+
+
+def test_a_friction_contact_beside_a_spring_leaves_a_range_of_places():
+    """Coulomb torque sigma/s = 0.4 N m against 4 N m/rad: the zeros lie 2·0.1 rad apart."""
+    found = findings(with_states("K*dx + sigma*q", q="dv - s*abs(dv)*q"))["unique zero"]
+    assert found.holds is False
+    assert "how the port came there" in found.why
+    assert found.interval_rad == pytest.approx(0.2, rel=0.01)
+
+
 def test_a_second_zero_and_a_source_that_is_none_are_told():
     twice = findings(series_elastic("K*dx*(dx - 0.3)"))
     assert twice["source is a zero"].holds
@@ -215,6 +253,17 @@ def test_unstable_zero_dynamics_are_told():
     assert found.holds is False
     assert "40" in found.why
     assert findings(series_elastic("B*dv + K*dx"))["stable zero dynamics"].holds
+
+
+def test_modes_at_zero_and_oscillations_that_last_are_called_by_their_name():
+    assert of_modes(np.array([-3.0 + 4j, -3.0 - 4j])) == (True, "the slowest lies at -3 rad/s")
+    assert of_modes(np.array([5j, -5j])) == (False, "an oscillation at 5 rad/s does not decay")
+    assert of_modes(np.array([0.0, -2.0])) == (None, "one is zero, the slowest lies at -2 rad/s beside")
+    free_mass = LinearNetwork(
+        Kind.NORTON, Form.IMPEDANCE, Operator.polynomial(1.0), Operator.polynomial(0.0, 0.0, 0.1), ("rad",)
+    )
+    drifts = {each.condition: each for each in check(free_mass)}["stable zero dynamics"]
+    assert (drifts.holds, drifts.why) == (False, "zeros of the impedance: 2 are zero; the free port drifts away")
 
 
 def test_without_a_domain_nothing_is_claimed():
