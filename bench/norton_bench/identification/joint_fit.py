@@ -26,7 +26,7 @@ from norton_bench.identification.separable import (
     Solution,
     limits,
 )
-from norton_bench.identification.shape import INERTIA, LINEAR, Shape
+from norton_bench.identification.shape import INERTIA, LINEAR, SMALL, Shape
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.identification.turns import strongest_period
 from norton_bench.models.terms import (
@@ -107,7 +107,7 @@ class _Point:
         physical = self.linear[: len(LINEAR)]
         linear[: len(LINEAR)] = VAGUE_RELATIVE * np.maximum(np.abs(physical), 1e-12)
         shape = np.array([VAGUE_RELATIVE, VAGUE_RELATIVE, VAGUE_S, VAGUE_S])
-        terms = self.regression.steps(self.shape)[4:] / 0.01
+        terms = _scales(self.regression, self.shape)
         return np.concatenate([linear, shape, VAGUE_RELATIVE * terms])
 
     def moved(self, step: FloatArray) -> tuple[Shape, FloatArray]:
@@ -159,6 +159,8 @@ def solve_behind(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -
     plain = replace(_plain(near.regression), cogging=()).with_terms(terms, zero_nm, near.regression.middle_s)
     at = min((_first(plain, *each) for each in begins), key=lambda point: float(point.innovation @ point.innovation))
     at, _ = _descend(at, most_steps=MOST_STEPS, within=ROUGH_STEP)
+    at = _first(plain, at.shape, at.linear[: len(LINEAR)])
+    at, _ = _descend(at, most_steps=MOST_STEPS, within=ROUGH_STEP)
     at = _with_cogging(at)
     at, converged = _descend(at, most_steps=MOST_STEPS, within=CONVERGED_STEP)
     return at.solution(converged=converged)
@@ -202,7 +204,7 @@ def _plain(regression: Regression) -> Regression:
 def _first(plain: Regression, shape: Shape, linear: FloatArray) -> _Point:
     """The regression of a motor behind a joint at a first point, with the sensor's zero that suits it."""
     regression = JointRegression.behind(plain, np.zeros(len(LINEAR) + 2 * len(plain.cogging)))
-    regression = regression.linearised_at(linear)
+    regression = regression.linearised_at(linear).foreseen(shape)
     bias = regression.bias()
     left = regression.target() - regression.prediction(regression.model(shape))
     zero = np.linalg.lstsq(bias.T, left, rcond=1e-12)[0]
@@ -211,7 +213,7 @@ def _first(plain: Regression, shape: Shape, linear: FloatArray) -> _Point:
 
 def _descend(at: _Point, *, most_steps: int, within: FloatArray, held: bool = False) -> tuple[_Point, bool]:
     """Gauss-Newton with halving, until a step is ``within`` that. Returns where it ended and whether it converged."""
-    scales = at.regression.steps(at.shape)[4:] / 0.01
+    scales = _scales(at.regression, at.shape)
     close = np.concatenate([within, within[0] * scales])
     longest = np.concatenate([LONGEST_STEP, LONGEST_STEP[0] * scales])
     for _ in range(most_steps):
@@ -226,6 +228,12 @@ def _descend(at: _Point, *, most_steps: int, within: FloatArray, held: bool = Fa
             return at, squared_deviations < LITTLE_GAINED
         at = _Point.of(at.regression, *better)
     return at, False
+
+
+def _scales(regression: JointRegression, shape: Shape) -> FloatArray:
+    """Of the terms' parameters: a change of a logarithm by one, or one that matters as much."""
+    logarithmic = np.array([one.logarithmic for _, one in _parameters(shape)])
+    return np.where(logarithmic, 1.0, regression.steps(shape)[4:] / SMALL)
 
 
 def _shortened(at: _Point, step: FloatArray, longest: FloatArray) -> float:
@@ -333,16 +341,18 @@ def _span(regression: Regression, shape: Shape, term: NetworkTerm, parameter: Te
 
 
 def _pieces(near: Solution) -> tuple[Signals, ...]:
-    """The pieces of the record in which the rigid motor is off the most, in order of time."""
+    """The pieces of the record in which much is carried and the rigid motor is off the most, in order of time."""
     regression, pieces = near.regression, list[tuple[float, Signals, int, int]]()
-    first = 0
+    first, target = 0, near.regression.target()
     for rows in regression.rows:
-        power = np.zeros(rows.count)
-        power[rows.usable] = near.residual[first : first + rows.usable.size] ** 2
-        first += rows.usable.size
+        power, torque = np.zeros(rows.count), np.zeros(rows.count)
+        own = slice(first, first := first + rows.usable.size)
+        power[rows.usable], torque[rows.usable] = near.residual[own] ** 2, target[own] ** 2
         length = min(rows.count, round(PIECE_S / rows.signals.tick_s))
         for start in range(0, rows.count - length + 1, max(length, 1)):
-            pieces.append((float(np.sum(power[start : start + length])), rows.signals, start, start + length))
+            part = slice(start, start + length)
+            weight = float(np.sum(power[part]) * np.sum(torque[part]))
+            pieces.append((weight, rows.signals, start, start + length))
     chosen = sorted(pieces, key=lambda piece: -piece[0])[:PIECES]
     return tuple(_cut(*piece[1:]) for piece in sorted(chosen, key=lambda piece: piece[1].time_s[piece[2]]))
 
