@@ -14,8 +14,10 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.current import fit_current
+from norton_bench.identification.joint_fit import solve_behind
 from norton_bench.identification.results import (
     FitResult,
+    Ground,
     SensorZero,
     Simulated,
     loose_directions,
@@ -39,7 +41,7 @@ from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
 from norton_bench.identification.term_estimates import amplitude, terms_found, terms_in_torque, waves_found
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.models.terms import NetworkTerm
+from norton_bench.models.terms import Factor, NetworkTerm, joint_of
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -126,16 +128,21 @@ def solution_of(
 def fit_with_terms(
     before: FitResult, terms: Sequence[NetworkTerm], *, command_unit: str, findings: Findings = NOTHING_FOUND
 ) -> FitResult:
-    """The fit ``before``, whose deviations were simulated, with ``terms`` more: relative values, from which to begin.
+    """The fit ``before`` with ``terms`` more: relative values, from which to begin; a joint begins anywhere.
 
-    The terms that it has already go on from where they are. Raises ValueError where nothing was simulated.
+    The terms that it has already go on from where they are; one joint takes the place of another. Raises ValueError for
+    a fit that was made without the readings to simulate records by.
     """
-    if before.simulated is None:
+    if before.ground is None:
         raise ValueError("terms are added to a fit whose deviations come from simulated records")
-    bench = before.simulated.bench
-    stretches = tuple(truth.stretch for truth in bench.truths)
-    solution = solve_with_terms(bench.solution, (*bench.solution.shape.terms, *terms), before.torque_bias_nm)
-    return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=bench.readings)
+    near, kept = before.ground.solution, before.ground.solution.shape.terms
+    if joint_of(terms) is not None:
+        kept = tuple(each for each in kept if each.term.factor is not Factor.JOINT)
+    solve_composed = solve_with_terms if joint_of((*kept, *terms)) is None else solve_behind
+    solution, ground = solve_composed(near, (*kept, *terms), before.torque_bias_nm), before.ground
+    return result_of(
+        ground.stretches, solution, command_unit=command_unit, findings=findings, readings=ground.readings
+    )
 
 
 def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
@@ -246,6 +253,7 @@ def result_of(
         middle_s=regression.middle_s,
         torque_zero=_zero(solution, of_unknowns),
         simulated=simulated,
+        ground=None if readings is None else Ground(stretches, solution, readings),
         verdict=(*(each.sentence for each in failed), *terms.verdict(solution, values, covariance), *findings.remarks),
         failed_checks=failed,
     )

@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification import separable
 from norton_bench.identification.joint_regression import JointModel, JointRegression
 from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.separable import (
@@ -166,13 +167,15 @@ def solve_behind(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -
     return at.solution(converged=converged)
 
 
-def solve_again_behind(stretches: tuple[Signals, ...], near: Solution) -> Solution:
-    """The same fit of another record of the same experiment: one step from ``near``, by its slopes.
+def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
+    """The same fit of another record of the same experiment, with or without a joint.
 
-    The same instants are used, and the friction is taken to be forgotten in the same rests.
+    Behind a joint, one step from ``near`` by its slopes: the same instants are used, and the friction is taken to be
+    forgotten in the same rests.
     """
     before = near.regression
-    assert isinstance(before, JointRegression)
+    if not isinstance(before, JointRegression):
+        return separable.solve_again(stretches, near)
     rows = tuple(
         replace(own, signals=replace(other, usable=own.signals.usable, rests=own.signals.rests))
         for own, other in zip(before.rows, stretches, strict=True)

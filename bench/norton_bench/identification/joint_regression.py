@@ -82,9 +82,13 @@ class Driven:
             count,
             signals.released_at_zero,
         )
+        return cls.after(lagged, signals.time_s[0] + np.arange(count) * step_s - rows.middle_s, shape)
+
+    @classmethod
+    def after(cls, lagged: FloatArray, time_s: FloatArray, shape: Shape) -> "Driven":
+        """From what is behind the amplifier's lag, (n,), at instants (n,) from the middle of the session on."""
         if not any(each.term.in_time for each in shape.terms):
             return cls(lagged, np.ones((2, 1)))
-        time_s = signals.time_s[0] + np.arange(count) * step_s - rows.middle_s
         gain, *others = (
             drifted(shape.row, each, time_s) for each in (GAIN_DRIFT, FRICTION_DRIFT, DAMPING_DRIFT)
         )
@@ -198,6 +202,10 @@ class JointRegression(Regression):
     def contamination(self) -> FloatArray:
         """None: what errors of the motion's readings do beside a joint is left to simulated records to tell."""
         return np.zeros(len(LINEAR))
+
+    def carried(self, linear: FloatArray) -> FloatArray:
+        """At most, as of the plain regression: the output has a share of the inertia, and no damping."""
+        return np.array([1.0, linear[INERTIA] ** 2, 0.0])
 
     def slope_contamination(self, linear: FloatArray) -> float:
         """None, likewise."""

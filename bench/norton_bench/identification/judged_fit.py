@@ -23,7 +23,7 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm
+from norton_bench.models.terms import TERM_BY_NAME, Factor, NetworkTerm
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -146,12 +146,16 @@ def with_terms_named(result: FitResult, plain: FitResult) -> FitResult:
 
 def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     """The term for the departure that explains the most, with relative values to begin from; None where none is."""
-    if fitted.simulated is None or fitted.doubtful or not error.departures:
+    if fitted.ground is None or not error.departures or any(not check.midway for check in fitted.failed_checks):
         return None
     first = error.departures[0]
     if first.kind.name not in TERM_BY_NAME:
         return None
-    parameters = TERM_BY_NAME[first.kind.name].parameters
+    term = TERM_BY_NAME[first.kind.name]
+    # A rigid motor may not settle, or look as if it changed, because of a joint; nothing else explains that.
+    if term.factor is not Factor.JOINT and (fitted.simulated is None or fitted.doubtful):
+        return None
+    parameters = term.parameters
     begin = START_SHARE if any(each.logarithmic for each in parameters) else 0.0
     values = tuple(1.0 if each.logarithmic else begin for each in parameters)
     return NetworkTerm(first.kind.name, values, first.periods_per_turn)
@@ -162,7 +166,9 @@ def _better(after: JudgedFit, before: JudgedFit, name: str) -> bool:
     if not after.fitted.converged or after.fitted.doubtful or after.error is None:
         return False
     term = next(each for each in after.fitted.network.terms if each.name == name)
-    known = all(after.fitted.estimate(parameter).status is Status.VALID for parameter in term.named())
+    # A joint is there where its stiffness is known; its damping, or what turns beyond it, may be nothing.
+    asked = [each.name for each in term.term.parameters if each.logarithmic or term.term.factor is not Factor.JOINT]
+    known = all(after.fitted.estimate(parameter).status is Status.VALID for parameter in asked)
     return known and after.fitted.torque_rms_nm < before.fitted.torque_rms_nm
 
 

@@ -30,6 +30,8 @@ from norton_bench.models.terms import (
     TERM_BY_NAME,
     NetworkTerm,
     factors_of,
+    joint_of,
+    joint_values,
     row_of,
     waves_of,
 )
@@ -181,7 +183,27 @@ class NortonNetwork:
 
         phi = friction_torque_nm / self.presliding_stiffness_nm_rad
         held = np.ascontiguousarray(command, dtype=float)
-        motor = (
+        port = np.ascontiguousarray(np.broadcast_to(np.asarray(port_torque_nm, dtype=float), held.shape))
+        start = np.array([position_rad, velocity_rad_s, motor_torque_nm, phi])
+        row, waves = self.row, waves_of(self.terms)
+        if self.joint is not None:
+            from norton_bench.models import joint_steps  # noqa: PLC0415  (compiled: slow to import)
+
+            motion = joint_steps.free_motion(held, port, tick_s, self._motor, self.joint, row, waves, start)
+            return motion[0], motion[1], motion[2]
+        substeps = ceil(tick_s / longest_step_s - 1e-9)
+        motion = network_steps.free_motion(held, port, tick_s, substeps, self._motor, row, waves, start)
+        return motion[0], motion[1], motion[2]
+
+    @property
+    def joint(self) -> tuple[float, float, float, float] | None:
+        """k [N m/rad], d [N m s/rad], J [kg m²] and half of the play [rad] of what is between motor and port."""
+        return None if joint_of(self.terms) is None else joint_values(self.row, self.inertia_kgm2)
+
+    @property
+    def _motor(self) -> tuple[float, float, float, float, float, float, float]:
+        """As the compiled integrations take it."""
+        return (
             self.torque_gain,
             self.amplifier_bandwidth_rad_s,
             self.inertia_kgm2,
@@ -190,17 +212,6 @@ class NortonNetwork:
             self.presliding_stiffness_nm_rad,
             self.presliding_damping_nms_rad,
         )
-        motion = network_steps.free_motion(
-            held,
-            np.ascontiguousarray(np.broadcast_to(np.asarray(port_torque_nm, dtype=float), held.shape)),
-            tick_s,
-            ceil(tick_s / longest_step_s - 1e-9),
-            motor,
-            self.row,
-            waves_of(self.terms),
-            np.array([position_rad, velocity_rad_s, motor_torque_nm, phi]),
-        )
-        return motion[0], motion[1], motion[2]
 
     def torque(
         self,
@@ -222,6 +233,8 @@ class NortonNetwork:
         decay = float(np.exp(-self.amplifier_bandwidth_rad_s * tick_s))
         lagged = network_steps.lagged(held, decay, motor_torque_nm / self.torque_gain)
         row, s = self.row, self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
+        if self.joint is not None:
+            return self._torque_behind(self.joint, held, position, tick_s, motor_torque_nm, friction_torque_nm)
         velocity = np.gradient(position, tick_s)
         known = self.torque_gain * network_steps.gains(row, lagged, position) * lagged
         known -= self.inertia_kgm2 * _second_difference(position, tick_s)
@@ -235,6 +248,35 @@ class NortonNetwork:
             torque = known - self.presliding_stiffness_nm_rad * phi
             torque -= self.presliding_damping_nms_rad * np.gradient(phi, tick_s)
         return np.asarray(torque)
+
+    def _torque_behind(
+        self,
+        joint: tuple[float, float, float, float],
+        held: FloatArray,
+        position: FloatArray,
+        tick_s: float,
+        motor_torque_nm: float,
+        friction_torque_nm: float,
+    ) -> FloatArray:
+        """The impedance behind a joint. The motor begins where the port is, as fast as that."""
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415  (as the next: slow to import)
+
+        from norton_bench.models import joint_steps, network_steps  # noqa: PLC0415
+
+        if position.size < 2:
+            return np.zeros(position.size)
+        parts = ceil(tick_s / LONGEST_STEP_S - 1e-9)
+        step_s, ticks = tick_s / parts, np.arange(position.size)
+        fine = CubicSpline(ticks, position)(np.arange((position.size - 1) * parts + 1) / parts)
+        decay = float(np.exp(-self.amplifier_bandwidth_rad_s * step_s))
+        start = motor_torque_nm / self.torque_gain
+        drive = self.torque_gain * network_steps.lagged(np.repeat(held, parts)[: fine.size], decay, start)
+        state = [fine[0], (fine[1] - fine[0]) / step_s, friction_torque_nm / self.presliding_stiffness_nm_rad]
+        carried = joint_steps.behind(
+            fine, drive, step_s, self._motor, joint, self.row, waves_of(self.terms),
+            np.ones((2, 1)), np.zeros(1, dtype=np.int64), np.array([state]), 0.0,
+        )[0]  # fmt: skip
+        return np.asarray(carried[::parts] - joint[2] * _second_difference(position, tick_s))
 
     @property
     def relative_terms(self) -> tuple[NetworkTerm, ...]:
