@@ -170,8 +170,9 @@ def solve_behind(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -
 def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
     """The same fit of another record of the same experiment, with or without a joint.
 
-    Behind a joint, one step from ``near`` by its slopes: the same instants are used, and the friction is taken to be
-    forgotten in the same rests.
+    Behind a joint, one step from ``near``: the same instants are used, and the friction is taken to be forgotten in the
+    same rests. Slopes are the record's own. Errors of the motion's readings are in them and in what is left alike, and
+    bias both fits alike; slopes of the real record would have hidden that.
     """
     before = near.regression
     if not isinstance(before, JointRegression):
@@ -180,21 +181,18 @@ def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
         replace(own, signals=replace(other, usable=own.signals.usable, rests=own.signals.rests))
         for own, other in zip(before.rows, stretches, strict=True)
     )
-    regression = JointRegression(rows, cogging=before.cogging, scales=before.scales, nominal=before.nominal)
-    predicted, memory = regression.explained(near.shape)
-    bias = near.linear[before.nominal.size :] @ regression.bias()
-    innovation = memory.taken_off(regression.target() - predicted - bias)
-    step = np.linalg.lstsq(near.jacobian, innovation, rcond=1e-13)[0]
-    count = near.linear.size
-    left = innovation - near.jacobian @ step
+    at = _Point.of(replace(before, rows=rows), near.shape, near.linear)
+    step, _ = at.step(held=False)
+    left = at.innovation - step @ at.every
     return replace(
         near,
-        shape=near.shape.at(near.shape.as_array() + step[count:]),
-        linear=near.linear + step[:count],
+        shape=near.shape.at(near.shape.as_array() + step[near.linear.size :]),
+        linear=near.linear + step[: near.linear.size],
         residual=left,
         innovation=left,
+        jacobian=at.every.T,
         cost=float(left @ left),
-        regression=regression,
+        regression=at.regression,
     )
 
 

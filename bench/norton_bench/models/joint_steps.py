@@ -25,7 +25,7 @@ MotorValues = tuple[float, float, float, float, float, float, float]
 JointValues = tuple[float, float, float, float]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def joint_torque(joint: JointValues, deflection: float, rate: float) -> float:
     """τ_j [N m] of a joint deflected by ``deflection`` [rad], which changes at ``rate`` [rad/s]."""
     stiffness, damper, _, half = joint
@@ -35,7 +35,7 @@ def joint_torque(joint: JointValues, deflection: float, rate: float) -> float:
     return stiffness * beyond + damper * rate
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def own_torque(
     motor: MotorValues,
     row: FloatArray,
@@ -61,7 +61,7 @@ def own_torque(
     return driving(row, waves, drive, torque_gain, angle) - damped - held
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def contact_after(
     motor: MotorValues, row: FloatArray, way: float, phi: float, velocity: float, angle: float, joint_nm: float,
     drift: float,
@@ -70,14 +70,14 @@ def contact_after(
     return dahl_flow(phi, way, motor[4] / (strength(row, velocity, angle, joint_nm) * drift))  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def fastest_rate(motor: MotorValues, joint: JointValues) -> float:
     """Of the rotor on its contact and on its joint [1/s]."""
     _, _, inertia, viscous, _, sigma_0, sigma_1 = motor
     return sqrt((joint[0] + sigma_0) / inertia) + (joint[1] + viscous + sigma_1) / inertia
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def behind(
     position: FloatArray,
     drive: FloatArray,
@@ -156,7 +156,7 @@ def behind(
     return output
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _slope(position: FloatArray, k: int, step_s: float) -> float:
     """The velocity at a sample [rad/s], of a cubic through its neighbours."""
     last = position.size - 1
@@ -167,7 +167,7 @@ def _slope(position: FloatArray, k: int, step_s: float) -> float:
     return float((position[high] - position[low]) / (max(high - low, 1) * step_s))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _between(
     position: FloatArray, k: int, step_s: float, speed: float, after: float, share: float
 ) -> tuple[float, float]:
@@ -180,7 +180,7 @@ def _between(
     return angle, velocity / step_s
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def free_motion(
     command: FloatArray,
     port: FloatArray,
@@ -239,7 +239,7 @@ def free_motion(
     return motion
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _weighed(rates: FloatArray) -> float:
     """The mean of the four stages of a step, which stand from 1 on."""
     return float((rates[1] + 2.0 * rates[2] + 2.0 * rates[3] + rates[4]) / 6.0)
